@@ -14,9 +14,6 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 # What tests and libraries make mostly stays: look for rubbish seldom.
 gc.set_threshold(100_000)
 
-# Tests write nothing to the user's cache; those of compiled code use one of their own.
-os.environ.setdefault("CONSISTENT_ID_COMPILED", "0")
-
 # The same examples on every machine, however slow it is.
 settings.register_profile(
     "repeatable",
@@ -33,6 +30,12 @@ with suppress(ImportError):
     from hypothesis.internal.conjecture import providers
 
     providers._get_local_constants = lambda: providers._local_constants
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _own_state(tmp_path_factory):
+    """Let tests, and processes that they start, record nothing in the user's state."""
+    os.environ["XDG_STATE_HOME"] = str(tmp_path_factory.mktemp("state"))
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -50,7 +50,7 @@ def rows(file: str) -> tuple[list[str], list[str]]:
     links = len(study.problem.model.robot)
     consistent = [f"{sum(reports[m].consistent_links)} of {links}" for m in SHOWN]
     verdicts = [reports[m].verdict.word for m in SHOWN]
-    summary.append(f"| physically consistent links | {' | '.join(consistent)} |")
+    summary.append(f"| consistent links | {' | '.join(consistent)} |")
     summary.append(f"| verdict | {' | '.join(verdicts)} |")
     summary.append(f"| expected from training | {' | '.join(expected(study))} |")
     title = [
@@ -61,7 +61,7 @@ def rows(file: str) -> tuple[list[str], list[str]]:
         f"Recommended from the training data: {study.recommendation.method}; "
         + foretold(study),
         "",
-        "| recording | method | stacked | per joint, over the RMS torque |",
+        "| recording | method | all joints | per joint, over the RMS torque |",
         "|---|---|---:|---|",
     ]
     return summary, [*title, *detail, ""]

@@ -48,16 +48,20 @@ def measure() -> Blocks:
     """Hold out one block after another."""
     problem = ci.load_problem("problems/staubli_tx40")
     recording = problem.prepare(problem.read(FILE))
-    folds = ci.blocked_folds(recording, COUNT, guard=GUARD)
+    folds = ci.signals.blocked_folds(recording, COUNT, guard=GUARD)
     scales, tested, fits, bodies = [], [], {}, {}
     for fold in folds:
         scale, model = chosen(problem.model, fold.training)
         scales.append(scale)
         tested.append(ci.build_regression(model, fold.held_out))
-        for estimate in ci.identify(replace(problem, model=model), fold.training):
+        for estimate in ci.problems.identify(
+            replace(problem, model=model), fold.training
+        ):
             x, method = estimate.parameters, estimate.method
             fits.setdefault(method, []).append(x)
-            good = sum(link.consistent for link in ci.link_conditions(model, x))
+            good = sum(
+                link.consistent for link in ci.constraints.link_conditions(model, x)
+            )
             bodies[method] = bodies.get(method, 0) + good
     return Blocks(
         spans=tuple((f.held_out.time[0], f.held_out.time[-1]) for f in folds),
@@ -89,7 +93,9 @@ def chosen(
 
 def scaled(model: ci.TorqueModel, scale: float) -> ci.TorqueModel:
     """Return the model with one velocity scale for all joints and couplings."""
-    return ci.with_shapes(model, {shape.name: scale for shape in ci.shapes_of(model)})
+    return ci.regression.with_shapes(
+        model, {shape.name: scale for shape in ci.regression.shapes_of(model)}
+    )
 
 
 def section(found: Blocks, shown: dict[str, str]) -> list[str]:
@@ -111,7 +117,7 @@ def section(found: Blocks, shown: dict[str, str]) -> list[str]:
         "velocity scale of friction on its training data:",
         f"{', '.join(f'{scale:g}' for scale in found.scales)} rad/s.",
         "",
-        f"| method | all blocks | {' | '.join(spans)} | physically consistent links |",
+        f"| method | all blocks | {' | '.join(spans)} | consistent links |",
         "|---|" + "---:|" * (len(spans) + 2),
         *rows,
         "",

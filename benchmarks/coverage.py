@@ -44,7 +44,7 @@ def arm(joints: int) -> tuple[ci.TorqueModel, np.ndarray]:
         for m in masses
     ]
     names = [link.name for link in robot.links]
-    sheets = {n: ci.Datasheet(mass=m) for n, m in zip(names, masses, strict=True)}
+    sheets = {n: ci.robot.Datasheet(mass=m) for n, m in zip(names, masses, strict=True)}
     drive = ci.DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.05)
     model = ci.TorqueModel(robot.with_datasheet(sheets), drive)
     friction = rng.uniform(0.5, 2.0, len(model.layout) - 10 * joints)
@@ -91,7 +91,7 @@ def covered(
 
     Intervals of one data set hang together; the error is that of the mean over sets.
     """
-    base = ci.base_parameters(model)
+    base = ci.regression.base_parameters(model)
     clean = ci.simulate_torque(model, truth, motion(model))
     size = LEVEL * clean.torque.std(axis=0)
     rng = np.random.default_rng(1)
@@ -102,7 +102,7 @@ def covered(
         regression = ci.build_regression(model, log)
         estimates = [
             ci.least_squares(model, regression, base=base),
-            ci.weighted_least_squares(model, regression, base=base),
+            ci.estimation.weighted_least_squares(model, regression, base=base),
         ]
         if k < few:
             estimates.append(ci.huber(model, log, base=base))

@@ -9,11 +9,10 @@ import numpy as np
 from scipy import stats
 
 import consistent_id as ci
+from consistent_id.comparison.block_scatter import recording_scatter
 from consistent_id.comparison.intervals import consistent_intervals
-from consistent_id.comparison.recording_scatter import recording_scatter
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.regression.noise import joint_noise
-from consistent_id.regression.residual_noise import residual_noise
+from consistent_id.regression.residual_noise import joint_noise, residual_noise
 from consistent_id.regression.segments import merged
 
 UR10E = (
@@ -108,11 +107,13 @@ def _moving(recording: ci.Recording) -> ci.Recording:
 def agreement(problem: ci.Problem, recordings: list[ci.Recording]) -> Agreement:
     """Compare estimates and intervals of recordings of one robot, pair by pair."""
     model = problem.model
-    base = ci.base_parameters(model)
+    base = ci.regression.base_parameters(model)
     regressions = [ci.build_regression(model, r) for r in recordings]
-    plain = [ci.weighted_least_squares(model, r, base=base) for r in regressions]
+    plain = [
+        ci.estimation.weighted_least_squares(model, r, base=base) for r in regressions
+    ]
     bare = [replace(r, noise=None) for r in regressions]
-    white = [ci.weighted_least_squares(model, r, base=base) for r in bare]
+    white = [ci.estimation.weighted_least_squares(model, r, base=base) for r in bare]
     intervals = [
         consistent_intervals(
             model,
@@ -153,7 +154,7 @@ def halves(
 ) -> str:
     """Compare what halves of a robot's recordings say; return a row of the table."""
     model = problem.model
-    base = ci.base_parameters(model)
+    base = ci.regression.base_parameters(model)
     parts = [ci.build_regression(model, r) for r in recordings]
     rng = np.random.default_rng(0)
     held, pairs, disjoint = [], 0, 0

@@ -36,35 +36,56 @@ PUBLISHED = 1_000_000
 
 
 _HOW = """How a cause is named: a log is prepared once, and compressed once with all
-torque channels. Signals are judged first: clocks, gaps, spikes, channels that
-stop, steps, noise. Then the torque is regressed on gravity, inertia and
-friction of the nominal robot; the slopes say what the channel is. Nominal
-inertials may be wrong: what follows from wrong masses as well is said so.
-A joint to which the model gives a spring has one there, too: a counterbalance
-takes gravity's part, and is no gain. In a log that ends before joints turn
-back, a gain alone is a warning and no fault. A constant torque says nothing of a
-gain. Inertial torque that is too large by one factor in several joints, where gravity
-is right, is a clock that runs slow. One torque a hundred times farther beyond its
-effort limit than any other is in another unit, and so are all torques where all
-limits, which have to differ, are exceeded by far. A gain of all joints, and such a
-clock, are guesses yet: a base that leans, and what else explains the log, is asked
-first. Then candidates are fitted: changes of channels (one entry each in the table of
-`diagnosis/corrections.py`), gravity's direction, other masses, another load, drift,
-coupled joints, contact. Least squares bounds what a physically consistent robot can
-explain; only candidates whose bound can win are fitted under constraints.
+torque channels. Signals are checked first: clocks, gaps, spikes, channels that
+stop, steps, noise. Then the torque is regressed on the gravity, inertia and
+friction torque of the nominal robot. The slopes show what each channel contains.
+Nominal inertials may be wrong: if wrong masses could explain a slope, too, the
+finding says so.
 
-A candidate is named only if it brings the constrained misfit down to the
-log's own noise: three times the torque's white noise, or 1.5 times what least
-squares without constraints leaves of the best candidate, whichever is larger,
-and 12 % of the torque at the most. If causes of several kinds do, none is
-named; nor is a fault that leaves twice what other masses alone leave. A scale of one
-position near one is told as a candidate alone: a wrong length of the model does the
-same. What was read off a residual, as a drift, has to leave no more than clean logs
-do. A load weighs something: a lighter last link is one of other masses. A gain that
-explains little is a note; off by 30 % or more it is a warning, since free masses take
-it over. Other masses are named only if they explain the log as clean logs are
-explained, and nothing else explains it better. Otherwise the finding is "model does
-not explain", with the candidates and their figures.
+- A spring of the model is part of this regression, too: a counterbalance reduces
+  the torque of gravity, and is not a gain.
+- A log that ends before joints turn back gives a warning about a gain, not a fault.
+- A constant torque does not show a gain.
+- If inertial torque is too large by one factor in several joints, and gravity
+  torque is right, the clock runs slow.
+- A torque is in another unit if it exceeds its effort limit a hundred times more
+  than any other torque does. All torques are in another unit if all exceed their
+  limits by far and these limits differ.
+- A gain of all joints, or a slow clock, is only a candidate at this stage. An
+  inclined base and other explanations are tested first.
+
+Then candidates are fitted: changes of channels (one entry each in the table of
+`diagnosis/corrections.py`), gravity's direction, other masses, another load, drift,
+coupled joints, contact. Least squares bounds the fit of any physically consistent
+robot. Only candidates whose bound can win are fitted under constraints.
+
+A candidate is named only if it reduces the constrained misfit to the log's own
+noise. The threshold is three times the torque's white noise, or 1.5 times the
+misfit of unconstrained least squares with the best candidate, whichever is larger,
+but at most 12 % of the torque. If causes of several kinds meet it, none is named.
+A fault is not named, either, if its misfit is twice that of other masses alone.
+Otherwise the finding is "model does not explain", with the candidates and their
+figures.
+
+- A scale of one position near one is reported only as a candidate, since a wrong
+  length in the model has the same effect.
+- A fault that was found in a residual, such as a drift, is named only if its misfit
+  is no larger than that of clean logs.
+- A load has a positive mass: a last link that is too light is a case of other masses.
+- A gain that improves the fit little is a note. If it is off by 30 % or more, it is a
+  warning, since free masses can compensate for it.
+- Other masses are named only if they explain the log as well as clean logs are
+  explained, and no other candidate explains it better.
+
+The selected model is used first. If it has a rotor inertia, inertial torque cannot
+show a gain above one, since the rotor adds to it. The widths of friction's edges are
+those that fit the log as it is: a position scale near one does not change them. A
+misfit is unusual if it exceeds the usual one by two standard errors, estimated from
+twenty stretches of the log, because a short log has few edges of friction. White
+noise and leaps are compared with the torque of the training recordings, so a stretch
+in which a joint hardly moves is not reported as a channel without a signal. Leaps so
+few that they may occur by chance are not a fault. Nothing is fitted to validation
+data: their rank and their motion noise give notes.
 """
 
 
@@ -93,9 +114,9 @@ class Verdict:
 
 
 @cache
-def model_of(name: str) -> tuple[ci.TorqueModel, ci.BaseParameters]:
+def model_of(name: str) -> tuple[ci.TorqueModel, ci.regression.BaseParameters]:
     model = robot(name)
-    return model, ci.base_parameters(model)
+    return model, ci.regression.base_parameters(model)
 
 
 def judged(trial: Trial) -> Verdict:
@@ -148,25 +169,27 @@ def page(groups: dict[str | None, list[Verdict]], seed: int) -> str:
     lines = [
         "# What the diagnosis finds",
         "",
-        "Measured by `python benchmarks/detective.py`: simulated logs of",
+        "The figures are from `python benchmarks/detective.py`: simulated logs of",
         f"{', '.join(sorted({v.trial.robot for v in logs}))}, {DURATION:g} s at "
         f"{RATE:g} Hz,",
-        "other inertias, the datasheet's masses, friction, torque noise of 1 to 5 %,",
-        "17-bit encoders that flicker. Of TIAGo's eight joints four have a torque; the",
-        "others move, and their torque channels hold zeros or noise. Thresholds were",
+        "with other inertias, the datasheet's masses, friction, torque noise of 1 to",
+        "5 % and 17-bit encoders that flicker. Four of TIAGo's eight joints have a",
+        "torque; the others move, and their torque channels contain zeros or noise.",
+        "Thresholds were",
         f"chosen on other logs (seeds below {CHOSEN_BELOW}) than these (from {seed}).",
         "",
         f"False alarms on {len(logs)} clean logs: {alarms} (of the {len(partial)} with "
         f"torque of some joints only: {sum(not v.right for v in partial)}).",
-        "Each has another motion as validation, which is examined too.",
+        "Each log has another motion for validation, which is examined, too.",
         "",
-        "Found: anything was reported. As that fault: it was reported as what it is.",
-        "Surely more than: lower bound of that share, with 95 % confidence. Besides:",
-        "something else was reported as well.",
+        'In the table, "found" is the share of logs with any finding, "as that fault"',
+        'the share in which the fault was identified correctly, "surely more than" the',
+        'lower bound of the latter with 95 % confidence, and "besides" the share with',
+        "another finding in addition.",
         "",
         "In these logs all joints move by half of their range. Recorded logs often",
-        "move less. `consistent-id check` notes which joint zero offsets a log would",
-        "not show, and from which angle on it would show them.",
+        "move less. `consistent-id check` notes which joint zero offsets a log cannot",
+        "show, and the least angle that it can show.",
         "",
         *_HOW.splitlines(),
         "",

@@ -90,7 +90,9 @@ def read(q: np.ndarray, encoder: Encoder, rng: np.random.Generator) -> np.ndarra
 
 
 def smoother(log: ci.Recording, order: int | None) -> ci.Recording:
-    return ci.kalman_differentiated(log, ci.motion_noise(log, order=order))
+    return ci.signals.kalman_differentiated(
+        log, ci.signals.motion_noise(log, order=order)
+    )
 
 
 def filtered(log: ci.Recording, cutoff: float) -> ci.Recording:
@@ -98,8 +100,8 @@ def filtered(log: ci.Recording, cutoff: float) -> ci.Recording:
 
 
 def fourier(log: ci.Recording, period: float | None) -> ci.Recording:
-    return ci.fourier_differentiated(
-        log, ci.estimated_period(log) if period is None else period
+    return ci.signals.fourier_differentiated(
+        log, ci.signals.estimated_period(log) if period is None else period
     )
 
 
@@ -111,7 +113,8 @@ METHODS: dict[str, list[Way]] = {
         partial(filtered, cutoff=cutoff) for cutoff in CUTOFFS
     ],
     "Savitzky-Golay, best of 9 windows*": [
-        partial(ci.savitzky_golay_differentiated, window=window) for window in WINDOWS
+        partial(ci.signals.savitzky_golay_differentiated, window=window)
+        for window in WINDOWS
     ],
     "smoother, white jerk": [partial(smoother, order=3)],
     "smoother": [partial(smoother, order=None)],

@@ -18,7 +18,7 @@ from consistent_id.excitation.search_problem import SearchProblem, search_proble
 from consistent_id.motion.limits import MotionLimits, motion_limits
 from consistent_id.motion.proofs.margins import motion_margins
 from consistent_id.problems.problem import Problem
-from consistent_id.recordings.trajectory import FourierTrajectory
+from consistent_id.recordings.joint_paths import FourierTrajectory
 
 RATE = 100.0  # Hz, at which every motion is sampled
 FRICTION = ci.DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.02, offset=True)
@@ -64,10 +64,10 @@ class Recorded:
 def example(name: str, *, effort: bool = False) -> Case:
     """Return the UR10 or the Panda, 10 s from rest to rest, with the URDF's limits."""
     if name == "UR10":
-        robot = ci.load_urdf(EXAMPLES / "ur_description/urdf/ur10_robot.urdf")
+        robot = ci.robot.load_urdf(EXAMPLES / "ur_description/urdf/ur10_robot.urdf")
     else:
         file = EXAMPLES / "panda_description/urdf/panda.urdf"
-        robot = ci.load_urdf(file, locked=FINGERS)
+        robot = ci.robot.load_urdf(file, locked=FINGERS)
     limits = motion_limits(robot, effort=None if effort else np.inf)
     title = f"{name}, torque limits" if effort else name
     return Case(title, ci.TorqueModel(robot), limits, PathForm(10.0, 5))
@@ -97,7 +97,7 @@ def ur10e(duration: float, *, friction: bool = False) -> Case:
     """Return the UR10e with the limits its recorded motions were designed for."""
     folder = recordings()
     stated = json.loads((folder / "meta.json").read_text())["limits"]
-    robot = ci.load_urdf(folder / "ur10e.urdf")
+    robot = ci.robot.load_urdf(folder / "ur10e.urdf")
     ranges = zip(stated["q_min_design"], stated["q_max_design"], strict=True)
     limits = motion_limits(
         robot,
@@ -150,17 +150,17 @@ def torque_noise() -> np.ndarray:
 
 def condition(case: Case, path: FourierTrajectory, scaling: str = "none") -> float:
     """Return the condition number of a path's base regressor, sampled at 100 Hz."""
-    base = ci.base_parameters(case.model)
+    base = ci.regression.base_parameters(case.model)
     aim = Aim(rate=RATE, scaling=scaling)
     return predicted_accuracy(case.model, base, path, aim).condition.value
 
 
 def condition_of_samples(case: Case, log: ci.Recording, scaling: str = "none") -> float:
     """Return the condition number of recorded samples, in the same columns."""
-    base = ci.base_parameters(case.model)
+    base = ci.regression.base_parameters(case.model)
     Y = case.model.regressor(log.position, log.velocity, log.acceleration)
     W = Y[:, list(base.independent)].transpose(0, 2, 1).reshape(-1, len(base))
-    return ci.condition_number(
+    return ci.regression.condition_number(
         W, basis="base", unit_columns=scaling == "unit columns"
     ).value
 
@@ -188,7 +188,7 @@ def random_path(case: Case, seed: int, share: float = 1.0) -> FourierTrajectory:
 
 def problem_of(case: Case) -> SearchProblem:
     """Return a case's search, without limits of torque."""
-    base = ci.base_parameters(case.model)
+    base = ci.regression.base_parameters(case.model)
     aim = Aim("condition", rate=RATE)
     return search_problem(case.model, base, case.form, aim, case.limits, ())
 

@@ -13,7 +13,7 @@ from excitation_cases import RATE, Case
 from consistent_id.excitation.aims import Aim
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.designed import ExcitationDesign
-from consistent_id.recordings.trajectory import FourierTrajectory
+from consistent_id.recordings.joint_paths import FourierTrajectory
 
 PROCESSES = 2
 SCALINGS = ("none", "unit columns")

@@ -12,7 +12,7 @@ from excitation_cases import RATE, Case
 import consistent_id as ci
 from consistent_id import signals
 from consistent_id.excitation.accuracy import path_regressor
-from consistent_id.recordings.paths import JointPath
+from consistent_id.recordings.joint_paths import JointPath
 
 DRAWS = 500
 
@@ -55,7 +55,7 @@ def scatter(
 
 def regressor(case: Case, motion: JointPath | ci.Recording) -> np.ndarray:
     """Return the base regressor at 100 Hz, (joints, samples, base)."""
-    base = ci.base_parameters(case.model)
+    base = ci.regression.base_parameters(case.model)
     if not isinstance(motion, ci.Recording):
         return path_regressor(case.model, base, motion, RATE)
     step = round((len(motion) - 1) / motion.duration / RATE)

@@ -18,8 +18,8 @@ from excitation_designs import PROCESSES
 from joblib import Parallel, delayed
 from scipy.optimize import differential_evolution, minimize
 
-from consistent_id._support.threads import single_threaded
-from consistent_id.excitation.search import Candidate, search
+from consistent_id._support.executors import single_threaded
+from consistent_id.excitation.path_search import FoundPath, search
 
 SPREAD = 1.0  # of CMA-ES's first steps: of 0.3 to 4, best with two seeds, in 12 s each
 
@@ -144,7 +144,7 @@ def ours(judge: Judge, seed: int) -> None:
     while not judge.ended():
         search(
             judge.problem,
-            Candidate(seed),
+            FoundPath(seed),
             ended=judge.ended,
             report=lambda best: judge.note(best.score),
         )
@@ -231,5 +231,5 @@ def single_starts(case: Case, seeds: int) -> tuple[list[float], list[float]]:
 @single_threaded
 def _single(case: Case, seed: int) -> tuple[float, float]:
     began = clock.process_time()
-    found = search(problem_of(case), Candidate(seed))
+    found = search(problem_of(case), FoundPath(seed))
     return float(np.exp(found.score)), clock.process_time() - began

@@ -18,7 +18,7 @@ from excitation_cases import EXAMPLES
 
 import consistent_id as ci
 from consistent_id.motion.collisions.scene import Scene
-from consistent_id.motion.collisions.scene_file import scene_from_urdf
+from consistent_id.motion.collisions.scene_building import scene_from_urdf
 
 WORK = 14.0  # units; about as many seconds of an idle processor
 CLEARANCE = 0.02  # m
@@ -46,16 +46,20 @@ class Cell:
     urdf: str
     tip: str
     around: str
-    bodies: tuple[ci.Body, ...]
+    bodies: tuple[ci.motion.Body, ...]
     standing: tuple[str, ...]
 
 
-def wall(x: float) -> ci.Body:
-    return ci.Body("wall", ci.Box((0.1, 4.0, 4.0)), None, None, [x, 0.0, 0.0])
+def wall(x: float) -> ci.motion.Body:
+    return ci.motion.Body(
+        "wall", ci.motion.Box((0.1, 4.0, 4.0)), None, None, [x, 0.0, 0.0]
+    )
 
 
-def post(x: float, y: float) -> ci.Body:
-    return ci.Body("post", ci.Cylinder(0.05, 2.0), None, None, [x, y, 0.0])
+def post(x: float, y: float) -> ci.motion.Body:
+    return ci.motion.Body(
+        "post", ci.motion.Cylinder(0.05, 2.0), None, None, [x, y, 0.0]
+    )
 
 
 CELLS = {
@@ -118,7 +122,7 @@ def main() -> None:
 def measured(name: str, cell: Cell, objective: str) -> str:
     """Return the line of a robot in its scene, beside itself without."""
     file = EXAMPLES / cell.urdf
-    robot = ci.load_urdf(file, tip=cell.tip)
+    robot = ci.robot.load_urdf(file, tip=cell.tip)
     scene = scene_from_urdf(
         file,
         robot,

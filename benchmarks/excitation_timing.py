@@ -35,7 +35,7 @@ def _panda(joints: int) -> Case:
     file = EXAMPLES / "panda_description/urdf/panda.urdf"
     held = {f"panda_joint{k}": 0.0 for k in range(joints + 1, 8)}
     held = {name: (-1.5 if name == "panda_joint4" else 0.0) for name in held}
-    robot = ci.load_urdf(file, locked=FINGERS | held)
+    robot = ci.robot.load_urdf(file, locked=FINGERS | held)
     limits = motion_limits(robot, effort=np.inf)
     return Case(f"Panda, {joints}", ci.TorqueModel(robot), limits, PathForm(10.0, 5))
 

@@ -29,7 +29,7 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 import consistent_id as ci
-from consistent_id.diagnosis import Finding
+from consistent_id.diagnosis import LogFinding
 from consistent_id.diagnosis.one_log import signal_findings
 
 SEEN = (2, 4)
@@ -164,7 +164,7 @@ def timed(trial: Trial, *, quick: bool) -> Outcome:
     return replace(worked(trial, quick=quick), seconds=process_time() - started)
 
 
-def seen_at_once(model: Path, log: Path) -> list[Finding]:
+def seen_at_once(model: Path, log: Path) -> list[LogFinding]:
     """Return the faults that signals show by themselves, whatever the model will be."""
     problem = ci.draft_problem(model, log, select=False).problem()
     logs = [*problem.logs("training"), *problem.logs("validation")]
@@ -174,7 +174,7 @@ def seen_at_once(model: Path, log: Path) -> list[Finding]:
 
 
 def found_faulty(
-    trial: Trial, suspicious: Sequence[Finding], faults: Sequence[Finding]
+    trial: Trial, suspicious: Sequence[LogFinding], faults: Sequence[LogFinding]
 ) -> Outcome:
     """Return the outcome of a log with findings, of which no estimate was made."""
     word = "do not use" if faults else "use with care"
@@ -182,7 +182,7 @@ def found_faulty(
     return Outcome(trial, word, kinds_of(suspicious), kinds_of(faults), np.nan, said)
 
 
-def kinds_of(findings: Sequence[Finding]) -> tuple[str, ...]:
+def kinds_of(findings: Sequence[LogFinding]) -> tuple[str, ...]:
     """Return the kinds of findings, each once."""
     return tuple(dict.fromkeys(f.kind for f in findings))
 

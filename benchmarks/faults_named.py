@@ -20,9 +20,10 @@ from faults_experiment import experiment
 from faults_robots import loaded, robots
 
 import consistent_id as ci
-from consistent_id.cli.checks import smoothed
 from consistent_id.diagnosis import diagnose
+from consistent_id.problems.file import PreparationTable
 from consistent_id.problems.model import DEFAULT_DRIVE
+from consistent_id.problems.preparation import Log
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,13 @@ class Trial:
         return tuple(k for k in self.named if k not in allowed)
 
 
+def prepared(raw: ci.Recording) -> ci.Recording:
+    """Make a log uniform, low-pass and differentiate it."""
+    table = PreparationTable(resample=raw.rate, motion_cutoff=10.0, torque_cutoff=10.0)
+    (part,) = Log(raw, table).prepared()
+    return part
+
+
 def judged(trial: Trial) -> Trial:
     """Put the fault in, and look."""
     warnings.simplefilter("ignore")
@@ -58,7 +66,7 @@ def judged(trial: Trial) -> Trial:
     start = time.process_time()
     try:
         model = ci.TorqueModel(loaded(case.text), DEFAULT_DRIVE.terms)
-        found = diagnose(model, case.log, prepare=smoothed(10.0)).suspicious
+        found = diagnose(model, case.log, prepare=prepared).suspicious
     except ci.ConsistentIdError as error:
         kind = f"refused: {type(error).__name__}"
         return Trial(label, robot.name, trial.seed, (kind,), str(error)[:150])

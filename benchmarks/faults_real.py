@@ -24,7 +24,7 @@ from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
 import consistent_id as ci
-from consistent_id.diagnosis.findings import Finding
+from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.problems.log_check import check_problem
 
 RECORDINGS = {
@@ -280,7 +280,7 @@ def outcome(robot: Robot, folder: Path, label: str, *, quick: bool = False) -> O
     )
 
 
-def _kinds(findings: Sequence[Finding]) -> tuple[list[str], list[str]]:
+def _kinds(findings: Sequence[LogFinding]) -> tuple[list[str], list[str]]:
     """Return the kinds of faults, and of warnings."""
     faults, cautions = (
         list(dict.fromkeys(f.kind for f in findings if f.severity == severity))

@@ -253,7 +253,7 @@ def loaded(text: str) -> ci.RobotModel:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "robot.urdf"
         file.write_text(text)
-        return ci.load_urdf(file)
+        return ci.robot.load_urdf(file)
 
 
 def times(duration: float = DURATION) -> np.ndarray:

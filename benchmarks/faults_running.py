@@ -18,7 +18,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -48,17 +48,20 @@ class Row:
 
 def writers() -> dict[str, Callable[[Path, int], object]]:
     """Return what writes files into a folder: one of two versions of each."""
-    from consistent_id.cli.results import write_comparison
-    from consistent_id.report import write_report
-    from consistent_id.report.summary import study_tables
+    from consistent_id.problems.opening import Opened
+    from consistent_id.report.html import write_report
+    from consistent_id.report.results import PRINTED, tables_of, write_results
 
     study = ci.run_study(ci.load_problem(ROOT / PROBLEM))
     versions = [e for e in study.estimates if e.certificate.verdict == "certified"]
-    first, tables = versions[0], study_tables(study)
+    first, source = versions[0], Opened(study.problem)
+    other = replace(source, notes=("stated: nothing",))
+    tables = {name: tables_of(name, source, study) for name in PRINTED}
 
     def compare(folder: Path, version: int) -> None:
         with together():
-            write_comparison(study, tables[version:], folder)
+            chosen = [source, other][version]
+            write_results(chosen, study, folder, page="a page", tables=tables)
 
     return {
         "save": lambda folder, version: ci.Estimate.save(

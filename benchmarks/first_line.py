@@ -28,7 +28,8 @@ def measured(command: str, problem: Path, folder: Path, whole: bool) -> str:
     call = [sys.executable, "-m", "consistent_id", command, str(problem.resolve())]
     log = folder / "log.txt"
     with log.open("wb") as stream:
-        run = subprocess.Popen(call, cwd=folder, stdout=stream, stderr=stream)
+        own = os.environ | {"XDG_STATE_HOME": str(folder)}  # records nothing
+        run = subprocess.Popen(call, cwd=folder, env=own, stdout=stream, stderr=stream)
         used = 0.0
         while not log.stat().st_size and run.poll() is None:
             used = spent(run.pid)

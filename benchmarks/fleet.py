@@ -81,7 +81,7 @@ def measured(folder: Path, executor: str) -> dict[str, object]:
     wall, cpu = perf_counter(), process_time()
     files = sorted(folder.glob("*/problem.toml"))
     problems = [ci.load_problem(file) for file in files]
-    fleet = ci.identify_fleet(problems, executor=executor)
+    fleet = ci.fleet.identify_fleet(problems, executor=executor)
     taken = perf_counter() - wall, process_time() - cpu
     bodies = fleet.bodies
     exact = bodies.base.projection @ np.append(truth(arm())[:70], np.full(7, 0.3))

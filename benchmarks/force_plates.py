@@ -15,10 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 import consistent_id as ci
-from consistent_id.constraints.distances import nominal_distance
-from consistent_id.estimation.best_fit import BestFit, best_fit
+from consistent_id.constraints.priors import nominal_distance
+from consistent_id.estimation.best_fit import BestFit, ScaledFit, best_fit
 from consistent_id.estimation.penalised import PenalisedFit, penalised_fit
-from consistent_id.estimation.scaled_fit import ScaledFit
 
 PLACES = (0, 1, 2, 3, 4, 7, 5, 9, 8, 6)  # of our ten parameters among theirs
 ROWS = ("nx", "ny", "fz")  # of the base wrench, that plates measure well
@@ -28,13 +27,13 @@ _EQUAL = 1e-7  # relative difference of errors that is none
 class Person(NamedTuple):
     """The data, in this package's order of parameters."""
 
-    rows: ci.GivenRows
+    rows: ci.regression.GivenRows
     regressor: np.ndarray
     measured: np.ndarray
     sigma: np.ndarray
     published: dict[str, np.ndarray]
     errors: dict[str, float]
-    constraints: tuple[ci.PhysicalConsistency | ci.DensityOn, ...]
+    constraints: tuple[ci.PhysicalConsistency | ci.constraints.DensityOn, ...]
 
     def error(self, x: np.ndarray) -> float:
         """Weighted squared error of parameters, from all rows."""
@@ -53,13 +52,13 @@ def person(folder: Path) -> Person:
     A = data["A"].reshape(-1, len(ROWS), len(bodies), 10)[..., PLACES]
     A = A.reshape(*A.shape[:2], -1)
     b, sigma = data["b"].reshape(-1, len(ROWS)), data["sigma"]
-    robot = ci.free_bodies("person", bodies)
+    robot = ci.robot.free_bodies("person", bodies)
     shapes = (
-        ci.DensityOn(name, ci.Ellipsoid.from_quadratic(Q))
+        ci.constraints.DensityOn(name, ci.constraints.Ellipsoid.from_quadratic(Q))
         for name, Q in zip(bodies, data["ellipsoids"], strict=True)
     )
     return Person(
-        rows=ci.given_rows(robot, ROWS, A, b, sigma=sigma),
+        rows=ci.regression.given_rows(robot, ROWS, A, b, sigma=sigma),
         regressor=A,
         measured=b,
         sigma=sigma,

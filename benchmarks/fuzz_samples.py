@@ -97,7 +97,7 @@ def samples(folder: Path) -> list[Sample]:
     written.append((_estimate(folder), _load_estimate))
     for name, text, read in (
         ("robot.urdf", URDF, _urdf),
-        ("robot.xml", MJCF, ci.load_mjcf),
+        ("robot.xml", MJCF, ci.robot.load_mjcf),
         ("problem.toml", PROBLEM, ci.load_problem),
     ):
         (folder / name).write_text(text)
@@ -106,9 +106,9 @@ def samples(folder: Path) -> list[Sample]:
 
 
 def _urdf(path: Path) -> None:
-    ci.lint_urdf(path)
-    ci.repair_urdf(path, density=1000.0)
-    ci.load_urdf(path)
+    ci.robot.lint_urdf(path)
+    ci.repair.repair_urdf(path, density=1000.0)
+    ci.robot.load_urdf(path)
 
 
 def _log(path: Path) -> None:
@@ -151,16 +151,16 @@ def _logs(folder: Path) -> list[tuple[Path, Callable[[Path], object]]]:
 
 
 def _trajectories(folder: Path) -> list[tuple[Path, Callable[[Path], object]]]:
-    path = ci.FourierTrajectory(
+    path = ci.recordings.FourierTrajectory(
         ("a", "b"), [0.5, 1.0], [0.1, 0.2], np.eye(2), -np.eye(2), 2.0
     )
     return [
         (
-            ci.write_trajectory(path, folder / f"path.{ending}", rate=20.0),
-            ci.read_trajectory,
+            ci.motion.write_trajectory(path, folder / f"path.{ending}", rate=20.0),
+            ci.motion.read_trajectory,
         )
         for ending in ("json", "npz", "csv", "parquet")
-    ] + [(_message(folder), ci.read_trajectory)]
+    ] + [(_message(folder), ci.motion.read_trajectory)]
 
 
 def _message(folder: Path) -> Path:
@@ -244,7 +244,7 @@ def _torque_model() -> ci.TorqueModel:
 
 def _estimate(folder: Path) -> Path:
     model = _torque_model()
-    base = ci.base_parameters(model)
+    base = ci.regression.base_parameters(model)
     size = len(model.layout)
     estimate = ci.Estimate(
         method="made up",
@@ -255,7 +255,7 @@ def _estimate(folder: Path) -> Path:
         origins=("data",) * size,
         undetermined=(),
         sigma=np.ones(2),
-        certificate=ci.Certificate("certified", "made up"),
+        certificate=ci.estimation.Certificate("certified", "made up"),
     )
     text = json.dumps(estimate.to_dict(), indent=1)
     (folder / "estimate.json").write_text(text)
@@ -264,4 +264,4 @@ def _estimate(folder: Path) -> Path:
 
 def _load_estimate(path: Path) -> None:
     model = _torque_model()
-    ci.Estimate.load(path, model, ci.base_parameters(model))
+    ci.Estimate.load(path, model, ci.regression.base_parameters(model))

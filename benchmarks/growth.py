@@ -87,7 +87,7 @@ def robot_of(parents: Sequence[int], base: str | None = None) -> ci.RobotModel:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "tree.urdf")
         file.write_text(text + "</robot>")
-        return ci.load_urdf(file, base=base)
+        return ci.robot.load_urdf(file, base=base)
 
 
 def _link(name: str, rng: np.random.Generator) -> str:
@@ -110,7 +110,9 @@ def log(model: ci.TorqueModel, samples: int) -> ci.Recording:
     base = None
     if floats:  # it is shaken, nearly upright
         _, w, dw = waves(rng, time, 3)
-        base = ci.BaseMotion(w / 10, dw / 10, waves(rng, time, 3)[0] + [0.0, 0.0, 9.81])
+        base = ci.recordings.BaseMotion(
+            w / 10, dw / 10, waves(rng, time, 3)[0] + [0.0, 0.0, 9.81]
+        )
     x = np.zeros(len(model.layout))
     x[: model.layout.inertial_size] = model.robot.nominal
     for i, (_, term) in enumerate(model.layout.drive, start=model.layout.inertial_size):
@@ -118,7 +120,7 @@ def log(model: ci.TorqueModel, samples: int) -> ci.Recording:
     torque = model.predict(x, q, dq, ddq, base=base)
     torque = torque + 0.1 * rng.normal(size=torque.shape)
     forces = torque[:, : torque.shape[1] - n]
-    wrenches = (ci.Wrench("base", forces),) if floats else ()
+    wrenches = (ci.recordings.Wrench("base", forces),) if floats else ()
     return ci.Recording(
         model.robot.joint_names,
         time,
@@ -152,8 +154,8 @@ def measured(
     data = log(model, samples)
     ci.build_regression(model, data)  # imports, and the structure of rows
     compress, regression = least(lambda: ci.build_regression(model, data), runs)
-    find, _ = least(lambda: ci.base_parameters(replace(model)), runs)
-    base = ci.base_parameters(model)
+    find, _ = least(lambda: ci.regression.base_parameters(replace(model)), runs)
+    base = ci.regression.base_parameters(model)
     solve, estimate = least(lambda: solved(model, regression, base), runs)
     times = {"compression": compress, "base parameters": find, "estimate": solve}
     per_sample, size = 1e6 * compress / samples, len(model.layout)
@@ -166,8 +168,8 @@ def measured(
 def solved(
     model: ci.TorqueModel,
     regression: ci.Regression,
-    base: ci.BaseParameters,
-    more: Sequence[ci.LinearRelation] = (),
+    base: ci.regression.BaseParameters,
+    more: Sequence[ci.constraints.LinearRelation] = (),
 ) -> ci.Estimate:
     """Return the constrained estimate of a regression as if it were just made."""
     constraints = (
@@ -185,7 +187,7 @@ def constrained(number: int, samples: int, runs: int) -> tuple[float, str]:
     """Return processor seconds with so many constraints more, and a row."""
     model = tree(7, 7)
     regression = ci.build_regression(model, log(model, samples))
-    base, rng = ci.base_parameters(model), np.random.default_rng(number)
+    base, rng = ci.regression.base_parameters(model), np.random.default_rng(number)
     x = np.zeros(len(model.layout))
     x[:70] = np.ravel(model.robot.nominal)
     relations = []
@@ -195,7 +197,9 @@ def constrained(number: int, samples: int, runs: int) -> tuple[float, str]:
         size = sum(abs(c * x[i]) for i, c in terms.items())
         named = {model.layout.names[i]: c for i, c in terms.items()}
         relations.append(
-            ci.LinearRelation(named, value - 0.02 * size, value + 0.02 * size)
+            ci.constraints.LinearRelation(
+                named, value - 0.02 * size, value + 0.02 * size
+            )
         )
     taken, estimate = least(lambda: solved(model, regression, base, relations), runs)
     return taken, f"| {number} | {1e3 * taken:.0f} | {estimate.certificate.verdict} |"

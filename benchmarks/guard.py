@@ -7,9 +7,7 @@ with 1 if a ratio of processor seconds is more than twice the one written down h
 """
 
 import argparse
-import os
 import sys
-import tempfile
 from collections.abc import Callable
 from time import process_time
 
@@ -19,7 +17,6 @@ from speed import arm, log, truth
 from threadpoolctl import threadpool_limits
 
 import consistent_id as ci
-from consistent_id.regression.compiled import compiler, entries
 from consistent_id.regression.mass_matrix import mass_matrices, random_poses
 
 SLOWER = 2.0  # ratios scatter by a third between machines and loads
@@ -27,13 +24,10 @@ RUNS = 7  # turns; the least of each counts
 SAMPLES = 30_000
 
 EXPECTED = {
-    "regressor, NumPy": 4.2,
-    "regressor, compiled": 1.1,
+    "regressor": 4.2,
     "regressor and compression": 16.5,
-    "regressor and compression, compiled": 8.7,
     "prediction": 2.9,
     "mass matrices": 1.45,
-    "mass matrices, compiled": 0.43,
     "base parameters": 0.3,
     "least squares": 0.68,
     "constrained estimate": 6.0,
@@ -60,7 +54,7 @@ def paths() -> dict[str, Callable[[], object]]:
     state = data.position, data.velocity, data.acceleration
     parameters = truth(model)
     regression = ci.build_regression(model, data)
-    base = ci.base_parameters(model)
+    base = ci.regression.base_parameters(model)
     poses = random_poses(model, 10_000, 0)
 
     def regressor() -> None:
@@ -74,14 +68,11 @@ def paths() -> dict[str, Callable[[], object]]:
         mass_matrices(model, parameters, poses)
 
     return {
-        "regressor, NumPy": regressor,
-        "regressor, compiled": lambda: with_code(regressor),
+        "regressor": regressor,
         "regressor and compression": compressed,
-        "regressor and compression, compiled": lambda: with_code(compressed),
         "prediction": lambda: model.predict(parameters, *state),
         "mass matrices": masses,
-        "mass matrices, compiled": lambda: with_code(masses),
-        "base parameters": lambda: ci.base_parameters(model),
+        "base parameters": lambda: ci.regression.base_parameters(model),
         "least squares": lambda: ci.least_squares(model, regression, base=base),
         "constrained estimate": lambda: ci.constrained_least_squares(
             model, regression, base=base
@@ -89,17 +80,10 @@ def paths() -> dict[str, Callable[[], object]]:
     }
 
 
-def with_code(call: Callable[[], None]) -> None:
-    """Call with compiled code, which other paths do without."""
-    os.environ[compiler.SWITCH] = "1"
-    call()
-    os.environ[compiler.SWITCH] = "0"
-
-
 def ratio(path: Callable[[], object]) -> float:
     """Return processor seconds over those of the reference."""
     for _ in range(3):
-        path()  # imports, caches, and code that is compiled
+        path()  # imports and caches
     times = np.empty((RUNS, 2))
     for run in times:
         for i, call in enumerate((reference, path)):
@@ -116,14 +100,8 @@ def main() -> int:
     parser.add_argument("--only", choices=EXPECTED)
     parser.add_argument("--update", action="store_true")
     options = parser.parse_args()
-    os.environ[compiler.SWITCH] = "0"
-    entries.LOOK_AFTER = entries.COMPILE_AFTER = 1
     slow = []
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        threadpool_limits(1, user_api="blas"),
-    ):
-        os.environ["XDG_CACHE_HOME"] = folder
+    with threadpool_limits(1, user_api="blas"):
         for name, path in paths().items():
             if options.only not in (None, name):
                 continue

@@ -20,8 +20,8 @@ from consistent_id.laboratory import (
     controlled,
     with_friction,
 )
-from consistent_id.recordings.signals.noise_gain import noise_gain
-from consistent_id.recordings.sinusoids import Sinusoid, SinusoidalMotion
+from consistent_id.recordings.joint_paths import Sinusoid, SinusoidalMotion
+from consistent_id.recordings.signals.derivatives import noise_gain
 from consistent_id.regression.column_noise import column_noise
 
 CUTOFFS = (5.0, 10.0, 20.0, 40.0, 70.0, 100.0, 150.0)  # [Hz]
@@ -48,7 +48,7 @@ WANTED = SinusoidalMotion(
     ),
 ).recording(ARM.joint_names)
 CONTROLLER = Controller(TRUE.model, 0.9 * TRUE.parameters)
-BASE = ci.base_parameters(TRUE.model)
+BASE = ci.regression.base_parameters(TRUE.model)
 
 
 def main() -> None:
@@ -73,16 +73,22 @@ def _errors(loop, cutoff: float, seed: int) -> list[float]:
     torque = loop.motion.torque + NOISE * rng.normal(size=loop.torque.shape)
     raw = ci.Recording(ARM.joint_names, WANTED.time, loop.readings, torque=torque)
     log, model = _prepared(raw, cutoff).samples(INNER), TRUE.model
-    plain = ci.weighted_least_squares(model, ci.build_regression(model, log), base=BASE)
+    plain = ci.estimation.weighted_least_squares(
+        model, ci.build_regression(model, log), base=BASE
+    )
     commanded, simulated = WANTED.samples(INNER), _simulated(raw)
     ways = (commanded, simulated)
-    found = [ci.instrumental_variables(model, log, way, base=BASE) for way in ways]
+    found = [
+        ci.estimation.instrumental_variables(model, log, way, base=BASE) for way in ways
+    ]
     lacking = ci.TorqueModel(ARM, ci.DriveTerms(viscous=True))
-    poor = ci.weighted_least_squares(lacking, ci.build_regression(lacking, log))
-    found += [poor, ci.instrumental_variables(lacking, log, commanded)]
+    poor = ci.estimation.weighted_least_squares(
+        lacking, ci.build_regression(lacking, log)
+    )
+    found += [poor, ci.estimation.instrumental_variables(lacking, log, commanded)]
     errors = [_error(loop, estimate) for estimate in (plain, *found)]
     predicted = 100.0 * _predicted(raw, log, cutoff)
-    p = ci.endogeneity_test(model, log, commanded, base=BASE).p_value
+    p = ci.estimation.endogeneity_test(model, log, commanded, base=BASE).p_value
     return [errors[0], predicted, *errors[1:], p]
 
 

@@ -52,18 +52,20 @@ class Pairs:
 def measure() -> Pairs:
     """Learn from each recording by every method and predict the others."""
     problem = ci.load_problem("problems/ur10e")
-    model, base = problem.model, ci.base_parameters(problem.model)
+    model, base = problem.model, ci.regression.base_parameters(problem.model)
     recordings = [in_motion(problem.prepare(problem.read(f))) for f in files()]
     regressions = [ci.build_regression(model, r) for r in recordings]
     errors: dict[str, list[list[float]]] = {}
     bodies: dict[str, int] = {}
     for i, recording in enumerate(recordings):
-        for estimate in ci.identify(problem, [recording], base=base):
+        for estimate in ci.problems.identify(problem, [recording], base=base):
             x, method = estimate.parameters, estimate.method
             row = [stacked_error([r], [x]) for r in regressions]
             row[i] = float("nan")
             errors.setdefault(method, []).append(row)
-            good = sum(link.consistent for link in ci.link_conditions(model, x))
+            good = sum(
+                link.consistent for link in ci.constraints.link_conditions(model, x)
+            )
             bodies[method] = bodies.get(method, 0) + good
     return Pairs(
         tuple("{} s, {}".format(*seconds_and_harmonics(r.name)) for r in recordings),
@@ -92,8 +94,8 @@ def in_motion(recording: ci.Recording) -> ci.Recording:
 
     A log begins with a rest, a jerk to the start and another rest.
     """
-    still = ci.standstill(recording).all(axis=1)
-    return max(ci.without(recording, still), key=len)
+    still = ci.signals.standstill(recording).all(axis=1)
+    return max(ci.signals.without(recording, still), key=len)
 
 
 def stacked_error(
@@ -125,7 +127,7 @@ def section(found: Pairs, shown: dict[str, str]) -> list[str]:
         "recording of 30 s; cut-offs and drive gains come with the recordings.",
         "",
         "| method | median | mean | worst | no worse than least squares "
-        "| physically consistent links |",
+        "| consistent links |",
         "|---|---:|---:|---:|---:|---:|",
         *rows,
         "",
@@ -143,7 +145,8 @@ def matrix(found: Pairs, method: str) -> list[str]:
         for name, errors in zip(found.names, found.errors[method], strict=True)
     ]
     return [
-        f"{method.capitalize()}, stacked error [%]; training on the row's recording",
+        f"{method.capitalize()}, error of all joints [%]; training on the row's "
+        "recording",
         "(duration, number of harmonics), validation on the column's:",
         "",
         f"| | {' | '.join(found.names)} |",

@@ -17,9 +17,8 @@ from pathlib import Path
 import numpy as np
 
 import consistent_id as ci
-from consistent_id.problems.kept_text import changed_tables, rewritten
+from consistent_id.problems.kept_text import changed_tables, rewritten, toml_text
 from consistent_id.problems.selection.choice import data_of
-from consistent_id.problems.toml_text import toml_text
 
 FOLDER = Path("problems")
 NAMES = ("ur10e", "kuka_kr300", "staubli_tx40", "tiago")
@@ -32,16 +31,16 @@ _MOVING = 0.05  # rad/s
 _PARTS = ("drive", "joints", "couplings", "data.preparation")
 
 
-def write_chosen(name: str) -> ci.ModelSelection:
+def write_chosen(name: str) -> ci.problems.ModelSelection:
     """Choose the model of a problem file, and write it."""
     file = FOLDER / name / "problem.toml"
-    selection = ci.select_model(ci.load_problem(file))
+    selection = ci.problems.select_model(ci.load_problem(file))
     file.write_text(selection.text())
     print(selection.table().text(), flush=True)
     return selection
 
 
-def write_payload(selection: ci.ModelSelection) -> None:
+def write_payload(selection: ci.problems.ModelSelection) -> None:
     """Write the loaded robot's file: the bare one's model, gains of the known load."""
     problem = ci.load_problem(PAYLOAD)
     table = selection.applied(problem.table)
@@ -57,10 +56,12 @@ def write_payload(selection: ci.ModelSelection) -> None:
     print(f"{PAYLOAD}: {line}")
 
 
-def gains_of(problem: ci.Problem) -> ci.DriveGains:
+def gains_of(problem: ci.Problem) -> ci.estimation.DriveGains:
     """Identify the drive gains with the known load, from the other trajectory."""
     loaded, unloaded = (_currents(problem, file) for file in (LOADED, UNLOADED))
-    return ci.identify_gains(problem.model, loaded, unloaded, known={"load.m": MASS})
+    return ci.estimation.identify_gains(
+        problem.model, loaded, unloaded, known={"load.m": MASS}
+    )
 
 
 def _currents(problem: ci.Problem, file: str) -> ci.Recording:

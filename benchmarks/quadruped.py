@@ -63,7 +63,7 @@ class MovingRows(NamedTuple):
     """A log without the torque of joints at rest, and what was found of rests."""
 
     log: ci.Recording
-    rests: ci.RestSpeed
+    rests: ci.estimation.RestSpeed
 
 
 def moving_rows(
@@ -72,12 +72,14 @@ def moving_rows(
     constraints: Sequence[Constraint],
     cutoff: float,
 ) -> MovingRows:
-    found = ci.rest_speed(
-        model, log, constraints=constraints, reach=ci.rest_guard(cutoff)
+    found = ci.estimation.rest_speed(
+        model, log, constraints=constraints, reach=ci.signals.rest_guard(cutoff)
     )
     if found.speed == 0.0:
         return MovingRows(log, found)
-    return MovingRows(ci.without_rests(log, found.speed, reach=found.reach), found)
+    return MovingRows(
+        ci.signals.without_rests(log, found.speed, reach=found.reach), found
+    )
 
 
 def left_out(
@@ -88,10 +90,12 @@ def left_out(
     rests: float | None,
 ) -> Iterator[tuple[str, ci.Recording]]:
     """Yield a log without samples next to impacts, then without rests, too."""
-    whole = ci.without_impacts(log, ci.impact_guard(cutoff))
+    whole = ci.signals.without_impacts(log, ci.signals.impact_guard(cutoff))
     yield "impacts left out", whole
     if rests is not None:
-        slow = ci.without_rests(whole, rests, reach=ci.rest_guard(cutoff))
+        slow = ci.signals.without_rests(
+            whole, rests, reach=ci.signals.rest_guard(cutoff)
+        )
         yield f"rests below {rests:g} rad/s too", slow
         return
     started = process_time()
@@ -108,7 +112,10 @@ def guarded(
 ) -> Iterator[tuple[str, ci.Recording]]:
     """Yield a log without samples next to impacts, for each number of periods."""
     for count in periods:
-        yield f"{count:g} periods left out", ci.without_impacts(log, count / cutoff)
+        yield (
+            f"{count:g} periods left out",
+            ci.signals.without_impacts(log, count / cutoff),
+        )
 
 
 REST = 0.03
@@ -119,9 +126,9 @@ def reached(
     log: ci.Recording, cutoff: float, periods: Sequence[float]
 ) -> Iterator[tuple[str, ci.Recording]]:
     """Yield a log without impacts and rests, these with guards of some periods."""
-    whole = ci.without_impacts(log, ci.impact_guard(cutoff))
+    whole = ci.signals.without_impacts(log, ci.signals.impact_guard(cutoff))
     for count in periods:
-        log = ci.without_rests(whole, REST, reach=count / cutoff)
+        log = ci.signals.without_rests(whole, REST, reach=count / cutoff)
         yield f"{count:g} periods around rests below {REST:g} rad/s", log
 
 
@@ -133,8 +140,8 @@ def told(
 ) -> str:
     """Say how many rows a log has, and how far off the trunk is."""
     started = process_time()
-    regression = ci.contact_free_regression(model, log)
-    base = ci.contact_free_base(model, log.contacts)
+    regression = ci.regression.contact_free_regression(model, log)
+    base = ci.regression.contact_free_base(model, log.contacts)
     found = ci.constrained_least_squares(
         model, regression, constraints=constraints, base=base
     )
@@ -170,8 +177,8 @@ def main() -> None:
     if options.problem is not None:
         print(f"written: {write_problem(options.problem, robot)}")
         return
-    model = ci.contact_free_model(ci.TorqueModel(robot.nominal, DRIVE))
-    known = [*SIGNS, ci.FixedParameters(robot.known())]
+    model = ci.regression.contact_free_model(ci.TorqueModel(robot.nominal, DRIVE))
+    known = [*SIGNS, ci.constraints.FixedParameters(robot.known())]
     print(f"{len(model.layout)} parameters, {6 + len(robot.nominal)} rows a sample")
     seeds = range(options.first, options.first + options.logs)
     for seed, dry in product(seeds, (False, True)):

@@ -48,16 +48,16 @@ def moving_log(
     raw: ci.Recording,
     constraints: list[Constraint],
 ) -> MovingLog:
-    free, whole = ci.contact_free_model(model), prepared(raw, robot.cutoff)
-    whole = ci.without_impacts(whole, ci.impact_guard(robot.cutoff))
+    free, whole = ci.regression.contact_free_model(model), prepared(raw, robot.cutoff)
+    whole = ci.signals.without_impacts(whole, ci.signals.impact_guard(robot.cutoff))
     moving = quadruped.moving_rows(free, whole, constraints, robot.cutoff)
     said = f"{moving.rests.speed:.3f} rad/s"
     if not any(foot.radius for foot in robot.feet):
         return MovingLog(moving.log, [], said)
-    feet = ci.contact_radius(free, moving.log, constraints=constraints)
-    log = ci.with_radii(moving.log, feet.offset)
+    feet = ci.estimation.contact_radius(free, moving.log, constraints=constraints)
+    log = ci.estimation.with_radii(moving.log, feet.offset)
     said += f", {1e3 * feet.offset:+.2f} +- {1e3 * feet.standard_error:.2f} mm"
-    return MovingLog(log, [ci.with_radii(log, feet.standard_error)], said)
+    return MovingLog(log, [ci.estimation.with_radii(log, feet.standard_error)], said)
 
 
 def held(
@@ -70,7 +70,7 @@ def held(
         model,
         segment_regressions(model, moving.log),
         constraints=constraints,
-        base=ci.contact_free_base(model, moving.log.contacts),
+        base=ci.regression.contact_free_base(model, moving.log.contacts),
         replicates=2,
         variants=[ci.build_regression(model, log) for log in moving.variants],
     )
@@ -102,7 +102,7 @@ def main() -> None:
     options = parser.parse_args()
     robot = ROBOTS[options.robot]()
     model = ci.TorqueModel(robot.nominal, quadruped.DRIVE)
-    constraints = [*quadruped.SIGNS, ci.FixedParameters(robot.known())]
+    constraints = [*quadruped.SIGNS, ci.constraints.FixedParameters(robot.known())]
     print("log | by noise | uncertainty | consistent robots | farthest, errors")
     totals, logs = np.zeros(3, dtype=int), 0
     for seed in range(options.first, options.first + options.logs):

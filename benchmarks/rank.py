@@ -12,14 +12,14 @@ from dataclasses import replace
 import numpy as np
 
 import consistent_id as ci
-from consistent_id.export.new_urdf import rpy_of
+from consistent_id.export.urdf_export import rpy_of
 from consistent_id.regression.base import column_kinds
 from consistent_id.regression.independent_columns import (
     STRUCTURAL_TOLERANCE,
     independent_columns,
     split_at_gap,
 )
-from consistent_id.regression.random_rows import random_regressor
+from consistent_id.regression.row_structure import random_regressor
 
 DIGITS = range(2, 8)
 RIGHT = np.pi / 2

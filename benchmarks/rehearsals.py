@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from excitation_cases import EXAMPLES
 
 from consistent_id.excitation.sources import problem_to_excite
-from consistent_id.laboratory.rehearsal.dry_run import dry_run
+from consistent_id.laboratory.rehearsal.dry_runs import dry_run
 from consistent_id.robot.chains import Selection
 
 ROBOTS = {

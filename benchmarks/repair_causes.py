@@ -23,16 +23,16 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from consistent_id.export.repair import link_evidence
-from consistent_id.export.repair.cause_search import (
+from consistent_id.repair import link_evidence
+from consistent_id.repair.causes import (
     CLEAR,
     LinkStatement,
     lead,
     ranked_causes,
+    shifted,
     worth_a_search,
 )
-from consistent_id.export.repair.fault_causes import shifted
-from consistent_id.export.repair.file_evidence import FileEvidence
+from consistent_id.repair.file_evidence import FileEvidence
 from consistent_id.robot.inertia import second_moments
 from consistent_id.robot.loaders.urdf_inertial import inertia_attributes, inertia_matrix
 from consistent_id.robot.loaders.xml import parse

@@ -20,9 +20,9 @@ from consistent_id.constraints import Constraint, lowered
 from consistent_id.constraints.cones.least_norm import LeastNorm
 from consistent_id.constraints.cones.programmes import Multipliers
 from consistent_id.constraints.cones.sets import ConicSet
-from consistent_id.constraints.distances import nominal_distance
-from consistent_id.constraints.link_condition import link_conditions
-from consistent_id.estimation.constrained_fit import ConstrainedFit, constrained_fit
+from consistent_id.constraints.links import link_conditions
+from consistent_id.constraints.priors import nominal_distance
+from consistent_id.estimation.constrained import ConstrainedFit, constrained_fit
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from robots import random_body, random_robot
@@ -83,7 +83,9 @@ def case(seed: int) -> Case:
     possible = seed % 20 != 0
     if not possible:
         name = f"{robot.link_names[-1]}.Izz"
-        constraints.append(ci.FixedParameters({name: -float(rng.uniform(0.01, 1.0))}))
+        constraints.append(
+            ci.constraints.FixedParameters({name: -float(rng.uniform(0.01, 1.0))})
+        )
     return Case(seed, model, truth, recording, tuple(constraints), possible)
 
 
@@ -113,10 +115,10 @@ def random_motion(
 def run(problem: Case) -> Result:
     """Solve a problem and look for what is wrong with the answer."""
     model = problem.model
-    base = ci.base_parameters(model)
+    base = ci.regression.base_parameters(model)
     regression = ci.build_regression(model, problem.recording)
     R = regression.stacked()[:, list(base.independent)]
-    condition = ci.condition_number(R, basis="base", unit_columns=True).value
+    condition = ci.regression.condition_number(R, basis="base", unit_columns=True).value
     try:
         estimate = ci.constrained_least_squares(
             model, regression, constraints=problem.constraints, base=base
@@ -137,7 +139,7 @@ def run(problem: Case) -> Result:
 def mistakes(
     problem: Case,
     regression: ci.Regression,
-    base: ci.BaseParameters,
+    base: ci.regression.BaseParameters,
     estimate: ci.Estimate,
 ) -> tuple[str, ...]:
     """Return what contradicts a certified estimate, found by other means."""

@@ -28,18 +28,18 @@ import numpy as np
 import consistent_id as ci
 from consistent_id.comparison.block_scatter import BLOCKS, BlockScatter, block_scatter
 from consistent_id.comparison.speed_trend import joint_speeds, speed_of, speed_trend
-from consistent_id.laboratory.rollout import rollout
-from consistent_id.laboratory.rollout.refine import RIDGE, refined
-from consistent_id.laboratory.rollout.ridge import chosen_ridge
-from consistent_id.laboratory.rollout.settings import (
+from consistent_id.problems.loading import problem_of
+from consistent_id.regression.segments import merged, segments_of
+from consistent_id.rollout import rollout
+from consistent_id.rollout.refine import RIDGE, refined
+from consistent_id.rollout.settings import (
+    chosen_ridge,
+    chosen_settings,
     gains_of,
     rollout_error,
     torque_fit,
     with_settings,
 )
-from consistent_id.laboratory.rollout.settings_choice import chosen_settings
-from consistent_id.problems.loading import problem_of
-from consistent_id.regression.segments import merged, segments_of
 
 PROBLEMS = ("problems/unitree_go2", "problems/unitree_z1")
 
@@ -135,12 +135,12 @@ def blocks(problem: ci.Problem) -> None:
     lengths = {role: sum(r.duration for r in log) for role, log in logs.items()}
     seconds = lengths["training"] / BLOCKS
     plain = {
-        role: ci.segment_regressions(
+        role: ci.regression.segment_regressions(
             model, log, count=max(round(lengths[role] / seconds), 2)
         )
         for role, log in logs.items()
     }
-    sigma = ci.joint_noise(model, merged(plain["training"]))
+    sigma = ci.regression.joint_noise(model, merged(plain["training"]))
     parts = {role: [r.weighted(sigma) for r in found] for role, found in plain.items()}
 
     def scatter(regressions: Sequence[ci.Regression]) -> BlockScatter:

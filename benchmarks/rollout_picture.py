@@ -15,9 +15,9 @@ import numpy as np
 from matplotlib import pyplot
 
 import consistent_id as ci
-from consistent_id.laboratory.rollout import Replay, rollout
-from consistent_id.laboratory.rollout.refine import refined
-from consistent_id.laboratory.rollout.settings import gains_of, torque_fit
+from consistent_id.rollout import Replay, rollout
+from consistent_id.rollout.refine import refined
+from consistent_id.rollout.settings import gains_of, torque_fit
 
 JOINT = "RL_calf_joint"
 SPAN = (18.0, 20.5)  # s

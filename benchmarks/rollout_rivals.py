@@ -21,11 +21,9 @@ import numpy as np
 from mujoco import sysid
 
 import consistent_id as ci
-from consistent_id.laboratory.rollout.held_commands import drive_commands
-from consistent_id.laboratory.rollout.replay import replay, replayable
-from consistent_id.laboratory.rollout.replay_model import compiled_model, replay_spec
-from consistent_id.laboratory.rollout.settings import gains_of
-from consistent_id.laboratory.rollout.settings_choice import motor_groups
+from consistent_id.rollout.commanded_motion import drive_commands, replay, replayable
+from consistent_id.rollout.replay_model import compiled_model, replay_spec
+from consistent_id.rollout.settings import gains_of, motor_groups
 
 PROBLEMS = ("problems/unitree_go2", "problems/unitree_z1")
 PARAMETERS = {

@@ -70,10 +70,10 @@ def parts(log: ci.Recording, share: float) -> list[ci.Recording]:
 def cells(problem: ci.Problem, share: float) -> dict[str, Cell]:
     """Return what each method makes of the parts."""
     (log,) = problem.training
-    base = ci.base_parameters(problem.model)
+    base = ci.regression.base_parameters(problem.model)
     reports: dict[str, list[EstimateReport]] = {}
     for part in parts(log, share):
-        estimates = ci.identify(problem, [part], base=base)
+        estimates = ci.problems.identify(problem, [part], base=base)
         for report in ci.compare(estimates, problem.validation).reports:
             reports.setdefault(report.estimate.method, []).append(report)
     return {
@@ -102,7 +102,7 @@ def section(name: str, table: dict[float, dict[str, Cell]], links: int) -> list[
         lines.append(f"| {share:.0%} | " + " | ".join(texts) + " |")
     fewest = [min(row[m].links for row in table.values()) for m in METHODS]
     bodies = " | ".join(f"{n} of {links}" for n in fewest)
-    lines.append(f"| fewest physically consistent links | {bodies} |")
+    lines.append(f"| fewest consistent links | {bodies} |")
     return [*lines, ""]
 
 

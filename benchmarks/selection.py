@@ -25,7 +25,7 @@ from selection_bare import COLUMNS, HAND_MADE, bare, recommended
 from selection_robots import DURATION, TRUTHS, Case, case_of, written
 
 import consistent_id as ci
-from consistent_id.estimation.torque_error import torque_errors
+from consistent_id.estimation.estimate import torque_errors
 from consistent_id.problems.loading import problem_of
 from consistent_id.problems.study import Study
 
@@ -36,7 +36,7 @@ _BEGIN, _END = "<!-- figures: begin -->", "<!-- figures: end -->"
 def real(name: str) -> list[str]:
     """Return the row of a real robot."""
     problem = ci.load_problem(HAND_MADE / f"{name}.toml", trust=True)
-    selection = ci.select_model(problem)
+    selection = ci.problems.select_model(problem)
     plain = replace(selection, choice=selection.start)
     models = (problem, plain.chosen(), selection.chosen())
     errors = [recommended_error(model, problem) for model in models]
@@ -99,7 +99,7 @@ def _percent(error: float) -> str:
     return f"{100 * error:.2f}"
 
 
-def _cost(selection: ci.ModelSelection) -> list[str]:
+def _cost(selection: ci.problems.ModelSelection) -> list[str]:
     labels = "; ".join(step.move.label for step in selection.steps)
     return [f"{selection.seconds:.1f}", str(selection.fits), labels or "nothing"]
 

@@ -16,8 +16,7 @@ from consistent_id.problems.draft import Draft
 from consistent_id.problems.selection.choice import data_of
 from consistent_id.problems.study import Study
 from consistent_id.recordings.signals import trimmed
-from consistent_id.regression.noise import joint_noise
-from consistent_id.robot.chains import Selection
+from consistent_id.regression.residual_noise import joint_noise
 
 COLUMNS = (
     "robot",
@@ -62,10 +61,10 @@ def bare_draft(hand: ci.Problem) -> Draft:
         hand.model_files["urdf"],
         list(training),
         validation=[file for file in held_out if file not in training],
-        columns={channel: name for channel, name in named.items() if name},
+        **{channel: name for channel, name in named.items() if name},
         torque_joints=data.torque_joints,
         torque_gain=np.atleast_1d(data.torque_gain).tolist(),
-        selection=_selection(hand),
+        locked=_held(hand),
     )
 
 
@@ -106,10 +105,10 @@ def _errors(estimate: ci.Estimate, judges: Sequence[ci.Recording]) -> str:
     return "; ".join(f"{100 * estimate.score(j).stacked:.2f}" for j in judges)
 
 
-def _selection(hand: ci.Problem) -> Selection | None:
+def _held(hand: ci.Problem) -> dict[str, float] | None:
     """Return what stands still, if the file moves a part of the robot."""
     moving = hand.table.model.joints
     if moving is None:
         return None
     every = ci.load_robot(hand.model_files["urdf"]).joint_names
-    return Selection(locked=dict.fromkeys(set(every) - set(moving), 0.0))
+    return dict.fromkeys(set(every) - set(moving), 0.0)

@@ -123,7 +123,7 @@ def _true_model(robot: Robot, truth: Truth) -> ci.TorqueModel:
     if truth.coupled:
         *_, first, second = robot.joints
         couplings = (
-            ci.GearCoupling(
+            ci.regression.GearCoupling(
                 first,
                 second,
                 viscous=True,

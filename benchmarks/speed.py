@@ -14,7 +14,7 @@ import sys
 from collections.abc import Callable
 from datetime import date
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, process_time
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -23,8 +23,8 @@ import consistent_id as ci
 from consistent_id.constraints.cones import certificate
 from consistent_id.constraints.cones.least_norm import solve_least_norm
 from consistent_id.estimation import best_fit
+from consistent_id.estimation.best_fit import REFERENCE
 from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
-from consistent_id.estimation.scaled_fit import REFERENCE
 from consistent_id.regression.segments import merged
 
 DRIVE = ci.DriveTerms(viscous=True, coulomb="sign", offset=True, rotor_inertia=True)
@@ -38,7 +38,7 @@ def arm() -> ci.TorqueModel:
     table = [ci.DHRow(alpha, a, d) for alpha, a, d in rows]
     robot = ci.from_modified_dh("arm", table)
     sheets = {
-        name: ci.Datasheet(mass=m)
+        name: ci.robot.Datasheet(mass=m)
         for name, m in zip(robot.link_names, (4, 4, 3, 3, 3, 2, 1), strict=True)
     }
     return ci.TorqueModel(robot.with_datasheet(sheets), DRIVE)
@@ -68,13 +68,13 @@ def log(model: ci.TorqueModel, samples: int) -> ci.Recording:
 
 def ours(model: ci.TorqueModel, data: ci.Recording) -> dict[str, float]:
     """Time the regressor alone, then regressor and compression."""
-    started = perf_counter()
+    started = process_time()
     for _ in model.chunks(data.position, data.velocity, data.acceleration):
         pass
-    regressor = perf_counter() - started
-    started = perf_counter()
+    regressor = process_time() - started
+    started = process_time()
     regression = ci.build_regression(model, data)
-    total = perf_counter() - started
+    total = process_time() - started
     free = ci.least_squares(model, regression)
     residual = float(np.linalg.norm(regression.residual_rms(free.parameters)))
     return {"regressor": regressor, "total": total, "residual": residual}
@@ -90,7 +90,7 @@ def stacked(model: ci.TorqueModel, data: ci.Recording) -> dict[str, float]:
         reference.addJoint(k, pin.JointModelRZ(), place, joint.name)
     scratch = reference.createData()
     n, p = 7, len(model.layout)
-    started = perf_counter()
+    started = process_time()
     W = np.zeros((len(data), n, p))
     for s in range(len(data)):
         q, dq, ddq = data.position[s], data.velocity[s], data.acceleration[s]
@@ -100,11 +100,11 @@ def stacked(model: ci.TorqueModel, data: ci.Recording) -> dict[str, float]:
         columns = (dq, np.sign(dq), np.ones_like(dq), ddq)
         for i, column in enumerate(columns):
             W[:, j, 70 + 4 * j + i] = column
-    regressor = perf_counter() - started
-    started = perf_counter()
+    regressor = process_time() - started
+    started = process_time()
     rows, tau = W.reshape(-1, p), data.torque.reshape(-1)
     x = np.linalg.lstsq(rows, tau, rcond=1e-10)[0]
-    solve = perf_counter() - started
+    solve = process_time() - started
     rest = (rows @ x - tau).reshape(-1, n)
     residual = float(np.linalg.norm(np.sqrt(np.mean(rest**2, axis=0))))
     total = regressor + solve
@@ -180,9 +180,9 @@ def solve_table(repeats: int, samples: int = 20_000, replicates: int = 200) -> s
     """Constrained estimate from a regression, its parts, and what repeats them."""
     model = arm()
     recording = log(model, samples)
-    segments = ci.segment_regressions(model, recording)
+    segments = ci.regression.segment_regressions(model, recording)
     regression = merged(segments)
-    base = ci.base_parameters(model)
+    base = ci.regression.base_parameters(model)
     scaled = best_fit.best_fit(model, regression, DEFAULT_CONSTRAINTS, base=base).scaled
     centre = scaled.centre
 
@@ -195,7 +195,7 @@ def solve_table(repeats: int, samples: int = 20_000, replicates: int = 200) -> s
             20.0,
         ),
         "the same through CVXPY": (
-            lambda: ci.to_cvxpy(model, regression, base=base).solve(),
+            lambda: ci.estimation.to_cvxpy(model, regression, base=base).solve(),
             None,
         ),
         "re-solve with its certificate": (again, 20.0),
@@ -204,11 +204,13 @@ def solve_table(repeats: int, samples: int = 20_000, replicates: int = 200) -> s
             80.0,
         ),
         f"bootstrap of {replicates} constrained estimates": (
-            lambda: ci.bootstrap(model, segments, base=base, replicates=replicates),
+            lambda: ci.comparison.bootstrap(
+                model, segments, base=base, replicates=replicates
+            ),
             5000.0,
         ),
         "consistent intervals of all parameters": (
-            lambda: ci.consistent_intervals(model, regression, base=base),
+            lambda: ci.comparison.consistent_intervals(model, regression, base=base),
             None,
         ),
     }
@@ -222,7 +224,9 @@ def solve_table(repeats: int, samples: int = 20_000, replicates: int = 200) -> s
             times.append(1e3 * (perf_counter() - started))
         wanted = "" if target is None else f"{target:.0f}"
         lines.append(f"| {name} | {statistics.median(times):.1f} | {wanted} |")
-    resampled = ci.bootstrap(model, segments, base=base, replicates=replicates)
+    resampled = ci.comparison.bootstrap(
+        model, segments, base=base, replicates=replicates
+    )
     estimate = ci.constrained_least_squares(model, regression, base=base)
     return "\n".join(
         [
@@ -279,9 +283,9 @@ ratios.
 
 {compression_table(sizes, [20_000, 100_000], runs)}
 
-Memory is the peak beyond the recording itself. Targets: at most 2.5 us per sample in
-all at a million samples, and memory that does not grow with them. Stacking a million
-samples would take 5.5 GB for the matrix alone and was not run.
+Time is the processor's; memory is the peak beyond the recording itself. Targets: at
+most 2.5 us per sample in all at a million samples, and memory that does not grow with
+them. Stacking a million samples would take 5.5 GB for the matrix alone and was not run.
 
 ## Constrained estimate from a regression
 

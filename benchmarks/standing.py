@@ -19,18 +19,18 @@ from standing_robots import ROBOTS, StandingRobot
 from standing_simulation import RATE, SETTLE, prepared, simulated
 
 import consistent_id as ci
-from consistent_id.excitation.standing import trunk_errors as predictions
-from consistent_id.excitation.standing.standing_motion import (
+from consistent_id.robot.inertia import INERTIAL_NAMES
+from consistent_id.standing.forces_and_limits import (
     StandingMotion,
     standing_motion,
 )
-from consistent_id.excitation.standing.trunk_errors import REST, relative_size
-from consistent_id.robot.inertia import INERTIAL_NAMES
+from consistent_id.standing.standing_design import REST, relative_size
+from consistent_id.standing.standing_design import trunk_errors as predicted_errors
 
 SECONDS = 20.0
 LIMITS = {  # rad/s, N m: of Go2's hips; G1's file has its own
-    "quadruped": ci.StandingLimits(velocity=4.0, effort=23.0),
-    "humanoid": ci.StandingLimits(),
+    "quadruped": ci.standing.StandingLimits(velocity=4.0, effort=23.0),
+    "humanoid": ci.standing.StandingLimits(),
 }
 WAYS = "by hand", "designed"
 NOISE = 0.0, 1.0  # N m, over the simulation's own of 0.05
@@ -39,7 +39,7 @@ NOISE = 0.0, 1.0  # N m, over the simulation's own of 0.05
 class Played:
     """A path as the simulation takes one: places and rotation vectors."""
 
-    def __init__(self, path: ci.TrunkPath, joints: int) -> None:
+    def __init__(self, path: ci.standing.TrunkPath, joints: int) -> None:
         self.path, self.still = path, np.zeros(joints)
 
     def at(self, t: float) -> np.ndarray:
@@ -50,7 +50,7 @@ class Played:
         return np.concatenate([motion.place[0], turn, self.still])
 
 
-def by_hand(robot: StandingRobot, seed: int = 0) -> ci.TrunkPath:
+def by_hand(robot: StandingRobot, seed: int = 0) -> ci.standing.TrunkPath:
     """Return three sinusoids of each coordinate, near those of a robot's sway."""
     rng, sway = np.random.default_rng(seed), robot.sway
     tones = len(sway.frequencies)
@@ -62,7 +62,7 @@ def by_hand(robot: StandingRobot, seed: int = 0) -> ci.TrunkPath:
     coefficients[0][:, own, own] = sizes * np.cos(phases)
     coefficients[1][:, own, own] = sizes * np.sin(phases)
     frequencies = (np.array(sway.frequencies)[:, None] * around).ravel()
-    return ci.TrunkPath(frequencies, coefficients.reshape(2, -1, 6), SECONDS)
+    return ci.standing.TrunkPath(frequencies, coefficients.reshape(2, -1, 6), SECONDS)
 
 
 def _vector(R: np.ndarray) -> np.ndarray:
@@ -74,13 +74,15 @@ def _vector(R: np.ndarray) -> np.ndarray:
 
 
 def designed(
-    standing: StandingRobot, limits: ci.StandingLimits, candidates: int
-) -> ci.StandingDesign:
+    standing: StandingRobot, limits: ci.standing.StandingLimits, candidates: int
+) -> ci.standing.StandingDesign:
     robot, path = standing.nominal, standing.path
-    feet = ci.standing_feet(robot, path)
-    stance = ci.Stance(robot, feet, ci.standing_pose(robot, path, feet, standing.pose))
+    feet = ci.standing.standing_feet(robot, path)
+    stance = ci.standing.Stance(
+        robot, feet, ci.standing.standing_pose(robot, path, feet, standing.pose)
+    )
     drive = ci.DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.02)
-    return ci.design_standing(
+    return ci.standing.design_standing(
         stance,
         ci.TorqueModel(robot, drive),
         limits,
@@ -91,11 +93,11 @@ def designed(
     )
 
 
-def trunk_error_sizes(design: ci.StandingDesign, motion: StandingMotion) -> str:
+def trunk_error_sizes(
+    design: ci.standing.StandingDesign, motion: StandingMotion
+) -> str:
     """Return predicted errors for noise of 1 N m at the log's rate."""
-    errors = predictions.trunk_errors(
-        design.stance, design.model, motion, RATE, design.link
-    )
+    errors = predicted_errors(design.stance, design.model, motion, RATE, design.link)
     return ", ".join(f"{error:.2g}" for error in errors)
 
 
@@ -106,16 +108,18 @@ def trunks(
     draws: int,
 ) -> np.ndarray:
     """Return errors of the trunk's ten parameters, shape (draws, 10)."""
-    model = ci.contact_free_model(ci.TorqueModel(robot.nominal, DRIVE))
-    constraints = [*SIGNS, ci.FixedParameters(robot.known())]
-    base = ci.contact_free_base(model, raw.contacts)
+    model = ci.regression.contact_free_model(ci.TorqueModel(robot.nominal, DRIVE))
+    constraints = [*SIGNS, ci.constraints.FixedParameters(robot.known())]
+    base = ci.regression.contact_free_base(model, raw.contacts)
     rng, errors = np.random.default_rng(0), []
     for _ in range(draws if noise else 1):
         torque = raw.torque + noise * rng.normal(size=raw.torque.shape)
         whole = prepared(replace(raw, torque=torque), robot.cutoff)
-        log = ci.without_impacts(whole, ci.impact_guard(robot.cutoff))
-        moving = ci.without_rests(log, REST, reach=ci.rest_guard(robot.cutoff))
-        regression = ci.contact_free_regression(model, moving)
+        log = ci.signals.without_impacts(whole, ci.signals.impact_guard(robot.cutoff))
+        moving = ci.signals.without_rests(
+            log, REST, reach=ci.signals.rest_guard(robot.cutoff)
+        )
+        regression = ci.regression.contact_free_regression(model, moving)
         found = ci.constrained_least_squares(
             model, regression, constraints=constraints, base=base
         )

@@ -73,7 +73,7 @@ def write_problem(folder: Path, robot: StandingRobot) -> Path:
         text += (
             f'\n[[data.contacts]]\nframe = "{foot.frame}"\n'
             f'closed = "contact_{foot.frame}"\n'
-            f"guard = {ci.impact_guard(robot.cutoff):.3f}\n"
+            f"guard = {ci.signals.impact_guard(robot.cutoff):.3f}\n"
         )
         text += (
             "surface = true\n"

@@ -16,7 +16,7 @@ import numpy as np
 
 import consistent_id as ci
 from consistent_id.robot.inertia import INERTIAL_NAMES
-from consistent_id.robot.loaders.mjcf_assets import read_spec
+from consistent_id.robot.loaders.mjcf_spec import read_spec
 
 EXAMPLES = "share/example-robot-data/robots"
 
@@ -145,7 +145,7 @@ def quadruped() -> StandingRobot:
     )
     return StandingRobot(
         path,
-        ci.load_mjcf(path, base="floating"),
+        ci.robot.load_mjcf(path, base="floating"),
         trunk="base",
         box=(2.0, (0.05, 0.02, 0.08), (0.02, 0.03, 0.04)),
         feet=feet,
@@ -181,7 +181,7 @@ def humanoid() -> StandingRobot:
     bent = {"hip_pitch": -0.3, "knee": 0.7, "ankle_pitch": -0.4, "elbow": 0.6}
     return StandingRobot(
         path,
-        ci.load_urdf(path, base="floating"),
+        ci.robot.load_urdf(path, base="floating"),
         trunk="torso_link",
         box=(3.0, (-0.12, 0.03, 0.2), (0.03, 0.04, 0.02)),
         feet=feet,

@@ -213,15 +213,15 @@ def _recording(
     def noisy(values: np.ndarray, level: float) -> np.ndarray:
         return values + level * rng.normal(size=values.shape)
 
-    base = ci.base_from_imu(
+    base = ci.signals.base_from_imu(
         time,
         noisy(gyro, GYRO),
         noisy(felt, ACCELEROMETER),
         cutoff=None,
-        rotation=ci.rotations(quaternion, "wxyz"),
+        rotation=ci.signals.rotations(quaternion, "wxyz"),
     )
     flags = tuple(
-        ci.ContactFlags(
+        ci.recordings.ContactFlags(
             foot.frame,
             closed[:, i] > 0.5,
             foot.point,

@@ -14,15 +14,15 @@ import numpy as np
 from consistent_id import load_problem
 from consistent_id._support.tables import Table
 from consistent_id.laboratory.reproduction import PaperStudy, reproduce
-from consistent_id.laboratory.reproduction import section_tables as part
-from consistent_id.laboratory.reproduction.experiment_tables import inertia_table
-from consistent_id.laboratory.reproduction.paper_sections import sections_of
+from consistent_id.laboratory.reproduction import paper_tables as part
+from consistent_id.laboratory.reproduction.paper_report import sections_of
 from consistent_id.laboratory.reproduction.paper_study import (
     REPEATED,
     TASKS,
     WITHIN_LIMITS,
     WITHIN_USED,
 )
+from consistent_id.laboratory.reproduction.paper_tables import inertia_table
 
 DPI = 90
 SHOWN = ("alpha1", "alpha2", "alpha5", "alpha6", "alpha8", "alpha11", "alpha12")

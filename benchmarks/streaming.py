@@ -58,7 +58,7 @@ def measured(folder: Path, executor: str) -> dict[str, float]:
     """Stream a problem's log; return time and memory of this process."""
     problem = ci.load_problem(folder / "problem.toml")
     wall, cpu = perf_counter(), process_time()
-    regression = ci.stream_regression(problem, executor=executor)
+    regression = ci.fleet.stream_regression(problem, executor=executor)
     taken = perf_counter() - wall, process_time() - cpu
     return {
         "samples": regression.counts[0],

@@ -21,7 +21,7 @@ import numpy as np
 import consistent_id as ci
 from consistent_id.excitation.interest import base_for
 from consistent_id.excitation.search_problem import search_problem
-from consistent_id.motion.collisions.scene_file import scene_from_urdf
+from consistent_id.motion.collisions.scene_building import scene_from_urdf
 from consistent_id.robot.inertia import INERTIAL_NAMES
 
 SECONDS, RATE, CUTOFF = 10.0, 200.0, 20.0  # s, Hz, Hz
@@ -58,8 +58,8 @@ def cases() -> Iterator[Case]:
 
 
 def designed(case: Case, time_limit: float) -> ci.ExcitationDesign:
-    arm = ci.load_urdf(case.file, tip=case.tip)
-    rows = ci.SensorRows(ci.tool_model("tool"), arm, case.tip)
+    arm = ci.robot.load_urdf(case.file, tip=case.tip)
+    rows = ci.regression.SensorRows(ci.regression.tool_model("tool"), arm, case.tip)
     scene = None
     if case.ground is not None:
         scene = scene_from_urdf(case.file, arm, ground=case.ground, clearance=0.01)
@@ -76,7 +76,9 @@ def designed(case: Case, time_limit: float) -> ci.ExcitationDesign:
     )
 
 
-def randoms(design: ci.ExcitationDesign, count: int) -> list[ci.FourierTrajectory]:
+def randoms(
+    design: ci.ExcitationDesign, count: int
+) -> list[ci.recordings.FourierTrajectory]:
     """Return random paths of the same form within the same limits."""
     base = base_for(design.measured, design.aim.interest)
     guards = design.demands.guards
@@ -86,14 +88,16 @@ def randoms(design: ci.ExcitationDesign, count: int) -> list[ci.FourierTrajector
 
 
 def motion_errors(
-    rows: ci.SensorRows, path: ci.FourierTrajectory, draws: int
+    rows: ci.regression.SensorRows, path: ci.recordings.FourierTrajectory, draws: int
 ) -> np.ndarray:
     """Return errors of the tool's ten parameters, shape (draws, 10)."""
     log, rng, errors = path.recording(rate=RATE), np.random.default_rng(0), []
     clean = _shown(rows, log)
     for _ in range(draws):
         q = log.position + ENCODER * rng.normal(size=log.position.shape)
-        wrench = ci.Wrench(rows.frame, clean + NOISE * rng.normal(size=clean.shape))
+        wrench = ci.recordings.Wrench(
+            rows.frame, clean + NOISE * rng.normal(size=clean.shape)
+        )
         raw = ci.Recording(log.joints, log.time, q, wrenches=(wrench,))
         smooth = ci.low_passed(raw, motion_cutoff=CUTOFF, torque_cutoff=CUTOFF)
         one = ci.differentiated(smooth).samples(slice(20, -20))
@@ -101,7 +105,7 @@ def motion_errors(
     return np.array(errors)
 
 
-def rest_errors(rows: ci.SensorRows, seed: int, draws: int) -> np.ndarray:
+def rest_errors(rows: ci.regression.SensorRows, seed: int, draws: int) -> np.ndarray:
     """Return the same of poses at rest; NaN where these tell nothing."""
     rng, errors = np.random.default_rng(seed), []
     q = rng.uniform(-np.pi, np.pi, (POSES, len(rows.arm)))
@@ -110,22 +114,25 @@ def rest_errors(rows: ci.SensorRows, seed: int, draws: int) -> np.ndarray:
     spread = NOISE / np.sqrt(SECONDS * RATE / POSES)
     for _ in range(draws):
         shown = clean + spread * rng.normal(size=clean.shape)
-        log = ci.static_poses(rows.arm, q, shown, frame=rows.frame)
+        log = ci.regression.static_poses(rows.arm, q, shown, frame=rows.frame)
         off = _fitted(rows, log) - TOOL.vector
         off[4:] = np.nan
         errors.append(off)
     return np.array(errors)
 
 
-def _shown(rows: ci.SensorRows, log: ci.Recording) -> np.ndarray:
+def _shown(rows: ci.regression.SensorRows, log: ci.Recording) -> np.ndarray:
     """Return what the sensor shows without noise."""
-    none, moved = np.zeros((len(log), 0)), ci.sensor_motion(rows.arm, log, rows.frame)
+    none, moved = (
+        np.zeros((len(log), 0)),
+        ci.regression.sensor_motion(rows.arm, log, rows.frame),
+    )
     truth = np.append(TOOL.vector, BIAS)
     return rows.tool.predict(truth, none, none, none, base=moved)
 
 
-def _fitted(rows: ci.SensorRows, log: ci.Recording) -> np.ndarray:
-    found = ci.sensor_regression(rows.tool, rows.arm, log, frame=rows.frame)
+def _fitted(rows: ci.regression.SensorRows, log: ci.Recording) -> np.ndarray:
+    found = ci.regression.sensor_regression(rows.tool, rows.arm, log, frame=rows.frame)
     fit = ci.least_squares(rows.tool, found.weighted(NOISE))
     return np.array(fit.parameters[:10])
 

@@ -3,23 +3,30 @@
 Robot -> recording -> regression -> estimate -> comparison -> report, export.  Each
 arrow is a function, each noun a frozen value.
 
-Public names are those of ``__init__.pyi``; a name's module is imported when the name is
-first asked for.
+Public names are those of ``__init__.pyi`` and of submodules such as
+`consistent_id.signals` or `consistent_id.constraints`; what a name stands for is
+imported when it is first asked for.
 """
 
 __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> object:
-    """Import a public name, or their list ``__all__``."""
-    from consistent_id._face import public_value
+    """Import a public name or a submodule, or list the names as ``__all__``."""
+    from importlib import import_module
 
-    value = globals()[name] = public_value(name)
-    return value
+    from consistent_id._support.face import ROOMS, homes, moved_value, public_value
+
+    if name in ROOMS:
+        return import_module(f"{__name__}.{name}")
+    if name.startswith("__") or name in homes(__name__):
+        value = globals()[name] = public_value(__name__, name)
+        return value
+    return moved_value(__name__, name)
 
 
 def __dir__() -> list[str]:
-    """List public names, imported or not."""
-    from consistent_id._face import homes
+    """List public names and submodules, imported or not."""
+    from consistent_id._support.face import ROOMS, homes
 
-    return sorted({*globals(), *homes()})
+    return sorted({*globals(), *homes(__name__), *ROOMS})

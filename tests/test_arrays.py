@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from consistent_id import ModelError
-from consistent_id._support.arrays import Array, array_default, freeze_arrays
+from consistent_id._support.arrays import Array, array_default, chunks, freeze_arrays
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,3 +49,15 @@ def test_each_value_has_a_default_of_its_own():
 def test_what_does_not_fit_is_refused_by_name(position, weight, message):
     with pytest.raises(ModelError, match=message):
         Sample(position, weight)
+
+
+@pytest.mark.parametrize(
+    ("samples", "size", "lengths"),
+    [(0, 3, []), (0, 0, []), (2, 3, [2]), (6, 3, [3, 3]), (7, 3, [3, 3, 1])],
+)
+def test_chunks_have_every_sample_once_in_order(samples, size, lengths):
+    parts = list(chunks(samples, size))
+    assert [part.stop - part.start for part in parts] == lengths
+    assert [n for part in parts for n in range(part.start, part.stop)] == list(
+        range(samples)
+    )

@@ -117,7 +117,7 @@ def test_simulated_scatter_is_that_of_the_prediction():
     cases, case = excitation.cases, excitation.cases.rx60()
     path, noise = cases.random_path(case, 0), np.array([0.1, 0.2, 0.3])
     mine = excitation.montecarlo.scatter(case, path, path, noise)
-    base = cases.ci.base_parameters(case.model)
+    base = cases.ci.regression.base_parameters(case.model)
     aim = cases.Aim(noise=noise, rate=cases.RATE, correlation_time=0.0)
     accuracy = cases.predicted_accuracy(case.model, base, path, aim)
     expected = accuracy.standard_errors()
@@ -140,7 +140,7 @@ def test_rivals_are_measured_within_the_limits():
 
 def test_every_mutant_is_python_with_one_line_changed():
     mutation = _benchmark("mutation")
-    file = mutation.ROOT / "consistent_id" / "regression" / "correlation.py"
+    file = mutation.ROOT / "consistent_id" / "regression" / "correlated_noise.py"
     mutants = list(mutation.mutants_of(file, random.Random(0)))
     assert len(mutants) > 30
     for mutant in mutants:

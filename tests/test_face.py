@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import consistent_id
-from consistent_id._face import homes
+from consistent_id._support.face import ROOMS, homes
 
 PACKAGE = Path(consistent_id.__file__).parent
 
@@ -20,38 +20,70 @@ def in_a_new_process(code):
     ).stdout
 
 
-def test_every_public_name_is_what_its_module_calls_so():
-    assert len(homes()) > 150
-    for name, module in homes().items():
-        value = getattr(consistent_id, name)
+PACKAGES = [
+    "consistent_id",
+    *(f"consistent_id.{path.parent.name}" for path in PACKAGE.glob("*/__init__.pyi")),
+]
+
+
+def test_few_names_stand_at_the_top():
+    assert 40 < len(consistent_id.__all__) <= 60
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_public_name_is_what_its_module_calls_so(package):
+    owner = importlib.import_module(package)
+    for name, module in homes(package).items():
+        value = getattr(owner, name)
         assert value is getattr(importlib.import_module(module), name)
 
 
-def test_the_stub_names_what_it_imports_and_nothing_else():
-    stub = ast.parse((PACKAGE / "__init__.pyi").read_text())
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_stub_names_what_it_imports_and_nothing_else(package):
+    owner = importlib.import_module(package)
+    stub = ast.parse(Path(owner.__file__).with_suffix(".pyi").read_text())
     (listed,) = (
         ast.literal_eval(node.value)
         for node in stub.body
         if isinstance(node, ast.Assign)
     )
-    assert sorted(listed) == consistent_id.__all__ == sorted(homes())
+    assert sorted(listed) == owner.__all__ == sorted(homes(package))
 
 
-def test_no_module_has_the_name_of_something_public():
-    modules = {path.stem for path in PACKAGE.glob("*.py")}
-    modules |= {path.name for path in PACKAGE.iterdir() if path.is_dir()}
-    assert not modules & set(consistent_id.__all__)
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_module_has_the_name_of_something_public(package):
+    owner = importlib.import_module(package)
+    folder = Path(owner.__file__).parent
+    modules = {path.stem for path in folder.glob("*.py")}
+    modules |= {path.name for path in folder.iterdir() if path.is_dir()}
+    assert not modules & set(owner.__all__)
+
+
+def test_a_name_that_moved_to_a_submodule_works_with_a_warning():
+    for old, room in (("to_numpy", "export"), ("Fleet", "fleet")):
+        says = rf"consistent_id\.{room}\.{old} now"
+        with pytest.warns(DeprecationWarning, match=says):
+            moved = getattr(consistent_id, old)
+        owner = importlib.import_module(f"consistent_id.{room}")
+        assert moved is getattr(owner, old)
+
+
+def test_submodules_are_attributes_of_the_package():
+    code = "import consistent_id as ci; print([getattr(ci, r).__name__ for r in ROOMS])"
+    code = f"from consistent_id._support.face import ROOMS; {code}"
+    assert eval(in_a_new_process(code))[0] == "consistent_id.robot"
+    assert set(ROOMS) <= set(dir(consistent_id))
 
 
 def test_importing_a_module_does_not_change_what_a_public_name_means():
     code = (
-        "import consistent_id.problems.study, consistent_id.cli.results;"
+        "import consistent_id.problems.study, consistent_id.report.results;"
         "import consistent_id as ci;"
-        "print(all(callable(getattr(ci, n)) for n in"
-        " ('bootstrap', 'uncertainty', 'cross_check', 'shadow_prices',"
-        " 'constraint_costs', 'base_feasibility', 'diagnose', 'compare')))"
+        "print(all(callable(getattr(ci.comparison, n)) for n in"
+        " ('bootstrap', 'cross_check', 'shadow_prices', 'constraint_costs',"
+        " 'base_feasibility')), callable(ci.compare), callable(ci.uncertainty))"
     )
-    assert in_a_new_process(code) == "True\n"
+    assert in_a_new_process(code) == "True True True\n"
 
 
 def test_importing_the_package_imports_nothing_that_it_does_not_need():
@@ -59,6 +91,16 @@ def test_importing_the_package_imports_nothing_that_it_does_not_need():
     loaded = in_a_new_process(code).split()
     assert "numpy" not in loaded
     assert [m for m in loaded if m.startswith("consistent_id")] == ["consistent_id"]
+
+
+def test_a_side_building_has_public_names_of_its_own():
+    names = "lint_robot, repair_urdf, nearest_inertia, LintFinding, Repair"
+    code = (
+        f"from consistent_id.repair import {names}\n"
+        "import sys\n"
+        "print('scipy' in sys.modules)"
+    )
+    assert in_a_new_process(code) == "False\n"
 
 
 def test_a_star_import_brings_every_public_name():

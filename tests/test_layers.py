@@ -2,7 +2,7 @@
 
 import ast
 import runpy
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -13,11 +13,20 @@ import consistent_id
 PACKAGE = Path(consistent_id.__file__).parent
 DOCS = Path(__file__).parent.parent / "docs"
 
-# A module imports from its own room and from those before it.
-ROOMS = (
+# The core: a module imports from its own room and from those before it.
+CORE = (
     "errors _support robot recordings regression constraints motion estimation "
-    "export comparison diagnosis problems report excitation laboratory cli"
+    "export comparison diagnosis problems report excitation"
 ).split()
+
+# Side buildings import the core.  Only the shell tool's commands import them, inside
+# functions, so that nobody waits for what only some need.
+SIDE = "laboratory rollout fleet standing repair".split()
+
+# Which other side buildings one imports, with the reason beside it.
+NEIGHBOURS: dict[str, set[str]] = {}
+
+ROOMS = (*CORE, *SIDE, "cli")
 
 HEAVY = set(
     "cvxpy casadi pinocchio scipy matplotlib pyarrow h5py rosbags apsw sqlite3 pandas "
@@ -52,12 +61,44 @@ def test_imports_run_one_way_room_by_room():
     rooms = {name: place for place, name in enumerate(ROOMS)}
     for path, tree in _modules().items():
         room = path.parts[0].removesuffix(".py")
-        if room in ("__init__", "__main__", "_face", "signals"):  # the package's face
+        if room in ("__init__", "__main__", "signals"):  # the package's face
             continue
         for imported in _imported(tree):
             if imported.startswith("consistent_id."):
                 other = imported.split(".")[1]
                 assert rooms[other] <= rooms[room], f"{path} imports {imported}"
+
+
+def _side_buildings(nodes: Iterable[ast.AST]) -> set[str]:
+    """Return the side buildings that statements import, the package's names too."""
+    found = set()
+    for node in nodes:
+        if isinstance(node, ast.ImportFrom):
+            module = node.module or ""
+            names = [f"{module}.{alias.name}" for alias in node.names]
+        elif isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        else:
+            continue
+        parts = [name.split(".") for name in names]
+        found |= {p[1] for p in parts if p[0] == "consistent_id" and len(p) > 1}
+    return found & set(SIDE)
+
+
+def test_side_buildings_are_imported_by_commands_alone():
+    for path, tree in _modules().items():
+        room = path.parts[0].removesuffix(".py")
+        others = _side_buildings(_rooms()["statements"](tree)) - {room}
+        if room in SIDE:
+            assert others <= NEIGHBOURS.get(room, set()), f"{path} imports {others}"
+        elif room != "cli":
+            assert not others, f"{path} imports {others}"
+
+
+def test_commands_import_side_buildings_inside_functions():
+    for path, tree in _modules().items():
+        if path.parts[0] == "cli":
+            assert not _side_buildings(tree.body), path
 
 
 def test_heavy_libraries_are_not_imported_at_the_top_of_a_module():
@@ -90,6 +131,26 @@ def test_any_module_can_be_imported_first():
         parts = path.with_suffix("").parts
         name = ".".join(part for part in parts if part != "__init__")
         graph[name] = set(_needed(path, tree)) - {name}
+    TopologicalSorter(graph).prepare()
+
+
+def test_no_modules_import_each_other_in_a_circle():
+    """Imports inside functions and for types count: nothing is hidden by them."""
+    names = {
+        ".".join(part for part in path.with_suffix("").parts if part != "__init__")
+        for path in _modules()
+    }
+    graph = {}
+    for path, tree in _modules().items():
+        parts = [part for part in path.with_suffix("").parts if part != "__init__"]
+        own, found = ".".join(parts), set()
+        for node in ast.walk(tree):
+            if not isinstance(node, ast.ImportFrom) or node.module is None:
+                continue
+            module = node.module.removeprefix("consistent_id").removeprefix(".")
+            inner = {f"{module}.{alias.name}".strip(".") for alias in node.names}
+            found |= (inner & names) or ({module} & names)
+        graph[own] = found - {own}
     TopologicalSorter(graph).prepare()
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import consistent_id
+from consistent_id._support.face import ROOMS, homes
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
@@ -73,6 +74,10 @@ def assert_alike(out, shown, *, rel):
         assert float(mine) == pytest.approx(float(theirs), rel=rel, abs=2.0 * last)
 
 
+STUBS = {path.parent.name for path in (ROOT / PACKAGE).glob("*/__init__.pyi")}
+UNLISTED = {"consistent_id.laboratory", "consistent_id.rollout"}  # page by page
+
+
 def test_every_page_is_in_the_index_once():
     tables = re.findall(r"```\{toctree\}\n---\n.*?---\n(.*?)```", TEXTS["index"], re.S)
     listed = [name for table in tables for name in table.split()]
@@ -82,9 +87,17 @@ def test_every_page_is_in_the_index_once():
 
 def test_every_public_name_is_documented_once():
     pages = "".join(text for name, text in TEXTS.items() if name.startswith("api/"))
-    blocks = re.findall(r"```\{public\}\n(.*?)```", pages, re.DOTALL)
-    listed = [name for block in blocks for name in block.split()]
-    assert sorted(listed) == sorted(consistent_id.__all__)
+    blocks = re.findall(r"```\{public\}([^\n]*)\n(.*?)```", pages, re.DOTALL)
+    listed = {}
+    for module, names in blocks:
+        listed.setdefault(module.strip() or "consistent_id", []).extend(names.split())
+    assert sorted(listed.pop("consistent_id")) == sorted(consistent_id.__all__)
+    assert set(listed) >= {f"consistent_id.{room}" for room in ROOMS} - UNLISTED
+    for module, names in listed.items():
+        assert len(names) == len(set(names)), module
+        if module.removeprefix("consistent_id.") in STUBS:
+            public = set(homes(module)) - set(consistent_id.__all__)
+            assert set(names) == public, module
 
 
 def test_every_key_that_is_cited_is_in_the_references():

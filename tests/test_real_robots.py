@@ -6,7 +6,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from consistent_id import load_problem, load_problems, run_study
+from consistent_id import load_problem, run_study
+from consistent_id.problems import load_problems
 
 pytestmark = pytest.mark.slow
 NEEDS_DATA = pytest.mark.skipif(

@@ -14,19 +14,18 @@ from consistent_id import (
     DHRow,
     DriveTerms,
     TorqueModel,
-    bootstrap,
     build_regression,
-    cross_validated,
     draft_problem,
-    fit_shapes,
     from_modified_dh,
-    segment_regressions,
     simulate_torque,
 )
 from consistent_id._support.run import Run, running
 from consistent_id.cli.tool import main
-from consistent_id.comparison.consistency_test import consistency_test
-from consistent_id.recordings.sinusoids import Sinusoid, SinusoidalMotion
+from consistent_id.comparison import bootstrap
+from consistent_id.comparison.feasibility import consistency_test
+from consistent_id.estimation import cross_validated, fit_shapes
+from consistent_id.recordings.joint_paths import Sinusoid, SinusoidalMotion
+from consistent_id.regression import segment_regressions
 from consistent_id.robot.scaling import reference_bodies
 
 WHERE = [
@@ -113,7 +112,9 @@ def test_an_interrupt_keeps_the_replicates_so_far(where, monkeypatch):
 
         yield count
 
-    monkeypatch.setattr("consistent_id.comparison.segment_bootstrap.counted", impatient)
+    monkeypatch.setattr(
+        "consistent_id.comparison.parameter_uncertainty.counted", impatient
+    )
     with running(Run(executor=where)) as run:
         some = bootstrap(model, segments, replicates=24, seed=3)
         assert run.stopped == "interrupted"

@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 _SEEN = """
-from consistent_id._support.threads import _controller, single_threaded
+from consistent_id._support.executors import _controller, single_threaded
 held = single_threaded(lambda: _controller().info())()
 import scipy.linalg, threadpoolctl
 every = threadpoolctl.threadpool_info()

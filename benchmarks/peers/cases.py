@@ -180,7 +180,7 @@ def ours(folder: Path, log: dict[str, np.ndarray]) -> Answer:
     """Stream, compress and solve for consistent links."""
     import consistent_id as ci
 
-    model = ci.TorqueModel(ci.load_urdf(folder / "robot.urdf"))
+    model = ci.TorqueModel(ci.robot.load_urdf(folder / "robot.urdf"))
     time = np.arange(len(log["q"])) / 1000.0
     motion = log["q"], log["dq"], log["ddq"], log["tau"]
     recording = ci.Recording(model.robot.joint_names, time, *motion)

@@ -22,7 +22,7 @@ from pages import written_to
 from speed import arm, truth
 
 import consistent_id as ci
-from consistent_id.export.new_urdf import urdf_text
+from consistent_id.export.urdf_export import urdf_text
 
 
 def write(folder: Path, samples: int) -> None:

@@ -1,6 +1,6 @@
 """Array aliases, and the one place where a value's arrays are copied and frozen."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import field
 from typing import Any
 
@@ -60,6 +60,12 @@ def freeze_arrays(
         what = f"{where}: {name}" if where else name
         array = frozen(getattr(value, name), shape, what, error, finite)
         freeze(value, **{name: array})
+
+
+def chunks(samples: int, size: int) -> Iterator[slice]:
+    """Yield slices of `size` consecutive samples each; the last may be shorter."""
+    for start in range(0, samples, max(size, 1)):
+        yield slice(start, min(start + size, samples))
 
 
 def array_default(values: ArrayLike) -> Any:

@@ -1,37 +1,59 @@
-"""Where independent work is done: here, in processes, or on a Dask cluster.
+"""Where independent work is done: here, in threads or processes, or on a Dask cluster.
 
-Tasks are the same in all three, and results come in the order of the tasks, so that
-they are the same to the last bit on one kind of processor.  A worker that is killed
-takes nothing with it: its tasks are done again.
+Tasks are the same everywhere, and results come in the order of the tasks, so that they
+are the same to the last bit on one kind of processor.  A worker that is killed takes
+nothing with it: its tasks are done again.  BLAS has one thread: more are slower and
+change last bits.
 """
 
+import logging
 import os
+import signal
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from itertools import islice
+from functools import lru_cache, wraps
+from itertools import accumulate, islice
 from pathlib import Path
 from time import sleep
-from typing import Any, Literal, Self, TypeVar, get_args
+from typing import Any, Literal, ParamSpec, Self, TypeVar, get_args
 
-from consistent_id._support.run import current_run
-from consistent_id._support.workers import (
-    Call,
-    HandedTask,
-    Workers,
-    dask_cluster,
-    processes,
-)
-from consistent_id.errors import ProblemError
+from consistent_id._support.extras import needed
+from consistent_id._support.run import Run, current_run, interrupts_ignored, running
+from consistent_id.errors import ProblemError, SolverError
 
 _T = TypeVar("_T")
 _R = TypeVar("_R")
+_P = ParamSpec("_P")
 
 Kind = Literal["serial", "processes", "dask"]
 
 _AHEAD = 2  # tasks handed out per worker: one under way, one waiting
 _PAUSE = 0.05  # s between looks at what is done
+_TRIES = 4  # of a task whose worker is killed each time
+
+_OWN_CLUSTERS: dict[int, Any] = {}  # by their number of workers
+
+
+@dataclass(frozen=True, slots=True)
+class Workers:
+    """Workers that wait for tasks.
+
+    Parameters
+    ----------
+    submit : callable
+        From a task to its future.
+    broken : type of Exception
+        Raised by the future of a task that was lost with its worker.
+    number : int
+        Of tasks that are done at a time.
+    """
+
+    submit: Callable[[Any], Any]
+    broken: type[Exception]
+    number: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,7 +202,7 @@ class Executor:
             with processes(call, number) as workers:
                 yield workers
         else:
-            with dask_cluster(call, number, self.address) as workers:
+            with _dask_cluster(call, number, self.address) as workers:
                 yield workers
 
 
@@ -210,9 +232,58 @@ def tree_reduced(items: Iterable[_T], combine: Callable[[_T, _T], _T]) -> _T | N
     return whole
 
 
+def all_but_each(parts: Sequence[_T], joined: Callable[[_T, _T], _T]) -> list[_T]:
+    """Return, for each of two parts or more, all others joined in their order.
+
+    Examples
+    --------
+    >>> all_but_each(["a", "b", "c"], lambda first, second: first + second)
+    ['bc', 'ac', 'ab']
+    """
+    before = list(accumulate(parts[:-1], joined))
+    after = list(accumulate(reversed(parts[1:]), lambda a, b: joined(b, a)))[::-1]
+    middle = [joined(a, b) for a, b in zip(before, after[1:], strict=False)]
+    return [after[0], *middle, before[-1]]
+
+
+def single_threaded(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Hold BLAS at one thread while the function runs."""
+
+    @wraps(function)
+    def run(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+        with _controller().limit(limits=1, user_api="blas"):
+            return function(*args, **kwargs)
+
+    return run
+
+
+@contextmanager
+def worker_threads(count: int) -> Iterator[ThreadPoolExecutor]:
+    """Yield threads for work side by side; what waits when an error comes is dropped.
+
+    So an interrupt need not wait until all that was asked for has been done.
+    """
+    pool = ThreadPoolExecutor(count)
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    pool.shutdown()
+
+
+@lru_cache(maxsize=1)
+def _controller() -> Any:
+    # SciPy brings a BLAS of its own, which must be there to be found.
+    import scipy.linalg  # noqa: F401
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
+
+
 def _in_order(workers: Workers, tasks: Iterable[_T]) -> Iterator[Any]:
     """Yield results in the order of tasks; few are handed out at a time."""
-    coming = (HandedTask(workers, task) for task in tasks)
+    coming = (_HandedTask(workers, task) for task in tasks)
     waiting = deque(islice(coming, _AHEAD * workers.number))
     while waiting:
         result = waiting.popleft().result()
@@ -222,9 +293,129 @@ def _in_order(workers: Workers, tasks: Iterable[_T]) -> Iterator[Any]:
 
 def _as_done(workers: Workers, tasks: Sequence[_T]) -> Iterator[dict[int, Any]]:
     """Yield what is done, until all is."""
-    left = {k: HandedTask(workers, task) for k, task in enumerate(tasks)}
+    left = {k: _HandedTask(workers, task) for k, task in enumerate(tasks)}
     while left:
         done = [k for k, handed in left.items() if handed.done()]
         yield {k: left.pop(k).result() for k in done}
         if left and not done:
             sleep(_PAUSE)
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """A function, and what the user allows; called in another process."""
+
+    function: Callable[[Any], Any]
+    run: Run
+
+    def __call__(self, task: Any) -> Any:
+        with running(self.run):
+            return self.function(task)
+
+
+class _HandedTask:
+    """A task in the hands of a worker; of another one, if that is killed."""
+
+    def __init__(self, workers: Workers, task: Any) -> None:
+        self._workers, self._task, self._tries = workers, task, 1
+        self._future = workers.submit(task)
+
+    def done(self) -> bool:
+        """Return whether there is a result; hand the task out again if it was lost."""
+        if not self._future.done():
+            return False
+        try:
+            self._future.result()
+        except self._workers.broken as cause:
+            self._again(cause)
+            return False
+        return True
+
+    def result(self) -> Any:
+        """Wait for the result."""
+        while True:
+            try:
+                return self._future.result()
+            except self._workers.broken as cause:
+                self._again(cause)
+
+    def _again(self, cause: Exception) -> None:
+        if self._tries == _TRIES:
+            raise SolverError(
+                f"workers were killed {_TRIES} times at the same task, perhaps for "
+                f"want of memory: {cause}. Take fewer workers"
+            ) from None
+        self._future = self._workers.submit(self._task)
+        self._tries += 1
+
+
+@contextmanager
+def processes(call: Call, workers: int) -> Iterator[Workers]:
+    """Yield how to hand tasks to processes; what is left at the end is killed."""
+    from concurrent.futures.process import BrokenProcessPool
+
+    from loky import get_reusable_executor
+
+    pool: Any = None
+
+    def submit(task: Any) -> Any:
+        nonlocal pool
+        with interrupts_ignored():
+            while True:  # a broken pool is replaced by a new one
+                pool = get_reusable_executor(max_workers=workers, initializer=_deaf)
+                with suppress(BrokenProcessPool):  # since a moment ago
+                    return pool.submit(call, task)
+
+    try:
+        yield Workers(submit, BrokenProcessPool, workers)
+    except BaseException:
+        if pool is not None:
+            pool.shutdown(wait=False, kill_workers=True)
+        raise
+
+
+def _deaf() -> None:
+    """Let interrupts of the terminal reach the process that waits alone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@contextmanager
+def _dask_cluster(call: Call, workers: int, address: str) -> Iterator[Workers]:
+    """Yield how to hand tasks to a Dask cluster, and how many it does at a time."""
+    distributed = needed("distributed", "cluster", "executor dask")
+    try:
+        with interrupts_ignored():
+            client = distributed.Client(address or _own_cluster(workers))
+    except OSError as cause:
+        raise ProblemError(
+            f"executor dask: no scheduler answers at {address}: {cause}"
+        ) from None
+    with client:
+        width = sum(client.nthreads().values()) or workers
+
+        def submit(task: Any) -> Any:
+            return client.submit(call, task, pure=False)
+
+        try:
+            yield Workers(submit, distributed.KilledWorker, width)
+        except BaseException:
+            if not address:
+                _own_cluster(workers).close()
+            raise
+
+
+def _own_cluster(workers: int) -> Any:
+    """Return a cluster of this computer, the same one until it is closed.
+
+    Dask closes it when the process ends.
+    """
+    distributed = needed("distributed", "cluster", "executor dask")
+    cluster = _OWN_CLUSTERS.get(workers)
+    if cluster is None or cluster.status != distributed.Status.running:
+        cluster = _OWN_CLUSTERS[workers] = distributed.LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            dashboard_address="127.0.0.1:0",  # any free port: several clusters may run
+            silence_logs=logging.CRITICAL,  # that a worker was killed changes nothing
+        )
+    return cluster

@@ -7,9 +7,11 @@ import re
 import shutil
 import stat
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from dataclasses import dataclass, field
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -33,11 +35,22 @@ _FORM = re.compile(
     rb'"joint_names": '
 )
 _LOOKED_AT = 65536  # bytes at both ends in which a mark is looked for
-_EDITED = (".toml",)  # files that people go on writing: never over them
+_EDITED = (".toml",)  # files that people go on writing: over them only as written
+_DIGEST = re.compile(r"(?m)^# consistent-id: digest [0-9a-f]{16} .*(?:\n|\Z)")
+_LARGEST_EDITED = 2**20  # characters; longer ones were not written here
+_UNMARKED = "is there already, and nothing in it says that consistent-id wrote it"
 _STAGED = ".consistent-id-staged."
 
-_Files = dict[Path, bytes]
-_waiting: ContextVar[_Files | None] = ContextVar("waiting", default=None)
+
+@dataclass(frozen=True, slots=True)
+class _Waiting:
+    """Files to appear together, and what is done when they have."""
+
+    files: dict[Path, bytes] = field(default_factory=dict)
+    then: list[Callable[[], None]] = field(default_factory=list)
+
+
+_waiting: ContextVar[_Waiting | None] = ContextVar("waiting", default=None)
 
 
 def write_atomically(path: str | Path, content: str | bytes) -> Path:
@@ -59,7 +72,7 @@ def write_atomically(path: str | Path, content: str | bytes) -> Path:
     if waiting is None:
         _place({path: data})
     else:
-        waiting[path] = data
+        waiting.files[path] = data
     return path
 
 
@@ -84,13 +97,46 @@ def together() -> Iterator[None]:
     if _waiting.get() is not None:
         yield
         return
-    waiting: _Files = {}
+    waiting = _Waiting()
     token = _waiting.set(waiting)
     try:
         yield
     finally:
         _waiting.reset(token)
-    _place(waiting)
+    _place(waiting.files)
+    for act in waiting.then:
+        act()
+
+
+def content_of(path: Path) -> bytes:
+    """Return what a file will hold once the files of `together` are there."""
+    waiting = _waiting.get()
+    if waiting is not None and path in waiting.files:
+        return waiting.files[path]
+    return path.read_bytes()
+
+
+def when_written(act: Callable[[], None]) -> None:
+    """Do something once the files of `together` are there; outside of it, now."""
+    waiting = _waiting.get()
+    if waiting is None:
+        act()
+    else:
+        waiting.then.append(act)
+
+
+def marked(text: str) -> str:
+    """Return text of a file that people may edit, and a line that shows if they do.
+
+    The last line has a digest of the others.  Ends of lines and blank lines at the end
+    do not count: editors and git change them unasked, and no work is lost with them.
+    """
+    text = _DIGEST.sub("", text.replace("\r\n", "\n")).rstrip() + "\n"
+    digest = sha256(text.encode()).hexdigest()[:16]
+    return (
+        f"{text}\n# consistent-id: digest {digest} of the lines above; once edited, "
+        "this file is not overwritten.\n"
+    )
 
 
 def require_replaceable(path: Path, content: bytes | None = None) -> None:
@@ -121,24 +167,23 @@ def require_replaceable(path: Path, content: bytes | None = None) -> None:
         )
     if content is not None and _holds(path, content):
         return
-    if not _is_ours(path):
-        raise ProblemError(
-            f"{path} is there already, and nothing in it says that consistent-id "
-            "wrote it; name another file, or say --force"
-        )
+    if fault := _foreign(path):
+        raise ProblemError(f"{path} {fault}; name another place, or say --force")
 
 
 def require_writable(folder: Path, names: Iterable[str] = ()) -> None:
     """Refuse a folder that cannot be written to, before hours of work for it.
 
-    The nearest folder that exists is asked; nothing is made.  None of the files that
-    are named may be in the way.
+    Nothing is made.  All files that will be written are to be named, those in folders
+    below such as ``"plots/a.svg"`` too: none that is there may be in the way.
     """
-    standing = next(p for p in (folder, *folder.absolute().parents) if p.exists())
-    if not (standing.is_dir() and os.access(standing, os.W_OK)):
-        raise ProblemError(f"{folder}: cannot be written to; choose another folder")
-    for name in names:
-        require_replaceable(folder / name)
+    files = [folder / name for name in names]
+    for place in dict.fromkeys((folder, *(file.parent for file in files))):
+        standing = next(p for p in (place, *place.absolute().parents) if p.exists())
+        if not (standing.is_dir() and os.access(standing, os.W_OK)):
+            raise ProblemError(f"{place}: cannot be written to; choose another folder")
+    for file in files:
+        require_replaceable(file)
 
 
 def require_writable_file(file: Path) -> None:
@@ -153,18 +198,27 @@ def _holds(path: Path, content: bytes) -> bool:
         return False
 
 
-def _is_ours(path: Path) -> bool:
-    if path.suffix.lower() in _EDITED:
-        return False
+def _foreign(path: Path) -> str:
+    """Return why a file is not ours to replace, or nothing if it is."""
     try:
-        with path.open("rb") as file:
-            head = file.read(_LOOKED_AT)
-            file.seek(max(0, os.fstat(file.fileno()).st_size - _LOOKED_AT))
-            tail = file.read(_LOOKED_AT)
+        if path.suffix.lower() not in _EDITED:
+            return "" if _is_marked(path) else _UNMARKED
+        with path.open(encoding="utf-8", errors="replace") as file:
+            text = file.read(_LARGEST_EDITED)
     except OSError:
-        return False
-    marked = _MARK.search(head) or _MARK.search(tail) or _FORM.match(head)
-    return marked is not None
+        return _UNMARKED
+    if len(text) == _LARGEST_EDITED or not _DIGEST.search(text):
+        return _UNMARKED
+    line = marked(text).splitlines()[-1]
+    return "" if line in text else "was edited since consistent-id wrote it"
+
+
+def _is_marked(path: Path) -> bool:
+    with path.open("rb") as file:
+        head = file.read(_LOOKED_AT)
+        file.seek(max(0, os.fstat(file.fileno()).st_size - _LOOKED_AT))
+        tail = file.read(_LOOKED_AT)
+    return bool(_MARK.search(head) or _MARK.search(tail) or _FORM.match(head))
 
 
 def _place(files: Mapping[Path, bytes]) -> None:

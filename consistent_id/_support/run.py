@@ -1,20 +1,37 @@
-"""What a run may read and write, what it has read, and what ended it early.
+"""A run: what it may read and write, what it has read, and what ended it early.
 
 Outside the shell tool there is no run: files are written wherever the caller says, as
 any Python library does, and sizes are limited all the same.
+
+The first interrupt ends the work.  Work that has something worth keeping goes on to
+show it, says that it was interrupted, and notes this in the run; all other work raises
+`KeyboardInterrupt`.  The second interrupt stops at once.
+
+A part of a result that fails loses only itself (`kept_going`).  A section of a report,
+a figure or a table that raises a foreign error is a bug; all other parts go on, and a
+page says where one is missing.  The shell tool names the part at its end, keeps the
+traceback and returns exit code 70; elsewhere a warning is logged.
 """
 
+import logging
 import os
-from collections.abc import Iterator
+import signal
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import FrameType
 from typing import Literal
 
-from consistent_id.errors import ProblemError
+from consistent_id.errors import ConsistentIdError, ProblemError
 
 Stop = Literal["", "interrupted", "out of time"]
+
+Interrupted = Callable[[], bool]
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(slots=True)
@@ -36,6 +53,9 @@ class Run:
         Device and inode of each file that was read.
     stopped : str
         What ended the work early, if it went on to show what it had.
+    faults : list of tuple of str and Exception, optional
+        Parts of the result that could not be made, and why, if somebody says so at the
+        end; see `kept_going`.
     """
 
     force: bool = True
@@ -44,6 +64,7 @@ class Run:
     executor: str = ""
     inputs: set[tuple[int, int]] = field(default_factory=set)
     stopped: Stop = ""
+    faults: list[tuple[str, Exception]] | None = None
 
 
 _current: ContextVar[Run | None] = ContextVar("run", default=None)
@@ -103,6 +124,132 @@ def require_trusted(where: Path, sentence: str) -> None:
     """
     if not current_run().trust:
         raise ProblemError(
-            f"{where}: {sentence}. If you trust this problem file, say --trust "
-            "(in Python: load_problem(path, trust=True))"
+            f"{where}: {sentence}; no run of yours wrote this name into this file. If "
+            "you trust it, say --trust (in Python: load_problem(path, trust=True))"
         )
+
+
+class OutOfTime(KeyboardInterrupt):
+    """The time is over: an interrupt by the clock."""
+
+
+class Terminated(BaseException):
+    """The system wants the process to end, as by ``kill``."""
+
+
+def note_stop(cause: KeyboardInterrupt) -> None:
+    """Note in the run that work ended early and goes on to show what it has."""
+    by_clock = isinstance(cause, OutOfTime)
+    current_run().stopped = "out of time" if by_clock else "interrupted"
+
+
+@contextmanager
+def noted_interrupts() -> Iterator[Interrupted]:
+    """Note the first interrupt of the user; the second one is raised.
+
+    So is a SIGTERM that `terminations_raised` would raise: solvers that call Python,
+    such as CasADi's, swallow what is raised in them.  What they have swallowed is
+    raised when the work is over.
+
+    Outside the main thread, where Python lets nobody listen, none is noted.
+    """
+    noted, again, terminated = (threading.Event() for _ in range(3))
+    if threading.current_thread() is not threading.main_thread():
+        yield noted.is_set
+        return
+
+    def note(number: int, frame: FrameType | None) -> None:
+        if number == signal.SIGTERM:
+            terminated.set()
+        elif noted.is_set():
+            again.set()
+            raise KeyboardInterrupt
+        noted.set()
+
+    watched = [signal.SIGINT]
+    if callable(signal.getsignal(signal.SIGTERM)):
+        watched.append(signal.SIGTERM)
+    before = {number: signal.signal(number, note) for number in watched}
+    try:
+        yield noted.is_set
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if terminated.is_set():
+        raise Terminated
+    if again.is_set():
+        raise KeyboardInterrupt
+    if noted.is_set():
+        note_stop(KeyboardInterrupt())
+
+
+@contextmanager
+def terminations_raised() -> Iterator[None]:
+    """Let SIGTERM unwind the work, so that nothing half-made is left behind."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(number: int, frame: FrameType | None) -> None:
+        raise Terminated
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
+def interrupts_ignored() -> Iterator[None]:
+    """Start processes that no interrupt reaches, not even while they begin.
+
+    The terminal interrupts every process at once; the one that waits decides.  That
+    interrupts are ignored is inherited; so for a moment this process ignores them too.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def kept_going(part: str) -> Iterator[list[str]]:
+    """Go on after a block that makes one part of a result, should it fail.
+
+    Errors of this package, of the system (a full disk, no memory) and interrupts pass
+    through: they concern more than one part.
+
+    Parameters
+    ----------
+    part : str
+        What the block makes, for people.
+
+    Yields
+    ------
+    list of str
+        Empty; after the block, what went wrong in it, if anything did.
+
+    Examples
+    --------
+    >>> with kept_going("the figure of nothing") as faults:
+    ...     figure = 1 / 0
+    >>> faults
+    ['ZeroDivisionError: division by zero']
+    """
+    faults: list[str] = []
+    try:
+        yield faults
+    except (ConsistentIdError, OSError, MemoryError):
+        raise
+    except Exception as cause:  # any other part is worth having nonetheless
+        faults.append(f"{type(cause).__name__}: {cause}")
+        noted = current_run().faults
+        if noted is None:
+            _log.warning("%s could not be made", part, exc_info=cause)
+        else:
+            noted.append((part, cause))

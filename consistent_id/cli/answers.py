@@ -3,18 +3,23 @@
 import argparse
 import json
 import logging
+import os
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from textwrap import wrap
+from typing import TYPE_CHECKING, NamedTuple, TextIO
 
-from consistent_id.cli.colour import coloured, wants_colour
-from consistent_id.cli.shortened import shortened
 from consistent_id.errors import ConsistentIdError, SolverError
 
 if TYPE_CHECKING:
     from consistent_id._support.tables import Table
+
+
+_CONTROLS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")  # but tabs and ends of lines
+_OF_FILES = 3  # lines that files which are written take, the empty one included
 
 
 class Answer(NamedTuple):
@@ -99,18 +104,21 @@ def _write(options: argparse.Namespace, answer: Answer, *, shown: bool = True) -
     with together():
         paths = answer.write()
     if paths and shown and not options.json:
-        print_text(options, "\nwritten: " + ", ".join(str(path) for path in paths))
+        lines = files_written(paths, whole=getattr(options, "verbose", False))
+        print_text(options, f"\n{lines}")
 
 
 def _shown(options: argparse.Namespace, answer: Answer) -> str:
     """Return what is printed of an answer's text."""
     whole = answer.whole or getattr(options, "verbose", False)
-    return answer.text if whole else shortened(answer.text)
+    most = LINES - (_OF_FILES if answer.write else 0)
+    return answer.text if whole else shortened(answer.text, most)
 
 
 def print_text(options: argparse.Namespace, text: str) -> None:
     """Print text, unless the user wants quiet."""
     if not options.quiet:
+        text = _CONTROLS.sub("?", text)  # of names in files of strangers
         print(coloured(text) if wants_colour(sys.stdout) else text, flush=True)
 
 
@@ -188,3 +196,113 @@ def _of(
         file = options.report
         chosen.report = file.with_name(f"{file.stem}-{name}{file.suffix}")
     return chosen
+
+
+LINES = 25
+"""Lines of an answer by default."""
+
+COLUMNS = 100
+"""Columns of an answer by default."""
+
+
+_KEPT = ("written: ", "next: ", "my result is bad")  # lines that are never left out
+
+
+def shortened(text: str, most: int = LINES) -> str:
+    r"""Return the first lines of a text, `most` at the most, and how to see all of it.
+
+    Wide lines are wrapped.  Lines that name files, the next step or the page of help
+    are kept as they are.
+
+    Examples
+    --------
+    >>> print(shortened("\n".join(str(i) for i in range(30))).splitlines()[-1])
+    (6 more lines: --verbose prints them, --json has all figures)
+    """
+    lines = [short for line in text.splitlines() for short in _wrapped(line)]
+    kept = [line for line in lines if line.startswith(_KEPT)]
+    others = [line for line in lines if line not in kept]
+    while others and not others[-1]:
+        others.pop()
+    room = most - len(kept)
+    if len(others) > room:
+        left = len(others) - (room - 1)
+        rest = f"({left} more lines: --verbose prints them, --json has all figures)"
+        others = [*others[: room - 1], rest]
+    return "\n".join([*others, *kept])
+
+
+def files_written(paths: Sequence[Path], *, whole: bool = True) -> str:
+    """Return the line that names files; those of one folder by its name and theirs.
+
+    Parameters
+    ----------
+    whole : bool
+        Whether all are named; else as many of one folder as two lines have room for.
+    """
+    folders = {path.parent for path in paths}
+    if len(paths) == 1 or len(folders) > 1:
+        return "written: " + ", ".join(map(str, paths))
+    head, names = f"written in {folders.pop()}: ", [path.name for path in paths]
+    lines = _wrapped(head + ", ".join(names))
+    for left in range(1, len(names)) if not whole else ():
+        if len(lines) < _OF_FILES:
+            break
+        # Those in the middle are left out: the last ones are the report and the index.
+        shown = [*names[: -2 - left], f"{left} more", *names[-2:]]
+        lines = _wrapped(head + ", ".join(shown))
+    return "\n".join(lines)
+
+
+def _wrapped(line: str) -> list[str]:
+    if len(line) <= COLUMNS or line.startswith(_KEPT):
+        return [line]
+    indent = " " * (len(line) - len(line.lstrip()) + 2)
+    return wrap(
+        line,
+        COLUMNS,
+        subsequent_indent=indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+        drop_whitespace=True,
+    )
+
+
+_GREEN, _YELLOW, _RED, _BOLD, _PLAIN = (f"\x1b[{n}m" for n in (32, 33, 31, 1, 0))
+_COLOURS = {
+    "do not use": _RED,
+    "use with care": _YELLOW,
+    "use": _GREEN,
+    "certified": _GREEN,
+    "uncertified": _YELLOW,
+    "warning": _YELLOW,
+    "refused": _RED,
+    "impossible": _RED,
+    "fault": _RED,
+}
+# The word "use" is a verdict where it begins a line or stands alone in a cell.
+_WORDS = "|".join(word for word in _COLOURS if word != "use")
+_WORD = re.compile(rf"\b(?:{_WORDS})\b|(?m:^use(?=:))|(?<=  )use(?=  )")
+_TITLE = re.compile(r"^(?=\S)(.+)$", re.MULTILINE)
+
+
+def wants_colour(stream: TextIO) -> bool:
+    """Return whether a stream is a terminal whose user has not asked for plain text."""
+    plain = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
+    return stream.isatty() and not plain
+
+
+def coloured(text: str) -> str:
+    r"""Return text with its verdicts in colour and its titles, not indented, bold.
+
+    Examples
+    --------
+    >>> coloured("  certified")
+    '  \x1b[32mcertified\x1b[0m'
+    """
+
+    def bold(title: re.Match[str]) -> str:
+        return _BOLD + title[0].replace(_PLAIN, _PLAIN + _BOLD) + _PLAIN
+
+    shown = _WORD.sub(lambda word: _COLOURS[word[0]] + word[0] + _PLAIN, text)
+    return _TITLE.sub(bold, shown)

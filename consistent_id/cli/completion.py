@@ -7,8 +7,7 @@ import argparse
 from typing import Any
 
 from consistent_id.cli.answers import Answer, show
-from consistent_id.cli.option import Option
-from consistent_id.cli.options import add_command
+from consistent_id.cli.options import Option, add_command
 
 _MORE = """Print a script that completes commands, options, choices and files:
 
@@ -38,9 +37,7 @@ def run_completion(options: argparse.Namespace) -> int:
     """Print a shell's script; return the exit code."""
     import shtab
 
-    from consistent_id.cli.tool import tool_parser
-
-    parser: Any = tool_parser()
+    parser: Any = options.tool_parser()
     (commands,) = parser._subparsers._group_actions
     for command in commands.choices.values():
         for action in command._actions:

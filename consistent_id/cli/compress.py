@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import Answer, show, shows_progress
-from consistent_id.cli.option import Option
 from consistent_id.cli.options import (
     EXECUTOR,
     ONE_PROBLEM,
     TIME_LIMIT,
     WRITES,
+    Option,
     add_command,
 )
 
@@ -51,8 +51,8 @@ def run_compress(options: argparse.Namespace) -> int:
     """Compress recordings; return the exit code."""
     from consistent_id._support.files import require_writable_file
     from consistent_id._support.tables import Table
+    from consistent_id.fleet.stream import stream_regression
     from consistent_id.problems.loading import load_problem
-    from consistent_id.problems.streaming.stream import stream_regression
     from consistent_id.regression.regression_file import save_regression
 
     if not options.dry_run:

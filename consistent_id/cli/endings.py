@@ -10,8 +10,14 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
 
-from consistent_id._support.interrupts import OutOfTime, Terminated, terminations_raised
-from consistent_id._support.run import Run, note_input, running
+from consistent_id._support.run import (
+    OutOfTime,
+    Run,
+    Terminated,
+    note_input,
+    running,
+    terminations_raised,
+)
 from consistent_id.cli.answers import print_error
 from consistent_id.errors import ConsistentIdError, ProblemError
 
@@ -29,12 +35,24 @@ def run_to_its_end(
     work : callable
         From the options to an exit code.
     """
+    faults = list[tuple[str, Exception]]()
     run = Run(
+        faults=faults,
         force=getattr(options, "force", False),
         large_files=getattr(options, "large_files", False),
         trust=getattr(options, "trust", False),
         executor=getattr(options, "executor", None) or "",
     )
+    code = _ended(options, work, run)
+    for part, fault in faults:
+        _bug(fault, f"{part} could not be made, all else was: ")
+    return 70 if faults and code in (0, 1) else code
+
+
+def _ended(
+    options: argparse.Namespace, work: Callable[[argparse.Namespace], int], run: Run
+) -> int:
+    """Run a command; say what ended it, and return the exit code."""
     try:
         with terminations_raised(), running(run):
             _note_inputs(options)
@@ -80,7 +98,7 @@ def _said(code: int, sentence: str) -> int:
     return code
 
 
-def _bug(bug: Exception) -> int:
+def _bug(bug: Exception, where: str = "") -> int:
     """Keep the traceback in a file, say where it is, and return the exit code."""
     import tempfile
     import traceback
@@ -94,7 +112,8 @@ def _bug(bug: Exception) -> int:
         name = "nowhere: no file can be written"
     what = f"{type(bug).__name__}: {bug}".splitlines()[0][:200]
     return _said(
-        70, f"this is a bug, please report it: {what} (the traceback is in {name})"
+        70,
+        f"{where}this is a bug, please report it: {what} (the traceback is in {name})",
     )
 
 

@@ -12,20 +12,21 @@ from consistent_id.cli.answers import (
     shows_progress,
     tables_answer,
 )
-from consistent_id.cli.excite_options import (
-    MOTION,
-    PART,
-    SEARCH,
-    motion_changes,
-    parameters,
+from consistent_id.cli.options import (
+    RESULTS,
+    SEARCH_EXECUTOR,
+    Group,
+    Option,
+    add_command,
+    positive,
 )
-from consistent_id.cli.excite_standing import STANDING, standing_answer
-from consistent_id.cli.option import Option, positive
-from consistent_id.cli.options import PROBLEM, RESULTS, add_command
+from consistent_id.cli.source import PROBLEM, ROBOT, statement
 
 if TYPE_CHECKING:
     from consistent_id.excitation.playable import PlayableDesign
     from consistent_id.problems.problem import Problem
+    from consistent_id.standing.standing_design import StandingDesign
+
 
 _MORE = """With a URDF or MJCF file in place of PROBLEM no problem file is needed; the
 folder of results gets one. What is searched for in so many seconds on an idle machine
@@ -41,6 +42,162 @@ consistent-id excite go2.xml --standing --velocity 4 --effort 23
 _FILE = "problem.toml"
 
 
+def _absolute(text: str) -> str:
+    """Return a path that means the same in the folder of a problem file."""
+    return Path(text).resolve().as_posix().replace("$", "$$")
+
+
+def _words(text: str) -> list[str]:
+    """Return what commas separate."""
+    return [word.strip() for word in text.split(",")]
+
+
+_LIMITS = (
+    Option("--duration SECONDS", "of the motion (default: 10)", positive),
+    Option(
+        "--noise NUMBER",
+        "of each torque, in N m or N (default: 0.5 %% of effort)",
+        positive,
+    ),
+    Option("--velocity NUMBER", "limit of all joints, in rad/s or m/s", positive),
+    Option(
+        "--acceleration NUMBER", "limit of all joints, in rad/s^2 or m/s^2", positive
+    ),
+    Option("--jerk NUMBER", "limit of all joints, in rad/s^3 or m/s^3", positive),
+    Option(
+        "--effort-rate NUMBER",
+        "limit of how fast torque changes, in N m/s or N/s",
+        positive,
+    ),
+    Option(
+        "--effort-rms NUMBER",
+        "limit of each torque's root mean square, in N m or N",
+        positive,
+    ),
+    Option(
+        "--current AMPERES", "limit of all motors; needs --torque-constant", positive
+    ),
+    Option(
+        "--torque-constant NUMBER",
+        "of all joints, gears included, in N m/A or N/A",
+        positive,
+    ),
+    Option("--share SHARE", "of all limits that may be used, such as 0.9", positive),
+    Option("--clearance METRES", "between bodies that must not touch", positive),
+)
+_MOTION = (
+    Option(
+        "--objective",
+        "D: least standard errors (default); condition: least condition number of the "
+        "regressor, then D; A, E: of the errors, the root sum of squares, the largest",
+        choices=("D", "condition", "A", "E"),
+    ),
+    Option("--harmonics N", "number (default: several are tried)", int),
+    Option(
+        "--for, --interest NAMES",
+        "parameters that matter, by commas: of links, joints, or one by one, such as "
+        "'payload,*.viscous'; 'payload' or 'tool': the last link's ten, or those of "
+        "what is on the wrench sensor; 'open': what the estimate of --parameters left "
+        "open (default: all; on a wrench sensor the tool's ten)",
+        _words,
+        dest="interest",
+    ),
+    *_LIMITS,
+    Option(
+        "--friction-share SHARE",
+        "of the effort limits, left for friction without --parameters (default: 0.3)",
+        float,
+    ),
+    Option(
+        "--smooth",
+        "begin and end without jerk: it is continuous from rest to rest",
+        const=True,
+    ),
+    Option(
+        "--planning-scene FILE",
+        "objects around the robot: MoveIt's .scene, or a PlanningScene message as "
+        ".yaml or .json",
+        _absolute,
+    ),
+    Option(
+        "--no-collisions",
+        "leave out the scene, and the shapes of the URDF",
+        dest="collisions",
+        const=False,
+    ),
+    Option("--ground METRES", "height of a floor to keep off", float),
+)
+MOTION = Group(
+    "what motion", _MOTION, "in place of what [excitation] of the problem file says"
+)
+SEARCH = (
+    Option("--starts N", "searches from random paths", int, default=4),
+    Option(
+        "--time-limit SECONDS",
+        "of a design's search, on an idle machine and for each worker",
+        positive,
+        default=10.0,
+    ),
+    Option(
+        "--workers N",
+        "shares of the starts, searched side by side (default: one per processor of "
+        "this computer)",
+        int,
+    ),
+    SEARCH_EXECUTOR,
+)
+
+
+def parameters(more: str = "") -> Option:
+    """Return the option of files of estimates."""
+    return Option(
+        "--parameters ESTIMATE ...",
+        "estimates that identify wrote, such as delivered.json: torque limits are kept "
+        f"by the worst of them, in place of the robot's file without friction{more}",
+        Path,
+    )
+
+
+def motion_changes(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the keys of ``[excitation]`` that were given, None for the others."""
+    keys = (option.name for option in _MOTION)
+    return {key: getattr(options, key) for key in keys}
+
+
+_RATE = 200.0  # Hz, of the files of samples
+
+
+def _sides(text: str) -> tuple[float, float]:
+    """Read two lengths with a comma between them."""
+    try:
+        length, width = map(float, text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text}: expected LENGTH,WIDTH in metres, such as 0.2,0.1"
+        ) from None
+    return length, width
+
+
+STANDING = Group(
+    "a robot on its feet (ROBOT is a URDF or MJCF file)",
+    (
+        Option(
+            "--standing FOOT [...]",
+            "sway the trunk over these feet, which stay on the ground (default: all)",
+        ),
+        Option(
+            "--stance JOINT=POSITION ...",
+            "the pose (default: keyframe home, or bent knees)",
+        ),
+        Option("--link NAME", "the body that is not known (default: the base)"),
+        Option("--sole LENGTH,WIDTH", "of feet that are flat, m", _sides),
+        Option("--friction NUMBER", "of feet on the ground", positive, default=0.6),
+        Option("--effort NUMBER", "limit of all joints, N m", positive),
+        Option("--candidates N", "paths to try", int, default=320),
+    ),
+)
+
+
 def add_excite(commands: Any) -> None:
     """Add the command to a parser's commands."""
     add_command(
@@ -49,7 +206,7 @@ def add_excite(commands: Any) -> None:
         "design an exciting trajectory within the robot's limits",
         run_excite,
         PROBLEM,
-        *PART,
+        *ROBOT,
         MOTION,
         Option("--seed N", "of the random starts", int, default=0),
         *SEARCH,
@@ -95,19 +252,18 @@ def run_excite(options: argparse.Namespace) -> int:
 
 def _excite(options: argparse.Namespace) -> Answer:
     from consistent_id.excitation import output
+    from consistent_id.excitation.html_replay import require_viewer
     from consistent_id.excitation.playable import playable_design
-    from consistent_id.excitation.replay import require_viewer
     from consistent_id.excitation.sources import (
         earlier_recordings,
         estimated_parameters,
         problem_to_excite,
         with_open_parameters,
     )
-    from consistent_id.robot.chains import Selection
 
     formats = output.checked_formats(options.format)
-    part = Selection(options.base, options.tip)
-    problem = problem_to_excite(options.problem, motion_changes(options), part)
+    changes, stated = motion_changes(options), statement(options, "robot")
+    problem = problem_to_excite(options.problem, changes, stated)
     problem = with_open_parameters(problem, options.parameters)
     parameters = estimated_parameters(problem, options.parameters)
     earlier = earlier_recordings(problem, options.earlier)
@@ -145,13 +301,13 @@ def _written(
     draft: str | None,
 ) -> list[Path]:
     """Write a design, the problem file of a robot that had none, and a replay."""
-    from consistent_id._support.files import write_atomically
     from consistent_id.excitation import output
     from consistent_id.excitation.playable import TRAINING
+    from consistent_id.problems.kept_text import write_problem
 
     written = []
     if draft is not None:
-        written.append(write_atomically(folder / _FILE, draft))
+        written.append(write_problem(draft, folder / _FILE))
     formats = output.checked_formats(options.format)
     written += output.write_design(playable, folder, formats, options.thin)
     if options.replay and TRAINING in playable.moves:
@@ -164,13 +320,13 @@ def _draft(options: argparse.Namespace, folder: Path) -> str | None:
     from consistent_id.excitation.sources import changed, is_robot
     from consistent_id.problems.excitation_tables import ExcitationTable
     from consistent_id.problems.robot_draft import robot_draft
-    from consistent_id.robot.chains import Selection
 
     if not is_robot(options.problem):
         return None
     table = changed(ExcitationTable(), motion_changes(options))
-    part = Selection(options.base, options.tip)
-    draft = robot_draft(options.problem, table, part).text(folder)
+    draft = robot_draft(options.problem, table, statement(options, "robot")).text(
+        folder
+    )
     _require_place(folder, draft)
     return draft
 
@@ -187,3 +343,86 @@ def _require_place(folder: Path, draft: str) -> None:
             f"{cause}. To design another motion for that problem: consistent-id excite "
             f"{folder}, with the same options"
         ) from None
+
+
+def standing_answer(options: argparse.Namespace) -> Answer:
+    """Design a motion on feet, and write it."""
+    from consistent_id._support.files import require_writable
+    from consistent_id.standing.standing_design import (
+        NAMES,
+        standing_record,
+        standing_tables,
+        write_standing,
+    )
+
+    _refuse_others(options)
+    folder = options.output or Path("results") / options.problem.stem
+    if not options.dry_run:
+        require_writable(folder, list(NAMES))
+    design = _design(options)
+    tables = standing_tables(design)
+
+    def write() -> list[Path]:
+        return write_standing(design, folder, _RATE)
+
+    return tables_answer(tables, standing_record(design), write=write)
+
+
+def _design(options: argparse.Namespace) -> "StandingDesign":
+    import sys
+
+    from consistent_id.problems.model import DEFAULT_DRIVE
+    from consistent_id.problems.statement_words import read_position
+    from consistent_id.regression.regressor import TorqueModel
+    from consistent_id.robot.loaders import load_robot
+    from consistent_id.standing.forces_and_limits import StandingLimits
+    from consistent_id.standing.stance import (
+        Stance,
+        standing_feet,
+        standing_pose,
+    )
+    from consistent_id.standing.standing_design import design_standing
+
+    path = options.problem
+    robot = load_robot(path, base="floating")
+    feet = standing_feet(robot, path, options.standing, options.sole)
+    pose = standing_pose(robot, path, feet, dict(map(read_position, options.stance)))
+
+    def tell(done: int, error: float) -> None:
+        print(f"{done}/{options.candidates} paths: {error:.3g}", file=sys.stderr)
+
+    return design_standing(
+        Stance(robot, feet, pose),
+        TorqueModel(robot, DEFAULT_DRIVE.terms),
+        StandingLimits(
+            friction=options.friction, velocity=options.velocity, effort=options.effort
+        ),
+        link=options.link,
+        duration=options.duration or 20.0,
+        candidates=options.candidates,
+        seed=options.seed,
+        tell=tell if shows_progress(options) else None,
+    )
+
+
+def _refuse_others(options: argparse.Namespace) -> None:
+    """Refuse a problem file, and options that a motion on feet does not heed."""
+    from consistent_id.errors import ProblemError
+    from consistent_id.excitation.sources import is_robot
+
+    if not is_robot(options.problem):
+        raise ProblemError(
+            f"--standing is of a robot's file; {options.problem} is none. Name the "
+            "URDF or MJCF file"
+        )
+    design = ("objective", "harmonics", "interest", "noise", "acceleration", "jerk")
+    robot = ("base", "tip", "locked", "gravity", "package_dirs")
+    others = ("sequential", "earlier", "parameters", "replay", "share")
+    search = (*others, "workers", "executor")
+    given = [n for n in (*design, *robot, *search) if getattr(options, n)]
+    if given:
+        raise ProblemError(
+            f"--{given[0].replace('_', '-')} is of arms; a motion on feet takes "
+            "--duration, --velocity, --effort, --friction, --stance, --sole, --link, "
+            "--candidates and --seed"
+        )

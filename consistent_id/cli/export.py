@@ -2,17 +2,22 @@
 
 import argparse
 import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from consistent_id.cli.answers import Answer, show
-from consistent_id.cli.option import Option
-from consistent_id.cli.options import ACCEPT, ONE_PROBLEM, WRITES, add_command
-from consistent_id.export.export_formats import EXPORT_FORMATS, exported
+from consistent_id.cli.answers import Answer
+from consistent_id.cli.options import ACCEPT, WRITES, Option, add_command
+from consistent_id.cli.source import SOURCE, STATED, each, opened, stored, study_of
+from consistent_id.estimation.verdict import percent
+from consistent_id.export.export_formats import EXPORT_FORMATS
 
 if TYPE_CHECKING:
     from consistent_id.estimation.estimate import Estimate
-    from consistent_id.export.exported_file import Export
-    from consistent_id.problems.problem import Problem
+    from consistent_id.estimation.verdict import Verdict
+    from consistent_id.problems.study import Study
+    from consistent_id.recordings.signals import PDGains
+    from consistent_id.report.results import Results
 
 _MORE = f"""The formats are {", ".join(known.content for known in EXPORT_FORMATS)}. In
 the problem's own URDF only numbers change. What a format cannot express is printed.
@@ -31,7 +36,7 @@ def add_export(commands: Any) -> None:
         "export",
         "write the estimate that identify delivers for other programs",
         run_export,
-        ONE_PROBLEM,
+        *SOURCE,
         Option(
             "--format",
             "of the file",
@@ -54,6 +59,7 @@ def add_export(commands: Any) -> None:
             "copy the meshes and textures of an MJCF file beside the output",
         ),
         *WRITES,
+        *STATED,
         more=_MORE,
         examples=_EXAMPLES,
     )
@@ -61,54 +67,130 @@ def add_export(commands: Any) -> None:
 
 def run_export(options: argparse.Namespace) -> int:
     """Export an estimate; return the exit code."""
-    from dataclasses import replace
+    return each(options, _export)
 
+
+@dataclass(frozen=True)
+class _Chosen:
+    """An estimate to export, the verdict on it, and what is written beside it.
+
+    Parameters
+    ----------
+    answer : dict
+        For JSON; see `Study.answer`.
+    stated : tuple of str
+        What the estimate's file says and nothing confirms.
+    source : Path, optional
+        The robot's own file.
+    gains : PDGains, optional
+    delay : float, [s]
+        Of commands.
+    results : Results, optional
+        That keep a copy of the robot's file as long as it is needed.
+    """
+
+    estimate: "Estimate"
+    verdict: "Verdict"
+    answer: dict[str, Any]
+    stated: tuple[str, ...]
+    source: Path | None
+    gains: "PDGains | None"
+    delay: float
+    results: "Results | None" = None
+
+
+def _export(options: argparse.Namespace) -> Answer:
+    from consistent_id._support.files import require_writable_file
+    from consistent_id.export.export_formats import exported
+
+    if not options.dry_run:
+        require_writable_file(options.output)
+    chosen = _chosen(options)
+    verdict = chosen.verdict
+    record = {"format": options.format, **chosen.answer, "notes": [], "written": None}
+    if not verdict.usable:
+        kinds = " ".join(f"--accept {r.kind!r}" for r in verdict.grounds)
+        lines = (verdict.sentence, *verdict.lines, f"{kinds} writes it anyway")
+        print("\n".join(lines), file=sys.stderr)
+        return Answer(1, "nothing was written", record)
+    figures = chosen.estimate.certificate.figures
+    export = exported(
+        replace(chosen.estimate, judged=verdict),
+        options.format,
+        source=options.source or chosen.source,
+        folder=options.output.parent,
+        copy_files=options.copy_files,
+        gains=chosen.gains,
+        delay=figures.get("delay of commands", chosen.delay),
+    )
+    written = None if options.dry_run else export.save(options.output)
+    beside = (*chosen.stated, *chosen.estimate.notes, *export.notes)
+    record |= {"format": export.format, "notes": list(beside)}
+    record |= {"written": written and str(written)}
+    lines = (verdict.sentence, *(f"  {n}" for n in (*verdict.lines, *beside)))
+    last = f"written: {written}" if written else "nothing was written"
+    return Answer(0, "\n".join([*lines, last]), record)
+
+
+def _chosen(options: argparse.Namespace) -> _Chosen:
+    """Return the estimate that the options name, or that the study delivers."""
     from consistent_id.estimation.estimate import Estimate
-    from consistent_id.problems.loading import load_problem
-    from consistent_id.problems.study import Study
 
-    problem = load_problem(options.problem)
-    study = Study(problem, accepted=tuple(options.accept))
+    results = stored(options) if options.estimate is None else None
+    if results is not None:
+        drives, form = results.index.drives, results.index.model
+        own = form is not None and form.form == options.format
+        return _Chosen(
+            results.delivered,
+            results.verdict,
+            results.answer,
+            (),
+            results.model_file if own else None,
+            None if drives is None else drives.gains,
+            0.0 if drives is None else drives.delay,
+            results,
+        )
+    source = opened(options)
+    study, problem = study_of(options, source), source.problem
+    stated = source.notes
     if options.estimate is None:
-        estimate, verdict = study.delivered, study.verdict
+        estimate, verdict, answer = study.delivered, study.verdict, study.answer()
     else:
         estimate = Estimate.load(options.estimate, problem.model, study.base)
         verdict = study.judged(estimate)
-    if not verdict.usable:
-        kinds = " ".join(f"--accept {r.kind!r}" for r in verdict.grounds)
-        print(
-            "\n".join((verdict.sentence, *verdict.lines, f"{kinds} writes it anyway")),
-            file=sys.stderr,
-        )
-        return 1
-    export = _export(options, problem, replace(estimate, judged=verdict))
-    written = None if options.dry_run else export.save(options.output)
-    record = {
-        "format": export.format,
-        "method": estimate.method,
-        "verdict": verdict.word,
-        "accepted": list(verdict.accepted),
-        "notes": [*estimate.notes, *export.notes],
-        "written": written and str(written),
-    }
-    notes = (*verdict.lines, *estimate.notes, *export.notes)
-    lines = [verdict.sentence, *(f"  {note}" for note in notes)]
-    lines.append(f"written: {written}" if written else "nothing was written")
-    return show(options, Answer(0, "\n".join(lines), record))
-
-
-def _export(
-    options: argparse.Namespace, problem: "Problem", estimate: "Estimate"
-) -> "Export":
+        answer = study.answer(verdict)
+        stated = (*stated, *_as_stated(study, estimate, verdict))
     # What is behind a wrench sensor is in no file of the arm's.
-    own = problem.model_files if problem.arm is None else {}
-    delay = problem.delay_of_commands
-    return exported(
+    files = problem.model_files if problem.arm is None else {}
+    return _Chosen(
         estimate,
-        options.format,
-        source=options.source or own.get(options.format),
-        folder=options.output.parent,
-        copy_files=options.copy_files,
-        gains=problem.gains,
-        delay=estimate.certificate.figures.get("delay of commands", delay),
+        verdict,
+        answer,
+        stated,
+        files.get(options.format),
+        problem.gains,
+        problem.delay_of_commands,
+    )
+
+
+def _as_stated(
+    study: "Study", estimate: "Estimate", verdict: "Verdict"
+) -> tuple[str, ...]:
+    """Say where a held-out error comes from that no recording can confirm."""
+    stated = estimate.judged
+    if not study.validation or stated is None:
+        return ()
+    if not estimate.fitted_to:
+        return (
+            "the file does not name the recordings that it was fitted to: if these are "
+            "among the validation recordings, the held-out error is too small",
+        )
+    if study.unseen(estimate) or stated.held_out is None:
+        return ()
+    if verdict.held_out != stated.held_out:
+        said = f"the file states a held-out error of {percent(stated.held_out)}"
+        return (f"{said}, which is too small for the estimate in it",)
+    return (
+        "held-out error as the file states it: the estimate was fitted to the "
+        "validation recordings when it had been judged",
     )

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import show, shows_progress, tables_answer
-from consistent_id.cli.option import Option
-from consistent_id.cli.options import EXECUTOR, OUTPUT, TIME_LIMIT, add_command
+from consistent_id.cli.options import EXECUTOR, OUTPUT, TIME_LIMIT, Option, add_command
 
 _MORE = """Each robot has a problem file of its own, of the same model. Links, rotor
 inertias, springs and coupled gears are shared, friction and offsets each robot's own,
@@ -47,7 +46,7 @@ def run_fleet(options: argparse.Namespace) -> int:
     """Identify a fleet; return the exit code."""
     from consistent_id._support.files import require_writable
     from consistent_id._support.progress import counted
-    from consistent_id.problems.fleet.fleet import identify_fleet
+    from consistent_id.fleet.identification import identify_fleet
     from consistent_id.problems.loading import load_problem
 
     if options.output is not None and not options.dry_run:

@@ -4,8 +4,9 @@ import argparse
 from dataclasses import asdict
 from typing import Any
 
-from consistent_id.cli.answers import Answer, answered, show, tables_answer
-from consistent_id.cli.options import PROBLEM, add_command
+from consistent_id.cli.answers import Answer, show, tables_answer
+from consistent_id.cli.options import add_command
+from consistent_id.cli.source import SOURCE, STATED, each, opened, stored
 
 _EXAMPLES = """
 consistent-id info problems
@@ -21,7 +22,8 @@ def add_info(commands: Any) -> None:
         "info",
         "show a problem's robot, datasheet and base parameters",
         run_info,
-        PROBLEM,
+        *SOURCE,
+        *STATED,
         more="Of a folder of several, list the problems.",
         examples=_EXAMPLES,
     )
@@ -29,11 +31,12 @@ def add_info(commands: Any) -> None:
 
 def run_info(options: argparse.Namespace) -> int:
     """Show a problem, or list several; return the exit code."""
-    from consistent_id.problems.folder import problem_files
+    from consistent_id.problems.folder import is_results, problem_files
 
-    files = problem_files(options.problem)
-    if len(files) == 1:
-        return answered(options, _info)
+    one = options.log or is_results(options.problem)
+    files = () if one else problem_files(options.problem)
+    if len(files) < 2:
+        return each(options, _info)
     from consistent_id.problems.listing import list_problems
 
     table = list_problems(options.problem, files)
@@ -42,7 +45,11 @@ def run_info(options: argparse.Namespace) -> int:
 
 def _info(options: argparse.Namespace) -> Answer:
     from consistent_id.problems.listing import problem_tables
-    from consistent_id.problems.loading import load_problem
 
-    tables = problem_tables(load_problem(options.problem))
+    results = stored(options)
+    if results is not None:
+        tables = [*results.tables("identify")[:1], *results.tables("info")]
+    else:
+        source = opened(options)
+        tables = source.noted([*problem_tables(source.problem), *source.tables()])
     return tables_answer(tables, [asdict(table) for table in tables])

@@ -4,12 +4,9 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from consistent_id.cli.answers import Answer, show
-from consistent_id.cli.base_options import given_base_options
-from consistent_id.cli.log_options import DRAFT, draft_of
-from consistent_id.cli.option import Option
-from consistent_id.cli.options import WRITES, add_command
-from consistent_id.errors import ProblemError
+from consistent_id.cli.answers import Answer, show, shows_progress
+from consistent_id.cli.options import WRITES, Option, add_command
+from consistent_id.cli.source import STATED, statement
 from consistent_id.recordings.log_formats import LOG_FORMATS
 
 if TYPE_CHECKING:
@@ -40,7 +37,7 @@ def add_init(commands: Any) -> None:
         Option("log [...]", ", ".join(known.name for known in LOG_FORMATS), Path),
         Option("--output FILE", "to write", default=Path("problem.toml")),
         *WRITES,
-        *DRAFT,
+        *STATED,
         more=_MORE,
         examples=_EXAMPLES,
     )
@@ -48,22 +45,21 @@ def add_init(commands: Any) -> None:
 
 def run_init(options: argparse.Namespace) -> int:
     """Write a problem file; return the exit code."""
-    from consistent_id._support.files import write_atomically
+    from consistent_id._support.files import require_writable_file
     from consistent_id.problems.draft import Draft
+    from consistent_id.problems.kept_text import write_problem
     from consistent_id.problems.paths import names_outside
 
     file = options.output
-    if file.exists() and not (options.force or options.dry_run):
-        raise ProblemError(
-            f"{file} is there already; name another with --output, or say --force"
-        )
+    if not options.dry_run:
+        require_writable_file(file)
     draft = _draft(options)
     chosen = draft.selection if isinstance(draft, Draft) else None
     text = draft.text(file.parent)
-    outside = any(names_outside(draft.table(file.parent), file))
     shown = text
     if not options.dry_run:
-        shown += f"\nwritten: {write_atomically(file, text)}"
+        shown += f"\nwritten: {write_problem(text, file)}"
+        outside = any(names_outside(draft.table(file.parent), file))
         if chosen is not None:
             shown = chosen.table().text() + "\n\n" + shown
         command, more = "compare" if options.log else "excite", " --trust" * outside
@@ -80,17 +76,10 @@ def run_init(options: argparse.Namespace) -> int:
 
 
 def _draft(options: argparse.Namespace) -> "Draft | RobotDraft":
+    from consistent_id.problems.drafting import drafted
     from consistent_id.problems.robot_draft import robot_draft
-    from consistent_id.robot.chains import Selection
 
-    if options.log:
-        return draft_of(options, options.model, options.log)
-    channels = ("time", "position", "velocity", "torque", "torque_joints", "units")
-    chosen = ("validate", "masses", "drive", "cutoff", "band", "no_select")
-    names = (*channels, "torque_gain", *chosen)
-    given = [name for name in names if getattr(options, name)]
-    given += given_base_options(options)
-    if given:
-        flag = "--" + given[0].replace("_", "-")
-        raise ProblemError(f"{flag} describes a log; name the log after the robot")
-    return robot_draft(options.model, None, Selection(options.base, options.tip))
+    stated = statement(options)
+    if not options.log:
+        return robot_draft(options.model, None, stated)
+    return drafted(options.model, options.log, stated, progress=shows_progress(options))

@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import Answer, show, warnings_unless
-from consistent_id.cli.option import Option
-from consistent_id.cli.options import add_command
+from consistent_id.cli.options import Option, add_command
 
 _MORE = """Looks for what simulators refuse, and for what they take and should not:
 masses outside the link's shapes, gravity beyond effort limits, placeholders, vanishing
@@ -38,8 +37,7 @@ def run_lint(options: argparse.Namespace) -> int:
     """Look through files; return the exit code."""
     from consistent_id import __version__
     from consistent_id._support.files import write_json
-    from consistent_id.export.lint.lint_report import lint_record, lint_text, sarif
-    from consistent_id.export.lint.lint_robot import lint_robot
+    from consistent_id.repair.linting import lint_record, lint_robot, lint_text, sarif
 
     with warnings_unless(True):  # the findings say the same
         found = {str(path): lint_robot(path) for path in options.files}

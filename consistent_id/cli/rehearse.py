@@ -4,15 +4,14 @@ import argparse
 from typing import Any
 
 from consistent_id.cli.answers import Answer, answered, shows_progress, tables_answer
-from consistent_id.cli.excite_options import (
+from consistent_id.cli.excite import (
     MOTION,
-    PART,
     SEARCH,
     motion_changes,
     parameters,
 )
-from consistent_id.cli.option import Option, positive
-from consistent_id.cli.options import PROBLEM, add_command
+from consistent_id.cli.options import Option, add_command, positive
+from consistent_id.cli.source import PROBLEM, ROBOT, statement
 
 _MORE = """The design that excite would make is played in MuJoCo by robots of planted
 parameters: dry friction, rotors, a controller with a wrong model, encoders, noise. Then
@@ -35,7 +34,7 @@ def add_rehearse(commands: Any) -> None:
         "play a designed motion on simulated robots of planted parameters",
         run_rehearse,
         PROBLEM,
-        *PART,
+        *ROBOT,
         MOTION,
         parameters("; robots are planted near the first"),
         Option("--robots N", "planted robots", int, default=3),
@@ -67,13 +66,12 @@ def _rehearse(options: argparse.Namespace) -> Answer:
         problem_to_excite,
         with_open_parameters,
     )
-    from consistent_id.export.mjcf_body import require_mujoco
-    from consistent_id.laboratory.rehearsal.dry_run import dry_run
-    from consistent_id.robot.chains import Selection
+    from consistent_id.export.mjcf_bodies import require_mujoco
+    from consistent_id.laboratory.rehearsal.dry_runs import dry_run
 
     require_mujoco()
-    part = Selection(options.base, options.tip)
-    problem = problem_to_excite(options.problem, motion_changes(options), part)
+    changes, stated = motion_changes(options), statement(options, "robot")
+    problem = problem_to_excite(options.problem, changes, stated)
     problem = with_open_parameters(problem, options.parameters)
     found = dry_run(
         problem,

@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import Answer, show
-from consistent_id.cli.option import Option
-from consistent_id.cli.options import WRITES, add_command
+from consistent_id.cli.options import WRITES, Option, add_command
 from consistent_id.errors import ProblemError
 
 _MORE = """The mistake that explains an inconsistent inertia is undone: a decimal point,
@@ -62,8 +61,8 @@ def add_repair(commands: Any) -> None:
 
 def run_repair(options: argparse.Namespace) -> int:
     """Repair a file; return the exit code."""
-    from consistent_id.export.repair.repair_report import repair_record, repair_table
-    from consistent_id.export.repair.urdf_repair import repair_urdf
+    from consistent_id.repair.link_repair import repair_record, repair_table
+    from consistent_id.repair.urdf_repair import repair_urdf
 
     repair = repair_urdf(
         options.urdf,

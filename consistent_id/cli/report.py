@@ -1,21 +1,20 @@
 """``consistent-id report PROBLEM``: its options, and what it prints."""
 
 import argparse
-import shlex
 from pathlib import Path
 from typing import Any
 
-from consistent_id.cli.answers import Answer, show, shows_progress
-from consistent_id.cli.option import Option
+from consistent_id.cli.answers import Answer, show
 from consistent_id.cli.options import (
     ACCEPT,
     FITS_EXECUTOR,
     FORCE,
-    ONE_PROBLEM,
     SEED_OF_BOOTSTRAP,
     TIME_LIMIT,
+    Option,
     add_command,
 )
+from consistent_id.cli.source import SOURCE, STATED, studied
 
 _MORE = """It begins with the estimate to use, and why; faults of the data, parameters
 with intervals, links, validation torque and residuals follow. The file needs no other
@@ -23,6 +22,8 @@ and no network. Exit code 1: do not use the estimate."""
 _EXAMPLES = """
 consistent-id report problems/rx60
 consistent-id report problems/ur10e --output ur10e.html
+consistent-id report robot.urdf log.csv --output robot.html
+consistent-id report results/robot --output robot.html
 """
 
 
@@ -33,13 +34,14 @@ def add_report(commands: Any) -> None:
         "report",
         "write everything about a problem into one HTML file",
         run_report,
-        ONE_PROBLEM,
+        *SOURCE,
         Option("--output FILE", "file to write (default: results/NAME/report.html)"),
         FORCE,
         SEED_OF_BOOTSTRAP,
         ACCEPT,
         FITS_EXECUTOR,
         TIME_LIMIT,
+        *STATED,
         more=_MORE,
         examples=_EXAMPLES,
     )
@@ -47,37 +49,21 @@ def add_report(commands: Any) -> None:
 
 def run_report(options: argparse.Namespace) -> int:
     """Write a report; return the exit code."""
-    from consistent_id._support.files import require_writable_file
-    from consistent_id.laboratory.rollout.study_section import rollout_section
-    from consistent_id.problems.loading import load_problem
-    from consistent_id.problems.study import run_study
-    from consistent_id.report import write_report
-    from consistent_id.report.summary import headline_tables
+    from consistent_id._support.files import require_writable_file, write_atomically
+    from consistent_id.problems.folder import is_results
+    from consistent_id.report.results import REPORT
 
-    problem = load_problem(options.problem)
-    file = options.output or Path("results") / problem.name / "report.html"
-    require_writable_file(file)
-    study = run_study(
-        problem,
-        seed=options.seed,
-        progress=shows_progress(options),
-        accepted=options.accept,
-    )
-    accepted = "".join(f" --accept {shlex.quote(kind)}" for kind in options.accept)
-    write_report(
-        study,
-        file,
-        uncertainty=study.uncertainty,
-        further=rollout_section(study),
-        seed=options.seed,
-        command=f"consistent-id report {shlex.quote(str(options.problem))} "
-        f"--seed {options.seed}{accepted}",
-    )
-    verdict = study.verdict
-    text = "\n\n".join(table.text() for table in headline_tables(study))
+    stands = is_results(options.problem) and not options.log
+
+    def place(name: str) -> Path:
+        folder = options.problem if stands else Path("results") / name
+        file: Path = options.output or folder / REPORT
+        return file
+
+    found = studied(options, before=lambda name: require_writable_file(place(name)))
+    file = write_atomically(place(found.name), found.page)
+    tables = [*found.tables("identify")[:2]]
+    text = "\n\n".join(table.text() for table in tables)
     text += f"\nwritten: {file} ({file.stat().st_size / 1000:.0f} kB)"
-    record = verdict.to_dict() | {
-        "recommended": study.recommendation.statement,
-        "written": str(file),
-    }
-    return show(options, Answer(0 if verdict.usable else 1, text, record))
+    record = found.answer | {"written": str(file)}
+    return show(options, Answer(0 if found.verdict.usable else 1, text, record))

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import Answer, answered, shows_progress, tables_answer
-from consistent_id.cli.option import Option
-from consistent_id.cli.options import PROBLEM, RESULTS, add_command
+from consistent_id.cli.options import RESULTS, Option, add_command
+from consistent_id.cli.source import PROBLEM
 
 _MORE = """Writes one HTML page, its tables as Markdown, and all numbers as JSON. The
 problem needs [published], [tasks] and [laboratory]. Exit code 1: the optimum of a
@@ -41,11 +41,11 @@ def run_reproduce(options: argparse.Namespace) -> int:
 
 def _reproduce(options: argparse.Namespace) -> Answer:
     from consistent_id._support.files import require_writable
-    from consistent_id.laboratory.reproduction.paper_record import (
+    from consistent_id.laboratory.reproduction.paper_report import (
         reproduction_record,
+        sections_of,
         write_reproduction,
     )
-    from consistent_id.laboratory.reproduction.paper_sections import sections_of
     from consistent_id.laboratory.reproduction.paper_study import FULL, QUICK, reproduce
     from consistent_id.problems.loading import load_problem
 

@@ -4,17 +4,17 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from consistent_id.cli.answers import Answer, answered, tables_answer
-from consistent_id.cli.option import Option
-from consistent_id.cli.options import ACCEPT, OUTPUT, PROBLEM, TIME_LIMIT, add_command
+from consistent_id.cli.answers import Answer, tables_answer
+from consistent_id.cli.options import ACCEPT, OUTPUT, TIME_LIMIT, Option, add_command
+from consistent_id.cli.source import SOURCE, STATED, each, opened, study_of
 
 if TYPE_CHECKING:
-    from consistent_id.laboratory.rollout.from_problem import ProblemRollout
+    from consistent_id.rollout.problem_rollout import ProblemRollout
 
 _MORE = """For logs of command, position and gains ([data.gains]).  MuJoCo replays the
-commands of the validation logs through the identified robot, and through other files
-of it.  With --output FOLDER the estimate, an MJCF file, rollout.json and a page are
-written.  MuJoCo is the extra mjcf."""
+commands of the validation logs through the estimate that identify recommends, with the
+same verdict, and through other files of the robot.  With --output FOLDER the estimate,
+rollout.json and a page are written.  MuJoCo is the extra mjcf."""
 _EXAMPLES = """
 consistent-id rollout problems/unitree_go2
 consistent-id rollout problems/unitree_go2 --against shipped.xml --refine
@@ -29,12 +29,16 @@ def add_rollout(commands: Any) -> None:
         "rollout",
         "replay logged commands in MuJoCo",
         run_rollout,
-        PROBLEM,
+        *SOURCE,
         Option(
             "--against FILE ...",
             "MJCF or URDF files of the robot, to be replayed beside it",
         ),
-        Option("--refine", "refine the estimate on the rollouts of the training logs"),
+        Option(
+            "--refine",
+            "refine the weighted constrained estimate on rollouts of the training "
+            "logs, and replay that one",
+        ),
         Option(
             "--choose",
             "choose delay, cut-off and shape of friction on the training logs",
@@ -47,6 +51,7 @@ def add_rollout(commands: Any) -> None:
         *OUTPUT,
         ACCEPT,
         TIME_LIMIT,
+        *STATED,
         more=_MORE,
         examples=_EXAMPLES,
     )
@@ -54,38 +59,38 @@ def add_rollout(commands: Any) -> None:
 
 def run_rollout(options: argparse.Namespace) -> int:
     """Replay; return the exit code."""
-    return answered(options, _rollout)
+    return each(options, _rollout)
 
 
 def _rollout(options: argparse.Namespace) -> Answer:
     from consistent_id._support.files import require_writable
-    from consistent_id.laboratory.rollout.from_problem import rollout_of
-    from consistent_id.problems.loading import load_problem
+    from consistent_id.rollout.problem_rollout import rollout_of
 
-    problem = load_problem(options.problem)
+    source = opened(options)
     if options.output is not None and not options.dry_run:
-        require_writable(options.output)
+        require_writable(options.output, ["rollout.json", "rollout.html"])
+    study = study_of(options, source)
     done = rollout_of(
-        problem,
+        study,
         against=options.against,
         refine=options.refine,
         choose=options.choose,
         form=options.form,
-        accepted=tuple(options.accept),
     )
 
     def write() -> list[Path]:
         return [] if options.output is None else _written(done, options.output)
 
     usable = done.estimate.verdict.usable
-    return tables_answer(done.tables(), done.to_dict(), usable=usable, write=write)
+    tables = source.noted([*done.tables(), *source.tables()])
+    return tables_answer(tables, done.to_dict(), usable=usable, write=write)
 
 
 def _written(done: "ProblemRollout", folder: Path) -> list[Path]:
     from consistent_id._support.files import write_atomically, write_json
-    from consistent_id.laboratory.rollout.rollout_page import rollout_html
+    from consistent_id.problems.kept_text import toml_text, write_problem
     from consistent_id.problems.paths import moved
-    from consistent_id.problems.toml_text import toml_text
+    from consistent_id.rollout.rollout_page import rollout_html
 
     name = done.problem.name
     head = "# consistent-id: the problem, with the settings of a rollout.\n\n"
@@ -98,5 +103,5 @@ def _written(done: "ProblemRollout", folder: Path) -> list[Path]:
         text = head + toml_text(
             moved(done.problem.table, done.problem.folder, folder), {}
         )
-        paths.append(write_atomically(folder / "problem.toml", text))
+        paths.append(write_problem(text, folder / "problem.toml"))
     return paths

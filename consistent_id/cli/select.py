@@ -1,19 +1,19 @@
 """``consistent-id select PROBLEM``: its options, and what it prints."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import Answer, answered, shows_progress
-from consistent_id.cli.log_options import BAND
-from consistent_id.cli.option import Option
 from consistent_id.cli.options import (
     FITS_EXECUTOR,
-    PROBLEM,
     TIME_LIMIT,
     WRITES,
+    Option,
     add_command,
 )
+from consistent_id.cli.source import PROBLEM, STATED, statement
 
 _MORE = """Drive terms, masses, cut-offs, rows and a delay are chosen from the training
 recordings alone, by the torque that is predicted on blocks that are left out. What
@@ -38,13 +38,9 @@ def add_select(commands: Any) -> None:
             "--output FILE", "to write (default: NAME-selected.toml beside the problem)"
         ),
         *WRITES,
-        Option(
-            "--keep KIND ...",
-            "what stays as the file has it, such as masses or motion_cutoff",
-        ),
-        BAND,
         FITS_EXECUTOR,
         TIME_LIMIT,
+        *STATED,
         more=_MORE,
         examples=_EXAMPLES,
     )
@@ -56,11 +52,16 @@ def run_select(options: argparse.Namespace) -> int:
 
 
 def _select(options: argparse.Namespace) -> Answer:
+    from consistent_id._support.files import require_writable_file
     from consistent_id.errors import ProblemError
-    from consistent_id.problems.loading import load_problem
+    from consistent_id.problems.loading import stated_problem
     from consistent_id.problems.selection.select import select_model
 
-    problem = load_problem(options.problem)
+    stated = statement(options)
+    if stated.select is not None:
+        raise ProblemError("--no-select is for identify, check, ...; leave it out")
+    known = replace(stated, keep=(), band=None)
+    problem, notes = stated_problem(options.problem, known)
     source = problem.source or problem.folder / "problem.toml"
     file = options.output or source.with_name(f"{source.stem}-selected.toml")
     if file.parent.resolve() != source.parent.resolve():
@@ -68,22 +69,21 @@ def _select(options: argparse.Namespace) -> Answer:
             f"{file} is not in the folder of {source}, from which its files are named; "
             f"write it there: --output {source.with_name(file.name)}"
         )
-    if file.exists() and not (options.force or options.dry_run):
-        raise ProblemError(
-            f"{file} is there already; name another with --output, or say --force"
-        )
+    if not options.dry_run:
+        require_writable_file(file)
     selection = select_model(
         problem,
-        fixed=options.keep,
-        band=options.band,
+        fixed=stated.keep,
+        band=stated.band,
         progress=shows_progress(options),
     )
 
     def write() -> list[Path]:
-        from consistent_id._support.files import write_atomically
+        from consistent_id.problems.kept_text import write_problem
 
-        return [write_atomically(file, selection.text())]
+        return [write_problem(selection.text(), file)]
 
     record = {**selection.to_dict(), "text": selection.text()}
-    shown = selection.table().text()
+    table = selection.table()
+    shown = replace(table, notes=(*table.notes, *notes)).text()
     return Answer(0, shown, record, write)

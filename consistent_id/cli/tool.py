@@ -5,7 +5,9 @@ input, 3 solver failure or out of time, 70 a bug, 130 interrupted, 143 terminate
 """
 
 import argparse
+import sys
 from collections.abc import Sequence
+from typing import Any
 
 from consistent_id.cli.answers import warnings_unless
 from consistent_id.cli.check import add_check
@@ -71,7 +73,9 @@ estimate, or a faulty log), 2 wrong usage or input, 3 solver failure or out of t
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the tool; return its exit code."""
-    options = tool_parser().parse_args(arguments)
+    words = sys.argv[1:] if arguments is None else arguments
+    wanted = next((word for word in words if not word.startswith("-")), "")
+    options = tool_parser(wanted).parse_args(words)
     return run_to_its_end(options, _run)
 
 
@@ -81,8 +85,8 @@ def _run(options: argparse.Namespace) -> int:
         return int(options.run(options))
 
 
-def tool_parser() -> argparse.ArgumentParser:
-    """Return the parser of all commands."""
+def tool_parser(wanted: str | None = None) -> argparse.ArgumentParser:
+    """Return the parser of all commands; with the options of one, or of all."""
     from consistent_id import __version__
 
     parser = argparse.ArgumentParser(
@@ -93,7 +97,11 @@ def tool_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=__version__)
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    commands: Any = parser.add_subparsers(
+        dest="command", required=True, metavar="COMMAND"
+    )
+    commands.wanted = wanted
     for add in _COMMANDS:
         add(commands)
+    parser.set_defaults(tool_parser=tool_parser)  # of which completion is made
     return parser

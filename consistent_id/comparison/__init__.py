@@ -1,1 +1,5 @@
 """How far to trust an estimate: held-out errors, uncertainty, shadow prices."""
+
+from consistent_id._support.face import face
+
+__getattr__, __dir__ = face(__name__)

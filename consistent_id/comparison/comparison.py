@@ -6,25 +6,26 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Vector
+from consistent_id._support.executors import single_threaded
 from consistent_id._support.tables import Table
-from consistent_id._support.threads import single_threaded
-from consistent_id.comparison.base_feasibility import BaseFeasibility, base_feasibility
-from consistent_id.comparison.consistency_test import ConsistencyTest, consistency_test
-from consistent_id.constraints.distances import pullback_distance
-from consistent_id.constraints.link_condition import LinkCondition, link_conditions
+from consistent_id.comparison.feasibility import (
+    BaseFeasibility,
+    ConsistencyTest,
+    base_feasibility,
+    consistency_test,
+)
+from consistent_id.constraints.links import LinkCondition, link_conditions
+from consistent_id.constraints.priors import pullback_distance
 from consistent_id.errors import ProblemError, SolverError
-from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.evidence import Evidence, loose_trunk
-from consistent_id.estimation.judge import judge
+from consistent_id.estimation.estimate import Estimate, torque_errors
+from consistent_id.estimation.judgement import Evidence, judge
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.torque_error import (
     TorqueError,
     stacked_error,
-    torque_errors,
 )
 from consistent_id.estimation.verdict import Verdict
-from consistent_id.recordings.finding import Finding
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import LogFinding, Recording
 from consistent_id.regression.mass_matrix import (
     POSES,
     least_mass_eigenvalue,
@@ -51,7 +52,7 @@ class EstimateReport:
         Smallest eigenvalue of the mass matrix over `POSES` random poses.
     distance_to_nominal : ndarray, shape (links,)
         Pullback distance of each link to its reference body.
-    findings : tuple of Finding
+    findings : tuple of LogFinding
         What was found in the recordings.
     consistency : ConsistencyTest, optional
         Where least squares is impossible: whether the data contradict physics, or noise
@@ -65,7 +66,7 @@ class EstimateReport:
     base_feasibility: BaseFeasibility
     least_mass_eigenvalue: float
     distance_to_nominal: Vector
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[LogFinding, ...] = ()
     consistency: ConsistencyTest | None = None
 
     @property
@@ -80,7 +81,7 @@ class EstimateReport:
 
     @property
     def consistent_links(self) -> tuple[bool, ...]:
-        """Whether each link is physically consistent."""
+        """Whether each link's pseudo-inertia is positive semidefinite, as it stands."""
         return tuple(link.consistent for link in self.links)
 
     @property
@@ -100,7 +101,7 @@ class EstimateReport:
             findings=self.findings,
             undetermined=own.undetermined,
             accepted=own.accepted,
-            loose_trunk=loose_trunk(own),
+            loose_trunk=own.loose_trunk,
         )
 
     @property
@@ -163,7 +164,7 @@ class Comparison:
 
 
 def verdict_table(comparison: Comparison) -> Table:
-    """Return each estimate's verdict, and how well it predicts torque held out."""
+    """Return each estimate's verdict, its consistent links and held-out errors."""
     reports = comparison.reports
     judged = [(report, report.verdict) for report in reports]
     usable = sum(verdict.usable for _, verdict in judged)
@@ -174,20 +175,34 @@ def verdict_table(comparison: Comparison) -> Table:
         (
             "estimate",
             "verdict",
-            "possibly consistent",
+            "consistent links",
             *(f"held-out error {i}" for i in range(1, len(held_out) + 1)),
         ),
         tuple(
             (
                 report.estimate.method,
                 verdict.word,
-                f"{sum(report.possible_links)} of {len(report.possible_links)}",
+                counted(report.consistent_links),
                 *(f"{error.stacked:.2%}" for error in report.validation),
             )
             for report, verdict in judged
         ),
-        tuple(f"{i}: torque of {name}" for i, name in enumerate(held_out, start=1)),
+        tuple(
+            f"held-out error {i}: all joints, {name}"
+            for i, name in enumerate(held_out, start=1)
+        ),
     )
+
+
+def counted(links: Sequence[bool]) -> str:
+    """Return how many of all links something holds for.
+
+    Examples
+    --------
+    >>> counted([True, False, True])
+    '2 of 3'
+    """
+    return f"{sum(links)} of {len(links)}"
 
 
 @single_threaded
@@ -196,7 +211,7 @@ def compare(
     validation: Sequence[Recording],
     *,
     training: Sequence[Recording] = (),
-    findings: Sequence[Finding] = (),
+    findings: Sequence[LogFinding] = (),
     regression: Regression | None = None,
     seed: int = 0,
 ) -> Comparison:
@@ -208,7 +223,7 @@ def compare(
         Of one torque model, with different methods.
     validation, training : sequence of Recording
         With velocity, acceleration and torque.
-    findings : sequence of Finding
+    findings : sequence of LogFinding
         What is wrong with the recordings, as `diagnose` finds it; verdicts heed it.
     regression : Regression, optional
         Of the training recordings: where least squares is impossible, these data are

@@ -19,9 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector, freeze_arrays
-from consistent_id._support.threads import single_threaded, worker_threads
-from consistent_id.comparison.floating_blocks import FloatingBlocks
-from consistent_id.comparison.parameter_shifts import ParameterShifts
+from consistent_id._support.executors import single_threaded, worker_threads
+from consistent_id.comparison.beyond_noise import FloatingBlocks, ParameterShifts
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.programmes import (
     Ball,
@@ -218,7 +217,7 @@ def _box(model: TorqueModel, best: BestFit) -> tuple[Vector, Vector]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Programme:
+class _IntervalProgramme:
     """All that fits and is possible, about the best fit as the origin."""
 
     best: BestFit
@@ -252,11 +251,11 @@ class _Programme:
         return -np.inf
 
 
-def _programme(best: BestFit, ball: Ball) -> _Programme:
+def _programme(best: BestFit, ball: Ball) -> _IntervalProgramme:
     scaled, origin = best.scaled, best.solution.u
     misfit = np.vstack([np.zeros(len(origin)), -scaled.M])
     b = np.append(0.0, scaled.M @ origin - scaled.z)
     rows = tuple(set_rows(scaled.domain.moved(origin)))
-    return _Programme(
+    return _IntervalProgramme(
         best, rows, ball.moved(origin), ConeRows("second order", misfit, b)
     )

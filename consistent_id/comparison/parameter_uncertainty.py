@@ -3,16 +3,28 @@
 Three answers side by side: the standard error, of scatter on the active constraints and
 of the prior's bias together; the bootstrap's interval; and the 95 % interval among all
 consistent robots.
+
+The bootstrap shows how far the estimate would move, had other data been recorded.
+Segments of the data are drawn with replacement, as many as there are, and the estimate
+is solved for anew each time [Carlstein1986]_: correlation within segments is kept, and
+so is every constraint.  The prior keeps the weight that it had for the data themselves.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
+from itertools import chain, islice
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from consistent_id._support.threads import single_threaded
-from consistent_id.comparison.floating_blocks import FloatingBlocks
+from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
+from consistent_id._support.executors import Executor, single_threaded, worker_threads
+from consistent_id._support.progress import counted
+from consistent_id._support.run import note_stop
+from consistent_id.comparison.beyond_noise import FloatingBlocks, ParameterShifts
+from consistent_id.comparison.block_scatter import RecordingScatter
 from consistent_id.comparison.intervals import ConsistentIntervals, consistent_intervals
 from consistent_id.comparison.parameter_scatter import (
     NORMAL,
@@ -21,21 +33,81 @@ from consistent_id.comparison.parameter_scatter import (
     parameter_scatter,
     root,
 )
-from consistent_id.comparison.parameter_shifts import ParameterShifts
-from consistent_id.comparison.recording_scatter import RecordingScatter
-from consistent_id.comparison.segment_bootstrap import Bootstrap, bootstrap
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import Prior
-from consistent_id.errors import ProblemError
-from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
-from consistent_id.estimation.constrained_fit import ConstrainedFit, constrained_fit
-from consistent_id.estimation.determination import determinations
+from consistent_id.errors import ConsistentIdError, ProblemError, SolverError
+from consistent_id.estimation.best_fit import base_factor
+from consistent_id.estimation.constrained import (
+    DEFAULT_CONSTRAINTS,
+    ConstrainedFit,
+    constrained_fit,
+)
+from consistent_id.estimation.determination import determinations, linear_errors
+from consistent_id.estimation.penalised import penalised_fit
 from consistent_id.regression.base import BaseParameters, base_parameters
-from consistent_id.regression.regression import Regression
+from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import residual_noise
 from consistent_id.regression.segments import merged
-from consistent_id.robot.parameters import did_you_mean
+from consistent_id.robot.parameters import ParameterLayout, did_you_mean
+
+_WORKERS = 2  # Clarabel frees the interpreter's lock
+_AT_ONCE = 10  # replicates that another process solves in one go
+_Replicate = tuple[Vector, bool]  # parameters, and whether they are certified
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bootstrap:
+    """Constrained estimates of resampled data.
+
+    Parameters
+    ----------
+    layout : ParameterLayout
+    estimates : array_like, shape (replicates, parameters)
+        In the layout's units, without those that failed.
+    certified : int
+        How many of these optima are certified.
+    failed : int
+        How many replicates gave no estimate.
+    seconds : float
+        Wall time, [s].
+    interrupted : bool
+        Whether the user, or a time limit, ended it before all replicates.
+    segments : int
+        How many segments were drawn from; 0 if that is not known.
+    """
+
+    layout: ParameterLayout
+    estimates: Matrix
+    certified: int
+    failed: int
+    seconds: float
+    interrupted: bool = False
+    segments: int = 0
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self, {"estimates": (None, len(self.layout))})
+
+    @property
+    def standard_deviation(self) -> Vector:
+        """Standard deviation of each parameter."""
+        return np.asarray(self.estimates.std(axis=0, ddof=1))
+
+    def interval(self, level: float = 0.95) -> Array:
+        """Return the central share of each parameter's estimates.
+
+        Of few segments percentiles lie too close together.  They are taken farther out,
+        by the quantile of Student's distribution for so many segments over that of the
+        normal one: the expanded percentile interval [Hesterberg2015]_.
+
+        Returns
+        -------
+        ndarray, shape (parameters, 2)
+        """
+        if not 0.0 < level < 1.0:
+            raise ProblemError(f"level is {level}, expected between 0 and 1")
+        tail = _expanded((1.0 - level) / 2, self.segments)
+        return np.quantile(self.estimates, [tail, 1.0 - tail], axis=0).T
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,13 +266,14 @@ def uncertainty(
         blocks=scatter.blocks,
         shifts=scatter.shifts,
     )
+    known = fitted.best.scaled.constraints.A_eq
     verdicts = determinations(
         model,
         whole,
         base,
-        scatter.noise,
+        linear_errors(base, scatter.noise, known),
         fitted.parameters,
-        known=fitted.best.scaled.constraints.A_eq,
+        known=known,
         elsewhere="prior",
         width=intervals.width,
     )
@@ -254,3 +327,140 @@ def _plain(record: dict[str, Any]) -> dict[str, Any]:
         return None if isinstance(value, float) and not np.isfinite(value) else value
 
     return {key: finite(value) for key, value in record.items()}
+
+
+@single_threaded
+def bootstrap(
+    model: TorqueModel,
+    segments: Sequence[Regression],
+    *,
+    constraints: Sequence[Constraint] = DEFAULT_CONSTRAINTS,
+    prior: Prior | None = None,
+    base: BaseParameters | None = None,
+    replicates: int = 200,
+    seed: int = 0,
+    progress: bool = False,
+    executor: str | Executor | None = None,
+) -> Bootstrap:
+    """Estimate again and again from segments drawn with replacement.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    segments : sequence of Regression
+        See `segment_regressions`; their `sigma` are the weights.
+    constraints, prior, base
+        See `constrained_least_squares`.
+    replicates : int
+    seed : int
+    progress : bool
+        Show a progress bar.
+    executor : str or Executor, optional
+        Where replicates are solved, see `stream_regression`; by default as the shell's
+        ``--executor`` says, else in two threads.  The result is the same.
+
+    Returns
+    -------
+    Bootstrap
+        Of the replicates done so far, if interrupted from the keyboard after two.
+
+    Raises
+    ------
+    ProblemError
+        If there are fewer than two segments or replicates.
+    SolverError
+        If fewer than two replicates give an estimate.
+    """
+    started = perf_counter()
+    if len(segments) < 2 or replicates < 2:
+        raise ProblemError(
+            f"{len(segments)} segments and {replicates} replicates, expected 2 or more"
+        )
+    base = base_parameters(model) if base is None else base
+    fitted = constrained_fit(model, merged(segments), constraints, prior, base)
+    factors = [base_factor(segment, base) for segment in segments]
+    scaled, weight = fitted.best.scaled, fitted.final.weight
+
+    def estimate(times: Array) -> _Replicate | None:
+        rows = [np.sqrt(n) * F for n, F in zip(times, factors, strict=True) if n]
+        fit = scaled.with_factor(triangle(np.asfortranarray(np.vstack(rows))))
+        try:
+            found = penalised_fit(
+                fit, fitted.distance, weight, start=fitted.final.solution.u
+            )
+        except ConsistentIdError:
+            return None
+        certified = found.optimality.verdict == "certified"
+        return found.solution.u * scaled.unit, certified
+
+    draws = islice(_draws(len(segments), np.random.default_rng(seed)), replicates)
+    chosen = Executor.chosen(executor)
+    found = _collected(estimate, draws, replicates if progress else None, chosen)
+    good = [result for result in found if result is not None]
+    if len(good) < 2:
+        raise SolverError(f"{len(good)} of {len(found)} replicates gave an estimate")
+    return Bootstrap(
+        layout=model.layout,
+        estimates=np.array([x for x, _ in good]),
+        certified=sum(certified for _, certified in good),
+        failed=len(found) - len(good),
+        seconds=perf_counter() - started,
+        interrupted=len(found) < replicates,
+        segments=len(segments),
+    )
+
+
+def _draws(segments: int, rng: np.random.Generator) -> Iterator[Array]:
+    """Yield how often each segment is drawn."""
+    while True:
+        drawn = rng.integers(segments, size=segments)
+        yield np.bincount(drawn, minlength=segments).astype(np.float64)
+
+
+def _collected(
+    estimate: Callable[[Array], _Replicate | None],
+    draws: Iterator[Array],
+    total: int | None,
+    executor: Executor | None,
+) -> list[_Replicate | None]:
+    """Return the results in order; those so far, if interrupted after two or more."""
+    found: list[_Replicate | None] = []
+    with (
+        worker_threads(_WORKERS) as pool,
+        counted(total or 0, "replicates", total is not None) as count,
+    ):
+        if executor is None:
+            results = pool.map(estimate, draws)
+        else:
+            some = iter(lambda: list(islice(draws, _AT_ONCE)), [])
+            each = executor.map(partial(_estimated, estimate), some)
+            results = chain.from_iterable(each)
+        try:
+            for result in results:
+                found.append(result)
+                count(len(found))
+        except KeyboardInterrupt as cause:
+            if len(found) < 2:
+                raise
+            pool.shutdown(wait=False, cancel_futures=True)
+            note_stop(cause)
+    return found
+
+
+@single_threaded
+def _estimated(
+    estimate: Callable[[Array], _Replicate | None], draws: Sequence[Array]
+) -> list[_Replicate | None]:
+    """Estimate from some draws, in another process."""
+    return [estimate(times) for times in draws]
+
+
+def _expanded(tail: float, segments: int) -> float:
+    """Return the share to cut off at each end, so that intervals are wide enough."""
+    if segments < 2:
+        return tail
+    from scipy.special import ndtr, stdtrit  # scipy.stats takes a second to import
+
+    n = segments
+    t = -float(stdtrit(n - 1, tail)) * np.sqrt(n / (n - 1))
+    return float(ndtr(-t))

@@ -4,25 +4,33 @@ There is one small value per idea.  Each lowers itself to a `ConicSet` over the
 parameters of a torque model; any number of them combine.
 """
 
-from consistent_id.constraints.datasheet import (
+from consistent_id.constraints.links import (
     CentreOfMassBoxes,
+    CentreOfMassIn,
+    DensityOn,
+    EqualLinks,
     FixedBodies,
     FixedCentresOfMass,
     FixedMasses,
+    LinkCondition,
     MassBounds,
     PhysicalConsistency,
+    SymmetricLink,
+    TotalMass,
+    link_conditions,
 )
-from consistent_id.constraints.motors import EqualMotors, Motor, RotorInertias
 from consistent_id.constraints.parameter_constraints import (
+    EqualMotors,
     FixedParameters,
     LinearRelation,
+    Motor,
     NonNegativeDrive,
     ParameterBounds,
+    RotorInertias,
     SharedMotors,
 )
+from consistent_id.constraints.priors import Penalty, PointToSet
 from consistent_id.constraints.rows import Constraint, lowered
-from consistent_id.constraints.shape import CentreOfMassIn, DensityOn
-from consistent_id.constraints.symmetry import EqualLinks, SymmetricLink, TotalMass
 from consistent_id.robot.solids import Ellipsoid, Polytope, mesh_vertices
 
 __all__ = [
@@ -38,16 +46,20 @@ __all__ = [
     "FixedMasses",
     "FixedParameters",
     "LinearRelation",
+    "LinkCondition",
     "MassBounds",
     "Motor",
     "NonNegativeDrive",
     "ParameterBounds",
+    "Penalty",
     "PhysicalConsistency",
+    "PointToSet",
     "Polytope",
     "RotorInertias",
     "SharedMotors",
     "SymmetricLink",
     "TotalMass",
+    "link_conditions",
     "lowered",
     "mesh_vertices",
 ]

@@ -1,19 +1,36 @@
-"""What to assume of parameters that are not identifiable from the data."""
+"""What to assume of parameters that the data do not determine: near the nominal robot.
+
+Distances to it are in dimensionless parameters.  Per link, with the whitened
+pseudo-inertia ``S = J0^-1/2 J J0^-1/2``:
+
+- pullback: ``||S - 1||_F^2``, scale-free, frame-free, the second order of the next;
+- entropic: ``2 (tr S - log det S - 4)``, the log-det divergence [Lee2020]_, which keeps
+  every link away from the boundary of the consistency cone;
+- Euclidean: the squares of parameters divided by typical masses and lengths.
+
+Friction and drive terms add their squares, divided by typical sizes.
+"""
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
+from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id.constraints.cones.sets import svec
 from consistent_id.errors import ProblemError
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.inertia import PSEUDO_INERTIA_BASIS, pseudo_inertia
+from consistent_id.robot.scaling import link_scales, reference_bodies
 
 Distance = Literal["pullback", "euclidean", "entropic"]
-"""How far a robot is from the nominal one; see `distances`."""
-
+"""How far a robot is from the nominal one; see `nominal_distance`."""
 
 INSIDE = 0.1
 """Share of its nominal body that every link contains, where the data allow it: no
 thinner than a third of the drawing."""
+
+_THINNEST = 1e-13  # relative eigenvalues below which a link is flat but for rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +44,7 @@ class PointToSet:
         default what one standard error costs, of all that the data determine together
         (``chi^2 <= 1``, noise correlated as the residuals are).
     distance : {"pullback", "euclidean", "entropic"}
-        See `distances`.
+        See `nominal_distance`.
     inside : float
         Share of its nominal body that every link is to contain, so that it stays off
         the boundary of physical consistency; zero for none.  It is reduced to what
@@ -103,3 +120,172 @@ def _require_known(distance: str, inside: float) -> None:
     if distance not in get_args(Distance):
         known = ", ".join(get_args(Distance))
         raise ProblemError(f"distance is {distance!r}, expected one of {known}")
+
+
+class LocalRows(NamedTuple):
+    """``||G v - g||^2``, the squared distance near a point up to a constant."""
+
+    G: Matrix
+    g: Vector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class QuadraticDistance:
+    """``||G u - g||``, the same rows everywhere; zero at the nominal robot."""
+
+    G: Matrix
+    g: Vector
+    nominal: Vector
+
+    def squared(self, u: Vector) -> float:
+        """Return the squared distance of a point."""
+        return float(np.sum((self.G @ u - self.g) ** 2))
+
+    def local(self, u: Vector) -> LocalRows:
+        """Return the rows near `u`."""
+        return LocalRows(self.G, self.g)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Along:
+    """The entropic distance along a step: eigenvalues are ``1 + t rates`` of before.
+
+    Parameters
+    ----------
+    rates : ndarray, shape (links, 4)
+    trace : float
+        What the step adds to the whitened pseudo-inertias' traces.
+    drive, moves : ndarray
+        Drive terms, and what the step adds to them.
+    """
+
+    rates: Array
+    trace: float
+    drive: Vector
+    moves: Vector
+
+    def slope(self, t: float) -> float:
+        """Return the derivative of the squared distance, inside the cone."""
+        bodies = self.trace - float(np.sum(self.rates / (1.0 + t * self.rates)))
+        drive = float(self.moves @ (self.drive + t * self.moves))
+        return 2.0 * (bodies + drive)
+
+    def furthest(self, kept: float) -> float:
+        """Return the share of the step, at most all, that keeps eigenvalues so large.
+
+        None falls below `kept` times what it was.
+        """
+        fastest = float(self.rates.min())
+        return min(1.0, (1.0 - kept) / -fastest) if fastest < 0.0 else 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EntropicDistance:
+    """Twice the log-det divergence of all links, and drive terms squared.
+
+    Parameters
+    ----------
+    whitened : ndarray, shape (links, 10, 4, 4)
+        ``S_k(u) = sum_i u_ki whitened_ki``.
+    nominal : ndarray, shape (parameters,)
+    """
+
+    whitened: Array
+    nominal: Vector
+
+    def squared(self, u: Vector) -> float:
+        """Return the squared distance; infinite where a link is not consistent."""
+        S = self._bodies(u)
+        values = np.linalg.eigvalsh(S)
+        if values.min() <= _THINNEST * max(values.max(), 1.0):
+            return np.inf
+        divergence = float(np.sum(values - np.log(values) - 1.0))
+        return 2.0 * divergence + float(np.sum(u[10 * len(S) :] ** 2))
+
+    def local(self, u: Vector) -> LocalRows:
+        """Return the rows of the second-order expansion at `u`, where it is finite."""
+        S = self._bodies(u)
+        n = len(S)
+        G = np.eye(len(u))
+        g = np.zeros(len(u))
+        for k, (body, basis) in enumerate(zip(S, self.whitened, strict=True)):
+            values, vectors = np.linalg.eigh(body)
+            root = (vectors / np.sqrt(values)) @ vectors.T
+            own = slice(10 * k, 10 * k + 10)
+            # G^T (G u - g) = G^T svec(S - 1) is the gradient tr W_i - tr S^-1 W_i.
+            G[own, own] = svec(root @ basis @ root).T
+            g[own] = svec(2.0 * np.eye(4) - body)
+        g[10 * n :] = 0.0
+        return LocalRows(G, g)
+
+    def along(self, u: Vector, step: Vector) -> "Along":
+        """Return how the distance changes from `u` along a step."""
+        n = 10 * len(self.whitened)
+        S, change = self._bodies(u), self._bodies(step)
+        values, vectors = np.linalg.eigh(S)
+        root = (vectors / np.sqrt(values)[:, None]) @ np.swapaxes(vectors, 1, 2)
+        return Along(
+            rates=np.linalg.eigvalsh(root @ change @ root),
+            trace=float(np.trace(change, axis1=1, axis2=2).sum()),
+            drive=u[n:],
+            moves=step[n:],
+        )
+
+    def _bodies(self, u: Vector) -> Array:
+        n = len(self.whitened)
+        links = u[: 10 * n].reshape(n, 10)
+        return np.asarray(np.einsum("ki,kiab->kab", links, self.whitened))
+
+
+NominalDistance = QuadraticDistance | EntropicDistance
+
+
+def nominal_distance(
+    model: TorqueModel, distance: Distance, unit: Vector
+) -> NominalDistance:
+    """Return the distance for variables ``u = x / unit``.
+
+    Parameters
+    ----------
+    distance : {"pullback", "euclidean", "entropic"}
+    unit : ndarray, shape (parameters,)
+        Typical sizes of all parameters; of drive terms they are the distance's too.
+    """
+    layout, inertial = model.layout, model.layout.inertial_size
+    bodies = reference_bodies(model.robot)
+    if distance == "entropic":
+        links = unit[:inertial].reshape(-1, 10)
+        whitened = np.array(
+            [
+                size[:, None, None] * _whitened(body)
+                for body, size in zip(bodies, links, strict=True)
+            ]
+        )
+        return EntropicDistance(whitened, nominal_point(model, unit))
+    G = np.diag(1.0 / unit)
+    if distance == "pullback":
+        for k, body in enumerate(bodies):
+            own = layout.link_slice(k)
+            G[own, own] = svec(_whitened(body)).T
+    else:
+        G[:inertial, :inertial] = np.diag(1.0 / link_scales(model.robot).units)
+    g = G[:, :inertial] @ bodies.ravel()
+    return QuadraticDistance(G * unit, g, nominal_point(model, unit))
+
+
+def nominal_point(model: TorqueModel, unit: Vector) -> Vector:
+    """Return the nominal robot, without friction or drives, as ``u = x / unit``."""
+    bodies = reference_bodies(model.robot).ravel()
+    return np.append(bodies, np.zeros(len(unit) - len(bodies))) / unit
+
+
+def pullback_distance(x: Vector, reference: Array) -> float:
+    """Return ``||J0^-1/2 (J(x) - J0) J0^-1/2||_F`` of one link's ten parameters."""
+    return float(np.linalg.norm(svec(_whitened(reference)).T @ (x - reference)))
+
+
+def _whitened(body: Vector) -> Array:
+    """Return ``J0^-1/2 E_i J0^-1/2`` for the ten unit parameters, shape (10, 4, 4)."""
+    values, vectors = np.linalg.eigh(pseudo_inertia(body))
+    root = (vectors / np.sqrt(values)) @ vectors.T
+    return np.asarray(root @ PSEUDO_INERTIA_BASIS @ root)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from consistent_id._support.arrays import BoolArray, Vector
-from consistent_id.diagnosis.findings import Finding
+from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.recordings.recording import Recording
 from consistent_id.robot.model import RobotModel
 
@@ -19,7 +19,7 @@ _ONE_TORQUE = 100.0
 _EVERY_TORQUE = 3.0  # times every limit, where limits differ: these are no placeholders
 
 
-def travel_findings(robot: RobotModel, log: Recording) -> list[Finding]:
+def travel_findings(robot: RobotModel, log: Recording) -> list[LogFinding]:
     """Find travel far beyond the limits of joints.
 
     Of most joints, it is in degrees if it would fit so; of few, each is in a unit of
@@ -47,8 +47,8 @@ def travel_findings(robot: RobotModel, log: Recording) -> list[Finding]:
     return [_travel_of_one(names[j], float(share[j])) for j in np.flatnonzero(alone)]
 
 
-def _travel_in_degrees(share: Vector, beyond: BoolArray) -> Finding:
-    return Finding(
+def _travel_in_degrees(share: Vector, beyond: BoolArray) -> LogFinding:
+    return LogFinding(
         "degrees",
         "fault",
         "all joints",
@@ -60,8 +60,8 @@ def _travel_in_degrees(share: Vector, beyond: BoolArray) -> Finding:
     )
 
 
-def _travel_of_one(joint: str, share: float) -> Finding:
-    return Finding(
+def _travel_of_one(joint: str, share: float) -> LogFinding:
+    return LogFinding(
         "encoder scale",
         "fault",
         joint,
@@ -72,7 +72,7 @@ def _travel_of_one(joint: str, share: float) -> Finding:
     )
 
 
-def effort_findings(robot: RobotModel, torque: Recording) -> list[Finding]:
+def effort_findings(robot: RobotModel, torque: Recording) -> list[LogFinding]:
     """Find torque far beyond effort limits, of all joints or of one alone.
 
     Parameters
@@ -98,12 +98,12 @@ def effort_findings(robot: RobotModel, torque: Recording) -> list[Finding]:
     if share <= _TORQUE or share <= _ONE_TORQUE * others:
         return []
     return [
-        Finding(
+        LogFinding(
             "torque unit",
             "fault",
             known[j],
-            f"{known[j]}: the torque is up to {share:.3g} times the effort limit, that "
-            f"of other joints {others:.2g} times at the most: it is in another unit, "
+            f"{known[j]}: the torque is up to {share:.3g} times the effort limit, in "
+            f"other joints at most {others:.2g} times: it is in another unit, "
             f"{share / 1e3:.2g} times the limit if in N mm",
             f"check the unit and the gain of {known[j]}, or correct its effort limit",
             share / _TORQUE,
@@ -111,9 +111,9 @@ def effort_findings(robot: RobotModel, torque: Recording) -> list[Finding]:
     ]
 
 
-def _torques_of_all(shares: Vector) -> Finding:
+def _torques_of_all(shares: Vector) -> LogFinding:
     typical = float(np.median(shares))
-    return Finding(
+    return LogFinding(
         "torque unit",
         "fault",
         "all joints",

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Matrix
-from consistent_id._support.leave_one_out import all_but_each
+from consistent_id._support.arrays import Array, BoolArray, Matrix
+from consistent_id._support.executors import all_but_each
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.motion_arrays import motion_of
@@ -121,7 +121,11 @@ def _last(R: Matrix) -> float:
 
 
 def channel_factors(
-    model: TorqueModel, base: BaseParameters, recordings: Sequence[Recording]
+    model: TorqueModel,
+    base: BaseParameters,
+    recordings: Sequence[Recording],
+    *,
+    drives: Sequence[Recording | None] | None = None,
 ) -> list[ChannelFactors]:
     """Compress motions with all torque channels.
 
@@ -131,7 +135,12 @@ def channel_factors(
     ----------
     recordings : sequence of Recording
         With velocity, acceleration and torque.
+    drives : sequence of Recording or None, optional
+        Motions of which the drives' columns are taken, where they are others.
     """
+    others = [None] * len(recordings) if drives is None else drives
+    read = {id(log): _drive_rows(model, base, log) for log in others if log is not None}
+    placed = _of_drives(model, base)
     motions = [motion_of(model, recording, None) for recording in recordings]
     longest = max((len(m.q) for m in motions), default=1)
     together = max(CHUNK // longest, 1)
@@ -141,10 +150,25 @@ def channel_factors(
         states = (np.concatenate(x) for x in list(zip(*group, strict=True))[:3])
         Y = model.regressor(*states)[:, list(base.independent)]
         ends = np.cumsum([len(m.q) for m in group])
-        for motion, rows in zip(group, np.split(Y, ends[:-1], axis=2), strict=True):
+        parts = np.split(Y, ends[:-1], axis=2)
+        for k, (motion, rows) in enumerate(zip(group, parts, strict=True), start):
+            if (other := others[k]) is not None:
+                rows[:, placed] = read[id(other)]
             factors = tuple(joint_factor(of_joint, motion.torque) for of_joint in rows)
             found.append(ChannelFactors(model, base, factors, len(motion.q)))
     return found
+
+
+def _of_drives(model: TorqueModel, base: BaseParameters) -> BoolArray:
+    """Return which of the base columns are of drives."""
+    return np.asarray(np.array(base.independent) >= 10 * len(model.robot))
+
+
+def _drive_rows(model: TorqueModel, base: BaseParameters, log: Recording) -> Array:
+    """Return the drives' base columns along a motion, (joints, columns, samples)."""
+    motion = motion_of(model, log, None)
+    Y = model.regressor(motion.q, motion.dq, motion.ddq)
+    return Y[:, list(base.independent)][:, _of_drives(model, base)]
 
 
 def joint_factor(Y: Array, torque: Array) -> Matrix:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, Vector
-from consistent_id.diagnosis.findings import Finding
+from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.recordings.recording import Recording
 
 _SLOW = 0.5  # s between samples, above which the clock is hardly in seconds,
@@ -36,8 +36,8 @@ _RATIOS = {
 }
 
 
-def clock_findings(recording: Recording) -> list[Finding]:
-    """Judge stamps by themselves."""
+def clock_findings(recording: Recording) -> list[LogFinding]:
+    """Check the time stamps alone."""
     step = float(np.median(np.diff(recording.time)))
     if step < _SLOW and not (step >= _SLOWLY and _creeps(recording)):
         return []
@@ -45,12 +45,12 @@ def clock_findings(recording: Recording) -> list[Finding]:
     units = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9))
     unit, factor = next((u for u in units if step / u[1] < _SLOW), units[-1])
     return [
-        Finding(
+        LogFinding(
             "clock",
             "fault",
             recording.name,
-            f"the median step between samples is {step:g}, which as seconds is no "
-            f"robot's log; it looks like {unit}",
+            f"the median step between samples is {step:g}, too long for a log in "
+            f"seconds; it looks like {unit}",
             f"divide the time by {factor:g}",
             step / _SLOW,
         )
@@ -68,8 +68,8 @@ def _creeps(recording: Recording) -> bool:
     return fastest <= _CREEPING and widest >= _WIDELY
 
 
-def velocity_findings(recording: Recording) -> list[Finding]:
-    """Hold the velocity channel against the position's differences."""
+def velocity_findings(recording: Recording) -> list[LogFinding]:
+    """Compare the velocity channel with the position's differences."""
     if recording.velocity is None:
         return []
     from_position = np.gradient(recording.position, recording.time, axis=0)
@@ -85,7 +85,7 @@ def velocity_findings(recording: Recording) -> list[Finding]:
     for ratio, (kind, statement, advice) in _RATIOS.items():
         if 1 / _NEAR < common / ratio < _NEAR:
             seen = f"velocity over the position's rate is {common:.4g}: {statement}"
-            return [Finding(kind, "fault", "all joints", seen, advice, 10.0)]
+            return [LogFinding(kind, "fault", "all joints", seen, advice, 10.0)]
     return (
         _late(recording, recording.velocity, from_position)
         or _common_ratio(ratios[agreed], errors[agreed])
@@ -115,7 +115,7 @@ def _ratio_errors(recording: Recording, correlation: Vector) -> Vector:
     return np.asarray(np.sqrt((1.0 / r**2 - 1.0) / pairs))
 
 
-def _common_ratio(ratios: Vector, errors: Vector) -> list[Finding]:
+def _common_ratio(ratios: Vector, errors: Vector) -> list[LogFinding]:
     """Find a factor between velocities and positions' rates that all joints share.
 
     One that is beyond what so few samples of motion may show by chance.
@@ -139,7 +139,7 @@ def _common_ratio(ratios: Vector, errors: Vector) -> list[Finding]:
         cause = "positions are in counts of an encoder, or velocities in another unit"
         advice = "multiply the positions by {:.4g} if the velocities are right"
     return [
-        Finding(
+        LogFinding(
             kind,
             "fault",
             "all joints",
@@ -152,7 +152,7 @@ def _common_ratio(ratios: Vector, errors: Vector) -> list[Finding]:
 
 def _scales(
     recording: Recording, ratios: Vector, correlation: Vector, errors: Vector
-) -> list[Finding]:
+) -> list[LogFinding]:
     """Find joints whose position and velocity have different scales.
 
     Noise of the position's rate makes a ratio smaller, down by the squared correlation;
@@ -166,12 +166,12 @@ def _scales(
         scale = float(np.clip(1.0, ratio, ratio / r**2))
         if abs(np.log(scale)) > max(2.0 * _SAME, _CHANCE * error):
             found.append(
-                Finding(
+                LogFinding(
                     "encoder scale",
                     "fault",
                     joint,
-                    f"{joint}: velocity is {ratio:.4g} times the position's rate, in "
-                    "other joints it is not",
+                    f"{joint}: velocity is {ratio:.4g} times the position's rate, but "
+                    "not in other joints",
                     "check the gear ratio and the unit of both channels",
                     abs(float(np.log(scale))) / _SAME,
                 )
@@ -179,7 +179,7 @@ def _scales(
     return found
 
 
-def _late(recording: Recording, velocity: Array, rate: Array) -> list[Finding]:
+def _late(recording: Recording, velocity: Array, rate: Array) -> list[LogFinding]:
     """Find velocities that are later or earlier than the positions' rates."""
     step = float(np.median(np.diff(recording.time)))
     reach = range(-int(0.3 / step) - 1, int(0.3 / step) + 2)
@@ -201,13 +201,13 @@ def _late(recording: Recording, velocity: Array, rate: Array) -> list[Finding]:
         return []
     later = "later" if lag > 0.0 else "earlier"
     return [
-        Finding(
+        LogFinding(
             "lag",
             "fault",
             "all joints",
             f"velocities are {1e3 * abs(lag):.3g} ms {later} than the positions' rates",
-            "shift one against the other, or leave the velocities out: they are "
-            "differences of the positions then",
+            "shift velocities or positions in time, or leave the velocities out: then "
+            "they are computed from the positions",
             abs(lag) / _LATE,
         )
     ]
@@ -223,9 +223,9 @@ def _ratios(velocity: Array, rate: Array) -> tuple[Vector, Vector]:
     return ratios, correlation
 
 
-def _signs(recording: Recording, ratios: Vector, agreed: BoolArray) -> list[Finding]:
+def _signs(recording: Recording, ratios: Vector, agreed: BoolArray) -> list[LogFinding]:
     return [
-        Finding(
+        LogFinding(
             "velocity sign",
             "fault",
             joint,
@@ -240,7 +240,7 @@ def _signs(recording: Recording, ratios: Vector, agreed: BoolArray) -> list[Find
 
 def _swaps(
     recording: Recording, velocity: Array, rate: Array, agreed: BoolArray
-) -> list[Finding]:
+) -> list[LogFinding]:
     """Find joints whose velocity is another joint's."""
     lost = np.flatnonzero(~agreed)
     if len(lost) < 2:
@@ -254,7 +254,7 @@ def _swaps(
         if j != i and match[i, j] >= _AGREED:
             a, b = recording.joints[i], recording.joints[j]
             found.append(
-                Finding(
+                LogFinding(
                     "channel order",
                     "fault",
                     f"{a}, {b}",

@@ -38,7 +38,7 @@ class Cause:
     Parameters
     ----------
     kind, where, statement, advice : str
-        As in `Finding`; the statement is the condition under which misfits are told.
+        As in `LogFinding`; the statement is the condition under which misfits are told.
     threshold : float
         Ratio of misfits, as the log is over corrected, from which on it is reported.
     excuse : int
@@ -71,7 +71,7 @@ class FaultKind:
     Parameters
     ----------
     kind : str
-        As in `Finding`.
+        As in `LogFinding`.
     channels : {"torque", "motion", "both"}
         What it changes.
     threshold : float

@@ -6,11 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from consistent_id._support.arrays import BoolArray, Vector
-from consistent_id.diagnosis.findings import Finding
+from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.masks import saturated, standstill
-from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.data_rank import excitation_of
+from consistent_id.regression.base import BaseParameters, excitation_of
 from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
 
@@ -25,7 +24,7 @@ _MOVES = 2e-3  # rad or m of travel, below which a joint's readings only flicker
 _STEPS = 2.0  # as they do within so many steps of its encoder
 
 
-def standstill_findings(recording: Recording) -> list[Finding]:
+def standstill_findings(recording: Recording) -> list[LogFinding]:
     """Warn of long rests of all joints together."""
     velocity = recording.velocity
     if velocity is None or not velocity.any():
@@ -38,12 +37,12 @@ def standstill_findings(recording: Recording) -> list[Finding]:
     if share < _IDLE:
         return []
     return [
-        Finding(
+        LogFinding(
             "standstill",
             "warning",
             recording.name,
             f"all joints stand still in {share:.0%} of {len(recording)} samples",
-            "trim the rests; Coulomb friction at rest is anything between its bounds",
+            "trim the rests; Coulomb friction at rest may be any value in its bounds",
             share / _IDLE,
         )
     ]
@@ -68,7 +67,7 @@ def in_motion(model: TorqueModel, prepared: Recording) -> TorqueModel:
 
 def saturation_findings(
     recording: Recording, limits: Mapping[str, float] | None = None
-) -> list[Finding]:
+) -> list[LogFinding]:
     """Find torques that stay at their largest value (`saturated`).
 
     Parameters
@@ -81,14 +80,14 @@ def saturation_findings(
         return []
     at_limit, limits = saturated(recording), limits or {}
     return [
-        Finding(
+        LogFinding(
             "saturation",
             "fault",
             joint,
             f"{joint}: torque stays at {abs(tau[at]).max():.4g} in {int(at.sum())} of "
             f"{len(tau)} samples",
-            "leave these samples out, or move more gently: what the drive could not "
-            "give is missing from the torque",
+            "leave these samples out, or move more gently: torque that the drive could "
+            "not give is missing from the channel",
             float(at.sum()) / _PINNED,
         )
         for joint, tau, at in zip(
@@ -100,7 +99,7 @@ def saturation_findings(
     ]
 
 
-def extent_findings(prepared: Recording) -> list[Finding]:
+def extent_findings(prepared: Recording) -> list[LogFinding]:
     """Warn of motion that is small, slow, or over before it has turned back twice.
 
     Parameters
@@ -126,7 +125,7 @@ def extent_findings(prepared: Recording) -> list[Finding]:
     ):
         if seen < least:
             return [
-                Finding(
+                LogFinding(
                     kind,
                     "warning",
                     prepared.name,
@@ -150,7 +149,7 @@ def rank_findings(
     recording: Recording,
     base: BaseParameters,
     steps: Vector | float = 0.0,
-) -> list[Finding]:
+) -> list[LogFinding]:
     """Name the combinations of base parameters that are not identifiable.
 
     What an encoder reads of a joint at rest flickers; it is taken for the rest it is.
@@ -173,7 +172,7 @@ def rank_findings(
     still = [j for j, rests in zip(recording.joints, at_rest, strict=True) if rests]
     cause = f"{', '.join(still)} did not move; " if still else ""
     return [
-        Finding(
+        LogFinding(
             "rank",
             "warning",
             ", ".join(still) or "all joints",

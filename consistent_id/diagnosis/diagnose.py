@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 
 from consistent_id._support.arrays import Vector
-from consistent_id._support.threads import single_threaded
+from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import Constraint
-from consistent_id.constraints.distances import nominal_distance
+from consistent_id.constraints.priors import nominal_distance
 from consistent_id.diagnosis.beyond_limits import travel_findings
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
 from consistent_id.diagnosis.coverage import saturation_findings
 from consistent_id.diagnosis.explain import FittedLog, datasheet_constraints, fitted_log
-from consistent_id.diagnosis.findings import Diagnosis, Finding
+from consistent_id.diagnosis.findings import Diagnosis, LogFinding
 from consistent_id.diagnosis.linearise import Linearised, linearised
 from consistent_id.diagnosis.model_faults import model_findings
 from consistent_id.diagnosis.one_log import OpenLog, Prepare, findings_of
@@ -41,6 +41,7 @@ from consistent_id.robot.model import RobotModel
 # leaves 0.3 to 2 %, of which a zero may take 0.6 % where little else shows it.
 _WORTH = 0.008
 _LARGE = 2.0  # times a gain that is worth report, or what is sure of it
+_OF_FITS = ("rank", "motion noise")  # what is wrong for who fits parameters to a log
 _PULL = 1e-4  # squared misfit that a typical distance to the nominal robot weighs
 
 
@@ -95,9 +96,11 @@ def diagnose(
     if model.robot.floating:
         return _of_signals(model.robot, found, [*training, *validation])
     open_: list[OpenLog] = []
-    for recording in looked_at:
+    for k, recording in enumerate(looked_at):
         log = recording.of(model.robot.joint_names)
-        of_one = findings_of(model, log, constraints, base, ready, limits)
+        of_one = findings_of(model, log, constraints, base, ready, limits, training)
+        if k >= len(training):
+            of_one = _of_validation(of_one)
         if isinstance(of_one, OpenLog):
             open_.append(of_one)
         else:
@@ -106,8 +109,19 @@ def diagnose(
     return Diagnosis(tuple(found), tuple(log.name for log in looked_at))
 
 
+def _of_validation(of_one: list[LogFinding] | OpenLog) -> list[LogFinding] | OpenLog:
+    """Return findings with notes of what matters to a fit alone: nothing is fitted."""
+    if isinstance(of_one, OpenLog):
+        return replace(of_one, signals=tuple(_noted(f) for f in of_one.signals))
+    return [_noted(f) for f in of_one]
+
+
+def _noted(finding: LogFinding) -> LogFinding:
+    return replace(finding, severity="note") if finding.kind in _OF_FITS else finding
+
+
 def _of_signals(
-    robot: RobotModel, found: Sequence[Finding], logs: Sequence[Recording]
+    robot: RobotModel, found: Sequence[LogFinding], logs: Sequence[Recording]
 ) -> Diagnosis:
     """Return what channels show by themselves, of a robot whose base moves.
 
@@ -128,7 +142,7 @@ def _of_signals(
     return Diagnosis(tuple(found), names, by_themselves=True)
 
 
-def _of_all(open_: Sequence[OpenLog]) -> list[Finding]:
+def _of_all(open_: Sequence[OpenLog]) -> list[LogFinding]:
     """Return what is found in the logs without a fault, taken together.
 
     What explains a log stands before what is odd about it; about a log that no robot
@@ -148,7 +162,7 @@ def _of_all(open_: Sequence[OpenLog]) -> list[Finding]:
     return found
 
 
-def _shifts(logs: Sequence[FittedLog]) -> list[Finding]:
+def _shifts(logs: Sequence[FittedLog]) -> list[LogFinding]:
     """Return zeros and gains that are off in all logs together, and each log's lag.
 
     The same joints move in all of them.
@@ -180,7 +194,7 @@ def _explained(logs: Sequence[FittedLog], sizes: Vector) -> float:
     return float(max(sum(gain) / len(gain), 0.0) ** 0.5)
 
 
-def _unsure(finding: Finding) -> Finding:
+def _unsure(finding: LogFinding) -> LogFinding:
     """Return what explains little: a note, or a warning if it is a large gain.
 
     Free masses take a gain over, and predict its torque: little is left to explain.

@@ -22,11 +22,12 @@ from consistent_id.constraints.cones.certificate import GAP_TOLERANCE
 from consistent_id.diagnosis.channel_factors import ChannelFactors, channel_factors
 from consistent_id.diagnosis.corrections import LOOKS_ALIKE, Cause, Correction
 from consistent_id.diagnosis.cuts import cuts_at, least_within
-from consistent_id.diagnosis.findings import Finding
+from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.best_fit import BestFit, best_fit
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.regression.regressor import TorqueModel
 
 SAMPLES = 1500
@@ -51,6 +52,8 @@ _OF_FRICTION = 0.15
 _RUBS = 0.9  # share of friction beside which bodies tell no cause from another
 _BAD = 0.3  # of the torque: misfit of which no good comes
 _SHOWN = 3  # candidates that are worth mention
+_STRETCHES = 20  # of a log, whose misfits scatter
+_LIKELY = 2.0  # standard errors of a misfit within which it may be another
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,6 +78,23 @@ class FittedLog:
         Root of the mean over joints of the squared residual over the squared torque.
         """
         return self.factors.relative(self.fit.misfit)
+
+    @property
+    def least_likely(self) -> float:
+        """Lower end of the misfit's confidence interval, by how stretches scatter.
+
+        Of a short log, one edge of friction more or less makes a difference.
+        """
+        model, log = self.factors.model, self.recording
+        motion = motion_of(model, log, None)
+        left = motion.torque - model.predict(
+            self.fit.parameters, motion.q, motion.dq, motion.ddq
+        )
+        sizes = np.maximum(np.mean(motion.torque**2, axis=0), 1e-300)
+        squares = np.mean(left**2 / sizes, axis=1)
+        of_each = [part.mean() for part in np.array_split(squares, _STRETCHES)]
+        error = np.std(of_each, ddof=1) / np.sqrt(_STRETCHES)
+        return float(np.sqrt(max(squares.mean() - _LIKELY * error, 0.0)))
 
     @property
     def friction(self) -> float:
@@ -296,7 +316,9 @@ def _moved(
     model, base = as_is.factors.model, as_is.factors.base
     few = thinned(as_is.recording, _SCREENED)
     logs = [few, *(c.applied(few) for c in corrections)]
-    of_few = [factors.least_misfit() for factors in channel_factors(model, base, logs)]
+    drives = [None, *_drives(few, corrections)]
+    tried = channel_factors(model, base, logs, drives=drives)
+    of_few = [factors.least_misfit() for factors in tried]
     # What constraints cost is taken to be the same for few samples as for all.
     of_all = as_is.factors.least_misfit()
     fewer = of_few[0] / of_all if of_all > 0.0 else 1.0
@@ -307,43 +329,57 @@ def _moved(
         if misfit * c.fault.threshold <= allowed
     ]
     whole = [c.applied(as_is.recording) for c in left]
-    factors = channel_factors(model, base, whole)
+    drives = _drives(as_is.recording, left)
+    factors = channel_factors(model, base, whole, drives=drives)
     return list(zip(left, factors, strict=True))
 
 
-def explanation_finding(explanation: Explanation) -> Finding:
+def _drives(
+    log: Recording, corrections: Sequence[Correction]
+) -> list[Recording | None]:
+    """Return the motions of which corrected logs have the drives' columns, if others.
+
+    The widths of friction's edges are those that fit the log as it is: a scale near one
+    of one position would change a width with it, and so fit the edges of a joint of
+    which it says nothing else.
+    """
+    return [log if c.cause.excuse == LOOKS_ALIKE else None for c in corrections]
+
+
+def explanation_finding(explanation: Explanation) -> LogFinding:
     """Report a cause, with what is unexplained without it and as it is."""
     c = explanation.cause
-    return Finding(
+    return LogFinding(
         c.kind,
         "fault",
         c.where,
         f"{c.statement}, a physically consistent robot with the datasheet's values "
-        f"leaves {explanation.misfit:.1%} of the torque unexplained; as it is, "
-        f"{explanation.as_is:.1%}",
+        f"leaves {explanation.misfit:.1%} of each joint's torque unexplained (root "
+        f"mean square over joints); as it is, {explanation.as_is:.1%}",
         c.advice,
         explanation.score,
     )
 
 
-def unexplained_findings(as_is: FittedLog, found: Explanations) -> list[Finding]:
+def unexplained_findings(as_is: FittedLog, found: Explanations) -> list[LogFinding]:
     """Report a log that no robot of the datasheet explains, with the candidates."""
     usual = found.usual
     rivals = any(e.misfit <= found.floor and e.cause.excuse != 2 for e in found.tried)
-    if as_is.misfit <= usual and not rivals:
+    if not rivals and (as_is.misfit <= usual or as_is.least_likely <= usual):
         return []
     better = [
-        f"{e.cause.statement} {e.misfit:.1%} would be left"
+        f"{e.cause.statement} the misfit would be {e.misfit:.1%}"
         for e in found.tried[:_SHOWN]
     ]
     return [
-        Finding(
+        LogFinding(
             "model does not explain",
             "fault" if as_is.misfit > _BAD else "warning",
             "all joints",
             "no robot with the datasheet's values explains the log: "
-            f"{as_is.misfit:.1%} of the torque is left, "
-            f"{as_is.factors.least_misfit():.1%} by least squares without constraints"
+            f"misfit {as_is.misfit:.1%} of each joint's torque (root mean square over "
+            f"joints), {as_is.factors.least_misfit():.1%} by least squares without "
+            "constraints"
             + (f"; {'; '.join(better)}, which proves no cause" if better else ""),
             "check that model and log are of one robot: load, springs and couplings, "
             "base, units, delays, masses; see the residuals joint by joint",

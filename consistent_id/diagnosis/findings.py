@@ -4,9 +4,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from consistent_id._support.tables import Table
-from consistent_id.recordings.finding import Finding, Severity
+from consistent_id.recordings.recording import LogFinding, Severity
 
-__all__ = ["Diagnosis", "Finding", "Severity"]
+__all__ = ["Diagnosis", "LogFinding", "Severity"]
 
 _LOOKED_FOR = (
     "clocks, units, signs, exchanged channels, gains, zeros, lags, dead, noisy and "
@@ -25,7 +25,7 @@ class Diagnosis:
 
     Parameters
     ----------
-    findings : tuple of Finding
+    findings : tuple of LogFinding
     recordings : tuple of str
         Names of those that were looked at.
     by_themselves : bool
@@ -33,7 +33,7 @@ class Diagnosis:
         only torque and motion together show.
     """
 
-    findings: tuple[Finding, ...]
+    findings: tuple[LogFinding, ...]
     recordings: tuple[str, ...] = ()
     by_themselves: bool = False
 
@@ -43,16 +43,16 @@ class Diagnosis:
         object.__setattr__(self, "findings", tuple(ranked))
 
     @property
-    def faults(self) -> tuple[Finding, ...]:
+    def faults(self) -> tuple[LogFinding, ...]:
         """The findings that make estimates wrong."""
         return tuple(f for f in self.findings if f.severity == "fault")
 
     @property
-    def suspicious(self) -> tuple[Finding, ...]:
+    def suspicious(self) -> tuple[LogFinding, ...]:
         """Faults and warnings: the findings that are no mere notes."""
         return tuple(f for f in self.findings if f.severity != "note")
 
-    def of(self, kind: str) -> tuple[Finding, ...]:
+    def of(self, kind: str) -> tuple[LogFinding, ...]:
         """Return the findings of one kind."""
         return tuple(f for f in self.findings if f.kind == kind)
 
@@ -80,7 +80,7 @@ def _looked_for(found: Diagnosis) -> str:
     )
 
 
-def _sentence(finding: Finding, *, several: bool) -> str:
+def _sentence(finding: LogFinding, *, several: bool) -> str:
     """Return a finding in a sentence, and what to do about it unless it is a note."""
     where = f"{finding.recording}, " if several and finding.recording else ""
     text = f"{finding.kind} ({where}{finding.where}): {finding.statement}"

@@ -64,13 +64,13 @@ def _cause(lag: float, constant: float) -> Cause:
             "all joints",
             f"the torque is {is_now} than the motion: with it {1e3 * abs(lag):.3g} ms "
             f"{undone}",
-            "shift one against the other before filtering",
+            "shift torque or motion in time before filtering",
             _THRESHOLD,
         )
     return Cause(
         "drive filter",
         "all joints",
-        f"with a torque that went through a low-pass filter of "
+        f"with a torque that passed a low-pass filter of "
         f"{1.0 / (2.0 * np.pi * constant):.2g} Hz, {1e3 * abs(lag):.3g} ms {is_now}",
         "log the torque unfiltered, or the motion through the same filter",
         _THRESHOLD,

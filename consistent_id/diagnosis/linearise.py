@@ -12,8 +12,8 @@ from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.diagnosis.jackknife import RANK, Jackknife, jackknife
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals.butterworth import zero_phase
-from consistent_id.recordings.signals.period import estimated_period
+from consistent_id.recordings.signals.filters import zero_phase
+from consistent_id.recordings.signals.repetitions import estimated_period
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.linear import smallest_solution
 from consistent_id.regression.regression import triangle

@@ -106,7 +106,7 @@ def _of_one_joint(
                 lapse,
                 "drift",
                 "without a drift of the torque of {}",
-                "warm the sensor or the drive up, or split the log: an offset each",
+                "warm up the sensor or the drive, or split the log (an offset each)",
             ),
             (
                 spring,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from consistent_id.diagnosis.findings import Finding
+from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.robot.model import RobotModel
 
 _FAR = 50.0  # m between neighbouring joints, which no robot has
@@ -10,17 +10,17 @@ _HEAVY = 2.3e4  # kg/m^3: osmium, the densest metal
 _EQUAL = 1e-9  # relative, to which made-up inertials are alike
 
 
-def model_findings(robot: RobotModel) -> list[Finding]:
+def model_findings(robot: RobotModel) -> list[LogFinding]:
     """Judge a model by itself."""
     return _lengths(robot) or _masses(robot) or _placeholders(robot)
 
 
-def _lengths(robot: RobotModel) -> list[Finding]:
+def _lengths(robot: RobotModel) -> list[LogFinding]:
     farthest = max(float(np.linalg.norm(j.translation)) for j in robot.joints)
     if farthest < _FAR:
         return []
     return [
-        Finding(
+        LogFinding(
             "units",
             "fault",
             "model",
@@ -32,7 +32,7 @@ def _lengths(robot: RobotModel) -> list[Finding]:
     ]
 
 
-def _masses(robot: RobotModel) -> list[Finding]:
+def _masses(robot: RobotModel) -> list[LogFinding]:
     """Find links that are denser than any metal."""
     dense = []
     for link in robot.links:
@@ -48,7 +48,7 @@ def _masses(robot: RobotModel) -> list[Finding]:
     if min(dense) < _HEAVY or len(dense) < 2 or min(dense) > 1e3 * _HEAVY:
         return []
     return [
-        Finding(
+        LogFinding(
             "units",
             "fault",
             "model",
@@ -72,16 +72,16 @@ def placeholders(robot: RobotModel) -> bool:
     return bool(alike and np.ptp(central, axis=0).max() <= _EQUAL * central.max())
 
 
-def _placeholders(robot: RobotModel) -> list[Finding]:
+def _placeholders(robot: RobotModel) -> list[LogFinding]:
     if not placeholders(robot):
         return []
     return [
-        Finding(
+        LogFinding(
             "placeholder inertials",
             "warning",
             "model",
             f"all {len(robot)} links of the model have the same mass and inertia: they "
-            "stand for no robot",
+            "are placeholders",
             'masses = "free" (--masses free), or those of the datasheet',
             2.0,
         )

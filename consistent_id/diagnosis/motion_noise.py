@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from consistent_id.diagnosis.findings import Finding
+from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import is_uniform
-from consistent_id.recordings.signals.noise_gain import noise_gain
+from consistent_id.recordings.signals.derivatives import noise_gain
 from consistent_id.recordings.signals.smoother import ORDERS, motion_noise
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.column_noise import column_noise
@@ -30,7 +30,7 @@ def motion_noise_findings(
     base: BaseParameters,
     *,
     prepared: Recording | None = None,
-) -> list[Finding]:
+) -> list[LogFinding]:
     """Return a warning if noise of the positions is left in the regressor.
 
     The readings' noise is the smoother's own estimate (`motion_noise`), and no less
@@ -64,7 +64,7 @@ def motion_noise_findings(
         if share > SHARE
     )
     return [
-        Finding(
+        LogFinding(
             "motion noise",
             "warning",
             "all joints",

@@ -28,7 +28,7 @@ from consistent_id.diagnosis.explain import (
     thinned,
     unexplained_findings,
 )
-from consistent_id.diagnosis.findings import Finding
+from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.diagnosis.model_faults import placeholders
 from consistent_id.diagnosis.motion_noise import motion_noise_findings
 from consistent_id.diagnosis.other_gravity import leaning_findings
@@ -64,15 +64,15 @@ class OpenLog:
 
     Parameters
     ----------
-    signals : tuple of Finding
+    signals : tuple of LogFinding
         Of its channels by themselves.
-    odd : tuple of Finding
+    odd : tuple of LogFinding
         What a zero, a gain or a lag may be the cause of.
     """
 
     as_is: FittedLog
-    signals: tuple[Finding, ...]
-    odd: tuple[Finding, ...]
+    signals: tuple[LogFinding, ...]
+    odd: tuple[LogFinding, ...]
 
 
 def findings_of(
@@ -82,8 +82,15 @@ def findings_of(
     base: BaseParameters,
     prepare: Prepare,
     limits: Mapping[str, float] | None,
-) -> list[Finding] | OpenLog:
-    """Return what is found in one recording: of signals first, of their sense last."""
+    besides: Sequence[Recording] = (),
+) -> list[LogFinding] | OpenLog:
+    """Return what is found in one recording: of signals first, of their sense last.
+
+    Parameters
+    ----------
+    besides : sequence of Recording
+        Others of the same channels, that show how large their torque is.
+    """
     found = signal_findings(model, log)
     if any(f.severity == "fault" for f in found):
         return found
@@ -100,7 +107,7 @@ def findings_of(
     if moving.torque_joints != model.torque_joints:
         model, base = moving, base_parameters(moving)
     torque = log.of(model.torque_joints)
-    found += spike_findings(torque) + noise_findings(torque)
+    found += spike_findings(torque, besides) + noise_findings(torque, besides)
     found += effort_findings(model.robot, torque)
     coarse = resolution_findings(log, torque)
     stepped = {f.where for f in coarse}
@@ -117,7 +124,7 @@ def findings_of(
     return replace(more, signals=tuple(found))
 
 
-def signal_findings(model: TorqueModel, log: Recording) -> list[Finding]:
+def signal_findings(model: TorqueModel, log: Recording) -> list[LogFinding]:
     """Return what clock, positions and velocities show, whatever the drives' model is.
 
     Parameters
@@ -149,7 +156,7 @@ def _dynamic(
     base: BaseParameters,
     noise: float,
     short: bool,
-) -> list[Finding] | OpenLog:
+) -> list[LogFinding] | OpenLog:
     """Return what only torque and motion together show.
 
     In a log that is over before joints turn back, friction is an offset that grows with
@@ -173,7 +180,7 @@ def _dynamic(
     except (InfeasibleError, SolverError) as failure:
         statement = f"no robot of the datasheet explains the log: {failure}"
         advice = "check masses and bounds; see the certificate of each method"
-        return [Finding("datasheet", "fault", prepared.name, statement, advice)]
+        return [LogFinding("datasheet", "fault", prepared.name, statement, advice)]
     candidates = corrected(as_is, corrections(model.robot, model.torque_joints))
     candidates += alternatives(as_is)
     found = explanations(as_is, candidates, noise)
@@ -190,10 +197,11 @@ def _dynamic(
     return OpenLog(as_is, (), tuple(excuse or [*missing, *channel]))
 
 
-def _undecided(finding: Finding, found: Explanations) -> Finding:
+def _undecided(finding: LogFinding, found: Explanations) -> LogFinding:
     """Return what is guessed beside other causes that explain the log."""
     others = "; ".join(
-        f"{e.cause.statement} {e.misfit:.1%} would be left" for e in found.explained[:3]
+        f"{e.cause.statement} the misfit would be {e.misfit:.1%}"
+        for e in found.explained[:3]
     )
     return replace(
         finding,

@@ -9,7 +9,7 @@ from consistent_id._support.arrays import Vector
 from consistent_id.diagnosis.channel_factors import channel_factors
 from consistent_id.diagnosis.corrections import Cause
 from consistent_id.diagnosis.explain import Candidate, FittedLog
-from consistent_id.diagnosis.findings import Finding
+from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.diagnosis.jackknife import RANK
 from consistent_id.diagnosis.torque_parts import (
     TorqueParts,
@@ -19,7 +19,6 @@ from consistent_id.diagnosis.torque_parts import (
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.linear import smallest_solution
-from consistent_id.regression.model_torque import rigid_torque
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.scaling import reference_bodies
 
@@ -52,7 +51,7 @@ def other_gravity(as_is: FittedLog) -> Iterator[Candidate]:
 
 def leaning_findings(
     model: TorqueModel, prepared: Recording, upright: TorqueParts
-) -> list[Finding]:
+) -> list[LogFinding]:
     """Find that the nominal robot explains a log if it leans, and less if it does not.
 
     A base that leans scales the part of gravity that upright joints show, as a gain
@@ -72,12 +71,13 @@ def leaning_findings(
     if before < _CLEARLY * after:
         return []
     return [
-        Finding(
+        LogFinding(
             "gravity",
             "fault",
             "base",
             f"with {_words(model, turned)}, the nominal robot and friction leave "
-            f"{after:.1%} of the torque unexplained; as it is, {before:.1%}",
+            f"{after:.1%} of each joint's torque unexplained (median over joints); as "
+            f"it is, {before:.1%}",
             _ADVICE,
             before / max(_CLEARLY * after, 1e-12),
         )
@@ -127,7 +127,7 @@ def gravity_in(model: TorqueModel, recording: Recording) -> Vector:
         TorqueModel(replace(robot, gravity=axis), torque_joints=rows)
         for axis in np.eye(3)
     )
-    unit = [rigid_torque(one, bodies, (q, None, None)) for one in turned]
+    unit = [one.rigid_torque(bodies, (q, None, None)) for one in turned]
     _, inertial = nominal_parts(model, recording)
     speed = np.asarray(recording.of(model.torque_joints).velocity)
     left, right = [], []

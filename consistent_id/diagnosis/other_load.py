@@ -22,7 +22,7 @@ from consistent_id.robot.model import Link, RobotModel
 _THRESHOLD = 1.3  # ratio of misfits, as in the table of corrections
 _HEAVIEST = 1e4  # kg: no robot carries more
 _ADVICE = (
-    "put the load or tool of {link} into the model, or take it off the robot; "
+    "add the load or tool of {link} to the model, or remove it from the robot; "
     "identify_payload finds its ten parameters from logs with it and without it; if "
     'the masses of the model are made up, masses = "free" (--masses free)'
 )

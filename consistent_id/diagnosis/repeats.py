@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
-from consistent_id.diagnosis.findings import Finding
+from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.recordings.recording import Recording, positions_at
 
 _SAME = 2e-3  # of a joint's range, within which two positions are the same
@@ -24,7 +24,7 @@ _SHARE = 0.1  # of rows or moving spans, from which on it is worth a word
 
 def leak_findings(
     training: Sequence[Recording], validation: Sequence[Recording]
-) -> list[Finding]:
+) -> list[LogFinding]:
     """Find validation rows that training has, and motion that training repeats.
 
     The same rows twice are a fault.  A motion that is played again is the standard
@@ -40,28 +40,28 @@ def leak_findings(
     return found
 
 
-def _leak(log: Recording, earlier: Recording, share: float) -> Finding:
-    return Finding(
+def _leak(log: Recording, earlier: Recording, share: float) -> LogFinding:
+    return LogFinding(
         "leak",
         "fault",
         log.name,
-        f"{share:.0%} of the rows of {log.name} are in {earlier.name} as well",
+        f"{share:.0%} of the rows of {log.name} are also in {earlier.name}",
         "validate with rows that were not used for training",
         share / _SHARE,
         log.name,
     )
 
 
-def _repeated(log: Recording, earlier: Recording, share: float) -> Finding:
-    return Finding(
+def _repeated(log: Recording, earlier: Recording, share: float) -> LogFinding:
+    return LogFinding(
         "repeated motion",
         "note",
         log.name,
         f"{share:.0%} of the motion of {log.name} repeats {earlier.name}, to within "
         f"{_SAME:.1%} of the joints' ranges: split by whole periods, average or fold "
-        "them; another motion would judge better, as a repeated one has the same "
-        "errors of the model, and only other noise",
-        "validate with a motion of its own as well",
+        "them; another motion is a better test, because a repeated one has the same "
+        "model errors and differs only in noise",
+        "also validate with another motion",
         share / _SHARE,
         log.name,
     )

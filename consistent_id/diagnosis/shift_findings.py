@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from consistent_id.diagnosis.findings import Finding
+from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.diagnosis.linearise import Linearised
 from consistent_id.diagnosis.small_shifts import SURE, Moved, estimate_lag, small_shifts
 from consistent_id.regression.regressor import TorqueModel
@@ -19,7 +19,7 @@ _LATE = 0.05  # s: more makes estimates wrong
 _EFFECT = 0.04
 
 
-def shift_findings(model: TorqueModel, moved: Moved) -> list[Finding]:
+def shift_findings(model: TorqueModel, moved: Moved) -> list[LogFinding]:
     """Report zeros and gains that are off.
 
     Where zeros and gains explain a log alike, neither is named as the cause.
@@ -46,7 +46,7 @@ def shift_findings(model: TorqueModel, moved: Moved) -> list[Finding]:
     return found
 
 
-def _shift(model: TorqueModel, moved: Moved, place: int) -> Finding:
+def _shift(model: TorqueModel, moved: Moved, place: int) -> LogFinding:
     joints = model.robot.driven
     size, score = float(moved.sizes[place]), float(moved.scores[place])
     if place < len(joints):
@@ -54,7 +54,7 @@ def _shift(model: TorqueModel, moved: Moved, place: int) -> Finding:
     return _gain(model.torque_joints[place - len(joints)], size, score)
 
 
-def hidden_zeros(model: TorqueModel, moved: Moved) -> list[Finding]:
+def hidden_zeros(model: TorqueModel, moved: Moved) -> list[LogFinding]:
     """Note the joints whose zero offset the recordings do not identify."""
     joints = model.robot.driven
     reach = SURE * moved.shifts.errors
@@ -66,12 +66,12 @@ def hidden_zeros(model: TorqueModel, moved: Moved) -> list[Finding]:
     if not hidden:
         return []
     return [
-        Finding(
+        LogFinding(
             "hidden zero",
             "note",
             "some joints",
             f"the log does not identify the zero offsets of {', '.join(hidden)}",
-            "where it matters, move more widely and faster; no motion identifies the "
+            "if they matter, move more widely and faster; no motion identifies the "
             "zero of an axis along gravity at the base, nor that of the last joint",
         )
     ]
@@ -84,11 +84,11 @@ def _from_where(joint: Joint, size: float) -> str:
     return f"below {degrees:.2g} degrees" if degrees < 90.0 else "any angle"
 
 
-def _zero(joint: Joint, d: float, score: float) -> Finding:
+def _zero(joint: Joint, d: float, score: float) -> LogFinding:
     slides = joint.kind == "prismatic"
     size = f"{abs(d):.2g} m" if slides else f"{np.degrees(abs(d)):.2g} degrees"
     larger, change = ("larger", "add {} to") if d > 0.0 else ("smaller", "take {} from")
-    return Finding(
+    return LogFinding(
         "offset zero",
         "fault",
         joint.name,
@@ -99,8 +99,8 @@ def _zero(joint: Joint, d: float, score: float) -> Finding:
     )
 
 
-def _gain(joint: str, c: float, score: float) -> Finding:
-    return Finding(
+def _gain(joint: str, c: float, score: float) -> LogFinding:
+    return LogFinding(
         "torque gain",
         "fault",
         joint,
@@ -112,7 +112,7 @@ def _gain(joint: str, c: float, score: float) -> Finding:
     )
 
 
-def lag_findings(system: Linearised) -> list[Finding]:
+def lag_findings(system: Linearised) -> list[LogFinding]:
     """Report torque that is later or earlier than the motion."""
     fit = estimate_lag(system)
     lag, error = abs(float(fit.solution[0])), float(fit.errors[0])
@@ -123,13 +123,13 @@ def lag_findings(system: Linearised) -> list[Finding]:
     matters = lag >= LONG or effect >= _EFFECT
     later = "later" if fit.solution[0] > 0.0 else "earlier"
     return [
-        Finding(
+        LogFinding(
             "lag",
             "fault" if lag >= _LATE else "warning" if matters else "note",
             "all joints",
             f"the torque is {1e3 * lag:.3g} ms {later} than the motion, which changes "
             f"it by {effect:.1%}",
-            "shift one against the other before filtering",
+            "shift torque or motion in time before filtering",
             score,
         )
     ]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import BoolArray, Vector
-from consistent_id.diagnosis.findings import Finding, Severity
+from consistent_id.diagnosis.findings import LogFinding, Severity
 from consistent_id.diagnosis.torque_parts import TorqueParts
 
 # Nominal inertials are 10 to 20 % off in practice, so that a slope within these is one.
@@ -39,7 +39,7 @@ class _Pattern:
     advice: str
 
 
-def channel_findings(parts: TorqueParts) -> list[Finding]:
+def channel_findings(parts: TorqueParts) -> list[LogFinding]:
     """Say what the torque channel is, where it is not the torque of the model.
 
     One finding at most for all joints; else one for each joint whose gain is off.
@@ -55,7 +55,7 @@ def channel_findings(parts: TorqueParts) -> list[Finding]:
     )
 
 
-def nothing_findings(parts: TorqueParts) -> list[Finding]:
+def nothing_findings(parts: TorqueParts) -> list[LogFinding]:
     """Say that nothing of the nominal model is in the torque, if that is so.
 
     Motion that is not the robot's looks the same: to be asked last.
@@ -63,10 +63,10 @@ def nothing_findings(parts: TorqueParts) -> list[Finding]:
     return [_finding(_NOTHING, parts)] if _nothing(parts) else []
 
 
-def _finding(pattern: _Pattern, parts: TorqueParts) -> Finding:
+def _finding(pattern: _Pattern, parts: TorqueParts) -> LogFinding:
     statement = f"{pattern.statement} ({_slopes(parts)})"
     where = "all joints"
-    return Finding(
+    return LogFinding(
         pattern.kind, pattern.severity, where, statement, pattern.advice, 2.0
     )
 
@@ -155,8 +155,8 @@ _NOTHING = _Pattern(
     "torque channel",
     "fault",
     _nothing,
-    "neither gravity nor inertia nor friction of the model is in the torque: it "
-    "is external torque, noise, or of another motion",
+    "the torque contains neither gravity nor inertia nor friction of the model: it "
+    "is external torque, noise, or belongs to another motion",
     "log the torque, or the current, that the motors gave, during this motion",
 )
 
@@ -173,16 +173,16 @@ _PATTERNS = (
         "torque channel",
         "fault",
         _no_gravity,
-        "inertia and friction are in the torque, gravity is not: it is "
+        "the torque contains inertia and friction, but not gravity: it is "
         "gravity-compensated, as some drivers log it, or the model's masses and "
         "gravity are not the robot's",
-        "log the whole torque, or add the gravity torque that the controller took off",
+        "log the whole torque, or add the gravity torque that was subtracted",
     ),
     _Pattern(
         "torque channel",
         "fault",
         _gravity_only,
-        "gravity is in the torque, inertia and friction are not: it is the gravity "
+        "the torque contains gravity, but no inertia or friction: it is the gravity "
         "torque of a model, not a measured one",
         "log the torque, or the current, that the motors gave",
     ),
@@ -190,14 +190,14 @@ _PATTERNS = (
         "torque channel",
         "warning",
         _no_friction,
-        "there is no friction in the torque: it is computed or friction-compensated, "
+        "the torque contains no friction: it is computed or friction-compensated, "
         "or measured behind the gears",
         "bodies can be identified from it; friction and the drives' torque cannot",
     ),
 )
 
 
-def _slow_clock(p: TorqueParts) -> list[Finding]:
+def _slow_clock(p: TorqueParts) -> list[LogFinding]:
     """Find inertial torque that is too large by one factor, where gravity is right.
 
     By a clock that runs at a share of its speed, accelerations are too small by its
@@ -212,21 +212,20 @@ def _slow_clock(p: TorqueParts) -> list[Finding]:
         return []
     speed = 1.0 / np.sqrt(common)
     return [
-        Finding(
+        LogFinding(
             "clock",
             "fault",
             "time",
-            f"inertial torque is {common:.3g} times the model's in all joints, and "
-            f"gravity is not: the clock runs at some {speed:.2g} of its speed, or "
+            f"inertial torque is {common:.3g} times the model's in all joints, but "
+            f"gravity torque is not: the clock runs at {speed:.2g} of its speed, or "
             f"rotors add as much to each joint ({_slopes(p)})",
-            f"find out at which rate it was logged: times {speed:.2g}, the time of the "
-            "log would fit",
+            f"check the rate of the log: its time multiplied by {speed:.2g} would fit",
             float(np.sqrt(common) / _HIGH),
         )
     ]
 
 
-def _common_gain(p: TorqueParts) -> list[Finding]:
+def _common_gain(p: TorqueParts) -> list[LogFinding]:
     """Find a factor that all joints share."""
     slopes = p.whole[p.whole_shown]
     if len(slopes) < 2 or not _explained(p):
@@ -256,7 +255,7 @@ def _common_gain(p: TorqueParts) -> list[Finding]:
     return [_gain("torque gain", "fault", "all joints", statement, 1 / gain, p)]
 
 
-def _currents(p: TorqueParts) -> list[Finding]:
+def _currents(p: TorqueParts) -> list[LogFinding]:
     """Find positive factors that differ from joint to joint, all far from one."""
     slopes = p.whole[p.whole_shown]
     if len(slopes) < 2 or not _explained(p) or not (slopes > 0.0).all():
@@ -269,7 +268,7 @@ def _currents(p: TorqueParts) -> list[Finding]:
     if not (far and sure and unequal and _agreeing(p).all()):
         return []
     return [
-        Finding(
+        LogFinding(
             "torque channel",
             "fault",
             "all joints",
@@ -299,11 +298,15 @@ def _agreeing(p: TorqueParts) -> BoolArray:
     return np.asarray(~(both & apart))
 
 
-def _single_gains(p: TorqueParts) -> list[Finding]:
+def _single_gains(p: TorqueParts) -> list[LogFinding]:
     """Warn of joints whose gravity and inertia have one slope, and not one."""
     both = p.gravity_shown & p.inertial_shown & _agreeing(p)
     slopes = np.where(both, p.whole, 1.0)
-    off = both & (slopes > 0.0) & ((slopes < _LOW) | (slopes > _HIGH))
+    # Beside a rotor, gravity alone tells of a gain above one.  No second part agrees
+    # with it then, so that a drawing's mass and centre may both be off.
+    high = np.where(p.rotors, _HIGH**2, _HIGH)
+    above = np.where(p.rotors, np.minimum(p.gravity, slopes), slopes) > high
+    off = both & (slopes > 0.0) & ((slopes < _LOW) | above)
     judged = p.gravity_shown | p.inertial_shown
     if not off.any() or off.sum() > 0.5 * judged.sum():
         return []
@@ -329,8 +332,8 @@ def _gain(
     statement: str,
     factor: float,
     parts: TorqueParts,
-) -> Finding:
+) -> LogFinding:
     advice = f"check the gain (times {factor:.3g} would fit), or the model's masses"
     if where == "all joints":
         statement = f"{statement} ({_slopes(parts)})"
-    return Finding(kind, severity, where, statement, advice, 1.5)
+    return LogFinding(kind, severity, where, statement, advice, 1.5)

@@ -5,7 +5,8 @@ c``, with the nominal robot's gravity torque ``g`` and torque ``tau_0``.  The sl
 ``a`` and ``b`` are one for a torque in N m of the robot that the model describes.
 
 A joint to which the model gives a spring or a counterbalance has ``spring q`` beside:
-it carries a part of gravity, which is no gain of the torque.
+it carries a part of gravity, which is no gain of the torque.  A rotor adds to the
+inertial part: where the model has one, no gain above one is read off that part.
 """
 
 from dataclasses import dataclass
@@ -15,8 +16,8 @@ import numpy as np
 from consistent_id._support.arrays import BoolArray, Matrix, Vector
 from consistent_id.diagnosis.jackknife import Fitted, jackknife
 from consistent_id.recordings.recording import Recording
-from consistent_id.regression.drive.spring import Spring
-from consistent_id.regression.model_torque import rigid_torque
+from consistent_id.regression.drive.laws import RotorInertia, Spring
+from consistent_id.regression.drive.term import DriveTerm
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.scaling import reference_bodies
 
@@ -46,6 +47,8 @@ class TorqueParts:
         Root mean square of what changes in the bodies' parts, as fitted, likewise.
     rest : ndarray, shape (joints,)
         What no part explains, likewise.
+    rotors : ndarray of bool, shape (joints,)
+        Whether the model has a rotor there, which adds to the inertial part.
     """
 
     joints: tuple[str, ...]
@@ -61,6 +64,7 @@ class TorqueParts:
     friction: Vector
     bodies: Vector
     rest: Vector
+    rotors: BoolArray
 
 
 def torque_parts(model: TorqueModel, prepared: Recording) -> TorqueParts:
@@ -68,14 +72,17 @@ def torque_parts(model: TorqueModel, prepared: Recording) -> TorqueParts:
     g, inertial = nominal_parts(model, prepared)
     log = prepared.of(model.torque_joints)
     torque, speed = np.asarray(log.torque), np.asarray(log.velocity)
-    sprung = _sprung(model)
+    sprung, rotors = _having(model, Spring), _having(model, RotorInertia)
     rows = [
-        _of_joint(
-            g[:, j],
-            inertial[:, j],
-            speed[:, j],
-            torque[:, j],
-            log.position[:, [j]] if joint in sprung else None,
+        (
+            *_of_joint(
+                g[:, j],
+                inertial[:, j],
+                speed[:, j],
+                torque[:, j],
+                log.position[:, [j]] if joint in sprung else None,
+            ),
+            joint in rotors,
         )
         for j, joint in enumerate(model.torque_joints)
     ]
@@ -88,17 +95,17 @@ def nominal_parts(model: TorqueModel, prepared: Recording) -> tuple[Matrix, Matr
     bodies = reference_bodies(model.robot).ravel()
     log = prepared.of(model.robot.joint_names)
     rates = np.asarray(log.velocity), np.asarray(log.acceleration)
-    gravity = rigid_torque(rigid, bodies, (log.position, None, None))
-    whole = rigid_torque(rigid, bodies, (log.position, *rates))
+    gravity = rigid.rigid_torque(bodies, (log.position, None, None))
+    whole = rigid.rigid_torque(bodies, (log.position, *rates))
     return gravity, whole - gravity
 
 
-def _sprung(model: TorqueModel) -> set[str]:
-    """Return the joints that the model gives a spring."""
+def _having(model: TorqueModel, law: type[DriveTerm]) -> set[str]:
+    """Return the joints whose drive the model gives a term, such as a spring."""
     return {
         joint
         for joint, drive in zip(model.robot.joint_names, model.terms, strict=True)
-        if any(isinstance(term, Spring) for term in drive.terms)
+        if any(isinstance(term, law) for term in drive.terms)
     }
 
 

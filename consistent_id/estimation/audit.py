@@ -6,27 +6,34 @@ from time import perf_counter
 
 from consistent_id._support.arrays import Vector
 from consistent_id.constraints import Constraint, PhysicalConsistency
-from consistent_id.constraints.link_condition import LinkCondition, link_conditions
-from consistent_id.estimation.determination import determinations
+from consistent_id.constraints.links import LinkCondition, link_conditions
+from consistent_id.estimation.best_fit import ScaledFit
+from consistent_id.estimation.determination import (
+    determinations,
+    linear_errors,
+    stated_errors,
+)
 from consistent_id.estimation.estimate import Certificate, Estimate
 from consistent_id.estimation.fit import fit_of
-from consistent_id.estimation.scaled_fit import ScaledFit
 from consistent_id.regression.base import BaseParameters, open_combinations
 from consistent_id.regression.mass_matrix import (
     POSES,
     least_mass_eigenvalue,
     random_poses,
 )
-from consistent_id.regression.noise import base_solution, residual_sigma
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import residual_noise
+from consistent_id.regression.residual_noise import (
+    base_solution,
+    residual_noise,
+    residual_sigma,
+)
 
 _SEED = 0  # of the poses at which mass matrices are examined
 
 
 @dataclass(frozen=True, slots=True)
-class Proof:
+class OptimumProof:
     """What is proven of an optimum.
 
     Parameters
@@ -57,44 +64,50 @@ def audited(
     problem: FitProblem,
     scaled: ScaledFit,
     x: Vector,
-    proof: Proof,
+    proof: OptimumProof,
     *,
     method: str,
     note: str,
     started: float,
+    shift: Vector | None = None,
 ) -> Estimate:
     """Return the estimate of parameters `x`, with its certificate.
 
     Besides the proof of its optimum, these are examined in original units: constraints,
     each link's pseudo-inertia, and the mass matrix over random poses.
+
+    Parameters
+    ----------
+    shift : ndarray, shape (parameters,), optional
+        How far the prior moved the parameters from the best fit: their bias.  Without
+        it they have no standard errors.
     """
     model, regression, base = problem.model, problem.regression, problem.base
     links = link_conditions(model, x)
     least = least_mass_eigenvalue(model, x, random_poses(model, POSES, _SEED))
     figures = _figures(problem, scaled, x, proof, least, links)
     consistent = any(isinstance(c, PhysicalConsistency) for c in problem.constraints)
-    solution = base_solution(regression, base)
+    solution, known = base_solution(regression, base), scaled.constraints.A_eq
+    errors = linear_errors(base, residual_noise(regression, base), known)
+    origins = determinations(
+        model, regression, base, errors, x, known=known, elsewhere="prior"
+    )
     return Estimate(
         method=method,
         model=model,
         base=base,
         parameters=x,
         base_covariance=None,
-        origins=determinations(
-            model,
-            regression,
-            base,
-            residual_noise(regression, base),
-            x,
-            known=scaled.constraints.A_eq,
-            elsewhere="prior",
-        ),
+        origins=origins,
         undetermined=open_combinations(solution, base.names),
         sigma=residual_sigma(regression, x, len(base)),
         certificate=_certificate(proof, least if consistent else None, figures),
         notes=(note, *_edges(links)),
         seconds=perf_counter() - started,
-        fit=fit_of(model, regression, x, base, known=scaled.constraints.A_eq),
+        fit=fit_of(model, regression, x, base, known=known),
+        parameter_errors=(
+            None if shift is None else stated_errors(errors, origins, shift)
+        ),
     )
 
 
@@ -102,7 +115,7 @@ def _figures(
     problem: FitProblem,
     scaled: ScaledFit,
     x: Vector,
-    proof: Proof,
+    proof: OptimumProof,
     least: float,
     links: Sequence[LinkCondition],
 ) -> dict[str, float]:
@@ -134,7 +147,7 @@ def _edges(links: Sequence[LinkCondition]) -> tuple[str, ...]:
 
 
 def _certificate(
-    proof: Proof, least: float | None, figures: dict[str, float]
+    proof: OptimumProof, least: float | None, figures: dict[str, float]
 ) -> Certificate:
     """Return the verdict; `least` is the mass matrix's, where it must be positive."""
     if least is not None and least <= 0.0:

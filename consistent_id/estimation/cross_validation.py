@@ -18,17 +18,24 @@ from consistent_id._support.arrays import (
     freeze_arrays,
     frozen,
 )
-from consistent_id._support.executors import Executor
-from consistent_id._support.leave_one_out import all_but_each
-from consistent_id._support.threads import single_threaded, worker_threads
+from consistent_id._support.executors import (
+    Executor,
+    all_but_each,
+    single_threaded,
+    worker_threads,
+)
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.certificate import GAP_TOLERANCE
-from consistent_id.constraints.distances import NominalDistance, nominal_distance
-from consistent_id.constraints.priors import Distance, Penalty
+from consistent_id.constraints.priors import (
+    Distance,
+    NominalDistance,
+    Penalty,
+    nominal_distance,
+)
 from consistent_id.errors import ProblemError
+from consistent_id.estimation.best_fit import ScaledFit, base_factor, scaled_fit
 from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
 from consistent_id.estimation.penalised import PenalisedFit, penalised_fit
-from consistent_id.estimation.scaled_fit import ScaledFit, base_factor, scaled_fit
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
@@ -207,7 +214,7 @@ class _Folds:
         weights: Vector,
         along: Callable[..., list[PenalisedFit]],
         executor: Executor | None,
-    ) -> "_Tried":
+    ) -> "_TriedWeight":
         """Fit all data and all but each fold, and predict the folds."""
         rough = ((rest, _FOLD_GAP) for rest in self.rests)
         with worker_threads(_WORKERS) as pool:
@@ -220,11 +227,11 @@ class _Folds:
                 self.tests, found, self.samples, strict=True
             )
         ]
-        return _Tried(weights, np.column_stack(columns), whole)
+        return _TriedWeight(weights, np.column_stack(columns), whole)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Tried:
+class _TriedWeight:
     """Weights, the error on each fold for each, and the fits to all data."""
 
     weights: Vector
@@ -236,13 +243,13 @@ class _Tried:
         """Index of the weight with the least error over all folds."""
         return int(np.argmin(np.mean(self.errors**2, axis=1)))
 
-    def merged(self, other: "_Tried") -> "_Tried":
+    def merged(self, other: "_TriedWeight") -> "_TriedWeight":
         """Return both, the strongest weight first."""
         weights = np.concatenate([self.weights, other.weights])
         order = np.argsort(-weights)
         whole = [*self.whole, *other.whole]
         errors = np.vstack([self.errors, other.errors])
-        return _Tried(weights[order], errors[order], [whole[i] for i in order])
+        return _TriedWeight(weights[order], errors[order], [whole[i] for i in order])
 
 
 def _beside(weight: float, grid: Vector) -> Vector:

@@ -26,15 +26,15 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
-from consistent_id._support.threads import single_threaded, worker_threads
+from consistent_id._support.executors import single_threaded, worker_threads
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import differentiated, low_passed, trimmed
 from consistent_id.regression.base import base_parameters
-from consistent_id.regression.noise import base_solution, joint_noise
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import base_solution, joint_noise
 from consistent_id.regression.segments import merged
 
 _SHARE = 0.25  # of a part that may be dropped at each end

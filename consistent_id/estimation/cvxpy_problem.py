@@ -18,26 +18,24 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
-from consistent_id._support.threads import single_threaded
+from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.certificate import (
     FEASIBILITY_TOLERANCE,
     GAP_TOLERANCE,
+    ConicOptimum,
+    conic_optimum,
 )
-from consistent_id.constraints.cones.cvxpy_cones import ConicOptimum, conic_optimum
 from consistent_id.constraints.cones.least_norm import ConeSolution
-from consistent_id.constraints.cones.matrices import stacked
 from consistent_id.constraints.cones.programmes import Multipliers, set_multipliers
-from consistent_id.constraints.cones.sets import ConicSet
-from consistent_id.constraints.distances import EntropicDistance, NominalDistance
-from consistent_id.constraints.priors import Prior
+from consistent_id.constraints.cones.sets import ConicSet, stacked
+from consistent_id.constraints.priors import EntropicDistance, NominalDistance, Prior
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.audit import FitProblem, Proof, audited
-from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
-from consistent_id.estimation.constrained_fit import constrained_fit
+from consistent_id.estimation.audit import FitProblem, OptimumProof, audited
+from consistent_id.estimation.best_fit import REFERENCE, ScaledFit
+from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS, constrained_fit
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.penalised import certify_penalised
-from consistent_id.estimation.scaled_fit import REFERENCE, ScaledFit
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
@@ -174,7 +172,8 @@ def to_cvxpy(
     >>> truth = [*body.vector, *body.vector, 0.3, 0.1]
     >>> log = ci.simulate_torque(model, truth, motion)
     >>> regression = ci.build_regression(model, log)
-    >>> form = ci.to_cvxpy(model, regression, constraints=[ci.PhysicalConsistency()])
+    >>> known = [ci.PhysicalConsistency()]
+    >>> form = ci.estimation.to_cvxpy(model, regression, constraints=known)
     >>> slow = form.solve(constraints=[form.of("joint2.viscous") <= 0.05])
     >>> print(f"{slow['joint2.viscous']:.4f}", slow.certificate.verdict)
     0.0500 certified
@@ -302,7 +301,7 @@ def _solved(
     )
 
 
-def _proof(form: CvxpyProblem, u: Vector) -> Proof:
+def _proof(form: CvxpyProblem, u: Vector) -> OptimumProof:
     """Return what is proven of the problem as it stands."""
     domain = form.scaled.domain
     multipliers = _multipliers(domain, form.problem.constraints)
@@ -313,7 +312,7 @@ def _proof(form: CvxpyProblem, u: Vector) -> Proof:
         f"violated by at most {found.violation:.1e}"
     )
     figures = {"relative gap": found.gap, "violation": found.violation}
-    return Proof(found.verdict == "certified", statement, _ALLOWED, figures)
+    return OptimumProof(found.verdict == "certified", statement, _ALLOWED, figures)
 
 
 def _own_proof(
@@ -322,7 +321,7 @@ def _own_proof(
     programme: ConicOptimum,
     moved: float,
     constraints: Sequence[Any],
-) -> Proof:
+) -> OptimumProof:
     """Return what is proven of the problem with own terms and constraints.
 
     The point is the variable's value, whose objective has `moved` from the solver's.
@@ -339,7 +338,7 @@ def _own_proof(
     )
     if programme.rows is None:
         statement = f"own terms need cones that no proof is made of; {held}"
-        return Proof(False, statement, "no such cones", figures)
+        return OptimumProof(False, statement, "no such cones", figures)
     size = max(abs(float(problem.value)), REFERENCE)
     relative, missed = (programme.gap() + moved) / size, programme.violation()
     figures = {"relative gap": relative, "violation by CVXPY's rows": missed, **figures}
@@ -350,4 +349,4 @@ def _own_proof(
         f"with own terms and constraints, the optimum of the cone programme that CVXPY "
         f"made proven to a relative {relative:.1e}; {held}"
     )
-    return Proof(certified, statement, _ALLOWED, figures)
+    return OptimumProof(certified, statement, _ALLOWED, figures)

@@ -5,18 +5,22 @@ parameter that is known to plus or minus ten times its value is not determined b
 Nor does it know inequalities, which may leave no room to what data do not see.
 """
 
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
-from consistent_id.constraints.cones.row_spaces import Equalities, row_spaces
+from consistent_id.constraints.cones.sets import Equalities, row_spaces
 from consistent_id.regression.base import BaseParameters, parameter_origins
 from consistent_id.regression.linear import solve_linear
-from consistent_id.regression.noise import base_solution
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import ResidualNoise, coordinates
+from consistent_id.regression.residual_noise import (
+    ResidualNoise,
+    base_solution,
+    coordinates,
+)
 from consistent_id.robot.scaling import link_scales
 
 Determination = Literal[
@@ -48,7 +52,7 @@ def determinations(
     model: TorqueModel,
     regression: Regression,
     base: BaseParameters,
-    noise: ResidualNoise,
+    errors: Vector,
     x: Vector,
     *,
     known: Matrix,
@@ -59,8 +63,8 @@ def determinations(
 
     Parameters
     ----------
-    noise : ResidualNoise
-        Of the regression.
+    errors : ndarray, shape (parameters,)
+        Standard errors under the same equalities; see `linear_errors`.
     x : ndarray, shape (parameters,)
         The estimate.
     known : ndarray, shape (rows, parameters)
@@ -73,7 +77,7 @@ def determinations(
     rows = base_solution(regression, base).row_space @ base.projection
     origins = parameter_origins(rows, known, elsewhere=elsewhere)
     size = parameter_sizes(model, regression, x)
-    loose = _WIDTH * linear_errors(base, noise, known) > KNOWN * size
+    loose = _WIDTH * errors > KNOWN * size
     pinned = np.zeros(len(x), dtype=bool) if width is None else width <= PINNED * size
     found: list[Determination] = []
     for origin, is_loose, is_pinned in zip(origins, loose, pinned, strict=True):
@@ -86,6 +90,22 @@ def determinations(
         else:
             found.append("combination" if origin == "combination" else elsewhere)
     return tuple(found)
+
+
+def stated_errors(
+    errors: Vector, origins: Sequence[Determination], shift: Vector | float = 0.0
+) -> Vector:
+    """Return the standard errors of the parameters that the data determine, else NaN.
+
+    Parameters
+    ----------
+    errors : ndarray, shape (parameters,)
+        Of noise; see `linear_errors`.
+    shift : ndarray, shape (parameters,), or float
+        How far a prior moved the parameters from the best fit: its bias.
+    """
+    seen = np.array([origin in ("data", "loose") for origin in origins])
+    return np.where(seen, np.hypot(errors, shift), np.nan)
 
 
 def parameter_sizes(model: TorqueModel, regression: Regression, x: Vector) -> Vector:

@@ -5,6 +5,9 @@ wrong.  So this is found by Gauss-Newton steps, in each of which the parameters 
 solved for (variable projection): ``tau = Y x + C e``, where the columns ``C`` say what
 a small change ``e`` of the calibration does to both sides.  What is known of drives
 before data are seen stands beside it, so that a calibration stays what it can be.
+
+`command_delay` finds the delay alone, by a scan: the least misfit over the parameters
+is a function of it.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -13,18 +16,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import BoolArray, Matrix, Vector, freeze_arrays
+from consistent_id._support.arrays import (
+    BoolArray,
+    Matrix,
+    Vector,
+    chunks,
+    freeze_arrays,
+)
+from consistent_id._support.executors import single_threaded
 from consistent_id._support.tables import Table
-from consistent_id._support.threads import single_threaded
 from consistent_id.constraints import Constraint
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.equalities import FreeParameters, least_squares
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals.drive_calibration import DriveCalibration
+from consistent_id.recordings.signals.drive_torque import DriveCalibration
 from consistent_id.regression.motion_arrays import motion_of
-from consistent_id.regression.noise import joint_noise
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import CHUNK, TorqueModel
+from consistent_id.regression.residual_noise import joint_noise
 from consistent_id.regression.triangles import extended
 
 UNKNOWNS = ("delay", "scale", "encoder_bias")
@@ -49,6 +58,13 @@ _LITTLE = 0.5
 is not seen: the data have brought less than a quarter of what was known already."""
 
 _PART = 0.3  # of a direction's largest entry, from which on another is part of it
+
+LONGEST = 0.03
+"""Longest delay that is looked for [s]: six periods of a bus of 200 Hz, and more than
+drives that are of use in a loop have."""
+
+_SCANNED = 6  # steps; the misfit is smooth, as commands are filtered like torque
+_HALVINGS = 3  # of the step around the least, each with two more delays
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,7 +188,7 @@ def fit_calibration(
     given = (DriveCalibration() if start is None else start).of(n)
     values = np.concatenate([[given.delay], given.scale, given.encoder_bias])
     wanted = np.repeat([name in found for name in UNKNOWNS], [1, n, n])
-    search = _Search(
+    search = _CalibrationSearch(
         model,
         recordings,
         wanted,
@@ -188,7 +204,7 @@ def fit_calibration(
     return CalibrationFit(model.robot.joint_names, tuple(found), *found_here)
 
 
-class _Step(NamedTuple):
+class _CalibrationStep(NamedTuple):
     values: Vector
     standard_errors: Vector
     unknown: Matrix
@@ -207,7 +223,7 @@ def _calibration(values: Vector) -> DriveCalibration:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Search:
+class _CalibrationSearch:
     """What each step begins with.
 
     Scales are counted relative to what they are, so that they stay positive.
@@ -220,7 +236,7 @@ class _Search:
     spread: Vector
     free: FreeParameters
 
-    def step(self, values: Vector) -> _Step:
+    def step(self, values: Vector) -> _CalibrationStep:
         """Return better values, their standard errors, and what data do not see."""
         rows, width = self._compressed(values)
         wanted, scale = self.wanted, _is_scale(self.wanted)
@@ -242,7 +258,7 @@ class _Search:
         hidden = Vt[np.append(s, np.zeros(n - len(s))) < _LITTLE]
         unknown = np.zeros((len(hidden), len(values)))
         unknown[:, wanted] = hidden
-        return _Step(moved, errors * np.where(scale, moved, 1.0), unknown)
+        return _CalibrationStep(moved, errors * np.where(scale, moved, 1.0), unknown)
 
     def _compressed(self, values: Vector) -> tuple[Matrix, int]:
         """Return the triangle of all rows ``[Y, C, tau]``, and the width of ``Y``.
@@ -287,14 +303,14 @@ def _rows(
     """Yield, piece by piece, the rows ``[Y, C, tau]`` of each torque joint."""
     whole, late = motion_of(model, recording, None), motion_of(model, later, None)
     n = len(model.robot)
-    for begin in range(0, len(whole.q), CHUNK):
-        moved = whole.samples(begin, begin + CHUNK)
+    for part in chunks(len(whole.q), CHUNK):
+        moved = whole.samples(part.start, part.stop)
         state = moved.q, moved.dq, moved.ddq
         Y = model.regressor(*state)
         torque = np.einsum("jps,p->sj", Y, x)
         C = np.zeros((*torque.shape, 1 + 2 * n))
         if wanted[0]:
-            delayed = late.samples(begin, begin + CHUNK).torque
+            delayed = late.samples(part.start, part.stop).torque
             C[:, :, 0] = (moved.torque - delayed) / _LATER
         for j, joint in enumerate(model.robot.joint_names):
             if wanted[1 + j] and joint in model.torque_joints:
@@ -324,3 +340,113 @@ def _turned(
     both = (model.predict(x, q + sign * change, dq, ddq) for sign in (1.0, -1.0))
     ahead, behind = both
     return np.asarray((ahead - behind) / (2.0 * _TURNED))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CommandDelay:
+    """A delay of commands, and how sure it is.
+
+    Parameters
+    ----------
+    seconds : float, [s]
+        Not below zero.
+    standard_error : float, [s]
+        From the bend of the misfit, with as many samples as noise that is correlated
+        leaves; infinite where the misfit does not bend.
+    tried : array_like, shape (delays,), [s]
+    misfits : array_like, shape (delays,)
+        Least weighted squared misfit at each of them, over the least of all.
+    """
+
+    seconds: float
+    standard_error: float
+    tried: Vector
+    misfits: Vector
+
+    def __post_init__(self) -> None:
+        shapes = {"tried": (None,), "misfits": (None,)}
+        freeze_arrays(self, shapes, "delay of commands")
+
+    def table(self) -> Table:
+        """Return the delay and the misfit at those that were tried, for people."""
+        order = np.argsort(self.tried)
+        return Table(
+            f"Commands are late by {1e3 * self.seconds:.2f} +- "
+            f"{1e3 * self.standard_error:.2f} ms",
+            ("delay [ms]", "misfit over the least"),
+            tuple(
+                (f"{1e3 * self.tried[i]:.3g}", f"{self.misfits[i]:.4f}") for i in order
+            ),
+            ("the interval is 1 standard error, of this model of friction",),
+        )
+
+
+def command_delay(
+    model: TorqueModel,
+    recordings: Callable[[float], Sequence[Recording]],
+    *,
+    constraints: Sequence[Constraint] = (),
+    longest: float = LONGEST,
+) -> CommandDelay:
+    """Find how late commands reach the drives.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    recordings : callable
+        From a delay [s] to prepared recordings with the torque that commands of that
+        delay make; see `commanded`.
+    constraints : sequence of Constraint
+        Of these the equalities count, such as known bodies and equal motors.
+    longest : float, [s]
+
+    Raises
+    ------
+    RecordingError
+        If the recordings cannot be used.
+    """
+    first = build_regression(model, recordings(0.0))
+    sigma = joint_noise(model, first)
+    effective = float(first.effective.sum())
+    free = FreeParameters.of(constraints, model)
+    found = {0.0: free.misfit(first.weighted(sigma))}
+
+    def misfit(delay: float) -> float:
+        if delay not in found:
+            regression = build_regression(model, recordings(delay))
+            found[delay] = free.misfit(regression.weighted(sigma))
+        return found[delay]
+
+    step = longest / _SCANNED
+    for delay in np.arange(1, _SCANNED + 1) * step:
+        misfit(float(delay))
+    best = min(found, key=misfit)
+    for _ in range(_HALVINGS):
+        step /= 2.0
+        near = [d for d in (best - step, best + step) if 0.0 <= d <= longest]
+        best = min((best, *near), key=misfit)
+    seconds, bend = _parabola(best, step, misfit)
+    least = min(found.values())
+    # The misfit over its noise is a chi-square in as many samples as are independent.
+    curvature = bend / least * effective
+    tried = np.array(list(found))
+    return CommandDelay(
+        seconds=min(max(seconds, 0.0), longest),
+        standard_error=float(np.sqrt(2.0 / curvature)) if curvature > 0.0 else np.inf,
+        tried=tried,
+        misfits=np.array(list(found.values())) / least,
+    )
+
+
+def _parabola(
+    best: float, step: float, misfit: Callable[[float], float]
+) -> tuple[float, float]:
+    """Return the lowest point, and the second derivative, of a parabola near a delay.
+
+    Through the best delay and its neighbours; at zero through those after it.
+    """
+    middle = max(best, step)
+    low, centre, high = (misfit(middle + k * step) for k in (-1, 0, 1))
+    bend = (low - 2.0 * centre + high) / step**2
+    slope = (high - low) / (2.0 * step)
+    return (middle - slope / bend, bend) if bend > 0.0 else (best, bend)

@@ -1,8 +1,10 @@
 """An estimate with its provenance: how it came about and how far it can be trusted."""
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, field
+from math import nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, cast
 
 import numpy as np
 
@@ -11,19 +13,37 @@ from consistent_id._support.extras import pandas
 from consistent_id._support.files import write_json
 from consistent_id._support.tables import Table
 from consistent_id.constraints.cones.certificate import OptimumVerdict
+from consistent_id.constraints.links import link_conditions
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.estimate_file import estimate_record, known_of_file
+from consistent_id.estimation.estimate_file import (
+    FORMAT,
+    finite_or_none,
+    read_estimate,
+)
 from consistent_id.estimation.fit import Fit
+from consistent_id.estimation.judgement import Evidence, judge
+from consistent_id.estimation.torque_error import TorqueError, prediction_errors
 from consistent_id.estimation.verdict import Verdict
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.mass_matrix import (
+    POSES,
+    least_mass_eigenvalue,
+    random_poses,
+)
 from consistent_id.regression.motion_arrays import predicted_torque
 from consistent_id.regression.regressor import TorqueModel
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    from consistent_id.estimation.torque_error import TorqueError
+
+ERRORS = (
+    "standard error: of noise as correlated as the residuals, and of the prior's pull; "
+    "without what active inequalities take away and recordings differ by, which "
+    "uncertainty has (--uncertainty); - where the data do not determine the parameter"
+)
+"""What `Estimate.parameter_errors` are, for people."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +62,34 @@ class Certificate:
     verdict: OptimumVerdict
     reason: str
     figures: dict[str, float] = field(default_factory=dict)
+
+
+class FittedSpan(NamedTuple):
+    """A recording that an estimate was fitted to, by its name and its times.
+
+    Parameters
+    ----------
+    recording : str
+        The recording's name; parts of one log share it.
+    start, stop : float, [s]
+        Times of the first and the last sample.
+    """
+
+    recording: str
+    start: float
+    stop: float
+
+    def overlaps(self, other: "FittedSpan") -> bool:
+        """Return whether two spans share more than an instant of one recording."""
+        same = self.recording == other.recording
+        return same and self.start < other.stop and other.start < self.stop
+
+
+def fitted_spans(recordings: Iterable[Recording]) -> tuple[FittedSpan, ...]:
+    """Return the spans of recordings, in their order."""
+    return tuple(
+        FittedSpan(r.name, float(r.time[0]), float(r.time[-1])) for r in recordings
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,6 +126,14 @@ class Estimate:
         Kinds of reasons that its `verdict` is to overlook, as the user decided.
     judged : Verdict, optional
         By somebody who knows more of it than it does itself; see `EstimateReport`.
+    fitted_to : tuple of FittedSpan
+        Recordings that it was fitted to, which cannot judge it; empty if they are not
+        known.
+    parameter_errors : array_like, shape (parameters,), optional
+        Standard errors of the standard parameters, NaN where the data do not determine
+        them: of noise as correlated as the residuals, under the equalities among the
+        constraints, and of the prior's bias.  They lack what active inequalities take
+        away and what recordings differ by; `uncertainty` has both.
     """
 
     method: str
@@ -94,13 +150,15 @@ class Estimate:
     fit: Fit | None = None
     accepted: tuple[str, ...] = ()
     judged: Verdict | None = None
+    fitted_to: tuple[FittedSpan, ...] = ()
+    parameter_errors: Vector | None = None
 
     def __post_init__(self) -> None:
         p, b, n = len(self.model.layout), len(self.base), len(self.model.torque_joints)
         freeze_arrays(self, {"parameters": (p,), "sigma": (n,)}, self.method)
-        if self.base_covariance is not None:
-            shape = {"base_covariance": (b, b)}
-            freeze_arrays(self, shape, self.method, finite=False)
+        shapes = {"base_covariance": (b, b), "parameter_errors": (p,)}
+        known = {k: v for k, v in shapes.items() if getattr(self, k) is not None}
+        freeze_arrays(self, known, self.method, finite=False)
 
     def __getitem__(self, name: str) -> float:
         return float(self.parameters[self.model.layout.index(name)])
@@ -126,10 +184,42 @@ class Estimate:
         """
         if self.judged is not None:
             return self.judged
-        from consistent_id.estimation.evidence import evidence_of
-        from consistent_id.estimation.judge import judge
+        return judge(self.evidence())
 
-        return judge(evidence_of(self))
+    def evidence(self, *, seed: int = 0) -> Evidence:
+        """Return what the estimate knows of itself.
+
+        Parameters
+        ----------
+        seed : int
+            Of the poses at which the mass matrix is examined.
+        """
+        model, x = self.model, self.parameters
+        poses = random_poses(model, POSES, seed)
+        return Evidence(
+            method=self.method,
+            optimum=self.certificate.verdict,
+            optimum_reason=self.certificate.reason,
+            links=link_conditions(model, x),
+            least_mass_eigenvalue=least_mass_eigenvalue(model, x, poses),
+            fit=self.fit,
+            undetermined=self.undetermined,
+            accepted=self.accepted,
+            loose_trunk=self.loose_trunk,
+        )
+
+    @property
+    def loose_trunk(self) -> tuple[str, ...]:
+        """What neither data nor constraints determine of a floating base's own body.
+
+        Of mass and first moments, whose sums with other bodies the data may well
+        determine.
+        """
+        robot, determined = self.model.robot, ("data", "constraint")
+        if not robot.floating or not len(robot):
+            return ()
+        pairs = zip(self.model.layout.names[:4], self.origins, strict=False)
+        return tuple(name for name, origin in pairs if origin not in determined)
 
     @property
     def base_values(self) -> Vector:
@@ -142,6 +232,14 @@ class Estimate:
         if self.base_covariance is None:
             return None
         return np.sqrt(np.diag(self.base_covariance))
+
+    @property
+    def error_texts(self) -> tuple[str, ...]:
+        """`parameter_errors` for people: a dash where there is none."""
+        errors = self.parameter_errors
+        if errors is None:
+            return ("-",) * len(self.parameters)
+        return tuple(f"{e:.2g}" if np.isfinite(e) else "-" for e in errors)
 
     @property
     def links(self) -> Array:
@@ -163,7 +261,7 @@ class Estimate:
         """
         return predicted_torque(self.model, self.parameters, recording)
 
-    def score(self, recording: Recording) -> "TorqueError":
+    def score(self, recording: Recording) -> TorqueError:
         """Return how well the estimate predicts the torque of a recording.
 
         Its `stacked` is the relative error of all joints, ``||tau - prediction|| /
@@ -174,8 +272,6 @@ class Estimate:
         ProblemError
             If the recording has no torque, no velocity or no acceleration.
         """
-        from consistent_id.estimation.torque_error import torque_errors
-
         if recording.velocity is None or recording.acceleration is None:
             raise ProblemError(
                 f"{recording.name}: torques need velocity and acceleration; call "
@@ -187,8 +283,8 @@ class Estimate:
     def table(self) -> Table:
         """Return the verdict and the parameters, for people.
 
-        Of what has standard errors the base parameters, which alone are determined by
-        the data; else the standard parameters, with what determines each.
+        Of least squares the base parameters, which alone are determined by the data;
+        else the standard parameters, with what determines each.
         """
         verdict = self.verdict
         title = verdict.sentence
@@ -198,18 +294,19 @@ class Estimate:
         if errors is None:
             return Table(
                 title,
-                ("parameter", "value", "unit", "determined by"),
+                ("parameter", "value", "standard error", "unit", "determined by"),
                 tuple(
-                    (name, f"{value:.6g}", unit, origin)
-                    for name, value, unit, origin in zip(
+                    (name, f"{value:.6g}", error, unit, origin)
+                    for name, value, error, unit, origin in zip(
                         self.model.layout.names,
                         self.parameters,
+                        self.error_texts,
                         units,
                         self.origins,
                         strict=True,
                     )
                 ),
-                notes,
+                (*notes, ERRORS) if self.parameter_errors is not None else notes,
             )
         return Table(
             title,
@@ -236,20 +333,22 @@ class Estimate:
         Returns
         -------
         pandas.DataFrame
-            Indexed by ``parameter``, with columns ``value``, ``unit`` and
-            ``rests_on``; the method and the verdict are in its ``attrs``.
+            Indexed by ``parameter``, with columns ``value``, ``standard_error`` (NaN
+            where the data do not determine it), ``unit`` and ``determined_by``; the
+            method and the verdict are in its ``attrs``.
 
         Raises
         ------
         ProblemError
             If pandas is not installed.
         """
-        layout = self.model.layout
+        layout, errors = self.model.layout, self.parameter_errors
         frame = pandas().DataFrame(
             {
                 "value": self.parameters,
+                "standard_error": np.nan if errors is None else errors,
                 "unit": list(layout.units),
-                "rests_on": list(self.origins),
+                "determined_by": list(self.origins),
             },
             index=pandas().Index(layout.names, name="parameter"),
         )
@@ -257,8 +356,56 @@ class Estimate:
         return frame
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything but the model as plain numbers and text."""
-        return estimate_record(self)
+        """Return everything but the model as plain numbers and text.
+
+        What `load` reads back; of the rest, units and base parameters are for people.
+        """
+        layout, base = self.model.layout, self.base
+        figures = {k: finite_or_none(v) for k, v in self.certificate.figures.items()}
+        errors, of_base = self.parameter_errors, self.standard_errors
+        errors = np.full(len(layout), np.nan) if errors is None else errors
+        of_base = np.full(len(base), np.nan) if of_base is None else of_base
+        sigma = zip(self.model.torque_joints, self.sigma.tolist(), strict=True)
+        return {
+            "format": FORMAT,
+            "robot": self.model.robot.name,
+            "method": self.method,
+            **self.verdict.to_dict(),
+            "certificate": {**asdict(self.certificate), "figures": figures},
+            "parameters": {
+                name: {
+                    "value": float(value),
+                    "standard_error": finite_or_none(error),
+                    "unit": unit,
+                    "origin": origin,
+                }
+                for name, value, error, unit, origin in zip(
+                    layout.names,
+                    self.parameters,
+                    errors,
+                    layout.units,
+                    self.origins,
+                    strict=True,
+                )
+            },
+            "base_parameters": [
+                {
+                    "name": name,
+                    "value": float(value),
+                    "standard_error": finite_or_none(error),
+                    "grouping": grouping,
+                }
+                for name, value, error, grouping in zip(
+                    base.names, self.base_values, of_base, base.groupings, strict=True
+                )
+            ],
+            "undetermined": list(self.undetermined),
+            "sigma": dict(sigma),
+            "notes": list(self.notes),
+            "seconds": self.seconds,
+            "fit": None if self.fit is None else self.fit.to_dict(),
+            "fitted_to": [span._asdict() for span in self.fitted_to],
+        }
 
     def save(self, path: str | Path) -> Path:
         """Write `to_dict` as JSON; the file is whole or not there.
@@ -278,4 +425,47 @@ class Estimate:
         ProblemError
             If the file is not an estimate of this model.
         """
-        return cls(model=model, base=base, **known_of_file(Path(path), model))
+        record = read_estimate(Path(path), model)
+        certificate, entries = record.certificate, record.parameters.values()
+        errors = np.array(
+            [nan if e.standard_error is None else e.standard_error for e in entries]
+        )
+        spans = (FittedSpan(s.recording, s.start, s.stop) for s in record.fitted_to)
+        return cls(
+            method=record.method,
+            model=model,
+            base=base,
+            parameters=np.array([entry.value for entry in entries]),
+            base_covariance=None,
+            origins=tuple(entry.origin for entry in entries),
+            undetermined=tuple(record.undetermined),
+            sigma=np.array([record.sigma[j] for j in model.torque_joints]),
+            certificate=Certificate(
+                cast(OptimumVerdict, certificate.verdict),
+                certificate.reason,
+                certificate.known_figures,
+            ),
+            notes=tuple(record.notes),
+            seconds=record.seconds,
+            fit=record.fit_value(),
+            accepted=tuple(record.accepted),
+            judged=record.verdict_value(),
+            fitted_to=tuple(spans),
+            parameter_errors=errors if np.isfinite(errors).any() else None,
+        )
+
+
+def torque_errors(
+    estimates: Sequence[Estimate], recording: Recording
+) -> list[TorqueError]:
+    """Return the prediction error of each estimate of one model along a recording.
+
+    Raises
+    ------
+    ProblemError
+        If the recording has no torque, or its torque is zero throughout.
+    """
+    predictions = (
+        (e.parameters, None if e.fit is None else e.fit.holding) for e in estimates
+    )
+    return prediction_errors(estimates[0].model, predictions, recording)

@@ -1,9 +1,9 @@
-"""The JSON file of an estimate: what is written, read back through a schema."""
+"""The schema of an estimate's JSON file; `Estimate.to_dict` writes it."""
 
 import json
 from math import nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast, get_args
+from typing import Any, get_args
 
 import msgspec
 import numpy as np
@@ -15,10 +15,9 @@ from consistent_id.estimation.fit import Fit
 from consistent_id.estimation.verdict import Verdict, Word
 from consistent_id.regression.regressor import TorqueModel
 
-if TYPE_CHECKING:
-    from consistent_id.estimation.estimate import Estimate
-
 FORMAT = "consistent_id estimate 1"
+
+_OPTIMA = get_args(OptimumVerdict)
 
 
 class ParameterRecord(msgspec.Struct):
@@ -26,6 +25,7 @@ class ParameterRecord(msgspec.Struct):
 
     value: float
     origin: str
+    standard_error: float | None = None
 
 
 class CertificateRecord(msgspec.Struct):
@@ -77,6 +77,14 @@ class ReasonRecord(msgspec.Struct):
     advice: str
 
 
+class SpanRecord(msgspec.Struct):
+    """A recording that the estimate was fitted to; see `FittedSpan`."""
+
+    recording: str
+    start: float
+    stop: float
+
+
 class EstimateRecord(msgspec.Struct):
     """What an estimate is made of again; the file holds more, for people."""
 
@@ -93,6 +101,8 @@ class EstimateRecord(msgspec.Struct):
     verdict: Word = "use with care"
     reasons: list[ReasonRecord] = []
     held_out_error: float | None = None
+    fitted_to: list[SpanRecord] = []
+    held_out_recordings: list[str] = []
 
     def fit_value(self) -> Fit | None:
         """Return the fit, if the file has one."""
@@ -106,104 +116,14 @@ class EstimateRecord(msgspec.Struct):
         return Verdict.from_dict(msgspec.to_builtins(self))
 
 
-def estimate_record(estimate: "Estimate") -> dict[str, Any]:
-    """Return everything of an estimate but the model as plain numbers and text."""
-    layout, base = estimate.model.layout, estimate.base
-    errors = estimate.standard_errors
-    errors = np.full(len(base), np.nan) if errors is None else errors
-    return {
-        "format": FORMAT,
-        "robot": estimate.model.robot.name,
-        "method": estimate.method,
-        **estimate.verdict.to_dict(),
-        "certificate": {
-            "verdict": estimate.certificate.verdict,
-            "reason": estimate.certificate.reason,
-            "figures": {
-                name: _finite(value)
-                for name, value in estimate.certificate.figures.items()
-            },
-        },
-        "parameters": {
-            name: {"value": float(value), "unit": unit, "origin": origin}
-            for name, value, unit, origin in zip(
-                layout.names,
-                estimate.parameters,
-                layout.units,
-                estimate.origins,
-                strict=True,
-            )
-        },
-        "base_parameters": [
-            {
-                "name": name,
-                "value": float(value),
-                "standard_error": _finite(error),
-                "grouping": grouping,
-            }
-            for name, value, error, grouping in zip(
-                base.names, estimate.base_values, errors, base.groupings, strict=True
-            )
-        ],
-        "undetermined": list(estimate.undetermined),
-        "sigma": dict(
-            zip(estimate.model.torque_joints, estimate.sigma.tolist(), strict=True)
-        ),
-        "notes": list(estimate.notes),
-        "seconds": estimate.seconds,
-        "fit": None if estimate.fit is None else estimate.fit.to_dict(),
-    }
-
-
-def known_of_file(path: Path, model: TorqueModel) -> dict[str, Any]:
-    """Return the fields of an estimate of a model, as a file states them.
+def read_estimate(path: Path, model: TorqueModel) -> EstimateRecord:
+    """Return what a file states of an estimate of a model.
 
     Raises
     ------
     ProblemError
-        If the file is not an estimate of this model.
-    """
-    from consistent_id.estimation.estimate import Certificate
-
-    record = read_estimate(path)
-    certificate = record.certificate
-    known = certificate.verdict in get_args(OptimumVerdict)
-    if record.format != FORMAT or not known:
-        raise ProblemError(f"{path}: not an estimate in the form {FORMAT!r}")
-    if tuple(record.parameters) != model.layout.names or set(record.sigma) != set(
-        model.torque_joints
-    ):
-        raise ProblemError(
-            f"{path}: its parameters are not those of robot "
-            f"{model.robot.name!r} with these drive terms"
-        )
-    return {
-        "method": record.method,
-        "parameters": np.array([entry.value for entry in record.parameters.values()]),
-        "base_covariance": None,
-        "origins": tuple(entry.origin for entry in record.parameters.values()),
-        "undetermined": tuple(record.undetermined),
-        "sigma": np.array([record.sigma[j] for j in model.torque_joints]),
-        "certificate": Certificate(
-            cast(OptimumVerdict, certificate.verdict),
-            certificate.reason,
-            certificate.known_figures,
-        ),
-        "notes": tuple(record.notes),
-        "seconds": record.seconds,
-        "fit": record.fit_value(),
-        "accepted": tuple(record.accepted),
-        "judged": record.verdict_value(),
-    }
-
-
-def read_estimate(path: Path) -> EstimateRecord:
-    """Return what a file states.
-
-    Raises
-    ------
-    ProblemError
-        If it is no estimate of this form; with the path of the faulty key.
+        If it is no estimate of this form, with the path of the faulty key, or has other
+        parameters.
     """
     content = read_input(path, ProblemError, LARGEST_MODEL)
     try:
@@ -211,12 +131,22 @@ def read_estimate(path: Path) -> EstimateRecord:
     except (ValueError, RecursionError) as cause:
         raise ProblemError(f"{path}: not JSON: {cause}") from None
     try:
-        return msgspec.convert(known, type=EstimateRecord)
+        record = msgspec.convert(known, type=EstimateRecord)
     except msgspec.ValidationError as cause:
         raise ProblemError(
             f"{path}: not an estimate: {cause} ($ is the file)"
         ) from None
+    if record.format != FORMAT or record.certificate.verdict not in _OPTIMA:
+        raise ProblemError(f"{path}: not an estimate in the form {FORMAT!r}")
+    same = tuple(record.parameters) == model.layout.names
+    if not same or set(record.sigma) != set(model.torque_joints):
+        raise ProblemError(
+            f"{path}: its parameters are not those of robot "
+            f"{model.robot.name!r} with these drive terms"
+        )
+    return record
 
 
-def _finite(value: float) -> float | None:
+def finite_or_none(value: float) -> float | None:
+    """Return a figure as the file has it: null where it is not finite."""
     return float(value) if np.isfinite(value) else None

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Vector, freeze_arrays
-from consistent_id._support.threads import single_threaded
+from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
+from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import (
     CentreOfMassBoxes,
     Constraint,
@@ -19,14 +19,13 @@ from consistent_id.constraints import (
 )
 from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ProblemError, RecordingError
+from consistent_id.estimation.base_least_squares import least_squares
 from consistent_id.estimation.constrained import (
     DEFAULT_CONSTRAINTS,
     constrained_least_squares,
 )
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.least_squares import least_squares
-from consistent_id.estimation.load.gain_slopes import gain_slopes
-from consistent_id.estimation.load.loaded_robot import (
+from consistent_id.estimation.loaded_robot import (
     LoadedRobot,
     OfBareRobot,
     OfLoad,
@@ -34,10 +33,12 @@ from consistent_id.estimation.load.loaded_robot import (
     loaded_robot,
 )
 from consistent_id.recordings.recording import Recording, several
-from consistent_id.regression.correlation import correlation_length
-from consistent_id.regression.noise import joint_noise
+from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.correlated_noise import correlation_length
+from consistent_id.regression.linear import smallest_solution
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import joint_noise
 from consistent_id.robot.inertia import INERTIAL_NAMES, InertialParameters
 from consistent_id.robot.model import Datasheet, Link
 
@@ -283,3 +284,29 @@ def _standard_errors(
             noise = np.sqrt(correlation) * found[place]
             errors[i] = np.hypot(noise, of_gains[place]) if alone else np.inf
     return errors
+
+
+def gain_slopes(regression: Regression, base: BaseParameters) -> Matrix:
+    """Return the derivative of the base parameters by the logarithm of each gain.
+
+    The torque of a joint is proportional to its gain, and the solution is linear in the
+    torques: with ``x = A^+ b`` the slope of joint ``j`` is ``A^+ b_j``, where ``b_j``
+    has the rows of that joint alone.
+
+    Parameters
+    ----------
+    regression : Regression
+        With its weights, which are held.
+
+    Returns
+    -------
+    ndarray, shape (base parameters, joints)
+    """
+    scaled = [F / s for F, s in zip(regression.factors, regression.sigma, strict=True)]
+    A = np.vstack([own[:, list(base.independent)] for own in scaled])
+    torque = np.zeros((len(A), len(scaled)))
+    first = 0
+    for place, own in enumerate(scaled):
+        torque[first : first + len(own), place] = own[:, -1]
+        first += len(own)
+    return smallest_solution(A, torque)

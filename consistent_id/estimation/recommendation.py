@@ -13,8 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector, freeze_arrays
-from consistent_id._support.leave_one_out import all_but_each
-from consistent_id._support.threads import single_threaded
+from consistent_id._support.executors import all_but_each, single_threaded
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import Prior
 from consistent_id.errors import (
@@ -23,13 +22,13 @@ from consistent_id.errors import (
     ProblemError,
     SolverError,
 )
-from consistent_id.estimation.constrained_fit import constrained_fit
+from consistent_id.estimation.constrained import constrained_fit
 from consistent_id.estimation.torque_error import stacked_of_kinds
 from consistent_id.estimation.verdict import percent
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.noise import joint_noise
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import joint_noise
 from consistent_id.regression.segments import merged
 
 FOLDS = 6
@@ -37,7 +36,7 @@ FOLDS = 6
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class MethodCandidate:
     """A method that can be recommended.
 
     Parameters
@@ -90,10 +89,10 @@ class Recommendation:
             return f"{self.method}, the simplest; no block of the data can be left out"
         pairs = zip(self.candidates, self.error, strict=True)
         others = ", ".join(f"{m} {percent(e)}" for m, e in pairs if m != self.method)
-        beside = f" ({others})" if others else ""
+        beside = f"; {others}" if others else ""
         return (
-            f"expect {percent(self.expected)} on a motion not seen, from blocks of the "
-            f"training data left out{beside}"
+            f"error to expect on a motion not seen: {percent(self.expected)} (all "
+            f"joints, blocks of the training data left out{beside})"
         )
 
 
@@ -101,7 +100,7 @@ class Recommendation:
 def recommend(
     model: TorqueModel,
     segments: Sequence[Regression],
-    candidates: Sequence[Candidate],
+    candidates: Sequence[MethodCandidate],
     *,
     constraints: Sequence[Constraint],
     base: BaseParameters,
@@ -112,7 +111,7 @@ def recommend(
     ----------
     segments : sequence of Regression
         The training data, in the order of time.
-    candidates : sequence of Candidate
+    candidates : sequence of MethodCandidate
         From the simplest on.
 
     Raises
@@ -136,7 +135,7 @@ def recommend(
     return Recommendation(names[_simplest(errors)], names, errors)
 
 
-class _Fold(NamedTuple):
+class _LeftOut(NamedTuple):
     """The data without a block, and the block."""
 
     rest: Regression
@@ -145,8 +144,8 @@ class _Fold(NamedTuple):
 
 def _left_out(
     model: TorqueModel,
-    candidate: Candidate,
-    folds: Sequence[_Fold],
+    candidate: MethodCandidate,
+    folds: Sequence[_LeftOut],
     constraints: Sequence[Constraint],
     base: BaseParameters,
 ) -> list[float]:
@@ -168,11 +167,11 @@ def _left_out(
     return errors
 
 
-def _folds(segments: Sequence[Regression], number: int) -> list[_Fold]:
+def _folds(segments: Sequence[Regression], number: int) -> list[_LeftOut]:
     parts = np.array_split(np.arange(len(segments)), number)
     blocks = [merged([segments[i] for i in part]) for part in parts]
     rests = all_but_each(blocks, Regression.__add__)
-    return [_Fold(*pair) for pair in zip(rests, blocks, strict=True)]
+    return [_LeftOut(*pair) for pair in zip(rests, blocks, strict=True)]
 
 
 def _simplest(errors: Matrix) -> int:

@@ -8,20 +8,20 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
-from consistent_id._support.threads import single_threaded
+from consistent_id._support.executors import single_threaded
 from consistent_id.errors import ProblemError
+from consistent_id.estimation.base_least_squares import least_squares
 from consistent_id.estimation.estimate import Certificate, Estimate
 from consistent_id.estimation.fit import fit_of
-from consistent_id.estimation.least_squares import least_squares
 from consistent_id.estimation.method import Method
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters, base_parameters
-from consistent_id.regression.correlation import correlation_lengths
+from consistent_id.regression.correlated_noise import correlation_lengths
 from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.motion_arrays import Motion, motion_of
-from consistent_id.regression.noise import base_solution, joint_noise
 from consistent_id.regression.regression import Regression, build_regression, reweighted
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import base_solution, joint_noise
 
 HUBER_K = 1.345
 """Residuals beyond this many standard deviations count linearly; 95 % efficient for
@@ -89,6 +89,7 @@ def huber(
         estimate,
         sigma=scale,
         base_covariance=_covariance(plain, base, reached.residuals, k * scale),
+        parameter_errors=None,
         certificate=_certificate(reached.change, tolerance),
         notes=(f"Huber's loss, k = {k:g}", *estimate.notes),
         seconds=perf_counter() - started,
@@ -120,7 +121,7 @@ def _settled(
     columns = list(base.independent)
     residuals = _residuals(model, base.lift(x), motions)
     change: float = np.inf
-    steps: tuple[_Step, ...] = ()
+    steps: tuple[_ReweightingStep, ...] = ()
     for _ in range(iterations):
         scale = np.maximum(_MAD * _medians(abs(np.vstack(residuals)), counted), floor)
         weights = [
@@ -134,7 +135,7 @@ def _settled(
         if change <= tolerance:
             break
         kept = () if change > _GROWN * before else steps[-_MEMORY:]
-        steps = (*kept, _Step(x, end, updated))
+        steps = (*kept, _ReweightingStep(x, end, updated))
         shares = _mixed(steps, R[:, columns])
         x = shares @ np.array([step.end for step in steps])
         # Residuals are affine in parameters, and shares add to one.
@@ -143,7 +144,7 @@ def _settled(
     return _Reached(scale, weights, updated, change)
 
 
-class _Step(NamedTuple):
+class _ReweightingStep(NamedTuple):
     """Base parameters before a reweighting and after it, and what these leave."""
 
     start: Vector
@@ -151,7 +152,7 @@ class _Step(NamedTuple):
     residuals: list[Array]
 
 
-def _mixed(steps: Sequence[_Step], metric: Matrix) -> Vector:
+def _mixed(steps: Sequence[_ReweightingStep], metric: Matrix) -> Vector:
     """Return the shares of the steps' ends in the next start: Anderson's mixing.
 
     Of all points that the last starts span, it takes the one whose own step would be

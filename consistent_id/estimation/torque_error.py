@@ -1,19 +1,38 @@
-"""How well an estimate predicts recorded torque."""
+"""How well parameters predict recorded torque, with what dry friction can hold apart.
 
-from collections.abc import Sequence
+Friction of a joint at rest is whatever balances it, up to its breakaway torque.  A
+model with Coulomb friction predicts none there, so what it leaves of the torque
+contradicts it only beyond that.
+"""
+
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.arrays import Vector
+from consistent_id._support.arrays import Array, Vector
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.stiction import IN_MOTION, beyond_friction, moving_shares
 from consistent_id.recordings.recording import Recording
+from consistent_id.regression.drive.laws import AsymmetricCoulomb, Coulomb
+from consistent_id.regression.drive.term import DriveTerm, JointSamples
 from consistent_id.regression.motion_arrays import Motion, motion_of
-from consistent_id.regression.regression import build_regression
+from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_names import rows_in_newton
+
+AT_REST = 0.05
+"""Share of samples in motion below which data hardly show what a joint's friction is:
+three seconds of a minute."""
+
+IN_MOTION = 0.5
+"""Share of samples in motion from which on rests are few, and change little."""
+
+BREAKAWAY = 0.25
+"""Friction over a drive's effort limit, at the most: a drive that spends more on itself
+is a poor one.  It is asked for where the data do not tell the friction."""
+
+_DRY = (Coulomb, AsymmetricCoulomb)
+_AT_EASE = float(np.tanh(1.0))  # of the direction, below which a joint may be at rest
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,17 +71,24 @@ class TorqueError:
         return self.rms**2
 
 
-def torque_errors(
-    estimates: Sequence[Estimate], recording: Recording
+def prediction_errors(
+    model: TorqueModel,
+    predictions: Iterable[tuple[Vector, Vector | None]],
+    recording: Recording,
 ) -> list[TorqueError]:
-    """Return the prediction error of each estimate of one model along a recording.
+    """Return the error of each vector of parameters of a model along a recording.
+
+    Parameters
+    ----------
+    predictions : iterable of (ndarray, ndarray or None)
+        Parameters, shape (parameters,), and the torque that friction can hold at rest,
+        shape (torque joints,), from `holding`; None counts as zero.
 
     Raises
     ------
     ProblemError
         If the recording has no torque, or its torque is zero throughout.
     """
-    model = estimates[0].model
     if not model.robot.floating and recording.of(model.torque_joints).torque is None:
         raise ProblemError(f"{recording.name} has no torque to compare with")
     motion = motion_of(model, recording, None)
@@ -74,9 +100,9 @@ def torque_errors(
     # Where rows are mixed, friction of a joint at rest is in all of them.
     rests = motion.mixing is None and bool((moving < IN_MOTION).any())
     errors = []
-    for estimate in estimates:
-        rms = regression.residual_rms(estimate.parameters)
-        beyond = _beyond(estimate, recording, motion) if rests else rms
+    for x, held in predictions:
+        rms = regression.residual_rms(x)
+        beyond = _rms_beyond(model, x, held, recording, motion) if rests else rms
         errors.append(
             TorqueError(
                 recording.name,
@@ -91,11 +117,16 @@ def torque_errors(
     return errors
 
 
-def _beyond(estimate: Estimate, recording: Recording, motion: Motion) -> Vector:
+def _rms_beyond(
+    model: TorqueModel,
+    x: Vector,
+    held: Vector | None,
+    recording: Recording,
+    motion: Motion,
+) -> Vector:
     """Return the RMS error beyond what friction at rest can hold, of each joint."""
-    model, fit = estimate.model, estimate.fit
-    error = motion.torque - motion.predicted(model, estimate.parameters)
-    held = np.zeros(len(model.torque_joints)) if fit is None else fit.holding
+    error = motion.torque - motion.predicted(model, x)
+    held = np.zeros(len(model.torque_joints)) if held is None else held
     moved = recording.of(model.robot.joint_names)
     left = beyond_friction(model, moved, error, held)
     return np.asarray(np.sqrt(np.mean(left**2, axis=0)))
@@ -128,3 +159,94 @@ def stacked_beyond(errors: Sequence[TorqueError]) -> float | None:
 
 def _mean(stacked: Sequence[float]) -> float | None:
     return float(np.sqrt(np.mean(np.square(stacked)))) if stacked else None
+
+
+def moving_shares(model: TorqueModel, regression: Regression) -> Vector:
+    """Return the share of samples in which each joint moves, shape (torque joints,).
+
+    The mean square of the direction of motion, as Coulomb friction sees it; NaN without
+    Coulomb friction.
+    """
+    shares = np.full(len(regression.joints), np.nan)
+    for row, columns in _coulomb_columns(model).items():
+        seen = float(np.sum(regression.factors[row][:, columns] ** 2))
+        shares[row] = seen / regression.counts[row]
+    return shares
+
+
+def holding(model: TorqueModel, x: Vector, moving: Vector) -> Vector:
+    """Return the torque that friction can hold of each joint, shape (torque joints,).
+
+    The estimated Coulomb friction; of a joint that hardly moved, `BREAKAWAY` of its
+    effort limit, and NaN without one: it is not known.  Zero without Coulomb friction.
+
+    Parameters
+    ----------
+    x : ndarray, shape (parameters,)
+    moving : ndarray, shape (torque joints,)
+        From `moving_shares`.
+    """
+    limits = {joint.name: joint.limits.effort for joint in model.robot.joints}
+    held = np.zeros(len(model.torque_joints))
+    for row, columns in _coulomb_columns(model).items():
+        held[row] = abs(x[columns]).max()
+        if moving[row] < AT_REST:
+            limit = limits.get(model.torque_joints[row], np.inf)
+            known = 0.0 < limit < np.inf
+            held[row] = BREAKAWAY * limit if known else np.nan
+    return held
+
+
+def beyond_friction(
+    model: TorqueModel, recording: Recording, error: Array, held: Vector
+) -> Array:
+    """Return what is left of torque errors beyond what friction at rest can hold.
+
+    In motion nothing is taken off; see `Coulomb` for how much a joint moves.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of the robot's joints, with velocity.
+    error : ndarray, shape (samples, torque joints), [N m or N]
+    held : ndarray, shape (torque joints,), [N m or N]
+        From `holding`; where it is NaN, any torque may be held.
+    """
+    left = error.copy()
+    names = model.robot.joint_names
+    for row, terms in _coulomb_terms(model).items():
+        j = names.index(model.torque_joints[row])
+        q, dq = recording.position[:, j], np.asarray(recording.velocity)[:, j]
+        samples = JointSamples(q, dq, np.zeros_like(dq), None)
+        speed = np.sum([abs(c) for t in terms for c in t.columns(samples)], axis=0)
+        known = np.isfinite(held[row])
+        slack = (
+            held[row] * (1.0 - speed)
+            if known
+            else np.where(speed < _AT_EASE, np.inf, 0.0)
+        )
+        left[:, row] = np.maximum(abs(error[:, row]) - slack, 0.0)
+    return left
+
+
+def _coulomb_terms(model: TorqueModel) -> dict[int, list[DriveTerm]]:
+    """Return the Coulomb terms of each row that has any."""
+    names = model.robot.joint_names
+    found: dict[int, list[DriveTerm]] = {}
+    for row, name in enumerate(model.torque_joints):
+        if name not in names:
+            continue
+        terms = model.terms[names.index(name)].terms
+        dry: list[DriveTerm] = [t for t in terms if isinstance(t, _DRY)]
+        if dry:
+            found[row] = dry
+    return found
+
+
+def _coulomb_columns(model: TorqueModel) -> dict[int, list[int]]:
+    """Return the columns of each row's Coulomb friction."""
+    index = model.layout.index
+    return {
+        row: [index(f"{model.torque_joints[row]}.{n}") for t in terms for n in t.names]
+        for row, terms in _coulomb_terms(model).items()
+    }

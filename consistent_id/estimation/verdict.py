@@ -4,7 +4,8 @@ A certificate says that an optimum is one.  A verdict weighs everything that is 
 the estimate; see `judge`.
 """
 
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, replace
 from textwrap import shorten
 from typing import Any, Literal, Self
 
@@ -22,6 +23,7 @@ BAD_RESULT = "my result is bad, what now?"
 
 _BRIEF = 3  # reasons shown on a terminal
 _WIDE = 180  # characters of each
+_NAMED = 2  # recordings that are named
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,13 +62,17 @@ class Verdict:
     accepted : tuple of str
         Kinds of reasons that the user overlooks.
     held_out : float, optional
-        Relative torque error on recordings held out; None without any.
+        Relative torque error of all joints on recordings held out; None without any.
+    recordings : tuple of str
+        The names of these.
 
     Examples
     --------
-    >>> verdict = Verdict("use", "constrained", (), held_out=0.031)
+    >>> verdict = Verdict(
+    ...     "use", "constrained", (), held_out=0.031, recordings=("b.csv",)
+    ... )
     >>> print(verdict.sentence)
-    use: constrained, held-out torque error 3.1 %
+    use: constrained, held-out error 3.1 % (all joints, b.csv)
     """
 
     word: Word
@@ -74,6 +80,7 @@ class Verdict:
     reasons: tuple[Reason, ...]
     accepted: tuple[str, ...] = ()
     held_out: float | None = None
+    recordings: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         return self.word
@@ -97,9 +104,9 @@ class Verdict:
         """Return the sentence, with least squares' held-out error beside its own."""
         said = f"{self.word}: {self.method}"
         if self.held_out is not None:
-            said += f", held-out torque error {percent(self.held_out)}"
-            if plain is not None:
-                said += f" (least squares {percent(plain)})"
+            of = ", ".join(("all joints", *_few(self.recordings)))
+            beside = "" if plain is None else f"; least squares {percent(plain)}"
+            said += f", held-out error {percent(self.held_out)} ({of}{beside})"
         kinds = list(dict.fromkeys(r.kind for r in self.grounds))
         return f"{said}; {', '.join(kinds[:3])}" if kinds else said
 
@@ -119,6 +126,7 @@ class Verdict:
             tuple(Reason(**reason) for reason in record["reasons"]),
             tuple(record["accepted"]),
             record["held_out_error"],
+            tuple(record.get("held_out_recordings", ())),
         )
 
     @property
@@ -140,9 +148,57 @@ class Verdict:
             "method": self.method,
             "verdict": self.word,
             "held_out_error": self.held_out,
+            "held_out_recordings": list(self.recordings),
             "reasons": [asdict(reason) for reason in self.reasons],
             "accepted": list(self.accepted),
         }
+
+
+def confirmed(stated: Verdict, found: Verdict) -> Verdict:
+    """Return a verdict that is stated, no better than what is found now.
+
+    It is for an estimate that was fitted to all data after it had been judged: what is
+    found of it now has no held-out data.  The error on data that it was fitted to is
+    less than the one held out, so the larger figure stands.
+
+    Parameters
+    ----------
+    stated : Verdict
+        From when data were held out.
+    found : Verdict
+        From what can be computed today; its accepted kinds are those that count.
+    """
+    accepted, recordings = found.accepted, stated.recordings or found.recordings
+    before = weighed(stated.method, stated.reasons, accepted, None, recordings)
+    words = {r.kind: WORDS.index(r.word) for r in reversed(before.reasons)}
+    worse = [r for r in found.grounds if WORDS.index(r.word) > words.get(r.kind, 0)]
+    reasons = (*before.reasons, *worse)
+    errors = [e for e in (stated.held_out, found.held_out) if e is not None]
+    error = max(errors, default=None)
+    return weighed(stated.method, reasons, accepted, error, recordings)
+
+
+def weighed(
+    method: str,
+    found: Iterable[Reason],
+    accepted: tuple[str, ...],
+    held_out: float | None,
+    recordings: tuple[str, ...],
+) -> Verdict:
+    """Return the verdict of reasons: the worst that was not accepted decides."""
+    reasons = [
+        replace(r, word="use", statement=f"{r.statement} (accepted by the user)")
+        if r.word != "use" and r.kind in accepted
+        else r
+        for r in found
+    ]
+    reasons.sort(key=lambda r: -WORDS.index(r.word))
+    word = reasons[0].word if reasons else "use"
+    return Verdict(word, method, tuple(reasons), accepted, held_out, recordings)
+
+
+def _few(names: tuple[str, ...]) -> tuple[str, ...]:
+    return names if len(names) <= _NAMED else (f"{len(names)} recordings",)
 
 
 def percent(share: float) -> str:

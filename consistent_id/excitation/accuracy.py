@@ -3,37 +3,48 @@
 With noise of standard deviation ``sigma_j`` on each torque, independent from sample to
 sample, least squares has the covariance ``(sum_j W_j^T W_j / sigma_j^2 + M)^-1``, where
 ``M`` is the information of earlier recordings.
+
+From it follows how long to move until errors are a twentieth of the parameters.  Noise
+that nobody has stated is assumed: of joints by their effort limits, of a sensor.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector, checked
+from consistent_id._support.executors import single_threaded
 from consistent_id._support.tables import Table
-from consistent_id._support.threads import single_threaded
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.excitation.aims import Aim
-from consistent_id.excitation.default_noise import assumed_noise
 from consistent_id.excitation.interest import places_of_interest
-from consistent_id.recordings.paths import JointPath
+from consistent_id.motion.limits import MotionLimits
+from consistent_id.recordings.joint_paths import JointPath
 from consistent_id.regression.base import (
     BaseParameters,
     ConditionNumber,
     condition_number,
     linear_combination,
+    require_same_model,
 )
 from consistent_id.regression.regression import triangle
 from consistent_id.regression.residual_noise import WHITE
-from consistent_id.regression.row_model import RowModel
+from consistent_id.regression.row_structure import RowModel
 from consistent_id.regression.rows.sensor_rows import SensorRows
-from consistent_id.regression.same_model import require_same_model
 from consistent_id.robot.parameters import did_you_mean
 
 _PART = 0.2  # of the largest part of a combination; less is not listed
 _MOST = 1e9  # repetitions; more would not be played
 _LEAST = 1e-9  # repetitions; what is less is none
+
+_WANTED = 0.05  # standard error, in shares of the parameter
+_MATTERS = 0.01  # share of the path's torque, RMS, that a parameter must make up
+
+_SHARE = 0.005  # of the effort limit; 0.4 to 0.7 % in a UR10e's six joints
+# N and N m: what shakes and hysteresis leave of sensors for arms of 3 to 20 kg.  Their
+# ratio, which decides what a motion is good for, is a lever as long as a tool, 0.1 m.
+_SENSOR = (0.2,) * 3 + (0.02,) * 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -311,3 +322,123 @@ def path_regressor(
         for _, block in model.chunks(*path.evaluate(time))
     ]
     return np.concatenate(blocks, axis=1)
+
+
+@dataclass(frozen=True, slots=True)
+class RelativeAccuracy:
+    """Standard errors of one repetition beside the parameters of a known robot.
+
+    Only base parameters count that make up a hundredth of the torque along the path, in
+    units of its noise: of a parameter near zero no share means anything.  Of a motion
+    for some parameters, only those.
+
+    Parameters
+    ----------
+    matter : tuple of str
+        Base parameters that count, by their leaders.
+    accurate : int
+        Those of them with a standard error of 5 % or less.
+    unknown : int
+        Those with a standard error above the parameter itself.
+    repetitions : float, optional
+        After which all of them have 5 % or less; None if no number is enough.
+    duration : float, [s]
+        Of one repetition.
+    """
+
+    matter: tuple[str, ...]
+    accurate: int
+    unknown: int
+    repetitions: float | None
+    duration: float
+
+    @property
+    def useless(self) -> bool:
+        """Whether most of what matters stays unknown."""
+        return 2 * self.unknown > len(self.matter)
+
+    @property
+    def note(self) -> str:
+        """How long to move for 5 %."""
+        many = f"{len(self.matter)} base parameters that make up 1 % of the torque"
+        now = f"{self.accurate} of the {many} have a standard error of 5 % or less"
+        if self.repetitions is None:
+            return f"{now}; no number of repetitions is enough for all"
+        count = max(int(np.ceil(self.repetitions)), 1)
+        if count == 1:
+            return f"all of the {many} have a standard error of 5 % or less"
+        return (
+            f"{now}; for all of them play it {count} times, "
+            f"{count * self.duration:.0f} s"
+        )
+
+
+def relative_accuracy(
+    model: RowModel, accuracy: PredictedAccuracy, reference: Vector | None = None
+) -> RelativeAccuracy | None:
+    """Compare predicted errors with parameters; None if these are not known.
+
+    Parameters
+    ----------
+    model : TorqueModel or SensorRows
+    accuracy : PredictedAccuracy
+    reference : ndarray, shape (parameters,), optional
+        By default the nominal robot without friction, or the nominal tool.
+    """
+    if reference is None:
+        body = model.tool.robot if isinstance(model, SensorRows) else model.robot
+        nominal = body.nominal
+        if nominal is None:
+            return None
+        reference = np.zeros(len(model.layout))
+        reference[: len(nominal)] = nominal
+    x = accuracy.base.projection @ reference
+    size = np.linalg.norm(accuracy.factor * x, axis=0)
+    whole = float(np.linalg.norm(accuracy.factor @ x))
+    matters = (size >= _MATTERS * whole) & (abs(x) > 0.0)
+    if accuracy.interest:
+        matters &= np.isin(np.arange(len(x)), accuracy.interest)
+    if accuracy.unit_noise or not matters.any():
+        return None
+    names = tuple(np.array(accuracy.base.names)[matters].tolist())
+    share = accuracy.standard_errors()[matters] / abs(x[matters])
+    wanted = dict(zip(names, (_WANTED * abs(x[matters])).tolist(), strict=True))
+    repetitions: float | None
+    try:
+        repetitions = accuracy.repetitions_for(wanted)
+    except ProblemError:
+        repetitions = None
+    return RelativeAccuracy(
+        matter=names,
+        accurate=int((share <= _WANTED).sum()),
+        unknown=int((share > 1.0).sum()),
+        repetitions=repetitions,
+        duration=accuracy.duration,
+    )
+
+
+def with_default_noise(aim: Aim, model: RowModel, limits: MotionLimits) -> Aim:
+    """Return the aim with the noise of each row, where nothing states it.
+
+    Nothing changes if noise is stated or if earlier recordings count.  Nor does it for
+    joints if a condition number is asked for, which weighs nothing by itself, or if an
+    effort limit is missing; the rows of a sensor differ in their units.
+    """
+    if aim.noise is not None or aim.recordings:
+        return aim
+    if isinstance(model, SensorRows):
+        return replace(aim, noise=np.array(_SENSOR), assumed_noise=True)
+    if "condition" in aim.objectives:
+        return aim
+    places = [limits.joints.index(name) for name in model.torque_joints]
+    effort = limits.effort[places]
+    if not np.isfinite(effort).all():
+        return aim
+    return replace(aim, noise=_SHARE * effort, assumed_noise=True)
+
+
+def assumed_noise(model: RowModel) -> str:
+    """Say what `with_default_noise` takes noise to be."""
+    if isinstance(model, SensorRows):
+        return f"{_SENSOR[0]:g} N and {_SENSOR[-1]:g} N m"
+    return f"{100.0 * _SHARE:g} % of each effort limit"

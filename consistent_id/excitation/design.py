@@ -15,20 +15,19 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.executors import Executor
-from consistent_id._support.interrupts import noted_interrupts
-from consistent_id._support.threads import single_threaded
+from consistent_id._support.executors import Executor, single_threaded
+from consistent_id._support.run import noted_interrupts
 from consistent_id.errors import NotExcitedError, ProblemError
-from consistent_id.excitation.accuracy import PredictedAccuracy, predicted_accuracy
-from consistent_id.excitation.aims import Aim, PathForm
-from consistent_id.excitation.default_noise import with_default_noise
-from consistent_id.excitation.designed import ExcitationDesign, Stage
-from consistent_id.excitation.forms import forms_to_try
-from consistent_id.excitation.interest import base_for
-from consistent_id.excitation.relative_accuracy import (
+from consistent_id.excitation.accuracy import (
+    PredictedAccuracy,
     RelativeAccuracy,
+    predicted_accuracy,
     relative_accuracy,
+    with_default_noise,
 )
+from consistent_id.excitation.aims import Aim, PathForm, forms_to_try
+from consistent_id.excitation.designed import ExcitationDesign, Stage
+from consistent_id.excitation.interest import base_for
 from consistent_id.excitation.search_problem import SearchProblem, search_problem
 from consistent_id.excitation.stages import (
     Means,
@@ -41,7 +40,7 @@ from consistent_id.excitation.work import Meter
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.limits import MotionLimits, motion_limits
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.row_model import RowModel
+from consistent_id.regression.row_structure import RowModel
 from consistent_id.regression.rows.sensor_rows import SensorRows
 from consistent_id.robot.model import RobotModel
 

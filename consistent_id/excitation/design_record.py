@@ -8,7 +8,7 @@ import numpy as np
 from consistent_id._support.tables import Table
 from consistent_id.excitation.designed import ExcitationDesign, Stage
 from consistent_id.excitation.validating import ValidationPath
-from consistent_id.excitation.verification import Proof
+from consistent_id.excitation.verification import PathProof
 from consistent_id.motion.collisions.clearance import ClearanceReport
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.motion.proofs.margins import Margin
@@ -25,7 +25,7 @@ _MOVES = {"trajectory": "whole_move", "validation": "validation_move"}
 def design_record(
     design: ExcitationDesign,
     validation: ValidationPath | None = None,
-    proofs: Mapping[str, Proof] | None = None,
+    proofs: Mapping[str, PathProof] | None = None,
 ) -> dict[str, Any]:
     """Return all there is to know of a design, for a file that outlives it.
 
@@ -33,7 +33,7 @@ def design_record(
     ----------
     design : ExcitationDesign
     validation : ValidationPath, optional
-    proofs : mapping of str to Proof, optional
+    proofs : mapping of str to PathProof, optional
         Of the whole moves, with run-in and run-out: ``"trajectory"``, ``"validation"``.
     """
     form = design.form
@@ -90,14 +90,14 @@ def _aim(design: ExcitationDesign) -> dict[str, Any]:
 
 
 def design_tables(
-    design: ExcitationDesign, proofs: Mapping[str, Proof] | None = None
+    design: ExcitationDesign, proofs: Mapping[str, PathProof] | None = None
 ) -> list[Table]:
     """Return a design as tables: its stages, its proof, its predicted accuracy.
 
     Parameters
     ----------
     design : ExcitationDesign
-    proofs : mapping of str to Proof, optional
+    proofs : mapping of str to PathProof, optional
         As `design_record`.
     """
     random = design.unoptimised
@@ -176,7 +176,9 @@ def _searched(design: ExcitationDesign) -> str:
     return f"{searched}; of {counts} frequencies the number that promised most"
 
 
-def _clearances(design: ExcitationDesign, proofs: Mapping[str, Proof]) -> list[Table]:
+def _clearances(
+    design: ExcitationDesign, proofs: Mapping[str, PathProof]
+) -> list[Table]:
     scene = design.demands.scene
     if scene is None:
         return []
@@ -212,7 +214,7 @@ def _clearances(design: ExcitationDesign, proofs: Mapping[str, Proof]) -> list[T
 
 
 def _scene(
-    design: ExcitationDesign, proofs: Mapping[str, Proof]
+    design: ExcitationDesign, proofs: Mapping[str, PathProof]
 ) -> dict[str, Any] | None:
     scene = design.demands.scene
     if scene is None:

@@ -3,16 +3,15 @@
 from dataclasses import dataclass
 
 from consistent_id._support.tables import Table
-from consistent_id.excitation.accuracy import PredictedAccuracy
+from consistent_id.excitation.accuracy import PredictedAccuracy, RelativeAccuracy
 from consistent_id.excitation.aims import Aim, PathForm
-from consistent_id.excitation.relative_accuracy import RelativeAccuracy
-from consistent_id.excitation.search import Candidate
-from consistent_id.excitation.verification import Demands, Proof
+from consistent_id.excitation.path_search import FoundPath
+from consistent_id.excitation.verification import Demands, PathProof
 from consistent_id.motion.limits import MotionLimits
-from consistent_id.recordings.trajectory import FourierTrajectory
+from consistent_id.recordings.joint_paths import FourierTrajectory
 from consistent_id.regression.base import BaseParameters, ConditionNumber
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.row_model import RowModel
+from consistent_id.regression.row_structure import RowModel
 from consistent_id.regression.rows.sensor_rows import SensorRows
 
 
@@ -28,8 +27,8 @@ class Stage:
         The objective's own: a condition number, or a size of standard errors.
     accuracy : PredictedAccuracy
         At all samples that will be recorded.
-    proof : Proof
-    candidates : tuple of Candidate
+    proof : PathProof
+    candidates : tuple of FoundPath
         The searches' results: first the trajectory's own, then the others, best first.
     searches : int
         That were run from the stage's starts.
@@ -43,8 +42,8 @@ class Stage:
     trajectory: FourierTrajectory
     value: float
     accuracy: PredictedAccuracy
-    proof: Proof
-    candidates: tuple[Candidate, ...]
+    proof: PathProof
+    candidates: tuple[FoundPath, ...]
     searches: int
     cut_short: bool
     improved: bool = True
@@ -146,6 +145,6 @@ class ExcitationDesign:
         return self.accuracy.condition
 
     @property
-    def proof(self) -> Proof:
+    def proof(self) -> PathProof:
         """What is proven of it."""
         return self.stages[-1].proof

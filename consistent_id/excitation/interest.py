@@ -5,7 +5,7 @@ from fnmatch import fnmatchcase
 
 from consistent_id.errors import ProblemError
 from consistent_id.regression.base import BaseParameters, base_parameters
-from consistent_id.regression.row_model import RowModel
+from consistent_id.regression.row_structure import RowModel
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import ParameterLayout, did_you_mean
 

@@ -13,9 +13,9 @@ from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.errors import ProblemError
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.casadi_regressor import casadi_regressor
+from consistent_id.regression.casadi_rows import casadi_regressor
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.row_model import RowModel
+from consistent_id.regression.row_structure import RowModel
 from consistent_id.regression.rows.sensor_rows import SensorRows
 
 SMOOTH = 0.02

@@ -1,34 +1,47 @@
-"""Files, record and tables of a playable design."""
+"""What is written of a playable design: files, tables, record and figure.
+
+The tables of a request come before a search is begun.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from consistent_id._support.arrays import Vector
 from consistent_id._support.files import (
     require_writable,
     together,
     write_atomically,
     write_json,
 )
+from consistent_id._support.run import kept_going
 from consistent_id._support.tables import Table
 from consistent_id.errors import InfeasibleError, ProblemError
-from consistent_id.excitation.carried_tool import what_moves
+from consistent_id.excitation.aims import PathForm
 from consistent_id.excitation.design_record import design_record, design_tables
-from consistent_id.excitation.figure import design_figure
+from consistent_id.excitation.designed import ExcitationDesign
+from consistent_id.excitation.html_replay import write_replay
 from consistent_id.excitation.interest import parameters_named
-from consistent_id.excitation.playable import TRAINING, VALIDATION, PlayableDesign
-from consistent_id.excitation.replay import write_replay
-from consistent_id.excitation.request import design_request
-from consistent_id.excitation.request_tables import request_tables
-from consistent_id.excitation.verification import demands
+from consistent_id.excitation.playable import (
+    TRAINING,
+    VALIDATION,
+    MeasuredBodies,
+    PlayableDesign,
+    what_moves,
+)
+from consistent_id.excitation.request import DesignRequest, design_request
+from consistent_id.excitation.verification import Demands, demands
 from consistent_id.motion.files import follow, write_trajectory
-from consistent_id.motion.files.controller_tables import CYCLES, cycle_of
+from consistent_id.motion.files.controller_targets import CYCLES, cycle_of
 from consistent_id.motion.files.trajectory_file import FORMAT_OF_ENDING
+from consistent_id.motion.limits import MotionLimits
 from consistent_id.problems.problem import Problem
 from consistent_id.report.figures import save_figure
+from consistent_id.robot.kinematics import link_places
 from consistent_id.robot.parameters import did_you_mean
 
 FORMATS = ("csv", "yaml")
@@ -37,6 +50,9 @@ FORMATS = ("csv", "yaml")
 REPLAY = "replay.html"
 CLIENT = "follow.py"
 """Script that plays ``yaml`` files on ROS 2, written beside them."""
+
+_SAMPLES = 1000
+_PATH, _LIMIT, _BEFORE = "#0072b2", "#d55e00", "0.6"
 
 
 def write_design(
@@ -69,8 +85,9 @@ def write_design(
         if "yaml" in formats:
             script = Path(follow.__file__).read_text(encoding="utf-8")
             written.append(write_atomically(folder / CLIENT, script))
-        figure = design_figure(playable.design)
-        written.append(save_figure(figure, folder / "excitation.png"))
+        with kept_going("figure excitation.png"):
+            figure = design_figure(playable.design)
+            written.append(save_figure(figure, folder / "excitation.png"))
         record = playable_record(playable)
         written.append(write_json(folder / "excitation.json", record))
     return written
@@ -177,3 +194,187 @@ def _rows(playable: PlayableDesign) -> Iterator[tuple[str, ...]]:
         least = playable.proofs[name].margins.least
         share = f"{100.0 * least.relative:.2f} %"
         yield name, f"{move.duration:.2f} s", share, least.joint, least.quantity
+
+
+def request_tables(
+    moved: MeasuredBodies, request: DesignRequest, required: Demands
+) -> list[Table]:
+    """Return form, aim, limits and demands of a path that is requested."""
+    form, aim, robot = request.form, request.aim, moved.torque.robot
+    rows = moved.torque if moved.sensor is None else moved.sensor
+    tried = "; or ".join(_frequencies(one) for one in request.forms)
+    bound = f", condition number up to {aim.growth:g} times the least"
+    if aim.condition_at_most is not None:
+        bound = f", condition number up to {aim.condition_at_most:g}"
+    objectives = ", then ".join(aim.objectives) + bound * (len(aim.objectives) > 1)
+    pose, times = request.start_pose, request.periods or 1
+    lines = [
+        ("duration", f"{form.duration:g} s"),
+        ("frequencies", tried),
+        ("ends", _ends(form)),
+        ("played", "once" if times == 1 else f"{times} times"),
+        ("start pose", "any" if pose is None else _pose(pose)),
+        ("objective", objectives),
+        *[("for", ", ".join(aim.interest))] * bool(aim.interest),
+        ("column scaling", aim.scaling),
+        ("noise", "by default" if aim.noise is None else "as given"),
+        ("samples", f"{aim.rate:g} Hz"),
+        ("parameters", f"{len(rows.layout)}, by {_measured(moved)}"),
+    ]
+    plan = Table(
+        f"Exciting trajectory of {robot.name}: what would be designed",
+        ("", "requested"),
+        tuple(lines),
+        (*required.notes, *request.notes, *moved.notes),
+    )
+    return [plan, limits_table(request.limits), *_scene(required)]
+
+
+def _measured(moved: MeasuredBodies) -> str:
+    if moved.sensor is None:
+        return f"the torque of {len(moved.torque.torque_joints)} joints"
+    return f"the wrench sensor at {moved.sensor.frame}"
+
+
+def _frequencies(form: PathForm) -> str:
+    """Say which frequencies a form has: harmonics of one, or all of them."""
+    every = form.frequencies
+    if np.allclose(every, every[0] * np.arange(1, len(every) + 1)):
+        return f"{len(every)} harmonics of {every[0]:.4g} Hz"
+    return ", ".join(f"{f:.4g}" for f in every) + " Hz"
+
+
+def _ends(form: PathForm) -> str:
+    if not form.rest:
+        return "periodic"
+    return "from rest to rest" + ", jerk continuous" * form.smooth
+
+
+def limits_table(limits: MotionLimits) -> Table:
+    """Return limits of motion and torque, joint by joint.
+
+    Examples
+    --------
+    >>> from consistent_id import DHRow, from_modified_dh, motion_limits
+    >>> from consistent_id.robot import JointLimits
+    >>> arm = from_modified_dh("arm", [DHRow(0, 0, limits=JointLimits(-1, 2))])
+    >>> print(limits_table(motion_limits(arm, velocity=1.0)).text())
+    Limits
+      joint   lower  upper  velocity  acceleration  jerk  effort
+      joint1     -1      2         1           inf   inf     inf
+      per joint in rad or m, s, and N m or N
+    """
+    names = ["lower", "upper", "velocity", "acceleration", "jerk", "effort"]
+    over_time = ("effort_rate", "effort_rms")
+    names += [n for n in over_time if np.isfinite(getattr(limits, n)).any()]
+    values = [getattr(limits, name) for name in names]
+    rows = tuple(
+        (joint, *(f"{value[j]:.5g}" for value in values))
+        for j, joint in enumerate(limits.joints)
+    )
+    note = "per joint in rad or m, s, and N m or N"
+    return Table("Limits", ("joint", *names), rows, (note,))
+
+
+def _scene(required: Demands) -> list[Table]:
+    scene = required.scene
+    if scene is None:
+        return []
+    rows = tuple(
+        (*scene.names(pair), f"{pair.wanted * 1e3:.1f}") for pair in scene.pairs
+    )
+    header = ("one", "other", "by [mm]")
+    return [Table("Bodies kept apart", header, rows, scene.remarks)]
+
+
+def _pose(pose: dict[str, float]) -> str:
+    return ", ".join(f"{joint} = {value:.4g}" for joint, value in pose.items())
+
+
+def design_figure(design: ExcitationDesign, before: Vector | None = None) -> Any:
+    """Return a Matplotlib figure of a design.
+
+    Parameters
+    ----------
+    before : array_like, shape (base parameters,), optional
+        Singular values of the base regressor to compare with; by default of the best
+        random path that the search began with.
+    """
+    from matplotlib.figure import Figure
+
+    joints = design.limits.joints
+    path = design.trajectory
+    time = path.start + path.duration * np.linspace(0.0, 1.0, _SAMPLES)
+    motion = path.evaluate(time)
+    figure = Figure(figsize=(13.0, 1.5 * len(joints) + 1.5), layout="constrained")
+    title = f"{design.model.robot.name}: condition number {design.condition}"
+    figure.suptitle("\n".join([title, *_clearance(design)]))
+    sides: Any = figure.subfigures(1, 2, width_ratios=(2.0, 1.0))
+    left, right = sides
+    axes = left.subplots(len(joints), 3, sharex=True, squeeze=False)
+    for column, quantity in enumerate(("position", "velocity", "acceleration")):
+        axes[0, column].set_title(f"{quantity}, share of limit", fontsize=10)
+        limit = design.limits.derivative(column)
+        offset = design.limits.middle if column == 0 else np.zeros(len(joints))
+        for j, axis in enumerate(axes[:, column]):
+            _draw(axis, time, motion[column, :, j] - offset[j], limit[j])
+    for axis, joint in zip(axes[:, 0], joints, strict=True):
+        axis.set_ylabel(joint, fontsize=8)
+    for axis in axes[-1]:
+        axis.set_xlabel("time [s]")
+    upper, lower = right.subfigures(2, 1)
+    _singular_values(upper, design, before)
+    _tool_path(lower, design, motion[0])
+    return figure
+
+
+def _clearance(design: ExcitationDesign) -> list[str]:
+    report = design.proof.clearance
+    if report is None or not report.first:
+        return []
+    return [
+        f"least clearance: {report.first} and {report.second} at {report.time:.2f} s, "
+        f"{report.proven * 1e3:.1f} mm proven for all times"
+    ]
+
+
+def _draw(axis: Any, time: Vector, values: Vector, limit: float) -> None:
+    axis.grid(alpha=0.3)
+    if np.isfinite(limit):
+        axis.plot(time, values / limit, color=_PATH, lw=1.2)
+        axis.axhline(1.0, color=_LIMIT, lw=0.8)
+        axis.axhline(-1.0, color=_LIMIT, lw=0.8)
+        axis.set_ylim(-1.1, 1.1)
+    else:
+        axis.plot(time, values, color=_PATH, lw=1.2, ls="--")
+        axis.text(0.02, 0.85, "no limit; SI", transform=axis.transAxes, fontsize=7)
+
+
+def _singular_values(
+    place: Any, design: ExcitationDesign, before: Vector | None
+) -> None:
+    axis = place.subplots()
+    factor = design.unoptimised.factor
+    earlier = np.linalg.svd(factor, compute_uv=False) if before is None else before
+    number = np.arange(1, len(earlier) + 1)
+    after = np.linalg.svd(design.accuracy.factor, compute_uv=False)
+    axis.semilogy(
+        number, earlier / earlier[0], ".-", color=_BEFORE, label="random path"
+    )
+    axis.semilogy(number, after / after[0], ".-", color=_PATH, label="design")
+    axis.set_title(
+        "singular values of the base regressor, over the largest", fontsize=10
+    )
+    axis.set_xlabel("number")
+    axis.grid(alpha=0.3)
+    axis.legend(fontsize=8)
+
+
+def _tool_path(place: Any, design: ExcitationDesign, q: Any) -> None:
+    axis = place.add_subplot(projection="3d")
+    robot = design.model.robot
+    tip = link_places(robot, q).translation[:, -1]
+    axis.plot(*tip.T, color=_PATH, lw=1.0)
+    axis.set_title(f"path of {robot.link_names[-1]} [m]", fontsize=10)
+    axis.set_aspect("equal")
+    axis.tick_params(labelsize=7)

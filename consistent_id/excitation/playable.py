@@ -1,7 +1,11 @@
-"""From a problem to motions that are ready to play, each proven as a whole."""
+"""From a problem to motions that are ready to play, each proven as a whole.
+
+A problem says what moves, and what is measured: joint torque or a sensor's wrench.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,22 +13,25 @@ from numpy.typing import ArrayLike
 from consistent_id._support.executors import Executor
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.aims import Aim
-from consistent_id.excitation.carried_tool import what_moves
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.designed import ExcitationDesign
 from consistent_id.excitation.proven_moves import ProvenMove, proven_move
 from consistent_id.excitation.request import DesignRequest, design_request
 from consistent_id.excitation.validating import ValidationPath, validation_trajectory
-from consistent_id.excitation.verification import Demands, Proof
+from consistent_id.excitation.verification import Demands, PathProof
 from consistent_id.motion.move import Move
-from consistent_id.motion.move_along import move_along
+from consistent_id.motion.moves import move_along
 from consistent_id.problems.problem import Problem
-from consistent_id.problems.sensor_drift_preparation import drift_of, regression_of
-from consistent_id.recordings.trajectory import FourierTrajectory
-from consistent_id.regression.base import base_parameters
-from consistent_id.regression.noise import joint_noise
+from consistent_id.problems.robot_preparation import drift_of, regression_of
+from consistent_id.recordings.joint_paths import FourierTrajectory
+from consistent_id.regression.base import base_parameters, require_same_model
 from consistent_id.regression.regression import Regression
-from consistent_id.regression.same_model import require_same_model
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import joint_noise
+from consistent_id.regression.rows.sensor_rows import SensorRows
+from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.kinematics import frame_in_link
+from consistent_id.robot.model import RobotModel
 
 TRAINING, VALIDATION = "trajectory", "validation"
 
@@ -40,7 +47,7 @@ class PlayableDesign:
     moves : mapping of str to Move
         From rest to rest: ``"trajectory"``, ``"validation"``, or those of the two that
         can be played within the limits; `refusals` say why one is missing.
-    proofs : mapping of str to Proof
+    proofs : mapping of str to PathProof
         Of each of the moves, from its first moment to its last.
     refusals : tuple of str
     notes : tuple of str
@@ -51,9 +58,29 @@ class PlayableDesign:
     design: ExcitationDesign
     validation: ValidationPath | None
     moves: Mapping[str, Move]
-    proofs: Mapping[str, Proof]
+    proofs: Mapping[str, PathProof]
     refusals: tuple[str, ...]
     notes: tuple[str, ...] = ()
+
+
+class MeasuredBodies(NamedTuple):
+    """What moves, and what is measured of it.
+
+    Attributes
+    ----------
+    torque : TorqueModel
+        Of the joints.
+    sensor : SensorRows, optional
+        If it is a sensor's tool that is identified.
+    parameters : array_like, optional
+        With which torque is predicted; see `design_trajectory`.
+    notes : tuple of str
+    """
+
+    torque: TorqueModel
+    sensor: SensorRows | None
+    parameters: ArrayLike | None
+    notes: tuple[str, ...]
 
 
 def playable_design(
@@ -139,7 +166,7 @@ def _played(
     design: ExcitationDesign,
     request: DesignRequest,
     path: FourierTrajectory,
-    proof: Proof,
+    proof: PathProof,
     periods: int | None = None,
 ) -> ProvenMove:
     """Return the move that plays a path; if there is none, advise on the start pose."""
@@ -196,3 +223,59 @@ def _with_recordings(problem: Problem, aim: Aim, known: Sequence[Regression]) ->
         alike = [one.weighted(np.ones(len(one.joints))) for one in known]
         noise = joint_noise(model, alike[0].joined(alike[1:]), base=base)
     return replace(aim, noise=noise, earlier=tuple(known))
+
+
+def what_moves(problem: Problem, parameters: ArrayLike | None = None) -> MeasuredBodies:
+    """Return the torque model and the sensor of a problem's motion.
+
+    Parameters
+    ----------
+    problem : Problem
+    parameters : array_like, shape (parameters,) or (members, parameters), optional
+        Of the problem's model.  Those of a tool load the arm: of several the heaviest.
+    """
+    table = problem.table.wrist_sensor
+    if table is None or problem.arm is None:
+        return MeasuredBodies(problem.model, None, parameters, ())
+    # a bias that drifts is unknown in each recording, that of this motion included
+    told = replace(problem.model, wrench_bias=table.bias)
+    sensor = SensorRows(told, problem.arm, table.frame)
+    tool = _tool(problem, parameters)
+    if tool is None:
+        name = problem.model.robot.link_names[0]
+        note = (
+            "torque limits: the arm's without its tool, of which nothing is known; "
+            f"state [links.{name}] mass, or --parameters of an estimate"
+        )
+        return MeasuredBodies(TorqueModel(problem.arm), sensor, None, (note,))
+    note = f"torque limits: the arm carries {tool.mass:.3g} kg at {table.frame}"
+    loaded = with_load(problem.arm, table.frame, tool)
+    return MeasuredBodies(TorqueModel(loaded), sensor, None, (note,))
+
+
+def _tool(problem: Problem, parameters: ArrayLike | None) -> InertialParameters | None:
+    """Return the tool of an estimate, or a point of the datasheet's largest mass."""
+    if parameters is not None:
+        every = np.atleast_2d(np.asarray(parameters, dtype=float))
+        return InertialParameters(every[every[:, 0].argmax(), :10])
+    sheet = problem.model.robot.links[0].datasheet
+    mass = (sheet.mass_bounds or (0.0, None))[1] if sheet.mass is None else sheet.mass
+    if mass is None or np.isinf(mass):
+        return None
+    com = np.zeros(3) if sheet.com is None else sheet.com
+    return InertialParameters.from_central(mass, com, np.zeros((3, 3)))
+
+
+def with_load(arm: RobotModel, frame: str, load: InertialParameters) -> RobotModel:
+    """Return an arm one of whose links carries a load, given in a frame on it.
+
+    Nothing changes where the link's own nominal body is not known.
+    """
+    k, rotation, translation = frame_in_link(arm, frame, (0.0, 0.0, 0.0))
+    link = arm.links[k]
+    if link.nominal is None:
+        return arm
+    both = link.nominal + load.transformed(rotation, translation)
+    links = list(arm.links)
+    links[k] = replace(link, nominal=both)
+    return replace(arm, links=tuple(links))

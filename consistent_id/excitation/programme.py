@@ -1,7 +1,14 @@
-"""One smooth programme: an objective with its gradient, under rows, by IPOPT.
+"""The programmes that a search solves: a smooth one, and steps that violate nothing.
 
-Objective and nonlinear rows are Python functions of the flattened variables that
-return values and first derivatives; curvature is approximated on the way.
+The smooth one is solved by IPOPT.  Objective and nonlinear rows are Python functions of
+the flattened variables that return values and first derivatives; curvature is
+approximated on the way.
+
+Steps lead from a path that violates nothing to a better one that does not either.  Each
+is a quadratic programme: the objective's slope and its curvature as far as steps have
+shown it, the linear limits, the guards made linear where they are near, and a reach
+within which that is true.  Barrier methods begin inside all limits at once and lose
+what a path has that lies against several of them; steps keep it.
 """
 
 from collections.abc import Callable
@@ -12,9 +19,13 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.errors import SolverError
-from consistent_id.excitation.limit_rows import LimitRows
+from consistent_id.excitation.basis import LimitRows
 
 _TOLERANCE = 1e-4  # of the optimality conditions, in the objective's unit: a logarithm
+
+_NEAR = 12.0  # times the reach: share of a limit within which it counts
+_NEAREST = 0.6  # the same, at most; a step beyond the others is made smaller
+_STEADY = 1e-6  # of the curvature's mean, added to its diagonal
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,3 +123,88 @@ def _options(iterations: int) -> dict[str, Any]:
             "mu_strategy": "adaptive",
         },
     }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearRows:
+    """Rows of guards near a path: ``values + jacobian d <= 0``.
+
+    Parameters
+    ----------
+    values : ndarray, shape (rows,)
+    jacobian : ndarray, shape (rows, variables)
+    """
+
+    values: Vector
+    jacobian: Matrix
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Local:
+    """The objective near a path, and the linear limits.
+
+    Parameters
+    ----------
+    slope : ndarray, shape (variables,)
+    curvature : ndarray, shape (variables, variables)
+        Positive definite.
+    limits : scipy.sparse.csr_array, shape (limits, variables)
+        ``-1 <= A x <= 1``.
+    """
+
+    slope: Vector
+    curvature: Matrix
+    limits: Any
+
+
+def best_step(
+    start: Vector, local: Local, rows: LinearRows, reach: float
+) -> Vector | None:
+    """Return the step that promises most; None if the programme has no solution.
+
+    ``min slope.d + d.curvature.d / 2`` within the limits that are near, the rows and
+    ``|d| <= reach``.
+
+    Parameters
+    ----------
+    start : ndarray, shape (variables,)
+    """
+    import clarabel
+    from scipy import sparse
+
+    size = len(start)
+    here, curvature = local.limits @ start, local.curvature
+    near = abs(here) > 1.0 - min(_NEAR * reach, _NEAREST)
+    limits, here = local.limits[near], here[near]
+    unit = sparse.identity(size, format="csc")
+    steady = _STEADY * np.trace(curvature) / size * np.eye(size)
+    left = sparse.vstack(
+        [limits, -limits, unit, -unit, sparse.csc_array(rows.jacobian)], format="csc"
+    )
+    # A start that touches a limit may exceed its row by rounding.
+    right = np.concatenate(
+        [
+            np.maximum(1.0 - here, 0.0),
+            np.maximum(1.0 + here, 0.0),
+            np.full(2 * size, reach),
+            -rows.values,
+        ]
+    )
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    solver = clarabel.DefaultSolver(
+        sparse.triu(sparse.csc_array(curvature + steady), format="csc"),
+        local.slope,
+        left,
+        right,
+        [clarabel.NonnegativeConeT(len(right))],
+        settings,
+    )
+    found = solver.solve()
+    if found.status not in (
+        clarabel.SolverStatus.Solved,
+        clarabel.SolverStatus.AlmostSolved,
+    ):
+        return None
+    return np.asarray(found.x)

@@ -1,29 +1,34 @@
 """What the ``[excitation]`` table of a problem requests, as values of a design."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
+from consistent_id._support.arrays import Vector
 from consistent_id.errors import ProblemError
-from consistent_id.excitation.aims import Aim, PathForm
+from consistent_id.excitation.aims import Aim, PathForm, forms_to_try
 from consistent_id.excitation.criteria import Objective
-from consistent_id.excitation.default_scene import default_scene
-from consistent_id.excitation.forms import forms_to_try
 from consistent_id.excitation.interest import interest_names
-from consistent_id.excitation.request_currents import with_current_limits
-from consistent_id.excitation.request_scene import requested_scene
+from consistent_id.excitation.request_scene import default_scene, requested_scene
 from consistent_id.excitation.verification import FRICTION_SHARE
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.collisions.separation import nearest
 from consistent_id.motion.limits import MotionLimits, motion_limits
-from consistent_id.problems.excitation_tables import ExcitationTable, LimitsTable
+from consistent_id.problems.excitation_tables import (
+    ExcitationTable,
+    LimitsTable,
+    PerJoint,
+)
 from consistent_id.problems.problem import Problem
-from consistent_id.recordings.trajectory import FourierTrajectory
+from consistent_id.recordings.joint_paths import FourierTrajectory
 from consistent_id.robot.model import RobotModel
-from consistent_id.robot.parameters import did_you_mean
+from consistent_id.robot.parameters import did_you_mean, require_known
 
 _TABLE = "[excitation]"
+
+_WHERE = "[excitation.limits]"
 _HARMONICS = 5  # of base frequencies that are requested without a number
 
 
@@ -208,3 +213,39 @@ def _require_clear(scene: Scene, pose: dict[str, float]) -> None:
             f"{found.distance[0, k] * 1e3:.1f} mm apart (negative: in one another), at "
             f"least {scene.pairs[k].wanted * 1e3:.1f} mm are wanted; give another pose"
         )
+
+
+def with_current_limits(limits: MotionLimits, given: LimitsTable) -> MotionLimits:
+    """Return limits whose efforts no current exceeds: ``torque_constant * current``.
+
+    Raises
+    ------
+    ProblemError
+        If one of `current` and `torque_constant` is missing, or a name is no joint's.
+    """
+    if given.current is None and given.torque_constant is None:
+        return limits
+    if given.current is None or given.torque_constant is None:
+        missing = "current" if given.current is None else "torque_constant"
+        raise ProblemError(
+            f"{_WHERE} {missing} is missing: a current [A] limits torque with the "
+            "torque constant of the joint, gears included [N m/A]; give both"
+        )
+    current = _by_joint(given.current, limits.joints, "current")
+    constant = _by_joint(given.torque_constant, limits.joints, "torque_constant")
+    known = np.isfinite(current) & np.isfinite(constant)
+    torque = np.where(known, current * constant, np.inf)
+    return replace(limits, effort=np.minimum(limits.effort, torque))
+
+
+def _by_joint(given: PerJoint, joints: tuple[str, ...], key: str) -> Vector:
+    """Return a number for each joint, infinite where none is given."""
+    if isinstance(given, Mapping):
+        require_known(given, joints, f"{_WHERE} {key}: no joint")
+        return np.array([given.get(name, np.inf) for name in joints])
+    values = np.asarray(given, dtype=np.float64)
+    if values.shape not in ((), (len(joints),)):
+        raise ProblemError(
+            f"{_WHERE} {key} has {len(values)} numbers, expected one or {len(joints)}"
+        )
+    return np.broadcast_to(values, (len(joints),))

@@ -1,15 +1,30 @@
-"""What a search minimises, and within what; it can be sent to another process."""
+"""What a search minimises, and within what; it can be sent to another process.
 
+What is minimised is a function of the information that a path's variables stand for,
+
+    M = (recorded / samples) sum_rows  w w^T / noise^2  +  earlier
+
+over the rows ``w`` of the base regressor at the sampled times: what a recording of the
+path adds to what is known of the base parameters already.
+
+A search starts from a random path that violates no guard: from within a wall it rarely
+succeeds.  About a pose that is clear the joints begin to swing a little; then each
+one's swing grows by itself for as long as nothing is in its way.  So a joint that meets
+a wall soon does not keep the others still.
+"""
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.errors import ProblemError
 from consistent_id.excitation.accuracy import earlier_rows
 from consistent_id.excitation.aims import Aim, PathForm
-from consistent_id.excitation.basis import FourierBasis
-from consistent_id.excitation.clear_starts import clear_start
+from consistent_id.excitation.basis import FourierBasis, LimitRows, limit_rows
 from consistent_id.excitation.criteria import (
     Criterion,
     Objective,
@@ -20,20 +35,66 @@ from consistent_id.excitation.criteria import (
     scaled,
 )
 from consistent_id.excitation.guards import Guard
-from consistent_id.excitation.information import PathInformation
 from consistent_id.excitation.interest import places_of_interest
-from consistent_id.excitation.limit_rows import LimitRows, limit_rows
+from consistent_id.excitation.kernels import RegressorKernel, slow_speeds
 from consistent_id.excitation.verification import robot_limits
 from consistent_id.excitation.work import Costs, search_costs
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.row_model import RowModel
+from consistent_id.regression.row_structure import RowModel
 
 _SAMPLES = 100  # of a path at least, and ten per period of the highest frequency
 _GRID = 24  # samples per period of the highest frequency, at which guards measure
 _STRIDE = 3  # every third of these times is enough for a random path
 _ROW = 3e-6  # work of a guard's row for each joint
 _FILL = 0.8  # share of the limits that a random path uses
+
+_POSES = 64  # at which guards measure, if the path violates one
+_KEPT = 6  # poses about which swings are tried
+_RANGE = 0.8  # share of the joints' ranges in which these poses are
+_SWINGS = (0.25, 0.1, 0.03, 0.01)  # shares of the swing to begin with, tried in order
+_GROWTH = 1.6  # of one joint's swing at a time
+_LEAST = 1.02  # growth that is not worth another look
+
+
+class Information(NamedTuple):
+    """An information matrix, and how its gradient becomes that of the variables."""
+
+    matrix: Matrix
+    pull: Callable[[Matrix], Matrix]
+
+
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
+class PathInformation:
+    """Maps the variables of a path to the information it gives.
+
+    Parameters
+    ----------
+    model : TorqueModel or SensorRows
+    base : BaseParameters
+    basis : FourierBasis
+    samples : int
+        Of a path at which the regressor is taken.
+    recorded : float
+        Samples that will be recorded, for which the sampled ones stand.
+    noise : ndarray, shape (torque joints,), [N m or N]
+    earlier : ndarray, shape (base parameters, base parameters)
+        Information there is already.
+    """
+
+    model: RowModel
+    base: BaseParameters
+    basis: FourierBasis
+    samples: int
+    recorded: float
+    noise: Vector
+    earlier: Matrix
+
+    def __call__(self, variables: Matrix) -> Information:
+        """Return the information of a path; the last one is remembered."""
+        if self not in _EVALUATORS:
+            _EVALUATORS[self] = _Evaluator(self)
+        return _EVALUATORS[self](variables)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -204,3 +265,113 @@ def _gram(model: RowModel, base: BaseParameters, aim: Aim) -> Matrix | None:
     Y = model.regressor(log.position, log.velocity, log.acceleration)
     V = Y[:, list(base.independent)]
     return np.asarray(np.einsum("jps,jqs->pq", V, V) / (len(V) * len(log)))
+
+
+class _Evaluator:
+    """The compiled regressor of a `PathInformation`, and the last information."""
+
+    def __init__(self, of: PathInformation) -> None:
+        basis, count = of.basis, of.samples
+        time = np.arange(count) * basis.duration / count
+        self._basis, self._earlier = basis, of.earlier
+        self._kernel = RegressorKernel(
+            of.model, of.base, count, slow_speeds(basis.limits)
+        )
+        self._columns = np.array([basis.columns(order, time) for order in range(3)])
+        self._weights = of.recorded / count / of.noise**2
+        self._last: tuple[Matrix, Information] | None = None
+
+    def __call__(self, variables: Matrix) -> Information:
+        if self._last is None or not np.array_equal(self._last[0], variables):
+            self._last = variables.copy(), self._evaluated(variables)
+        return self._last[1]
+
+    def _evaluated(self, variables: Matrix) -> Information:
+        basis = self._basis
+        motion = self._columns @ (variables[1:] * basis.unit)
+        motion[0] += basis.offset(variables)
+        W = self._kernel.regressor(motion)
+        weighted = W * self._weights[:, None, None]
+        rows = W.shape[0] * W.shape[1]
+        M = W.reshape(rows, -1).T @ weighted.reshape(rows, -1)
+
+        def pull(gradient: Matrix) -> Matrix:
+            seed: Array = 2.0 * (weighted.reshape(rows, -1) @ gradient).reshape(W.shape)
+            slopes = self._kernel.pull(motion, seed)
+            parts = [basis.pull(i, self._columns[i], slopes[i]) for i in range(3)]
+            return np.asarray(np.sum(parts, axis=0))
+
+        return Information(M + self._earlier, pull)
+
+
+# CasADi functions on memory of their own, which go to no other process.
+_EVALUATORS: WeakKeyDictionary[PathInformation, _Evaluator] = WeakKeyDictionary()
+
+
+def clear_start(
+    path: Matrix,
+    basis: FourierBasis,
+    limits: LimitRows,
+    guards: Sequence[Guard],
+    time: Vector,
+    rng: np.random.Generator,
+) -> Matrix:
+    """Return a path that violates no guard: as given, or smaller, about another pose.
+
+    If there is none among some random poses, the path is returned as it was given.
+
+    Parameters
+    ----------
+    path : ndarray, shape (size, joints)
+    time : ndarray, shape (samples,), [s]
+        When the guards measure.
+    """
+
+    def clear(candidate: Matrix) -> bool:
+        if limits.largest(candidate).max() > 1.0:
+            return False
+        motion = basis.motion(candidate, time)
+        return all(guard.measure(motion).max() <= 0.0 for guard in guards)
+
+    if clear(path):
+        return path
+    offsets = rng.uniform(-_RANGE, _RANGE, (_POSES, path.shape[1]))
+    worst = _at_rest(offsets, basis, guards)
+    kept = [k for k in np.argsort(worst, kind="stable")[:_KEPT] if worst[k] <= 0.0]
+    for share in _SWINGS:
+        for k in kept:
+            candidate = np.vstack([offsets[k], share * path[1:]])
+            if clear(candidate):
+                return _grown(candidate, path, clear, rng)
+    return path
+
+
+def _grown(
+    start: Matrix,
+    path: Matrix,
+    clear: Callable[[Matrix], bool],
+    rng: np.random.Generator,
+) -> Matrix:
+    """Let each joint swing further by itself, up to as far as in the given path."""
+    share = np.abs(start[1:]).max(axis=0) / np.abs(path[1:]).max(axis=0)
+    growth = np.full(path.shape[1], _GROWTH)
+    while (growth > _LEAST).any():
+        for j in rng.permutation(np.flatnonzero(growth > _LEAST)):
+            wider = share.copy()
+            wider[j] = min(share[j] * growth[j], 1.0)
+            candidate = np.vstack([start[0], wider * path[1:]])
+            if clear(candidate):
+                share = wider
+            else:
+                growth[j] = np.sqrt(growth[j])
+            if share[j] == 1.0:
+                growth[j] = 1.0
+    return np.vstack([start[0], share * path[1:]])
+
+
+def _at_rest(offsets: Matrix, basis: FourierBasis, guards: Sequence[Guard]) -> Vector:
+    """Return how far the worst guard is above what it allows, pose by pose."""
+    motion: Array = np.zeros((3, *offsets.shape))
+    motion[0] = basis.limits.middle + offsets * basis.limits.derivative(0)
+    measures = [guard.measure(motion).max(axis=1) for guard in guards]
+    return np.asarray(np.max(measures, axis=0))

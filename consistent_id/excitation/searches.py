@@ -1,35 +1,44 @@
 """Searches from many starts, side by side, none of whose work is lost.
 
-Starts are dealt to lanes, every so many-th to each, and each lane has an allowance of
-work of its own.  So what is found depends on neither the clock nor on where lanes are
-run.
+Starts are dealt to lanes, every so many-th to each.  A lane searches its starts one
+after another, with an allowance of work of its own.  So what is found depends on
+neither the clock nor on where lanes are run.
+
+What searches have found so far is in files.  A process that is killed is replaced: what
+it had finished is in the folder, and the start that was under way is searched again
+from its beginning, so that the result is the same.
 """
 
-from collections.abc import Sequence
-from contextlib import closing
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
 from functools import partial
+from pathlib import Path
+from shutil import rmtree
+from tempfile import mkdtemp
+from typing import Any
 
 import numpy as np
 
 from consistent_id._support.executors import Executor
-from consistent_id._support.interrupts import Interrupted
 from consistent_id._support.progress import counted
-from consistent_id.excitation.lanes import run_lane, run_lane_elsewhere
-from consistent_id.excitation.reports import read_reports, report_folder
-from consistent_id.excitation.search import Candidate
+from consistent_id._support.run import Interrupted
+from consistent_id.excitation.path_search import FoundPath, search
 from consistent_id.excitation.search_problem import SearchProblem
+
+_TRIES = 3  # of a start under way when a process was killed; the executor has one more
 
 
 def run_searches(
     problem: SearchProblem,
-    starts: Sequence[Candidate],
+    starts: Sequence[FoundPath],
     *,
     lanes: int,
     work: float,
     interrupted: Interrupted,
     executor: Executor | None = None,
     progress: bool = False,
-) -> tuple[Candidate, ...]:
+) -> tuple[FoundPath, ...]:
     """Run searches until all are done, their work is spent or the user interrupts.
 
     What is found comes back best first; fewer than the starts, if some never began or
@@ -38,7 +47,7 @@ def run_searches(
     Parameters
     ----------
     problem : SearchProblem
-    starts : sequence of Candidate
+    starts : sequence of FoundPath
     lanes : int
         Shares of the starts; what is found depends on their number.
     work : float
@@ -67,7 +76,7 @@ def run_searches(
         here = _here(executor, len(dealt))
         others = Executor("processes") if executor is None else executor
         elsewhere = partial(run_lane_elsewhere, problem, work, folder)
-        found: list[Candidate] = []
+        found: list[FoundPath] = []
         with closing(others.as_done(elsewhere, dealt[here:])) as looks:
             next(looks, None)  # they begin
             for lane in dealt[:here]:
@@ -87,9 +96,145 @@ def _here(executor: Executor | None, lanes: int) -> int:
 
 
 def lane_work(
-    found: Sequence[Candidate], starts: Sequence[Candidate], lanes: int
+    found: Sequence[FoundPath], starts: Sequence[FoundPath], lanes: int
 ) -> float:
     """Return the work of the lane that did most."""
     work = {one.number: one.work for one in found}
     dealt = (starts[k::lanes] for k in range(lanes))
     return max(sum(work.get(one.number, 0.0) for one in lane) for lane in dealt)
+
+
+def run_lane(
+    problem: SearchProblem,
+    starts: Sequence[FoundPath],
+    work: float,
+    folder: Path,
+    ended: Callable[[], bool],
+    show: Callable[[], None] = lambda: None,
+) -> tuple[FoundPath, ...]:
+    """Search from one start after another; what is found goes to the folder, too.
+
+    Parameters
+    ----------
+    problem : SearchProblem
+    starts : sequence of FoundPath
+    work : float
+        For all of them, see `Meter`; the first begins in any case.
+    folder : Path
+        With what is known of them already.
+    ended : callable
+        Returns whether to end at once with what there is.
+    show : callable
+        Called after each start.
+    """
+    known = {one.number: one for one in read_reports(folder, ended=True)}
+    found: list[FoundPath] = []
+    left = work
+    for start in starts:
+        if ended() or (left <= 0.0 and found):
+            break
+        one = known.get(start.number)
+        if one is None:
+            if times_begun(folder, start.number) > _TRIES:
+                continue
+            one = search(
+                problem,
+                start,
+                work=left,
+                ended=ended,
+                report=lambda best: write_report(folder, best, complete=False),
+            )
+            write_report(folder, one)
+        found.append(one)
+        left -= one.work
+        show()
+    return tuple(found)
+
+
+def run_lane_elsewhere(
+    problem: SearchProblem, work: float, folder: Path, starts: Sequence[FoundPath]
+) -> tuple[FoundPath, ...]:
+    """Run a lane in another process, for as long as anybody waits for it."""
+    main, seen = os.getppid(), folder.exists()
+
+    def ended() -> bool:
+        # Nobody tells a worker that the process it works for was killed, or has enough.
+        return os.getppid() != main or (seen and not folder.exists())
+
+    return run_lane(problem, starts, work, folder, ended)
+
+
+@contextmanager
+def report_folder(place: Path | None = None) -> Iterator[Path]:
+    """Yield a new folder, which is gone at once for all who still write to it.
+
+    Parameters
+    ----------
+    place : Path, optional
+        Of the folder; by default that of temporary files.
+    """
+    folder = last = Path(mkdtemp(prefix="excitation-", dir=place))
+    try:
+        yield folder
+    finally:
+        with suppress(OSError):  # of systems that rename no folder in use
+            last = folder.rename(folder.with_suffix(".over"))
+        rmtree(last, ignore_errors=True)
+
+
+def times_begun(folder: Path, number: int) -> int:
+    """Note that a search begins, and in which process; return how often it has."""
+    file = folder / f"{number}.begun"
+    try:
+        with file.open("a") as noted:
+            noted.write(f"{os.getpid()}\n")
+        return len(file.read_text().splitlines())
+    except FileNotFoundError:  # a folder that this computer does not see
+        return 1
+
+
+def write_report(
+    folder: Path, found: FoundPath, *, complete: bool | None = None
+) -> None:
+    """Write what a search has found, at once or not at all.
+
+    Parameters
+    ----------
+    folder : Path
+    found : FoundPath
+    complete : bool, optional
+        In place of the candidate's own: a search under way is not complete.
+    """
+    temporary = folder / f"{found.number}-{os.getpid()}.partial"
+    known: dict[str, Any] = {
+        "score": found.score,
+        "complete": found.complete if complete is None else complete,
+        "ended": complete is None,
+        "obstacle": found.obstacle,
+        "iterations": found.iterations,
+        "work": found.work,
+    }
+    if found.variables is not None:
+        known["variables"] = found.variables
+    # A process that is about to be killed may find the folder gone already.
+    with suppress(FileNotFoundError):
+        with temporary.open("wb") as file:
+            np.savez(file, **known)
+        temporary.replace(folder / f"{found.number}.npz")
+
+
+def read_reports(folder: Path, *, ended: bool = False) -> Iterator[FoundPath]:
+    """Yield what searches have reported, ended or not; or those that have ended."""
+    for file in sorted(folder.glob("*.npz")):
+        with np.load(file) as saved:
+            if ended and not saved["ended"]:
+                continue
+            yield FoundPath(
+                int(file.stem),
+                saved["variables"] if "variables" in saved else None,
+                float(saved["score"]),
+                complete=bool(saved["complete"]),
+                obstacle=str(saved["obstacle"]),
+                iterations=int(saved["iterations"]),
+                work=float(saved["work"]),
+            )

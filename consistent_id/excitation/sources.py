@@ -12,19 +12,19 @@ from consistent_id._support.arrays import Matrix
 from consistent_id._support.run import require_trusted
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.problems.constraint_tables import ConstraintsTable
 from consistent_id.problems.excitation_tables import ExcitationTable, SceneTable
 from consistent_id.problems.file import read_problem_table
 from consistent_id.problems.folder import problem_files
-from consistent_id.problems.loading import load_problem, problem_of
+from consistent_id.problems.loading import problem_of, stated_problem
+from consistent_id.problems.overrides import overridden
 from consistent_id.problems.paths import names_outside
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.robot_draft import ROBOT_ENDINGS, robot_draft
-from consistent_id.regression.base import base_parameters
+from consistent_id.problems.statement import Statement
+from consistent_id.problems.tables import ConstraintsTable
+from consistent_id.regression.base import base_parameters, require_same_model
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regression_file import load_regression
-from consistent_id.regression.same_model import require_same_model
-from consistent_id.robot.chains import Selection
 
 _LIMITS = (
     "velocity",
@@ -50,7 +50,7 @@ def is_robot(path: Path) -> bool:
 
 
 def problem_to_excite(
-    path: Path, changes: Mapping[str, Any], selection: Selection | None = None
+    path: Path, changes: Mapping[str, Any], stated: Statement | None = None
 ) -> Problem:
     """Return the problem of a file, with changes to its ``[excitation]`` table.
 
@@ -63,14 +63,15 @@ def problem_to_excite(
         Of a problem file or its folder, or of a URDF or MJCF file.
     changes : mapping of str to value
         Keys of ``[excitation]``, of its limits and its scene; None changes nothing.
-    selection : Selection, optional
-        The part of a robot's file that moves.
+    stated : Statement, optional
+        Of the robot.
     """
+    stated = Statement() if stated is None else stated
     if is_robot(path):
         asked = changed(ExcitationTable(), changes)
-        return robot_draft(path, asked, selection).problem()
+        return robot_draft(path, asked, stated).problem()
     (file,) = problem_files(path)
-    table = read_problem_table(file)
+    table = overridden(read_problem_table(file), stated, file).table
     excitation = changed(table.excitation, changes)
     if table.data is None and not _has_masses(table.links):
         for sentence in names_outside(table, file):
@@ -78,7 +79,7 @@ def problem_to_excite(
         free = ConstraintsTable(masses="free")
         table = msgspec.structs.replace(table, constraints=free, excitation=excitation)
         return replace(problem_of(table, file), source=file)
-    problem = load_problem(file)
+    problem = stated_problem(file, stated).problem
     table = msgspec.structs.replace(problem.table, excitation=excitation)
     return replace(problem, table=table)
 

@@ -6,17 +6,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.executors import Executor
-from consistent_id._support.interrupts import Interrupted
+from consistent_id._support.run import Interrupted
 from consistent_id.errors import InfeasibleError, NotExcitedError
 from consistent_id.excitation.accuracy import PredictedAccuracy, predicted_accuracy
 from consistent_id.excitation.aims import Aim
 from consistent_id.excitation.designed import Stage
-from consistent_id.excitation.search import Candidate, random_candidate
+from consistent_id.excitation.path_search import FoundPath, random_candidate
 from consistent_id.excitation.search_problem import SearchProblem
 from consistent_id.excitation.searches import lane_work, run_searches
-from consistent_id.excitation.verification import Demands, Proof
+from consistent_id.excitation.verification import Demands, PathProof
 from consistent_id.excitation.work import Meter
-from consistent_id.recordings.trajectory import FourierTrajectory
+from consistent_id.recordings.joint_paths import FourierTrajectory
 
 _TRIAL = 0.1  # share of the work in which one of several forms is tried
 _FIRST = 0.6  # share of the work after which the first of two stages ends
@@ -34,7 +34,7 @@ class _NothingYet(KeyboardInterrupt):
     """The user ended a search before it had anything to keep."""
 
 
-Prove = Callable[[FourierTrajectory], Proof]
+Prove = Callable[[FourierTrajectory], PathProof]
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +65,8 @@ class Means:
     progress: bool = False
 
     def run(
-        self, problem: SearchProblem, starts: Sequence[Candidate], work: float
-    ) -> tuple[Candidate, ...]:
+        self, problem: SearchProblem, starts: Sequence[FoundPath], work: float
+    ) -> tuple[FoundPath, ...]:
         """Run searches, each lane with so much work."""
         return run_searches(
             problem,
@@ -78,12 +78,12 @@ class Means:
             progress=self.progress,
         )
 
-    def spent(self, found: Sequence[Candidate], starts: Sequence[Candidate]) -> float:
+    def spent(self, found: Sequence[FoundPath], starts: Sequence[FoundPath]) -> float:
         """Return the work of the lane that did most."""
         return lane_work(found, starts, self.lanes)
 
 
-def compared_paths(problem: SearchProblem, starts: int) -> list[Candidate]:
+def compared_paths(problem: SearchProblem, starts: int) -> list[FoundPath]:
     """Return the random paths that a design must be better than, best first."""
     count = min(starts, _COMPARED)
     found = [random_candidate(problem, number) for number in range(count)]
@@ -96,7 +96,7 @@ def best_form(
     """Return the problem whose form promises most: by a short search of each."""
     if len(problems) == 1:
         return problems[0]
-    starts = [Candidate(number) for number in range(min(means.starts, means.lanes))]
+    starts = [FoundPath(number) for number in range(min(means.starts, means.lanes))]
     scores = []
     for problem in problems:
         found = means.run(problem, starts, _TRIAL * means.work)
@@ -120,7 +120,7 @@ def design_stages(
     prove = _proving_once(demands)
     objectives = aim.objectives
     search = _Search(aim, means, meter, prove)
-    random = [Candidate(number) for number in range(means.starts)]
+    random = [FoundPath(number) for number in range(means.starts)]
     last = len(objectives) == 1
     problem = replace(problem, objective=objectives[0])
     known = compared_paths(problem, means.starts)
@@ -139,8 +139,8 @@ def design_stages(
 
 
 def _scored(
-    problem: SearchProblem, paths: Sequence[Candidate]
-) -> tuple[Candidate, ...]:
+    problem: SearchProblem, paths: Sequence[FoundPath]
+) -> tuple[FoundPath, ...]:
     """Return candidates of another objective with this one's scores."""
     objective = problem.objective
     return tuple(
@@ -176,9 +176,9 @@ def _unchanged(first: Stage, problem: SearchProblem) -> Stage:
 
 def _proving_once(demands: Demands) -> Prove:
     """Return what proves paths, each once: a second stage may end where it began."""
-    proofs: dict[bytes, Proof] = {}
+    proofs: dict[bytes, PathProof] = {}
 
-    def prove(path: FourierTrajectory) -> Proof:
+    def prove(path: FourierTrajectory) -> PathProof:
         key = np.vstack([path.offset, path.sine, path.cosine]).tobytes()
         if key not in proofs:
             proofs[key] = demands.proof(path)
@@ -199,8 +199,8 @@ class _Search:
     def stage(
         self,
         problem: SearchProblem,
-        starts: Sequence[Candidate],
-        known: Sequence[Candidate],
+        starts: Sequence[FoundPath],
+        known: Sequence[FoundPath],
         share: float,
     ) -> Stage:
         """Search; where no path can be proven, search on with less of the limits.
@@ -210,7 +210,7 @@ class _Search:
         means, meter = self.means, self.meter
         work = max(share * means.work - meter.spent, 0.0)
         searches, cut_short = 0, False
-        proofs: list[Proof] = []
+        proofs: list[PathProof] = []
         for attempt in range(_ATTEMPTS):
             found = means.run(problem, starts, work)
             meter.spent += means.spent(found, starts)
@@ -254,7 +254,7 @@ class _Search:
             guards = tuple(g.tightened(failed, peaks) for g in problem.guards)
             problem, starts = replace(problem, guards=guards), usable[:_REFINED]
             if peaks:  # which the paths found so far are far from
-                starts = [Candidate(number) for number in range(means.starts)]
+                starts = [FoundPath(number) for number in range(means.starts)]
             work = max(share * means.work - meter.spent, _MORE * means.work)
         proofs[0].require()
         raise InfeasibleError("no path was found that keeps all limits")
@@ -274,7 +274,7 @@ class _Search:
         return accuracy
 
 
-def _allowed_peaks(proof: Proof) -> dict[str, float]:
+def _allowed_peaks(proof: PathProof) -> dict[str, float]:
     """Return what torque joints may reach whose torque fails over time.
 
     Rates and root mean squares are no rows of a search: they fall with the peak.
@@ -290,13 +290,13 @@ def _allowed_peaks(proof: Proof) -> dict[str, float]:
     return peaks
 
 
-def _usable(found: Sequence[Candidate]) -> list[Candidate]:
+def _usable(found: Sequence[FoundPath]) -> list[FoundPath]:
     """Return the candidates with a path, best first."""
     usable = [one for one in found if one.variables is not None]
     return sorted(usable, key=lambda one: one.score)
 
 
-def _others(one: Candidate, found: Sequence[Candidate]) -> list[Candidate]:
+def _others(one: FoundPath, found: Sequence[FoundPath]) -> list[FoundPath]:
     """Return the searches' results without one of them."""
     return [
         other
@@ -311,7 +311,7 @@ def _value(problem: SearchProblem, accuracy: PredictedAccuracy) -> float:
     return float(np.exp(problem.criterion(problem.objective)(M).value))
 
 
-def _nothing_found(found: Sequence[Candidate], out_of_time: bool) -> InfeasibleError:
+def _nothing_found(found: Sequence[FoundPath], out_of_time: bool) -> InfeasibleError:
     obstacles = sorted({one.obstacle for one in found if one.obstacle})
     more = "give a longer time_limit, " if out_of_time else ""
     torque = any(text.startswith("torque") for text in obstacles)

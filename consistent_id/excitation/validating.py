@@ -9,15 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Vector
-from consistent_id._support.threads import single_threaded
+from consistent_id._support.executors import single_threaded
 from consistent_id.errors import InfeasibleError
 from consistent_id.excitation.accuracy import predicted_accuracy
-from consistent_id.excitation.basis import FourierBasis
-from consistent_id.excitation.clear_starts import clear_start
+from consistent_id.excitation.basis import FourierBasis, limit_rows
 from consistent_id.excitation.designed import ExcitationDesign
-from consistent_id.excitation.limit_rows import limit_rows
-from consistent_id.excitation.verification import Proof
-from consistent_id.recordings.trajectory import FourierTrajectory
+from consistent_id.excitation.search_problem import clear_start
+from consistent_id.excitation.verification import PathProof
+from consistent_id.recordings.joint_paths import FourierTrajectory
 
 _REACH = 0.95  # share of the limits that a path may use
 _SWINGS = (1.0, 0.85, 0.65, 0.4, 0.2)  # shares of its swing, tried in this order
@@ -31,14 +30,14 @@ class ValidationPath:
     Parameters
     ----------
     trajectory : FourierTrajectory
-    proof : Proof
+    proof : PathProof
         Of the same limits as the design's.
     likeness : ndarray, shape (joints,)
         Correlation of each joint's velocity with the design's, over its duration.
     """
 
     trajectory: FourierTrajectory
-    proof: Proof
+    proof: PathProof
     likeness: Vector
 
 

@@ -8,8 +8,7 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Matrix, checked
 from consistent_id.errors import InfeasibleError, ProblemError
-from consistent_id.excitation.clearance_guard import ClearanceGuard
-from consistent_id.excitation.guards import Guard, TorqueGuard
+from consistent_id.excitation.guards import ClearanceGuard, Guard, TorqueGuard
 from consistent_id.excitation.kernels import slow_speeds
 from consistent_id.motion.collisions.clearance import (
     ClearanceReport,
@@ -21,7 +20,7 @@ from consistent_id.motion.limits import MotionLimits
 from consistent_id.motion.proofs.friction_bounds import require_enclosable
 from consistent_id.motion.proofs.margins import MotionMargins, motion_margins
 from consistent_id.motion.transfers import limits_of
-from consistent_id.recordings.paths import JointPath
+from consistent_id.recordings.joint_paths import JointPath
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
 
@@ -84,12 +83,12 @@ class Demands:
         unlimited = replace(self.limits, effort_rms=none)
         return replace(self, limits=unlimited)
 
-    def proof(self, paths: JointPath | Sequence[JointPath]) -> "Proof":
+    def proof(self, paths: JointPath | Sequence[JointPath]) -> "PathProof":
         """Prove what can be proven of a path, or of several played one by one."""
         every = list(paths) if isinstance(paths, Sequence) else [paths]
         return combined([self._proof(path) for path in every])
 
-    def _proof(self, path: JointPath) -> "Proof":
+    def _proof(self, path: JointPath) -> "PathProof":
         margins = motion_margins(
             path,
             self.limits,
@@ -97,11 +96,13 @@ class Demands:
             parameters=self.parameters,
         )
         scene = self.scene
-        return Proof(margins, None if scene is None else prove_clearance(scene, path))
+        return PathProof(
+            margins, None if scene is None else prove_clearance(scene, path)
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Proof:
+class PathProof:
     """What is proven of a path.
 
     Parameters
@@ -115,13 +116,13 @@ class Proof:
     margins: MotionMargins
     clearance: ClearanceReport | None
 
-    def retimed(self, clock: Callable[[float], float]) -> "Proof":
+    def retimed(self, clock: Callable[[float], float]) -> "PathProof":
         """Return the proof of the same motion, whose times another clock shows."""
         margins = [replace(m, time=clock(m.time)) for m in self.margins.margins]
         apart = self.clearance
         if apart is not None:
             apart = replace(apart, time=clock(apart.time))
-        return Proof(MotionMargins(tuple(margins)), apart)
+        return PathProof(MotionMargins(tuple(margins)), apart)
 
     @property
     def holds(self) -> bool:
@@ -145,11 +146,11 @@ class Proof:
             self.clearance.require()
 
 
-def combined(proofs: Sequence[Proof]) -> Proof:
+def combined(proofs: Sequence[PathProof]) -> PathProof:
     """Return what the proofs of several paths, played one by one, prove together."""
     margins = min((p.margins for p in proofs), key=lambda found: found.least.relative)
     apart = [p.clearance for p in proofs if p.clearance is not None]
-    return Proof(margins, worst_clearance(apart) if apart else None)
+    return PathProof(margins, worst_clearance(apart) if apart else None)
 
 
 def demands(

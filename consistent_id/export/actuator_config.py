@@ -11,8 +11,7 @@ import numpy as np
 
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.drive_values import joint_drives, not_expressed
-from consistent_id.export.exported_file import Export
-from consistent_id.export.provenance import provenance, require_usable
+from consistent_id.export.export_formats import Export, exporter, provenance
 from consistent_id.recordings.signals import PDGains
 
 _ISAAC_LAB = '''"""{line}.
@@ -78,6 +77,7 @@ def actuators(timestep):
 '''
 
 
+@exporter("isaaclab")
 def to_isaac_lab(
     estimate: Estimate,
     *,
@@ -112,11 +112,10 @@ def to_isaac_lab(
     }
     expressed = ("damping", "friction", "armature")
     notes = not_expressed(estimate, "Isaac Lab", expressed)
-    return _export(
-        estimate, "isaaclab", _ISAAC_LAB, tables, gains, delay, notes, allow_refused
-    )
+    return _export(estimate, "isaaclab", _ISAAC_LAB, tables, gains, delay, notes)
 
 
+@exporter("mjlab")
 def to_mjlab(
     estimate: Estimate,
     *,
@@ -130,9 +129,7 @@ def to_mjlab(
     """
     joints: dict[str, object] = {"JOINTS": list(estimate.model.robot.joint_names)}
     note = "the MJCF file has armature, damping, friction and offsets: export it, too"
-    return _export(
-        estimate, "mjlab", _MJLAB, joints, gains, delay, (note,), allow_refused
-    )
+    return _export(estimate, "mjlab", _MJLAB, joints, gains, delay, (note,))
 
 
 def _export(
@@ -143,9 +140,7 @@ def _export(
     gains: PDGains | None,
     delay: float,
     notes: tuple[str, ...],
-    allow_refused: bool,
 ) -> Export:
-    require_usable(estimate, allow_refused)
     given = dict(tables)
     names = {"kp": "None", "kd": "None", "limit": "None"}
     if gains is not None:

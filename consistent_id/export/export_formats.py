@@ -1,19 +1,31 @@
-"""The formats to which an estimate is exported: one entry each.
+"""The formats to which an estimate is exported, one gate for all, and what they return.
 
 An entry names the function that exports, which is imported when it is called.
+`exported` refuses estimates that are not to be used, and floating bases where a format
+has no place for one; `exporter` gives functions that are called directly the same gate.
+An `Export` is a file's content, its provenance in it, and what the format could not
+say.
 """
 
+import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import wraps
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeVar
 
+from consistent_id._support.files import write_atomically
 from consistent_id.errors import ProblemError
+from consistent_id.estimation.verdict import HELP
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # `consistent-id --help` lists the formats
     from consistent_id.estimation.estimate import Estimate
-    from consistent_id.export.exported_file import Export
     from consistent_id.recordings.signals import PDGains
+    from consistent_id.robot.loaders.splice import Document, Edit
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +39,8 @@ class ExportFormat:
     module, function : str
         ``function(estimate, [source,] *, allow_refused) -> Export`` in a module of this
         package.
+    floating : bool
+        Whether the format can express a robot whose base floats.
     takes_source : bool
         Whether the estimate can be put into an existing file of the robot.
     has_assets : bool
@@ -39,32 +53,108 @@ class ExportFormat:
     content: str
     module: str
     function: str
+    floating: bool = False
     takes_source: bool = False
     has_assets: bool = False
     takes_gains: bool = False
 
 
 EXPORT_FORMATS = (
-    ExportFormat("urdf", "URDF", "urdf_export", "to_urdf", takes_source=True),
     ExportFormat(
-        "mjcf", "MJCF", "mjcf_export", "to_mjcf", takes_source=True, has_assets=True
+        "urdf", "URDF", "urdf_export", "to_urdf", floating=True, takes_source=True
     ),
-    ExportFormat("json", "JSON", "json_record", "to_json"),
-    ExportFormat("pin", "pinocchio.Model", "pinocchio_model", "pinocchio_file"),
+    ExportFormat(
+        "mjcf",
+        "MJCF",
+        "mjcf_export",
+        "to_mjcf",
+        floating=True,
+        takes_source=True,
+        has_assets=True,
+    ),
+    ExportFormat("json", "JSON", "json_record", "to_json", floating=True),
+    ExportFormat(
+        "pin", "pinocchio.Model", "pinocchio_model", "pinocchio_file", floating=True
+    ),
     ExportFormat("numpy", "stand-alone NumPy", "numpy_source", "to_numpy"),
     ExportFormat("casadi", "CasADi function", "casadi_functions", "casadi_file"),
-    ExportFormat("c", "C", "c_source", "to_c"),
+    ExportFormat("c", "C", "casadi_functions", "to_c"),
     ExportFormat(
         "isaaclab",
         "Isaac Lab actuators",
         "actuator_config",
         "to_isaac_lab",
+        floating=True,
         takes_gains=True,
     ),
     ExportFormat(
-        "mjlab", "mjlab actuators", "actuator_config", "to_mjlab", takes_gains=True
+        "mjlab",
+        "mjlab actuators",
+        "actuator_config",
+        "to_mjlab",
+        floating=True,
+        takes_gains=True,
     ),
 )
+
+_COMMENT = re.compile(rb"\s*<!-- consistent-id: [^>]* -->")
+
+
+class SideFile(NamedTuple):
+    """What a format has no place for, in a file of the same name but its suffix."""
+
+    suffix: str
+    content: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Export:
+    """A file in the making.
+
+    Parameters
+    ----------
+    format : str
+    content : bytes
+    notes : tuple of str
+        What of the estimate the format cannot express, and what was done so that it
+        expresses the rest.
+    files : tuple of (Path, Path)
+        Files to be copied, and where to, beside the content.
+    side : SideFile, optional
+    """
+
+    format: str
+    content: bytes
+    notes: tuple[str, ...] = ()
+    files: tuple[tuple[Path, Path], ...] = ()
+    side: SideFile | None = None
+
+    def __str__(self) -> str:
+        return self.content.decode("utf-8", "replace")
+
+    def save(self, path: str | Path) -> Path:
+        """Write the content and what belongs beside it; each is whole or not there.
+
+        Raises
+        ------
+        ProblemError
+            If a place cannot be written to, or another file is where one is to be.
+        """
+        beside = [(Path(path).parent / name, place) for place, name in self.files]
+        for target, place in beside:
+            if target.exists() and target.read_bytes() != place.read_bytes():
+                raise ProblemError(
+                    f"{target}: another file is there already, and {place} should be "
+                    "copied to it; choose another folder"
+                )
+        for target, place in beside:
+            if not target.exists():
+                write_atomically(target, place.read_bytes())
+        if self.side is not None:
+            write_atomically(
+                Path(path).with_suffix(self.side.suffix), self.side.content
+            )
+        return write_atomically(path, self.content)
 
 
 def exported(
@@ -98,15 +188,11 @@ def exported(
     Raises
     ------
     ProblemError
-        If there is no such format, if it takes no source, or if the estimate is refused
-        and `allow_refused` is false.
+        If there is no such format, if it takes no source, if it cannot express a
+        floating base, or if the estimate is refused and `allow_refused` is false.
     """
-    formats = {known.name: known for known in EXPORT_FORMATS}
-    if form not in formats:
-        from consistent_id.robot.parameters import did_you_mean
-
-        raise ProblemError(f"no format {form!r}; {did_you_mean(form, formats)}")
-    known, options = formats[form], dict[str, Any]()
+    known, options = _format(form), dict[str, Any]()
+    _require_exportable(estimate, known, allow_refused)
     if source is not None:
         if not known.takes_source:
             taking = [f.content for f in EXPORT_FORMATS if f.takes_source]
@@ -120,9 +206,67 @@ def exported(
         options |= {"gains": gains, "delay": delay}
     module = import_module(f"consistent_id.export.{known.module}")
     function = getattr(module, known.function)
-    export: Export = function(estimate, allow_refused=allow_refused, **options)
+    # The gate is passed: the function's own need not judge the estimate again.
+    export: Export = function(estimate, allow_refused=True, **options)
     notes = _of_springs(estimate, gains)
     return replace(export, notes=(*export.notes, *notes)) if notes else export
+
+
+def exporter(form: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Give a function that exports to a format the gate of `exported`.
+
+    Parameters
+    ----------
+    form : str
+        Name of an entry of `EXPORT_FORMATS`.
+
+    Returns
+    -------
+    callable
+        From ``function(estimate, ..., allow_refused=False)`` to the same function that
+        refuses what `exported` refuses.
+    """
+
+    def gated(function: Callable[P, R]) -> Callable[P, R]:
+        @wraps(function)
+        def checked(*args: P.args, **options: P.kwargs) -> R:
+            estimate: Any = args[0] if args else options["estimate"]
+            refused = bool(options.get("allow_refused", False))
+            _require_exportable(estimate, _format(form), refused)
+            return function(*args, **options)
+
+        return checked
+
+    return gated
+
+
+def _format(form: str) -> ExportFormat:
+    formats = {known.name: known for known in EXPORT_FORMATS}
+    if form not in formats:
+        from consistent_id.robot.parameters import did_you_mean
+
+        raise ProblemError(f"no format {form!r}; {did_you_mean(form, formats)}")
+    return formats[form]
+
+
+def _require_exportable(
+    estimate: "Estimate", known: ExportFormat, allow_refused: bool
+) -> None:
+    """Refuse bases that a format has no place for, and what is not to be used."""
+    robot = estimate.model.robot
+    if robot.floating and not known.floating:
+        others = ", ".join(f.name for f in EXPORT_FORMATS if f.floating)
+        raise ProblemError(
+            f"{known.content}: dynamics of joints alone, but the base of "
+            f"{robot.name!r} floats; formats for it are {others}"
+        )
+    if allow_refused or (verdict := estimate.verdict).usable:
+        return
+    ground = verdict.grounds[0]
+    raise ProblemError(
+        f"{verdict.sentence}: {ground.statement}. {ground.advice}; or say "
+        f"allow_refused (--accept {ground.kind!r} in the shell). See {HELP}"
+    )
 
 
 def _of_springs(estimate: "Estimate", gains: "PDGains | None") -> tuple[str, ...]:
@@ -143,3 +287,21 @@ def _of_springs(estimate: "Estimate", gains: "PDGains | None") -> tuple[str, ...
         f"the file has no springs between motors and links, of {springs}: in MuJoCo, "
         "give the body a second joint on the same axis, with that stiffness",
     )
+
+
+def provenance(estimate: "Estimate") -> str:
+    """Return one line for a file's comment: method, robot, verdict."""
+    verdict = estimate.verdict
+    accepted = f", accepted: {', '.join(verdict.accepted)}" if verdict.accepted else ""
+    return (
+        f"consistent-id: robot {estimate.model.robot.name}, method {estimate.method}, "
+        f"verdict: {verdict}{accepted}"
+    )
+
+
+def comment_edit(document: "Document", text: str) -> "Edit":
+    """Return the edit that puts a comment first, in place of an earlier one."""
+    text = text.replace("--", "- -").replace(">", "")
+    edit = document.insert(document.root, [[f"<!-- {text} -->"]])
+    earlier = _COMMENT.match(document.data, edit.start)
+    return edit if earlier is None else edit._replace(stop=earlier.end())

@@ -8,9 +8,8 @@ import numpy as np
 
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.drive_values import coupling_values, joint_drives
-from consistent_id.export.exported_file import Export
-from consistent_id.export.pinocchio_model import central
-from consistent_id.export.provenance import require_usable
+from consistent_id.export.export_formats import Export, exporter
+from consistent_id.export.file_inertias import central
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import FixedFrame, Joint
 
@@ -18,6 +17,7 @@ FORMAT = "consistent_id robot 1"
 DRIVES_FORMAT = "consistent_id drives 1"
 
 
+@exporter("json")
 def robot_record(estimate: Estimate, *, allow_refused: bool = False) -> dict[str, Any]:
     """Return robot, bodies and drives as plain numbers and text.
 
@@ -30,7 +30,6 @@ def robot_record(estimate: Estimate, *, allow_refused: bool = False) -> dict[str
     ProblemError
         If the estimate is refused and `allow_refused` is false.
     """
-    require_usable(estimate, allow_refused)
     model = estimate.model
     robot = model.robot
     return {

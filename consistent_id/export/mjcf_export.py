@@ -14,18 +14,21 @@ from consistent_id.export.drive_values import (
     joint_drives,
     not_expressed,
 )
-from consistent_id.export.exported_file import Export
-from consistent_id.export.mjcf_body import quaternion, require_mujoco, set_body
-from consistent_id.export.mjcf_gears import add_gears, set_number
+from consistent_id.export.export_formats import Export, exporter, provenance
+from consistent_id.export.mjcf_bodies import (
+    Source,
+    put_into,
+    quaternion,
+    read_spec,
+    require_mujoco,
+    set_body,
+    spec_tree,
+)
 from consistent_id.export.mjcf_in_place import put_in_place
-from consistent_id.export.mjcf_slopes import add_slopes
-from consistent_id.export.mjcf_source import Source, put_into, read_spec
+from consistent_id.export.mjcf_tendons import add_gears, add_slopes, set_number
 from consistent_id.export.mjcf_text import exact_xml
-from consistent_id.export.mjcf_tree import spec_tree
-from consistent_id.export.provenance import provenance, require_usable
 from consistent_id.robot.inertia import InertialParameters
-from consistent_id.robot.mimic import Mimic
-from consistent_id.robot.model import Joint
+from consistent_id.robot.model import Joint, Mimic
 
 WEAK = 1e-4  # stiffness over offset, [1/rad] or [1/m], of a spring that is a preload
 _EXPRESSED = ("damping", "friction", "armature", "stiffness")
@@ -88,6 +91,7 @@ def to_mjcf(
     return Export("mjcf", b"<!-- " + comment + b" -->\n" + text, notes)
 
 
+@exporter("mjcf")
 def mujoco_spec(
     estimate: Estimate,
     source: str | Path | None = None,
@@ -95,7 +99,6 @@ def mujoco_spec(
     allow_refused: bool = False,
 ) -> Specified:
     """Return the ``mujoco.MjSpec`` that `to_mjcf` writes, not compiled yet."""
-    require_usable(estimate, allow_refused)
     mujoco = require_mujoco()
     if source is None:
         spec, more = _built(estimate, mujoco)

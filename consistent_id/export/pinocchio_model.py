@@ -7,14 +7,15 @@ import numpy as np
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.drive_values import joint_drives, not_expressed
-from consistent_id.export.exported_file import Export
-from consistent_id.export.provenance import require_usable
+from consistent_id.export.export_formats import Export, exporter
+from consistent_id.export.file_inertias import central
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import Joint, RobotModel
 
 _EXPRESSED = ("damping", "friction", "armature")
 
 
+@exporter("pin")
 def to_pinocchio(estimate: Estimate, *, allow_refused: bool = False) -> Any:
     """Return a ``pinocchio.Model`` with the identified bodies and drives.
 
@@ -31,7 +32,6 @@ def to_pinocchio(estimate: Estimate, *, allow_refused: bool = False) -> Any:
     """
     import pinocchio as pin
 
-    require_usable(estimate, allow_refused)
     robot = estimate.model.robot
     _require_no_followers(robot)
     model = pin.Model()
@@ -87,13 +87,6 @@ def pinocchio_file(estimate: Estimate, *, allow_refused: bool = False) -> Export
         "pin.rnea leaves damping and dry friction out: add them",
     )
     return Export("pin", model.saveToString().encode(), notes)
-
-
-def central(body: InertialParameters) -> tuple[float, Any, Any]:
-    """Return mass, centre of mass and inertia about it; the origin if massless."""
-    if body.mass == 0.0:
-        return 0.0, np.zeros(3), body.inertia
-    return body.mass, body.com, body.central_inertia
 
 
 def _added(pin: Any, model: Any, joint: Joint) -> int:

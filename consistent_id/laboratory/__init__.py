@@ -1,16 +1,27 @@
-"""Simulated experiments on known robots, with imperfect sensors and controllers.
+"""Simulated experiments on known robots, rehearsals, and a paper's study done again.
 
-A robot follows a motion.  Encoders and a load cell write on one clock, cameras on
-another.  All true values are known, so that an estimate from the logs can be compared
-with them.
+A robot follows a motion, such as a writing task.  Encoders and a load cell write on one
+clock, cameras on another.  All true values are known, so that an estimate from the logs
+can be compared with them.  `consistent_id.laboratory.rehearsal` plays a design before
+the robot does, `consistent_id.laboratory.reproduction` does a published study again.
 """
 
-from consistent_id.laboratory.closed_loop import controlled
-from consistent_id.laboratory.control import Controller
-from consistent_id.laboratory.experiment import ExperimentLog, Laboratory, perform
+from consistent_id.laboratory.closed_loop import (
+    Controller,
+    SimulatedRobot,
+    controlled,
+    with_friction,
+)
+from consistent_id.laboratory.experiment import (
+    ExperimentLog,
+    Laboratory,
+    SynchronisedLog,
+    perform,
+    synchronised,
+)
+from consistent_id.laboratory.inverse_kinematics import TaskPath, follow
 from consistent_id.laboratory.sensors import Cameras, Encoders, LoadCell
-from consistent_id.laboratory.simulated_robot import SimulatedRobot, with_friction
-from consistent_id.laboratory.synchronisation import SynchronisedLog, synchronised
+from consistent_id.laboratory.writing_tasks import Orientation, Writer, WritingTask
 
 OneClock = SynchronisedLog  # the earlier names
 on_one_clock = synchronised
@@ -22,9 +33,14 @@ __all__ = [
     "ExperimentLog",
     "Laboratory",
     "LoadCell",
+    "Orientation",
     "SimulatedRobot",
     "SynchronisedLog",
+    "TaskPath",
+    "Writer",
+    "WritingTask",
     "controlled",
+    "follow",
     "perform",
     "synchronised",
     "with_friction",

@@ -1,20 +1,219 @@
-"""A controlled robot in time: Runge-Kutta steps between the controller's ticks."""
+"""A simulated robot of known parameters follows a motion under a controller.
 
-from typing import Any, NamedTuple
+The controller has feedforward and PD; between its ticks the robot moves by Runge-Kutta
+steps.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, Vector
-from consistent_id.errors import ProblemError, SolverError
-from consistent_id.laboratory.control import Controller
+from consistent_id._support.arrays import Array, Vector, freeze, freeze_arrays, frozen
+from consistent_id.errors import ModelError, ProblemError, SolverError
 from consistent_id.laboratory.sensors import Encoders
-from consistent_id.laboratory.simulated_robot import SimulatedRobot
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, states
 from consistent_id.recordings.signals.clocks import uniform_rate
+from consistent_id.regression.casadi_rows import casadi_regressor
+from consistent_id.regression.drive.drive_terms import DriveTerms
+from consistent_id.regression.mass_matrix import (
+    least_mass_eigenvalue,
+    mass_matrices,
+    random_poses,
+)
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.model import RobotModel
+
+_EVERY = 20  # of the motion's samples, for the mean inertia that sets the gains
+
+_POSES = 200  # random poses at which the mass matrix must be positive definite
 
 _TICKS = 1000  # per call of the compiled loop
-_POSES = 50  # of the motion at which friction is looked at
+_FRICTION_POSES = 50  # of the motion at which friction is looked at
 _STABLE = 2.5  # of Runge-Kutta's fourth order: steps over time constants, up to 2.78
+
+
+class ControllerGains(NamedTuple):
+    """Stiffness [N m/rad], damping [N m s/rad]; the low-pass's share of a new value."""
+
+    stiffness: Vector
+    damping: Vector
+    share: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Controller:
+    """``tau = Y(q_d, dq_d, ddq_d) x + K e + D de``, ``e = q_d - q``.
+
+    It runs at the rate of the motion it is given, holds its torque in between, and sees
+    encoder readings only: ``de`` is the difference of ``e`` between ticks, through a
+    low-pass of first order.
+
+    Parameters
+    ----------
+    model : TorqueModel
+        The controller's model of the robot.
+    parameters : array_like, shape (parameters,)
+        Its belief; zero for none, and no gains either.
+    bandwidth : float, [Hz]
+        ``K = (2 pi bandwidth)^2 m``, ``m`` being each joint's own inertia by the
+        belief, on average over the motion.
+    damping : float
+        ``D = 2 damping (2 pi bandwidth) m``.
+    rate_cutoff : float, [Hz]
+        Of the low-pass.
+    """
+
+    model: TorqueModel
+    parameters: Vector
+    bandwidth: float = 5.0
+    damping: float = 1.0
+    rate_cutoff: float = 60.0
+
+    def __post_init__(self) -> None:
+        for name in ("bandwidth", "damping", "rate_cutoff"):
+            value = getattr(self, name)
+            if not 0.0 < value < np.inf:
+                raise ProblemError(f"controller: {name} is {value}, expected above 0")
+        freeze_arrays(self, {"parameters": (len(self.model.layout),)}, "controller")
+
+    def feedforward(self, motion: Recording) -> Array:
+        """Return the model's torque for a motion, shape (samples, joints)."""
+        return self.model.predict(self.parameters, *states(motion))
+
+    def gains(self, motion: Recording) -> ControllerGains:
+        """Return the gains for a motion."""
+        M = mass_matrices(self.model, self.parameters, motion.position[::_EVERY])
+        inertia = np.diagonal(M, axis1=1, axis2=2).mean(axis=0)
+        w = 2.0 * np.pi * self.bandwidth
+        share = 1.0 - np.exp(-2.0 * np.pi * self.rate_cutoff / motion.rate)
+        return ControllerGains(
+            w**2 * inertia, 2.0 * self.damping * w * inertia, float(share)
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SimulatedRobot:
+    """A torque model with its true parameters.
+
+    Parameters
+    ----------
+    model : TorqueModel
+        Coulomb friction is a ``"tanh"``: a sign has no equations of motion at rest.
+    parameters : array_like, shape (parameters,)
+
+    Raises
+    ------
+    ModelError
+        If the mass matrix is not positive definite, so that no such robot moves.
+    ProblemError
+        If friction has a sign, or grows with the load, of which acceleration is part.
+
+    Examples
+    --------
+    >>> from consistent_id import DHRow, from_modified_dh
+    >>> model = TorqueModel(from_modified_dh("rod", [DHRow(0, 0)]))
+    >>> SimulatedRobot(model, [1.0, 0.5, 0, 0, 0, 0, 0.3, 0, 0, 0.3]).friction
+    False
+    """
+
+    model: TorqueModel
+    parameters: Vector
+
+    def __post_init__(self) -> None:
+        model = replace(self.model, torque_joints=())
+        x = frozen(self.parameters, (len(model.layout),), "true parameters")
+        freeze(self, model=model, parameters=x)
+        for name, terms in zip(model.robot.joint_names, model.terms, strict=True):
+            if terms.needs_load:
+                raise ProblemError(
+                    f"laboratory: friction of {name!r} depends on the load, and so on "
+                    "the acceleration that it decides; leave load_friction out"
+                )
+            if terms.smoothed(1.0) != terms:
+                raise ProblemError(
+                    f"laboratory: friction of {name!r} has a sign, which leaves motion "
+                    'at rest undecided; use coulomb "tanh" with a small velocity_scale'
+                )
+        poses = random_poses(model, _POSES, 0)
+        least = least_mass_eigenvalue(model, x, poses)
+        if not least > 0.0:
+            raise ModelError(
+                f"robot {model.robot.name!r}: the mass matrix of these parameters has "
+                f"an eigenvalue of {least:.3g}; a robot that moves has positive ones. "
+                "Use physically consistent parameters"
+            )
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self.model.robot.joint_names
+
+    @property
+    def friction(self) -> bool:
+        """Whether anything dissipates energy."""
+        return bool(self.parameters[self._dissipative].any())
+
+    def without_friction(self) -> Self:
+        """Return the same robot with friction switched off; rotors and springs stay."""
+        x = self.parameters.copy()
+        x[self._dissipative] = 0.0
+        return replace(self, parameters=x)
+
+    @property
+    def _dissipative(self) -> list[int]:
+        terms, start = self.model.column_terms, self.model.layout.inertial_size
+        return [i for i, t in enumerate(terms, start) if t.friction and t.nonnegative]
+
+    def forward_dynamics(self) -> Any:
+        """Return ``ddq(q, dq, tau)`` as a CasADi function of one sample.
+
+        ``M ddq = tau - h``; both come from the regressor, ``M`` by differentiation.
+        """
+        import casadi as ca
+
+        n, x = len(self.joints), ca.DM(self.parameters)
+        q, dq, ddq, tau = (ca.SX.sym(s, n) for s in ("q", "dq", "ddq", "tau"))
+        Y = casadi_regressor(self.model)
+        M = ca.jacobian(ca.mtimes(Y(q, dq, ddq), x), ddq)
+        h = ca.mtimes(Y(q, dq, ca.SX.zeros(n)), x)
+        D, LT, p = ca.ldl(M)
+        motion = ca.ldl_solve(tau - h, D, LT, p)
+        return ca.Function("forward_dynamics", [q, dq, tau], [motion], {"cse": True})
+
+
+def with_friction(
+    robot: RobotModel,
+    inertial: ArrayLike,
+    *,
+    viscous: ArrayLike = 0.0,
+    coulomb: ArrayLike = 0.0,
+    velocity_scale: float = 0.02,
+) -> SimulatedRobot:
+    """Return a robot of known inertial parameters with viscous and Coulomb friction.
+
+    Parameters
+    ----------
+    inertial : array_like, shape (10 links,)
+    viscous : array_like, shape () or (joints,), [N m s/rad or N s/m]
+    coulomb : array_like, shape () or (joints,), [N m or N]
+    velocity_scale : float, [rad/s or m/s]
+        See `DriveTerms`.
+    """
+    n = len(robot)
+    known = frozen(inertial, (10 * len(robot.links),), "inertial parameters")
+    pairs = np.empty((n, 2))
+    for column, (values, what) in enumerate(
+        ((viscous, "viscous"), (coulomb, "coulomb"))
+    ):
+        shape = (n,) if np.ndim(values) else ()
+        pairs[:, column] = frozen(values, shape, f"{what} friction")
+    if (pairs < 0.0).any():
+        raise ProblemError(f"friction is {pairs.tolist()}, expected 0 or more")
+    drive = DriveTerms(viscous=True, coulomb="tanh", velocity_scale=velocity_scale)
+    model = TorqueModel(robot, drive)
+    return SimulatedRobot(model, np.concatenate([known, pairs.ravel()]))
 
 
 class Loop(NamedTuple):
@@ -63,7 +262,7 @@ def controlled(
     wanted = wanted.of(robot.joints)
     tick = 1.0 / uniform_rate(wanted)
     dynamics = robot.forward_dynamics()
-    poses = wanted.position[:: max(len(wanted) // _POSES, 1)]
+    poses = wanted.position[:: max(len(wanted) // _FRICTION_POSES, 1)]
     _require_stable(robot, dynamics, poses, tick, substeps)
     step = _tick(robot, controller, encoders, wanted, dynamics, tick, substeps)
     feedforward = controller.feedforward(wanted)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Matrix, Vector, checked, freeze_arrays
 from consistent_id.errors import ProblemError
-from consistent_id.recordings.trajectory import sinusoids
+from consistent_id.recordings.joint_paths import sinusoids
 
 _X, _Y = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 _PIECES = 400  # of a curve whose length is measured, each with a rule of eight points

@@ -1,4 +1,7 @@
-"""An experiment: a robot follows a motion, sensors write it down, each on its clock."""
+"""An experiment: a robot follows a motion, sensors write it down, each on its clock.
+
+Both logs are then synchronised, ready for a regression.
+"""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -7,11 +10,18 @@ import numpy as np
 
 from consistent_id._support.arrays import Vector
 from consistent_id.errors import ProblemError
-from consistent_id.laboratory.closed_loop import controlled
-from consistent_id.laboratory.control import Controller
+from consistent_id.laboratory.closed_loop import Controller, SimulatedRobot, controlled
 from consistent_id.laboratory.sensors import Cameras, Encoders, LoadCell
-from consistent_id.laboratory.simulated_robot import SimulatedRobot
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.derivatives import differentiated
+from consistent_id.recordings.signals.filters import low_passed
+from consistent_id.recordings.signals.parts import trimmed
+from consistent_id.recordings.signals.tracks import (
+    Delay,
+    aligned,
+    estimate_delay,
+    track,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,7 +116,7 @@ def perform(
     --------
     >>> from consistent_id import DHRow, from_modified_dh
     >>> from consistent_id.laboratory import with_friction
-    >>> from consistent_id.recordings.sinusoids import Sinusoid, SinusoidalMotion
+    >>> from consistent_id.recordings.joint_paths import Sinusoid, SinusoidalMotion
     >>> arm = from_modified_dh("rod", [DHRow(0, 0)])
     >>> rod = with_friction(arm, [1, 0.5, 0, 0, 0, 0, 0.3, 0, 0, 0.3], viscous=0.2)
     >>> motion = SinusoidalMotion(2.0, 1000.0, ((Sinusoid(0.5, 0.5, 0.5),),))
@@ -164,3 +174,51 @@ def _filmed(
         acceleration=ddq + cameras.acceleration_noise * noise[1],
         name=f"{name} (cameras)",
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SynchronisedLog:
+    """Motion and torque on one clock, and the delay that was taken out.
+
+    Parameters
+    ----------
+    recording : Recording
+        Position, velocity, acceleration and torque, at the slower of the two rates.
+    delay : Delay
+        Of the cameras, as estimated.
+    """
+
+    recording: Recording
+    delay: Delay
+
+
+def synchronised(
+    log: ExperimentLog, *, cutoff: float, trim: float = 0.0, longest: float = 0.5
+) -> SynchronisedLog:
+    """Synchronise encoders, load cell and cameras.
+
+    The delay comes from the encoders' positions and the cameras' accelerations;
+    velocities are differences of encoder positions; all channels pass the same filters,
+    which leaves what is linear in them true.
+
+    Parameters
+    ----------
+    cutoff : float, [Hz]
+        Of a low-pass without phase, below the slower clock's Nyquist frequency.
+    trim : float, [s]
+        Cut off at either end, where filters see one side only.
+    longest : float, [s]
+        Longest delay that is looked for.
+    """
+    delay = estimate_delay(
+        track(log.encoders, "position"),
+        track(log.cameras, "acceleration"),
+        longest=longest,
+    )
+    moving = replace(log.encoders, velocity=differentiated(log.encoders).velocity)
+    seen = track(log.cameras, "acceleration")
+    together = aligned(moving, seen, delay=delay.seconds)
+    smooth = low_passed(together, motion_cutoff=cutoff, torque_cutoff=cutoff)
+    start, stop = smooth.time[0] + trim, smooth.time[-1] - trim
+    name = f"{log.wanted.name} (synchronised)"
+    return SynchronisedLog(replace(trimmed(smooth, start, stop), name=name), delay)

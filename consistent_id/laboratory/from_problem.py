@@ -7,14 +7,7 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import frozen
 from consistent_id.errors import ProblemError
-from consistent_id.laboratory import (
-    Cameras,
-    Controller,
-    Encoders,
-    Laboratory,
-    LoadCell,
-    with_friction,
-)
+from consistent_id.laboratory.closed_loop import Controller, with_friction
 from consistent_id.laboratory.curves import (
     Curve,
     bulb,
@@ -24,9 +17,10 @@ from consistent_id.laboratory.curves import (
     helix,
     through_points,
 )
+from consistent_id.laboratory.experiment import Laboratory
 from consistent_id.laboratory.inverse_kinematics import TaskPath, follow
-from consistent_id.laboratory.writer import Writer
-from consistent_id.laboratory.writing_tasks import WritingTask
+from consistent_id.laboratory.sensors import Cameras, Encoders, LoadCell
+from consistent_id.laboratory.writing_tasks import Writer, WritingTask
 from consistent_id.problems.laboratory_tables import (
     BulbTable,
     CircleTable,

@@ -13,17 +13,17 @@ from numpy.typing import ArrayLike
 from consistent_id._support.arrays import Array, Vector, checked
 from consistent_id.errors import PathError, ProblemError
 from consistent_id.laboratory.curves import arc_length
-from consistent_id.laboratory.writer import (
+from consistent_id.laboratory.writing_tasks import (
     EXACT,
     Solution,
     Writer,
+    WritingTask,
     curve_slope,
     nearest_pose,
     newton_refined,
     task_error,
     with_rates,
 )
-from consistent_id.laboratory.writing_tasks import WritingTask
 from consistent_id.recordings.recording import Recording
 from consistent_id.robot.model import RobotModel
 

@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Vector, array_default, freeze, freeze_arrays
 from consistent_id.errors import ProblemError
-from consistent_id.robot.mimic import limits_with_followers
-from consistent_id.robot.model import Joint, RobotModel
+from consistent_id.robot.model import Joint, RobotModel, limits_with_followers
 from consistent_id.robot.parameters import did_you_mean
 
 _ORDERS = ("velocity", "acceleration", "jerk")
@@ -143,7 +142,8 @@ def motion_limits(
 
     Examples
     --------
-    >>> from consistent_id import DHRow, JointLimits, from_modified_dh
+    >>> from consistent_id import DHRow, from_modified_dh
+    >>> from consistent_id.robot import JointLimits
     >>> arm = from_modified_dh("arm", [DHRow(0, 0, limits=JointLimits(-1, 2))])
     >>> motion_limits(arm, velocity=1.5).middle.tolist()
     [0.5]

@@ -8,9 +8,8 @@ from numpy.typing import ArrayLike
 from consistent_id._support.arrays import Array, BoolArray, Vector, checked, freeze
 from consistent_id.errors import ProblemError
 from consistent_id.motion.polynomial_path import PolynomialPath
-from consistent_id.recordings.paths import sampled
+from consistent_id.recordings.joint_paths import FourierTrajectory, sampled
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.trajectory import FourierTrajectory
 
 _ORDERS = ("position", "velocity", "acceleration")
 _SAME = 1e-9  # share of the duration that two times may miss each other by

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from consistent_id._support.arrays import Array, Matrix, Vector, checked, freeze, frozen
 from consistent_id.errors import ProblemError
 from consistent_id.motion import bernstein
-from consistent_id.recordings.paths import freeze_path
+from consistent_id.recordings.joint_paths import freeze_path
 
 
 @dataclass(frozen=True, slots=True, eq=False)

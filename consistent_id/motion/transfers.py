@@ -24,7 +24,7 @@ from consistent_id.errors import ProblemError
 from consistent_id.motion import bernstein
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.motion.polynomial_path import PolynomialPath
-from consistent_id.recordings.paths import JointPath
+from consistent_id.recordings.joint_paths import JointPath
 from consistent_id.robot.parameters import did_you_mean
 
 MATCHED = 3  # position, velocity and acceleration are met at both ends
@@ -105,7 +105,8 @@ def transfer(
 
     Examples
     --------
-    >>> from consistent_id import DHRow, JointLimits, from_modified_dh, motion_limits
+    >>> from consistent_id import DHRow, from_modified_dh, motion_limits
+    >>> from consistent_id.robot import JointLimits
     >>> arm = from_modified_dh("arm", [DHRow(0, 0, limits=JointLimits(-1, 2))])
     >>> limits = motion_limits(arm, velocity=1.875)
     >>> here, there = (MotionState.at_rest(arm.joint_names, [q]) for q in (0.0, 1.0))

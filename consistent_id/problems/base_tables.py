@@ -9,7 +9,7 @@ import numpy as np
 from msgspec import Meta
 
 from consistent_id._support.arrays import Vector
-from consistent_id.problems.table_types import NonNegative, Table
+from consistent_id.problems.tables import NonNegative, Table
 from consistent_id.recordings.readers.beside_columns import (
     BaseColumns,
     BesideColumns,

@@ -32,13 +32,13 @@ from consistent_id.constraints import (
 )
 from consistent_id.constraints.priors import Penalty, PointToSet, Prior
 from consistent_id.errors import ProblemError
-from consistent_id.problems.constraint_tables import (
+from consistent_id.problems.file import JointTable
+from consistent_id.problems.tables import (
     ConstraintsTable,
     PriorTable,
     RelationTable,
     ShapeTable,
 )
-from consistent_id.problems.file import JointTable
 
 
 def constraints_of(

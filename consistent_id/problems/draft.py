@@ -8,9 +8,8 @@ from typing import Literal
 import msgspec
 
 from consistent_id._support.files import relative_path
+from consistent_id._support.tables import Table
 from consistent_id.problems.base_tables import beside_tables
-from consistent_id.problems.constraint_tables import ConstraintsTable
-from consistent_id.problems.draft_text import comments_of
 from consistent_id.problems.file import (
     ColumnsTable,
     DataTable,
@@ -20,16 +19,17 @@ from consistent_id.problems.file import (
     ProblemTable,
     RecordingTable,
 )
-from consistent_id.problems.floating.standing_draft import StandingDraft
+from consistent_id.problems.floating.floating_draft import StandingDraft
+from consistent_id.problems.kept_text import problem_name, toml_text
 from consistent_id.problems.loading import problem_of
 from consistent_id.problems.log_entries import gains_table
-from consistent_id.problems.model import DEFAULT_DRIVE, model_table
+from consistent_id.problems.model import DEFAULT_DRIVE, excitation_table, model_table
 from consistent_id.problems.problem import Problem
-from consistent_id.problems.selection.selection import ModelSelection
-from consistent_id.problems.toml_text import problem_name, toml_text
+from consistent_id.problems.selection.select import ModelSelection
+from consistent_id.problems.statement import Statement
+from consistent_id.problems.tables import ConstraintsTable
 from consistent_id.recordings.readers.columns import Columns
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals import PDGains
 
 Role = Literal["training", "validation"]
 
@@ -59,15 +59,13 @@ class Draft:
     model : Path
     recordings : tuple of DraftRecording
         Those for training first.
+    stated : Statement
+        What the user states.
     joints : tuple of str
         Joints that move.
     held : dict of str to float
         Other joints between base and tip, and where they are held [rad or m].
-    base, tip : str, optional
-        Links between which the robot moves.
     columns : Columns
-    torque_gain : tuple of float
-        One for all joints, or one each; empty for 1.
     rate : float, [Hz]
         Of the log.
     resample, max_gap : float, optional, [Hz], [s]
@@ -85,24 +83,18 @@ class Draft:
         What some joints have else.
     selection : ModelSelection, optional
         The model that the training rows ask for.
-    gains : PDGains, optional
-        Of PD-controlled joints.
     delay : float or "estimated", [s]
-        By which their commands are late.
-    bodies : {"identified", "model"}
-        Whether bodies are identified, or those of the model are the robot's.
+        By which commands of PD-controlled joints are late.
     standing : StandingDraft, optional
         What is taken for known of a robot whose base floats.
     """
 
     model: Path
     recordings: tuple[DraftRecording, ...]
+    stated: Statement
     joints: tuple[str, ...]
     held: Mapping[str, float]
-    base: str | None
-    tip: str | None
     columns: Columns
-    torque_gain: tuple[float, ...]
     rate: float
     resample: float | None
     max_gap: float | None
@@ -114,10 +106,13 @@ class Draft:
     drive: DriveTable = DEFAULT_DRIVE
     joint_drives: Mapping[str, JointTable] = field(default_factory=dict)
     selection: ModelSelection | None = None
-    gains: PDGains | None = None
     delay: float | Literal["estimated"] = 0.0
-    bodies: Literal["identified", "model"] = "identified"
     standing: StandingDraft | None = None
+
+    @property
+    def bodies(self) -> Literal["identified", "model"]:
+        """Whether bodies are identified, or those of the model are the robot's."""
+        return self.stated.bodies or "identified"
 
     @property
     def locked(self) -> tuple[str, ...]:
@@ -153,26 +148,27 @@ class Draft:
         """Return the content without a model that was selected."""
         return ProblemTable(
             name=self.name,
-            model=model_table(
-                self.model, folder, base=self.base, tip=self.tip, locked=self.held
-            ),
+            model=model_table(self.model, folder, self.stated, locked=self.held),
             drive=self.drive,
             joints=dict(self.joint_drives),
             constraints=self._constraints,
             data=self._data(folder),
+            excitation=excitation_table(self.stated, folder),
         )
 
     def _data(self, folder: Path) -> DataTable:
         columns = msgspec.structs.asdict(ColumnsTable())
         columns = {key: getattr(self.columns, key) for key in columns}
         columns["array_joints"] = list(self.columns.array_joints)
-        gain = list(self.torque_gain) or [1.0]
+        stated, gains = self.stated, self.stated.gains
+        gain = list(stated.torque_gain) or [1.0]
         return DataTable(
             recordings=[
                 RecordingTable(
                     file=relative_path(entry.log, folder),
                     role=entry.role,
                     rows=list(entry.rows),
+                    omit=list(stated.omitted_of(entry.log)),
                 )
                 for entry in self.recordings
             ],
@@ -181,10 +177,12 @@ class Draft:
                 channel: unit if isinstance(unit, str) else list(unit)
                 for channel, unit in self.columns.units.items()
             },
+            topic=stated.topic,
+            duplicates=stated.duplicates or "refuse",
             torque_gain=gain if len(gain) > 1 else gain[0],
             torque_joints=list(self.columns.torque_joints),
             **beside_tables(self.columns.beside),
-            gains=None if self.gains is None else gains_table(self.gains, self.delay),
+            gains=None if gains is None else gains_table(gains, self.delay),
             preparation=self._preparation,
         )
 
@@ -226,7 +224,7 @@ class Draft:
         """
         head = (
             f"# Drafted from {self.model.name} and {self.log_names}. A comment that\n"
-            "# begins with GUESS marks what neither of them states: check it.\n\n"
+            "# begins with GUESS marks a setting that neither states: check it.\n\n"
         )
         if accepted:
             head += f"# Accepted in spite of the verdict: {', '.join(accepted)}.\n\n"
@@ -236,3 +234,143 @@ class Draft:
     def log_names(self) -> str:
         """Names of the logs' files."""
         return ", ".join(dict.fromkeys(entry.log.name for entry in self.recordings))
+
+
+DRIVE_COMMENTS = {
+    "drive": "GUESS: viscous friction, Coulomb friction, a constant offset.\n"
+    "rotor_inertia = true adds the rotors of geared motors.",
+    "drive.velocity_scale": "GUESS [rad/s or m/s]: width of the sign change",
+}
+"""Of a drive of which nothing is known."""
+
+_GAINS_COMMENTS = {
+    "data.gains": "GUESS: the delay [s] with which the torque fits best, at most\n"
+    "one sample; consistent-id rollout --choose finds a better one.",
+    "data.gains.delay": "",
+}
+
+
+def comments_of(draft: "Draft") -> dict[str, str]:
+    """Return the comments of a draft's problem file, by key."""
+    comments = {
+        "model": f"{_held_sentence(draft)}Joints: {', '.join(draft.joints)}.",
+        **DRIVE_COMMENTS,
+        **_of_constraints(draft),
+        "data": _of_roles(draft),
+        **_of_columns(draft),
+        **_GAINS_COMMENTS,
+        **_of_preparation(draft),
+    }
+    if draft.standing is not None:
+        comments |= draft.standing.comments
+    if draft.selection is None:
+        return comments
+    if draft.selection.choice.masses != draft.masses:
+        del comments["constraints.masses"]
+    del comments["drive.velocity_scale"]
+    chosen = draft.selection.comments()
+    chosen["data.preparation"] = f"{_rate(draft)}\n{chosen['data.preparation']}"
+    return comments | chosen
+
+
+def _of_constraints(draft: "Draft") -> dict[str, str]:
+    if draft.bodies == "model":
+        stated, masses = "bodies", ""
+    elif draft.masses == "datasheet":
+        stated, masses = "masses", '"free" if they are placeholders'
+    else:
+        stated, masses = "masses", "known masses improve the estimates"
+    known = f"GUESS: the {stated} of {draft.model.name} are those of the robot."
+    return {
+        "constraints": known if draft.masses == "datasheet" else "",
+        "constraints.masses": masses,
+    }
+
+
+def _of_roles(draft: "Draft") -> str:
+    """Say how one log is divided, if it is for both, training and validation."""
+    if len({entry.log for entry in draft.recordings}) == len(draft.recordings):
+        return ""
+    return "The first 70 % of the motion are for training, the rest for validation."
+
+
+def _of_columns(draft: "Draft") -> dict[str, str]:
+    rest = "units are rad, m, N m and N, as no name contradicts this"
+    notes = (*draft.notes, f"other {rest}" if draft.columns.units else rest)
+    return {
+        "data.columns": "\n".join(f"GUESS: {note}." for note in notes),
+        "data.columns.time": "",
+        "data.columns.position": "",
+    }
+
+
+def _of_preparation(draft: "Draft") -> dict[str, str]:
+    return {
+        "data.preparation": f"{_rate(draft)}\nGUESS: {draft.cutoff_reason}.",
+        "data.preparation.max_gap": "s; longest step between samples",
+        "data.preparation.resample": "Hz; the time stamps jitter",
+        "data.preparation.motion_cutoff": "Hz",
+        "data.preparation.torque_cutoff": "Hz",
+    }
+
+
+def _rate(draft: "Draft") -> str:
+    return f"The log has {draft.rate:.6g} samples a second."
+
+
+def _held_sentence(draft: "Draft") -> str:
+    """Say which joints do not move, if there are such."""
+    where, joints = _held(draft)
+    return f"{where.capitalize()}: {joints}.\n" if draft.held else ""
+
+
+def _held(draft: "Draft") -> tuple[str, str]:
+    """Say which joints are held, and where if not at zero."""
+    if not any(draft.held.values()):
+        return "locked at zero", ", ".join(draft.held)
+    return "locked", ", ".join(f"{k} at {v:g}" for k, v in draft.held.items())
+
+
+def draft_table(draft: "Draft") -> Table:
+    """Return what was taken from the files, and what was guessed."""
+    columns = draft.columns
+    channels = ("time", "position", "velocity", "torque", "position_command")
+    named = ((c, getattr(columns, c)) for c in channels)
+    units = ", ".join(f"{channel}: {u}" for channel, u in columns.units.items())
+    rows = [
+        ("joints", ", ".join(draft.joints)),
+        ("columns", ", ".join(f"{c}: {name}" for c, name in named if name is not None)),
+        ("rate", f"{draft.rate:.6g} Hz" + ("; resampled" if draft.resample else "")),
+        ("units", units or "s, rad, m, N m, N"),
+        *(
+            (f"rows of {entry.log.name}", f"{a} to {b} for {entry.role}")
+            for entry in draft.recordings
+            for a, b in (entry.rows,)
+        ),
+        ("cut-off", f"{draft.cutoff:g} Hz: {draft.cutoff_reason}"),
+        _taken(draft),
+        ("friction", "viscous, Coulomb (tanh), offset"),
+    ]
+    if draft.selection is not None:
+        # The table of the selection has them.
+        del rows[-3 if draft.bodies == "identified" else -1 :]
+    if draft.held:
+        rows.insert(1, _held(draft))
+    return Table(
+        f"How {draft.model.name} and {draft.log_names} were read",
+        ("what", "which"),
+        tuple(rows),
+        (
+            *draft.notes,
+            "consistent-id init writes this to a problem file that you can correct",
+        ),
+    )
+
+
+def _taken(draft: "Draft") -> tuple[str, str]:
+    """Say what is taken from the model."""
+    if draft.bodies == "model":
+        return "bodies", "the model's"
+    if draft.standing is not None:
+        return "bodies", "the model's, except that of the base, which is free"
+    return "masses", "the model's" if draft.masses == "datasheet" else "free"

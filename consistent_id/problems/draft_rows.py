@@ -8,12 +8,15 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id.errors import RecordingError
-from consistent_id.problems.draft import DraftRecording
-from consistent_id.problems.file import PreparationTable
+from consistent_id.problems.draft import DraftRecording, Role
+from consistent_id.problems.file import PreparationTable, RecordingTable
+from consistent_id.problems.log_entries import span_of
 from consistent_id.problems.preparation import prepared
+from consistent_id.problems.statement import Statement
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import estimated_period, standstill, trimmed
 from consistent_id.recordings.signals.clocks import is_uniform, own_rate
+from consistent_id.recordings.signals.repetitions import whole_periods
 
 SHARE = 0.2
 """Share of the sampling rate up to which a cut-off is tried."""
@@ -45,7 +48,9 @@ class Split:
     training: tuple[Recording, ...]
 
 
-def split_logs(logs: Mapping[Path, Recording], clock: Clock, *, whole: bool) -> Split:
+def split_logs(
+    logs: Mapping[Path, Recording], clock: Clock, stated: Statement, *, whole: bool
+) -> Split:
     """Divide logs; if each is wholly for training, what moves of it.
 
     Raises
@@ -55,32 +60,65 @@ def split_logs(logs: Mapping[Path, Recording], clock: Clock, *, whole: bool) -> 
     """
     entries, parts = list[DraftRecording](), list[Recording]()
     for file, raw in logs.items():
-        start, stop = _moving(raw, clock)
-        middle = stop if whole else start + _training(raw, stop - start)
-        entries += _entries(file, raw, start, middle, stop)
+        kept = _kept(raw, file, stated)
+        start, stop = _moving(kept, clock)
+        middle = stop if whole else start + _training(kept, stop - start)
+        entries += _entries(file, raw, stated, (start, middle, stop))
         parts.append(trimmed(raw, start, middle))
     return Split(tuple(entries), tuple(parts))
 
 
+def _kept(raw: Recording, file: Path, stated: Statement) -> Recording:
+    """Return the rows that are stated to count; all of them if none are."""
+    if stated.rows_of(file) is None:
+        return raw
+    entry = _entry(file, "training", stated, stated.rows_of(file))
+    return trimmed(raw, *span_of(raw, entry))
+
+
+def _entry(
+    file: Path, role: Role, stated: Statement, rows: tuple[int, int] | None
+) -> RecordingTable:
+    """Return the table of a recording, for what reads its rows."""
+    omit = list(stated.omitted_of(file))
+    kept = None if rows is None else list(rows)
+    return RecordingTable(file=str(file), role=role, rows=kept, omit=omit)
+
+
 def _entries(
-    file: Path, raw: Recording, start: float, middle: float, stop: float
+    file: Path, raw: Recording, stated: Statement, times: tuple[float, float, float]
 ) -> list[DraftRecording]:
-    """Return the rows that are for training and, after the middle, for validation."""
+    """Return the rows that are for training and, after the middle, for validation.
+
+    Parameters
+    ----------
+    times : tuple of float
+        When training begins, where it ends and validation begins, the end [s].
+    """
+    start, middle, stop = times
     first, last = _rows(raw, start, middle)
+    omitted = stated.omitted_of(file)
+
+    def entry(role: Role, first: int, last: int) -> DraftRecording:
+        return DraftRecording(file, role, (_row(first, omitted), _row(last, omitted)))
+
     if middle >= stop:
-        return [DraftRecording(file, "training", (first, last))]
-    last -= 1
+        return [entry("training", first, last)]
     end = _rows(raw, start, stop)[1]
-    return [
-        DraftRecording(file, "training", (first, last)),
-        DraftRecording(file, "validation", (last + 1, end)),
-    ]
+    return [entry("training", first, last - 1), entry("validation", last, end)]
 
 
 def _rows(raw: Recording, start: float, stop: float) -> tuple[int, int]:
     """Return the first and the last row between two times, counted from 1."""
     first, last = np.searchsorted(raw.time, [start, stop]).tolist()
     return first + 1, min(last + 1, len(raw))
+
+
+def _row(row: int, omitted: Sequence[int]) -> int:
+    """Return the file's number of a row that was counted without the omitted ones."""
+    for other in sorted(set(omitted)):
+        row += other <= row
+    return row
 
 
 def _training(raw: Recording, duration: float) -> float:
@@ -90,14 +128,14 @@ def _training(raw: Recording, duration: float) -> float:
         period = estimated_period(raw, shortest=_PERIOD * duration)
     except RecordingError:
         return share
-    whole = int(duration / period)
+    whole = whole_periods(duration, period, raw.duration / (len(raw) - 1))
     if whole < 2:
         return share
     return period * min(max(round(_TRAINING * whole), 1), whole - 1)
 
 
-def clock_of(raws: Sequence[Recording]) -> Clock:
-    """Return what makes the logs' clocks uniform.
+def clock_of(raws: Sequence[Recording], longest: float | None = None) -> Clock:
+    """Return what makes the logs' clocks uniform; the longest gap, if it is stated.
 
     Raises
     ------
@@ -110,6 +148,7 @@ def clock_of(raws: Sequence[Recording]) -> Clock:
         for raw, rate in zip(raws, rates, strict=True)
     ]
     max_gap = float(f"{_GAP / min(rates):.3g}") if max(steps) > _GAP else None
+    max_gap = max_gap if longest is None else longest
     if all(is_uniform(raw) for raw in raws):
         return Clock(None, max_gap)
     if max(rates) > _ALIKE * min(rates):
@@ -123,9 +162,13 @@ def clock_of(raws: Sequence[Recording]) -> Clock:
     return Clock(float(f"{min(rates):.4g}"), max_gap)
 
 
-def moving_rows(raw: Recording, clock: Clock) -> tuple[int, int]:
+def moving_rows(
+    raw: Recording, file: Path, clock: Clock, stated: Statement
+) -> tuple[int, int]:
     """Return the first and the last row between which joints move, counted from 1."""
-    return _rows(raw, *_moving(raw, clock))
+    first, last = _rows(raw, *_moving(_kept(raw, file, stated), clock))
+    omitted = stated.omitted_of(file)
+    return _row(first, omitted), _row(last, omitted)
 
 
 def _moving(raw: Recording, clock: Clock) -> tuple[float, float]:

@@ -1,38 +1,46 @@
 """From a robot and logs to the draft of a problem: what is guessed, and how."""
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import msgspec
 
-from consistent_id.errors import ConsistentIdError, ProblemError
+from consistent_id.errors import ConsistentIdError, ProblemError, RecordingError
+from consistent_id.estimation.cutoff import CutoffChoice, best_cutoff
 from consistent_id.problems.draft import Draft, DraftRecording
-from consistent_id.problems.draft_cutoff import DraftCutoff, draft_cutoff, usual_cutoff
 from consistent_id.problems.draft_rows import (
+    SHARE,
     Clock,
     Split,
     clock_of,
     moving_rows,
     split_logs,
 )
-from consistent_id.problems.floating.hints import BaseHints
-from consistent_id.problems.floating.standing_draft import standing_draft
+from consistent_id.problems.floating.floating_draft import standing_draft
 from consistent_id.problems.given_logs import GivenLog, GivenLogs, given_logs
-from consistent_id.problems.late_velocity import on_time
 from consistent_id.problems.log_entries import with_torque
 from consistent_id.problems.model import DEFAULT_DRIVE
 from consistent_id.problems.robot_logs import RobotLogs, robot_logs
 from consistent_id.problems.selection.select import select_model
 from consistent_id.problems.selection.setup import DRIVE, KINDS
 from consistent_id.problems.stated_drive import StatedDrive, stated_drive
-from consistent_id.recordings.readers.units import Units
+from consistent_id.problems.statement import (
+    Statement,
+    statement_of,
+    with_keywords_of_a_statement,
+)
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals import PDGains
+from consistent_id.recordings.signals import (
+    Delay,
+    Track,
+    estimate_delay,
+    resampled,
+    split_at_gaps,
+)
 from consistent_id.recordings.signals.clocks import own_rate
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.robot.chains import Selection
 from consistent_id.robot.parameters import did_you_mean
 
 DRY = 0.05
@@ -40,29 +48,32 @@ DRY = 0.05
 Friction of simulators is dry.  A wider change can fit torque better, as what is creep,
 play and lag, and then replays worse: on parts of the training motion that were not
 learnt from, rollouts of two real robots choose 0.05 and less, and torque 0.1."""
+_CUTOFFS = (2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 50.0)  # Hz
+_FOLDS = 6
+_USUAL = 10.0  # Hz
+_STANDING = 30.0
+"""Hz, of a robot on its feet: around joints that turn back a filter spreads friction's
+jump, and the lower the cut-off, the fewer rows are left (see `rest_guard`)."""
+_LOW = 5.0  # Hz; a choice among higher ones alone would be none
+_SURE = 5.0  # standard errors of the delay
+_SAMPLES = 1.0  # sampling periods; less is within what the stamps say
 
 
+@dataclass(frozen=True, slots=True)
+class DraftCutoff:
+    """A cut-off [Hz], and why it is that."""
+
+    frequency: float
+    reason: str
+
+
+@with_keywords_of_a_statement
 def draft_problem(
     model: str | Path,
     log: GivenLog | Sequence[GivenLog],
     *,
-    validation: GivenLog | Sequence[GivenLog] = (),
-    columns: Mapping[str, str] | None = None,
-    units: Units | None = None,
-    torque_joints: Sequence[str] = (),
-    selection: Selection | None = None,
-    torque_gain: Sequence[float] = (),
-    masses: Literal["datasheet", "free"] | None = None,
-    drive: Sequence[str] | None = None,
-    cutoff: float | None = None,
-    band: float | None = None,
-    friction_velocity: float | None = None,
-    keep: Sequence[str] = (),
-    select: bool = True,
     progress: bool = False,
-    gains: PDGains | None = None,
-    bodies: Literal["identified", "model"] = "identified",
-    base: BaseHints | None = None,
+    **stated: Any,
 ) -> Draft:
     """Draft the problem of identifying a robot from one log or several.
 
@@ -77,110 +88,77 @@ def draft_problem(
     log : str, Path, table or Recording, or a list of them
         To learn from: files (see `read_recording`), or data frames, Arrow tables and
         mappings of arrays (see `recording_from`).  All have the columns of the first.
-    validation : str, Path, table or Recording, or a list of them
-        Logs to judge by.  They are read when all else has been chosen.
-    columns : mapping of str to str, optional
-        Columns by channel, as in `Columns`, as far as they are known, such as
-        ``{"torque": "current{number}"}``; the others are guessed from the
-        log's names.
-    units : mapping of str to str or sequence of str, optional
-        Units by channel, as in `Columns`; the others are guessed from columns' names.
-    torque_joints : sequence of str
-        Joints whose torque the log has, if that is known.
-    selection : Selection, optional
-        The part of the robot that moves; of its joints, those that the log does not
-        have are locked.
-    torque_gain : sequence of float
-        From the torque columns to torque: one for all joints, or one each.
-    masses : {"datasheet", "free"}, optional
-        Whether the model's masses are known; where it has none, they are free. By
-        default the data may contradict them.
-    drive : sequence of str, optional
-        Drive terms of all joints, such as ``["viscous", "coulomb", "offset"]``, and of
-        one joint in their place, ``"wrist=viscous,coulomb"``; by default chosen.
-    cutoff : float, optional, [Hz]
-        Of the motion; by default chosen.
-    band : float, optional, [Hz]
-        Up to which torque is to be predicted; see `select_model`.
-    friction_velocity : float, optional, [rad/s or m/s]
-        Width of friction's change of sign (`velocity_scale`); by default chosen, and
-        `DRY` for logs of commands.
-    keep : sequence of str
-        Of what `select_model` chooses, what stays as in the plain model.
-    select : bool
-        Whether a model is chosen; else it is viscous and Coulomb friction with an
-        offset, and a cut-off of `best_cutoff`.
     progress : bool
         Whether the choice shows on the standard error how far it is.
-    gains : PDGains, optional
-        Of PD-controlled joints: torque is then computed from commands of position.
-    bodies : {"identified", "model"}
-        Whether bodies are identified, or those of the model are the robot's.
-    base : BaseHints, optional
-        What is known of the columns of a floating base and its contacts.  No model is
-        chosen for such a robot: bodies behind the base are those of the model.
+    stated
+        What is known, by the fields of `Statement`, such as ``torque="current{number}",
+        masses="free"``; all else is found or chosen.  Logs for `validation` are of the
+        same kinds as `log`; they are read when all else has been chosen.  Where bodies
+        are the model's or the base floats, no masses are chosen; where the base floats,
+        no model is: bodies behind the base are those of the model.
 
     Raises
     ------
     ModelError, RecordingError
         If a file cannot be read, or columns cannot be guessed.
     ProblemError
-        If no log is given, or one is given twice; or bodies are the model's and masses
-        are free.
+        If no log is given, or one is given twice; if nothing of such a name can be
+        stated, or two statements contradict each other.
     """
-    model = Path(model)
-    given = given_logs(log, validation)
-    _require_known_bodies(bodies, masses)
-    _require_kinds(keep)
-    logs = robot_logs(
-        model,
-        given.training[0],
-        tables=given.tables,
-        columns=columns,
-        units=units,
-        torque_joints=torque_joints,
-        selection=selection,
-        torque_gain=torque_gain,
-        gains=gains,
-        base=base,
-    )
-    reading = _reading(logs, given, columns)
+    return drafted(Path(model), log, statement_of(stated), progress=progress)
+
+
+def drafted(
+    model: Path,
+    log: GivenLog | Sequence[GivenLog],
+    stated: Statement,
+    *,
+    progress: bool = False,
+) -> Draft:
+    """Draft the problem of a robot and its logs, as far as it is stated."""
+    given = given_logs(log, stated.validation)
+    stated.require_logs([*given.training, *given.validation])
+    _require_kinds(stated.keep)
+    logs = robot_logs(model, given.training[0], stated, tables=given.tables)
+    reading = _reading(logs, given)
     logs, raws = reading.logs, list(reading.raws.values())
-    if friction_velocity is None and gains is not None:
-        friction_velocity = DRY
-    stated = _stated(logs, drive, friction_velocity)
-    standing = standing_draft(logs, raws, model, stated.common)
-    select, searched = select and standing is None, select or standing is not None
+    if stated.friction_velocity is None and stated.gains is not None:
+        stated = replace(stated, friction_velocity=DRY)
+    drive = _stated_drive(logs, stated)
+    found = logs.floating
+    standing = (
+        None
+        if found is None
+        else standing_draft(found, logs.robot, raws, model, drive.common)
+    )
+    select = stated.select is not False
     on_feet = standing is not None and standing.rests
-    chosen = _plain_cutoff(reading, stated, cutoff, searched, standing=on_feet)
+    chosen = _plain_cutoff(
+        reading, drive, stated.cutoff, select or standing is not None, standing=on_feet
+    )
     draft = Draft(
         model=model,
         recordings=tuple(sorted(reading.split.entries, key=lambda entry: entry.role)),
+        stated=stated,
         joints=logs.robot.joint_names,
         held=logs.locked,
-        base=None if selection is None else selection.base,
-        tip=None if selection is None else selection.tip,
         columns=logs.columns,
-        torque_gain=tuple(torque_gain),
         rate=own_rate(raws[0]),
         resample=reading.clock.resample,
         max_gap=reading.clock.max_gap,
         cutoff=chosen.frequency,
         cutoff_reason=chosen.reason,
-        masses=_masses(logs, masses),
+        masses=_masses(logs, stated.masses),
         raw=reading.recordings,
         notes=logs.notes,
-        drive=stated.common,
-        joint_drives=stated.joints,
-        gains=gains,
-        bodies=bodies,
+        drive=drive.common,
+        joint_drives=drive.joints,
         standing=standing,
     )
-    if gains is not None:
+    if stated.gains is not None:
         draft = _with_delay(draft)
-    if select:
-        fixed = {*keep, *_fixed(masses, cutoff, drive, friction_velocity)}
-        draft = _with_model(draft, fixed, band, progress)
+    if select and standing is None:
+        draft = _with_model(draft, progress)
     return _with_validation(draft, given.validation, reading)
 
 
@@ -194,18 +172,16 @@ class _Reading(NamedTuple):
     split: Split
 
 
-def _reading(
-    logs: RobotLogs, given: GivenLogs, columns: Mapping[str, str] | None
-) -> _Reading:
+def _reading(logs: RobotLogs, given: GivenLogs) -> _Reading:
     """Read logs, without velocities that come late unless their columns are given."""
     read = {file: logs.read(file) for file in given.training}
-    if "velocity" not in (columns or {}):
+    if logs.stated.velocity is None:
         logs = on_time(logs, read.values())
         if logs.columns.velocity is None:
             read = {file: replace(raw, velocity=None) for file, raw in read.items()}
-    raws = {file: with_torque(raw, logs.gains) for file, raw in read.items()}
-    clock = clock_of(list(raws.values()))
-    split = split_logs(raws, clock, whole=bool(given.validation))
+    raws = {file: with_torque(raw, logs.stated.gains) for file, raw in read.items()}
+    clock = clock_of(list(raws.values()), logs.stated.max_gap)
+    split = split_logs(raws, clock, logs.stated, whole=bool(given.validation))
     return _Reading(logs, read, raws, clock, split)
 
 
@@ -218,22 +194,16 @@ def _masses(
     return masses or ("free" if logs.robot.floating else "datasheet")
 
 
-def _fixed(
-    masses: str | None,
-    cutoff: float | None,
-    drive: Sequence[str] | None,
-    friction_velocity: float | None,
-) -> list[str]:
-    """Return what is given, and not chosen."""
-    given = {
-        "masses": masses,
-        "motion_cutoff": cutoff,
-        "velocity_scale": friction_velocity,
+def _fixed(stated: Statement) -> set[str]:
+    """Return the kinds of moves that what is stated rules out."""
+    by_field = {
+        "masses": ["masses"],
+        "cutoff": ["motion_cutoff"],
+        "friction_velocity": ["velocity_scale"],
+        "drive": [kind for kind in DRIVE if kind != "velocity_scale"],
     }
-    fixed = [kind for kind, value in given.items() if value is not None]
-    if drive is not None:
-        fixed += [kind for kind in DRIVE if kind != "velocity_scale"]
-    return fixed
+    fixed = [kind for name in stated.given for kind in by_field.get(name, ())]
+    return {*stated.keep, *fixed}
 
 
 def _plain_cutoff(
@@ -264,7 +234,8 @@ def _with_validation(
     logs, raws, entries = reading.logs, dict(draft.raw), list(draft.recordings)
     for file in held_out:
         raws[file] = logs.read(file)
-        rows = moving_rows(with_torque(raws[file], logs.gains), reading.clock)
+        raw = with_torque(raws[file], logs.stated.gains)
+        rows = moving_rows(raw, file, reading.clock, logs.stated)
         entries.append(DraftRecording(file, "validation", rows))
     return replace(draft, raw=raws, recordings=tuple(entries))
 
@@ -283,10 +254,9 @@ def _with_delay(draft: Draft) -> Draft:
     return replace(draft, delay=float(f"{min(found, 1.0 / draft.rate):.2g}"))
 
 
-def _with_model(
-    draft: Draft, fixed: Collection[str], band: float | None, progress: bool
-) -> Draft:
+def _with_model(draft: Draft, progress: bool) -> Draft:
     """Return a draft with the model that its training rows ask for, if they do."""
+    fixed, band = _fixed(draft.stated), draft.stated.band
     try:
         chosen = select_model(
             draft.problem(), fixed=fixed, band=band, progress=progress
@@ -298,14 +268,6 @@ def _with_model(
     return replace(draft, selection=chosen)
 
 
-def _require_known_bodies(bodies: str, masses: str | None) -> None:
-    if bodies == "model" and masses == "free":
-        raise ProblemError(
-            "masses are free and bodies are those of the model, which have masses; "
-            "leave one of the two out"
-        )
-
-
 def _require_kinds(keep: Sequence[str]) -> None:
     for kind in keep:
         if kind not in KINDS:
@@ -314,16 +276,100 @@ def _require_kinds(keep: Sequence[str]) -> None:
             )
 
 
-def _stated(
-    logs: RobotLogs, words: Sequence[str] | None, width: float | None
-) -> StatedDrive:
-    """Return the drive that is asked for, or that of which nothing is known."""
-    if words is not None:
-        return stated_drive(words, logs.robot.joint_names, width=width)
+def _stated_drive(logs: RobotLogs, stated: Statement) -> StatedDrive:
+    """Return the drive that is stated, or that of which nothing is known."""
+    width = stated.friction_velocity
+    if stated.drive is not None:
+        return stated_drive(stated.drive, logs.robot.joint_names, width=width)
     plain = DEFAULT_DRIVE
     if width is not None:
         plain = msgspec.structs.replace(plain, velocity_scale=width)
-    if logs.gains is not None or logs.robot.floating:
+    if stated.gains is not None or logs.robot.floating:
         # PD-controlled motors and those of legs have gears.
         plain = msgspec.structs.replace(plain, rotor_inertia=True)
     return StatedDrive(plain, {})
+
+
+def usual_cutoff(training: Sequence[Recording], *, standing: bool = False) -> float:
+    """Return a cut-off [Hz] that no data have chosen."""
+    top = SHARE * min(own_rate(part) for part in training)
+    return float(f"{min(_STANDING if standing else _USUAL, top):.2g}")
+
+
+def draft_cutoff(
+    model: TorqueModel, training: Sequence[Recording], clock: Clock
+) -> DraftCutoff:
+    """Return the cut-off with which training rows predict each other best."""
+    top = SHARE * min(own_rate(part) for part in training)
+    fallback = usual_cutoff(training)
+    try:
+        chosen = _chosen(model, training, clock, top)
+    except ConsistentIdError as cause:
+        return DraftCutoff(
+            fallback, f"{fallback:g} Hz, as none could be chosen ({cause})"
+        )
+    tried = ", ".join(f"{f:g}" for f in chosen.motion)
+    return DraftCutoff(
+        chosen.motion_cutoff,
+        f"of {tried} Hz the one with which the training rows predict each other best",
+    )
+
+
+def _chosen(
+    model: TorqueModel, training: Sequence[Recording], clock: Clock, top: float
+) -> CutoffChoice:
+    parts = list(training)
+    if clock.max_gap is not None:
+        shortest = sum(part.duration for part in parts) / _FOLDS
+        parts = [
+            piece
+            for part in parts
+            for piece in split_at_gaps(part, clock.max_gap, shortest=shortest)
+        ]
+    if clock.resample is not None:
+        parts = [
+            resampled(part, clock.resample, max_gap=clock.max_gap) for part in parts
+        ]
+    # A quarter of a fold may be lost at each end to the lowest cut-off.
+    least = 4.0 * _FOLDS / sum(part.duration for part in parts)
+    if least > _LOW:
+        raise RecordingError(f"the motion is too short to try {_LOW:g} Hz and less")
+    tried = [cutoff for cutoff in _CUTOFFS if 1.02 * least < cutoff <= top]
+    return best_cutoff(model, parts, tried, folds=_FOLDS)
+
+
+def on_time(logs: RobotLogs, training: Iterable[Recording]) -> RobotLogs:
+    """Return how logs are read, without a velocity that comes late.
+
+    Parameters
+    ----------
+    training : iterable of Recording
+        As they were read; one late velocity suffices.
+    """
+    for raw in training:
+        delay = velocity_delay(raw)
+        if delay is not None:
+            note = (
+                f"the velocity of {raw.name} comes {1e3 * delay.seconds:.3g} ms after "
+                "the position: it is not read, and positions are differentiated; "
+                "name the column (--velocity) to read it all the same"
+            )
+            columns = replace(logs.columns, velocity=None)
+            return replace(logs, columns=columns, notes=(*logs.notes, note))
+    return logs
+
+
+def velocity_delay(recording: Recording) -> Delay | None:
+    """Return by how much the velocity comes late; None if it does not, or has none."""
+    if recording.velocity is None:
+        return None
+    joints, time, name = recording.joints, recording.time, recording.name
+    position = Track("position", joints, time, recording.position, name)
+    velocity = Track("velocity", joints, time, recording.velocity, name)
+    try:
+        delay = estimate_delay(position, velocity)
+    except RecordingError:
+        return None  # not of one motion: the diagnosis says what it is instead
+    period = _SAMPLES / own_rate(recording)
+    late = delay.seconds > max(period, _SURE * delay.standard_error)
+    return delay if late else None

@@ -23,12 +23,19 @@ from consistent_id.problems.base_tables import (
     WrenchTable,
     WristSensorTable,
 )
-from consistent_id.problems.constraint_tables import ConstraintsTable, PriorTable
-from consistent_id.problems.drive_tables import DriveTable as DriveTable
-from consistent_id.problems.drive_tables import JointTable as JointTable
 from consistent_id.problems.excitation_tables import ExcitationTable
 from consistent_id.problems.laboratory_tables import LaboratoryTable, TaskTable
-from consistent_id.problems.table_types import NonNegative, Pair, Positive, Table, Three
+from consistent_id.problems.tables import (
+    ConstraintsTable,
+    NonNegative,
+    Pair,
+    Positive,
+    PriorTable,
+    Table,
+    Three,
+)
+from consistent_id.problems.tables import DriveTable as DriveTable
+from consistent_id.problems.tables import JointTable as JointTable
 from consistent_id.recordings.log_formats import LOG_FORMATS
 
 _ROBOTS = (".urdf", ".xml", ".mjcf", ".xacro")
@@ -181,6 +188,7 @@ class DataTable(Table, frozen=True, kw_only=True):
     columns: ColumnsTable | None = None
     units: dict[str, str | list[str]] = {}
     topic: str | None = None
+    duplicates: Literal["refuse", "first", "last"] = "refuse"
     torque_gain: float | list[float] = 1.0
     torque_joints: list[str] = []
     base: BaseTable | None = None

@@ -4,6 +4,9 @@ from pathlib import Path
 
 from consistent_id.errors import ProblemError
 
+RESULTS = "results.json"
+"""The file that makes a folder one of results."""
+
 _OWN = "problem.toml"
 _OTHERS = ("pyproject.toml",)  # TOML files that are something else
 
@@ -33,6 +36,11 @@ def problem_files(path: str | Path) -> tuple[Path, ...]:
             "its subfolders. Name a folder with one, or the file itself"
         )
     return files
+
+
+def is_results(path: Path) -> bool:
+    """Return whether a path is a folder of results, which opens without computing."""
+    return (path / RESULTS).is_file()
 
 
 def toml_files(folder: Path) -> list[Path]:

@@ -1,68 +1,31 @@
-"""A problem file rewritten: what does not change stays as its author wrote it."""
+"""The text of a problem file: written from its content, rewritten with its comments."""
 
+import json
+import math
+import re
 import tomllib
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import reduce
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial, reduce
 from pathlib import Path
+from textwrap import wrap
+from typing import Any
 
+import msgspec
+
+from consistent_id._support.files import marked, when_written, write_atomically
 from consistent_id.errors import ProblemError
 from consistent_id.problems.file import ProblemTable, problem_table
+from consistent_id.problems.paths import record_own
+from consistent_id.problems.tables import Table
 
 _MOST_LINES = 1000  # three times the longest that was written by hand; more take long
-
-
-@dataclass(frozen=True, slots=True)
-class Statement:
-    """A header, or a key with its value.
-
-    Parameters
-    ----------
-    above : tuple of str
-        Blank lines and comments before it.
-    lines : tuple of str
-        Several where an array goes over several lines.
-    content : dict
-        What TOML makes of it alone.
-    """
-
-    above: tuple[str, ...]
-    lines: tuple[str, ...]
-    content: dict[str, object]
-
-    @property
-    def is_header(self) -> bool:
-        """Whether it opens a table."""
-        return self.lines[0].lstrip().startswith("[")
-
-    @property
-    def path(self) -> tuple[str, ...]:
-        """Key of a header, such as ``("data", "recordings")``."""
-        names, inner = [], self.content
-        while inner:
-            ((name, value),) = inner.items()
-            names.append(name)
-            value = value[0] if isinstance(value, list) else value
-            inner = value if isinstance(value, dict) else {}
-        return tuple(names)
-
-
-@dataclass(frozen=True, slots=True)
-class Section:
-    """A table of the file: its header, none for the first, and its keys."""
-
-    header: Statement | None
-    body: tuple[Statement, ...] = ()
-
-    @property
-    def path(self) -> tuple[str, ...]:
-        """Key of the header."""
-        return () if self.header is None else self.header.path
-
-    def lines(self) -> Iterator[str]:
-        """Yield the text."""
-        for statement in (*([self.header] if self.header else []), *self.body):
-            yield from (*statement.above, *statement.lines)
+# A header below its blank lines and comments.  To tomlkit these belong to the table
+# before; so they are put below their header, marked, while tables are changed.
+_LINE = r"""[ \t]*(?:#(?:(?!\"{3}|'{3}).)*)?\n"""  # no end of a text over several lines
+_HEADER = re.compile(rf"(?m)^((?:{_LINE})*)([ \t]*\[.*\n?)")
+_TURNED = re.compile(r"(?m)^([ \t]*\[.*\n)((?:#\^.*\n)+)")
+_COMMENT = re.compile(r"(?:[ \t]*#.*\n)*\Z")  # directly above a header
+_END = "end-of-the-file"  # a table for the comments after the last one
 
 
 def rewritten(
@@ -87,117 +50,104 @@ def rewritten(
     """
     if text.count("\n") > _MOST_LINES:
         return fresh
-    written, tail = _sections(text)
-    anew, _ = _sections(fresh)
-    groups = [tuple(path.split(".")) for path in changed]
-    sections = list(_unchanged(written, anew, groups))
-    for group in groups:
-        sections = _with_group(sections, written, anew, group)
-    lines = [line for section in sections for line in section.lines()]
-    kept = "\n".join([*lines, *tail]).strip() + "\n"
+    import tomlkit
+    from tomlkit.exceptions import TOMLKitError
+
+    text = text.replace("\r\n", "\n").rstrip()
+    comments = {
+        _path(header): _COMMENT.findall(above)[0]
+        for above, header in _HEADER.findall(fresh)
+    }
+
+    def comment(path: str) -> str | None:
+        """Return the new comment above a table, or None where the old one stays."""
+        known = [p for p in changed if path == p or path.startswith(f"{p}.")]
+        return comments.get(path, "") or ("" if known else None)
+
     try:
+        written = tomlkit.parse(_turned(f"{text}\n[{_END}]\n", comment))
+        anew = tomlkit.parse(_turned(fresh, lambda _: None))
+        for path in changed:
+            _replace(written, anew, path.split("."))
+        kept = _TURNED.sub(_turned_back, written.as_string())
+        kept = kept.replace(f"[{_END}]\n", "").strip() + "\n"
         said = problem_table(kept, Path("problem.toml"))
-    except ProblemError:
+    except (TOMLKitError, ProblemError):
         return fresh
     return kept if said == expected else fresh
 
 
-def _sections(text: str) -> tuple[list[Section], tuple[str, ...]]:
-    """Return the tables in their order, and what comes after the last key."""
-    sections, above = [Section(None)], []
-    lines = iter(text.splitlines())
-    for line in lines:
-        if not line.strip() or line.lstrip().startswith("#"):
-            above.append(line)
-            continue
-        statement = _statement(line, lines, tuple(above))
-        above = []
-        if statement.is_header:
-            sections.append(Section(statement))
-        else:
-            last = sections[-1]
-            sections[-1] = replace(last, body=(*last.body, statement))
-    return sections, tuple(above)
+def _turned(text: str, comment: Callable[[str], str | None]) -> str:
+    """Put what is above a header below it, with other comments for some tables."""
+
+    def turned(found: re.Match[str]) -> str:
+        above, header = found.groups()
+        if (other := comment(_path(header))) is not None:
+            above = _COMMENT.sub("", above, count=1) + other
+        return header + re.sub("(?m)^(?=.*\n)", "#^", above)
+
+    return _HEADER.sub(turned, text)
 
 
-def _statement(line: str, more: Iterator[str], above: tuple[str, ...]) -> Statement:
-    """Return the statement that a line begins; it is whole when TOML can read it."""
-    lines = [line]
-    while True:
-        try:
-            content = tomllib.loads("\n".join(lines))
-        except tomllib.TOMLDecodeError:
-            following = next(more, None)
-            if following is None:
-                raise
-            lines.append(following)
-        else:
-            return Statement(above, tuple(lines), content)
+def _turned_back(found: re.Match[str]) -> str:
+    header, below = found.groups()
+    return re.sub(r"(?m)^#\^", "", below) + header
 
 
-def _unchanged(
-    written: Sequence[Section],
-    anew: Sequence[Section],
-    groups: Sequence[tuple[str, ...]],
-) -> Iterator[Section]:
-    """Yield what stays, under comments of the fresh text where it has some."""
-    comments = {
-        s.path: above
-        for s in anew
-        if s.header is not None and (above := _comment(s.header))
-    }
-    for section in written:
-        if any(_is_below(section.path, group) for group in groups):
-            continue
-        above = comments.get(section.path, ())
-        header = section.header
-        if header is not None and above:
-            own = len(header.above) - len(_comment(header))
-            header = replace(header, above=(*header.above[:own], *above))
-        yield replace(section, header=header)
+def _path(header: str) -> str:
+    """Return a header's name as it is written here, whatever its author's spaces."""
+    try:
+        inner: Any = tomllib.loads(header)
+    except tomllib.TOMLDecodeError:  # a line of an array or of a text
+        return ""
+    names = []
+    while inner:
+        ((name, inner),) = inner.items()
+        names.append(bare_key(name))
+        inner = inner[0] if isinstance(inner, list) else inner
+    return ".".join(names)
 
 
-def _comment(header: Statement) -> tuple[str, ...]:
-    """Return the comment lines that stand directly above a header."""
-    blanks = [i for i, line in enumerate(header.above) if not line.strip()]
-    return header.above[blanks[-1] + 1 :] if blanks else header.above
+def _replace(written: Any, anew: Any, path: Sequence[str]) -> None:
+    """Let a table, and those below it, say what the fresh one says."""
+    name, *rest = path
+    if name not in anew:
+        written.pop(name, None)
+    elif name not in written:
+        _insert(written, name, anew)
+    elif rest:
+        _replace(written[name], anew[name], rest)
+    else:
+        _update(written, name, anew)
 
 
-def _with_group(
-    sections: list[Section],
-    written: Sequence[Section],
-    anew: Sequence[Section],
-    group: tuple[str, ...],
-) -> list[Section]:
-    """Return sections with the fresh ones of a group, where its first one was."""
-    fresh = [s for s in anew if _is_below(s.path, group)]
-    if not fresh:
-        return sections
-    old = {s.path: s for s in written if _is_below(s.path, group)}
-    merged = [_with_lines(s, old.get(s.path)) for s in fresh]
-    order = written if old else anew
-    first = next(i for i, s in enumerate(order) if _is_below(s.path, group))
-    before = [s.path for s in order[:first]]
-    place = reduce(
-        lambda at, i: i + 1 if sections[i].path in before else at,
-        range(len(sections)),
-        0,
-    )
-    return [*sections[:place], *merged, *sections[place:]]
+def _update(written: Any, name: str, anew: Any) -> None:
+    """Give a key its new value; of a table, to each key that has another one."""
+    old, fresh = written[name], anew.item(name)  # a bool has its comment as an item
+    if isinstance(old, Mapping) and isinstance(fresh, Mapping):
+        for key in [*fresh, *(key for key in list(old) if key not in fresh)]:
+            _replace(old, fresh, [key])
+    elif old != anew[name]:
+        comment = fresh.trivia.comment_ws, fresh.trivia.comment
+        written[name] = fresh  # with the old comment if it has none
+        if hasattr(written, "item"):  # it has none if its table is in several places
+            line = written.item(name).trivia
+            line.comment_ws, line.comment = comment
 
 
-def _with_lines(fresh: Section, old: Section | None) -> Section:
-    """Return a fresh section with the author's lines of keys that have not changed."""
-    known = () if old is None else old.body
-    body = (
-        next((line for line in known if line.content == statement.content), statement)
-        for statement in fresh.body
-    )
-    return replace(fresh, body=tuple(body))
+def _insert(written: Any, name: str, anew: Any) -> None:
+    """Add a key; tables that the fresh text has later move behind a table."""
+    from tomlkit.items import AoT, Table
 
-
-def _is_below(path: Sequence[str], group: Sequence[str]) -> bool:
-    return tuple(path[: len(group)]) == tuple(group)
+    moved = {name: anew.item(name)}
+    if isinstance(moved[name], Table | AoT):
+        keys, order = list(written), list(anew)
+        before = [key for key in keys if key in order[: order.index(name)]]
+        behind = keys[keys.index(before[-1]) + 1 if before else 0 :]
+        tables = [key for key in behind if isinstance(written[key], Table | AoT)]
+        moved |= {key: written.pop(key) for key in tables}
+    for key, value in moved.items():
+        written[key] = value
 
 
 def changed_tables(
@@ -219,3 +169,113 @@ def _at(table: object, path: str) -> object:
         path.split("."),
         table,
     )
+
+
+_WIDTH = 86  # characters of a comment's line, behind its mark
+
+
+def write_problem(text: str, file: Path) -> Path:
+    """Write a problem file of this user's own, and return its path.
+
+    It opens without ``trust`` wherever its inputs lie (see `record_own`), and may be
+    written again as long as nobody edits it (see `marked`).
+
+    Raises
+    ------
+    ProblemError
+        If it is no problem's text, or cannot be written.
+    """
+    table = problem_table(text, file)
+    write_atomically(file, marked(text))
+    when_written(partial(record_own, table, file))
+    return file
+
+
+def toml_text(table: Table, comments: Mapping[str, str]) -> str:
+    """Return a table as TOML.
+
+    Parameters
+    ----------
+    comments : mapping of str to str
+        By the path of a key, such as ``"drive.viscous"``: beside a value, or above a
+        table.  A key with its default value is left out if it has none; ``""`` is
+        enough.
+    """
+    return "\n".join(_lines(table, "", comments)).strip() + "\n"
+
+
+def _lines(table: Table, path: str, comments: Mapping[str, str]) -> Iterator[str]:
+    """Yield a table's own keys, then the tables in it."""
+    tables, named = [], set()
+    for key, value, default in _fields(table):
+        inner = f"{path}.{key}".lstrip(".")
+        if isinstance(value, Table):
+            tables.append((inner, [value], f"[{inner}]"))
+        elif isinstance(value, Mapping) and _has_tables(value):
+            for name, member in value.items():
+                path_of = f"{inner}.{bare_key(name)}"
+                tables.append((path_of, [member], f"[{path_of}]"))
+                named.add(path_of)
+        elif isinstance(value, list) and value and isinstance(value[0], Table):
+            tables.append((inner, value, f"[[{inner}]]"))
+        elif value is None and default is msgspec.UNSET:
+            yield f"{key} = 0"  # none, where a key that is missing means another's
+        elif value is not None and (value != default or inner in comments):
+            beside = comments.get(inner)
+            yield f"{key} = {_value(value)}" + (f"  # {beside}" if beside else "")
+    for inner, members, header in sorted(tables, key=lambda t: t[2].startswith("[[")):
+        for member in members:
+            lines = list(_lines(member, inner, comments))
+            above = list(_comment_lines(comments.get(inner, "")))
+            if lines or above or inner in named:
+                yield from ["", *above, header, *lines]
+
+
+def _comment_lines(text: str) -> Iterator[str]:
+    """Yield a comment's lines, each folded where it is too long."""
+    for line in text.splitlines():
+        folded = wrap(line, _WIDTH, break_long_words=False, break_on_hyphens=False)
+        yield from (f"# {part}" for part in folded)
+
+
+def _has_tables(value: Mapping[str, Any]) -> bool:
+    return any(isinstance(member, Table) for member in value.values())
+
+
+def problem_name(file: Path) -> str:
+    """Return the name of a problem after a file, in letters that a name may have."""
+    kept = "".join(c if c.isascii() and c.isalnum() else "-" for c in file.stem)
+    return kept.strip("-") or "problem"
+
+
+def bare_key(name: str) -> str:
+    """Return a key as TOML wants it: in quotes if it needs them."""
+    plain = all(c.isascii() and (c.isalnum() or c in "-_") for c in name)
+    return name if plain and name else _value(name)
+
+
+def _fields(table: Table) -> Iterator[tuple[str, Any, Any]]:
+    """Yield a table's keys, values and defaults; its tag first, if it has one."""
+    config = type(table).__struct_config__
+    if config.tag_field is not None:
+        yield config.tag_field, config.tag, None
+    for field in msgspec.structs.fields(table):
+        default = field.default
+        if field.default_factory is not msgspec.NODEFAULT:
+            default = field.default_factory()
+        yield field.encode_name, getattr(table, field.name), default
+
+
+def _value(value: object) -> str:
+    if isinstance(value, Table):
+        value = {k: v for k, v, default in _fields(value) if v != default}
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_value(item) for item in value)}]"
+    if isinstance(value, Mapping):
+        pairs = (
+            f"{bare_key(str(key))} = {_value(item)}" for key, item in value.items()
+        )
+        return f"{{{', '.join(pairs)}}}"
+    if value == math.inf:
+        return "inf"
+    return json.dumps(value, ensure_ascii=False)

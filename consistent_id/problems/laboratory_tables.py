@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from consistent_id.problems.table_types import NonNegative, Pair, Positive, Table, Three
+from consistent_id.problems.tables import NonNegative, Pair, Positive, Table, Three
 
 
 class PenTable(Table, frozen=True, kw_only=True):

@@ -10,7 +10,7 @@ from consistent_id.problems.folder import toml_files
 from consistent_id.problems.loading import load_problem
 from consistent_id.problems.problem import Problem
 from consistent_id.regression.base import base_parameters
-from consistent_id.robot.limbs import base_question
+from consistent_id.robot.chains import base_question
 
 
 def list_problems(folder: Path, files: Sequence[Path]) -> Table:

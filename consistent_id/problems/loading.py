@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from consistent_id._support.run import require_trusted
 from consistent_id.constraints import lowered
@@ -12,13 +13,27 @@ from consistent_id.problems.file import ProblemTable, read_problem_table
 from consistent_id.problems.folder import problem_files
 from consistent_id.problems.log_entries import gains_of_drives
 from consistent_id.problems.model import assumed, behind_sensor, torque_model
+from consistent_id.problems.overrides import overridden
 from consistent_id.problems.paths import names_outside
 from consistent_id.problems.preparation import check_data
 from consistent_id.problems.problem import Problem
+from consistent_id.problems.statement import (
+    Statement,
+    statement_of,
+    with_keywords_of_a_statement,
+)
 from consistent_id.recordings.recording import Recording
 
 
-def load_problem(path: str | Path, *, trust: bool = False) -> Problem:
+class StatedProblem(NamedTuple):
+    """A problem, and notes on what was stated in place of its file's content."""
+
+    problem: Problem
+    notes: tuple[str, ...] = ()
+
+
+@with_keywords_of_a_statement
+def load_problem(path: str | Path, *, trust: bool = False, **stated: Any) -> Problem:
     """Load a problem from its folder, or from the file itself.
 
     Parameters
@@ -27,6 +42,9 @@ def load_problem(path: str | Path, *, trust: bool = False) -> Problem:
     trust : bool
         Whether the file may name files outside of its folder and of that of the data
         (``CONSISTENT_ID_DATASETS``), and other environment variables.
+    stated
+        In place of what the file states: the fields of `Statement`, such as
+        ``cutoff=8.0``.
 
     Raises
     ------
@@ -37,6 +55,35 @@ def load_problem(path: str | Path, *, trust: bool = False) -> Problem:
     ModelError
         If the robot cannot be built.
     """
+    return stated_problem(Path(path), statement_of(stated), trust=trust).problem
+
+
+def stated_problem(
+    path: Path, stated: Statement, *, trust: bool = False
+) -> StatedProblem:
+    """Load a problem with what is stated in place of its file's content.
+
+    Raises
+    ------
+    ProblemError, ModelError
+        As `load_problem`, and as `overridden`.
+    """
+    file = one_problem_file(path)
+    table = read_problem_table(file)
+    for sentence in () if trust else names_outside(table, file):
+        require_trusted(file, sentence)
+    table, notes = overridden(table, stated, file)
+    return StatedProblem(replace(problem_of(table, file), source=file), notes)
+
+
+def one_problem_file(path: Path) -> Path:
+    """Return the only problem file that a path stands for.
+
+    Raises
+    ------
+    ProblemError
+        If there are several; with their names.
+    """
     files = problem_files(path)
     if len(files) > 1:
         found = ", ".join(str(file.relative_to(path)) for file in files)
@@ -44,11 +91,7 @@ def load_problem(path: str | Path, *, trust: bool = False) -> Problem:
             f"{path} holds {len(files)} problems: {found}. Name one of them, or load "
             "them all with load_problems"
         )
-    (file,) = files
-    table = read_problem_table(file)
-    for sentence in () if trust else names_outside(table, file):
-        require_trusted(file, sentence)
-    return replace(problem_of(table, file), source=file)
+    return files[0]
 
 
 def problem_of(

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import msgspec
 
-from consistent_id.diagnosis import Diagnosis, Finding, diagnose
+from consistent_id.diagnosis import Diagnosis, LogFinding, diagnose
 from consistent_id.diagnosis.shift_findings import LONG
 from consistent_id.problems.log_entries import drive_limits
 from consistent_id.problems.problem import Problem
@@ -72,7 +72,7 @@ def _without_delay(problem: Problem) -> Problem:
     return replace(problem, table=msgspec.structs.replace(problem.table, data=data))
 
 
-def _hidden(problem: Problem, late: Diagnosis) -> tuple[Finding, ...]:
+def _hidden(problem: Problem, late: Diagnosis) -> tuple[LogFinding, ...]:
     """Return what a delay hides: a filter of the drives, or else how late they are."""
     if filters := late.of("drive filter"):
         return filters

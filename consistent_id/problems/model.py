@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from consistent_id.errors import ProblemError
-from consistent_id.problems.constraint_tables import ConstraintsTable
+from consistent_id.problems.excitation_tables import ExcitationTable, SceneTable
 from consistent_id.problems.file import (
     CouplingTable,
     DHTable,
@@ -19,6 +19,8 @@ from consistent_id.problems.file import (
     ProblemTable,
 )
 from consistent_id.problems.paths import as_named, expanded, require_there
+from consistent_id.problems.statement import Statement
+from consistent_id.problems.tables import ConstraintsTable
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.loads import unloaded_joints
@@ -57,7 +59,7 @@ def torque_model(table: ProblemTable, file: Path) -> TorqueModel:
     ModelError
         If the robot cannot be built.
     """
-    robot = _robot(table, file.parent)
+    robot = robot_of(table, file.parent)
     if table.wrist_sensor is None:  # else the datasheet is of what is behind it
         robot = described(robot, table)
     for name in table.joints:
@@ -70,20 +72,39 @@ def torque_model(table: ProblemTable, file: Path) -> TorqueModel:
 def model_table(
     model: Path,
     folder: Path,
+    stated: Statement,
     *,
-    base: str | None = None,
-    tip: str | None = None,
     locked: Mapping[str, float] | None = None,
 ) -> ModelTable:
-    """Return the table that names a robot's file, for a problem file in a folder."""
+    """Return the table that names a robot's file, for a problem file in a folder.
+
+    Parameters
+    ----------
+    locked : mapping of str to float, optional
+        By default what is stated.
+    """
     mjcf, path = is_mjcf(model), as_named(model, folder)
+    gravity = stated.gravity
     return ModelTable(
         urdf=None if mjcf else path,
         mjcf=path if mjcf else None,
-        base=base,
-        tip=tip,
-        locked=dict(locked or {}),
+        base=stated.base,
+        tip=stated.tip,
+        locked=dict((stated.locked if locked is None else locked) or {}),
+        gravity=None if gravity is None else (gravity[0], gravity[1], gravity[2]),
     )
+
+
+def excitation_table(
+    stated: Statement, folder: Path, table: ExcitationTable | None = None
+) -> ExcitationTable:
+    """Return a table with the folders of packages that are stated."""
+    table = ExcitationTable() if table is None else table
+    if not stated.package_dirs:
+        return table
+    packages = [as_named(Path(package), folder) for package in stated.package_dirs]
+    scene = msgspec.structs.replace(table.scene or SceneTable(), packages=packages)
+    return msgspec.structs.replace(table, scene=scene)
 
 
 def described(robot: RobotModel, table: ProblemTable) -> RobotModel:
@@ -159,7 +180,16 @@ def _drive(table: ProblemTable, robot: RobotModel) -> tuple[DriveTerms, ...]:
     return tuple(found)
 
 
-def _robot(table: ProblemTable, folder: Path) -> RobotModel:
+def robot_of(table: ProblemTable, folder: Path) -> RobotModel:
+    """Return the robot that a problem file names or describes, without its datasheet.
+
+    Raises
+    ------
+    ProblemError
+        If it names none, or several.
+    ModelError
+        If the robot cannot be built.
+    """
     model = table.model
     forms = ("urdf", "mjcf", "modified_dh", "classical_dh")
     given = [form for form in forms if getattr(model, form)]

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from consistent_id.problems.file import MotionTable
+from consistent_id.recordings.joint_paths import Sinusoid, SinusoidalMotion
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.sinusoids import Sinusoid, SinusoidalMotion
 
 
 def sampled_motion(table: MotionTable, joints: Sequence[str], name: str) -> Recording:

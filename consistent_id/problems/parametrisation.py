@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.arrays import Array, Matrix, Vector, chunks
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.recording import Recording, states
@@ -117,9 +117,7 @@ class Parametrisation:
         measured = recording.of(self.model.torque_joints).torque
         motion = states(recording.of(self.model.robot.joint_names))
         R = np.zeros((0, len(self) + 1))
-        step = 4096
-        for start in range(0, len(recording), step):
-            part = slice(start, start + step)
+        for part in chunks(len(recording), 4096):
             Y = self.regressor(*(values[part] for values in motion))
             tau = np.zeros((Y.shape[2], len(Y)))
             if measured is not None:

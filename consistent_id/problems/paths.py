@@ -3,26 +3,89 @@
 A problem file comes with data from others.  What it names is read, and parts of it end
 up in reports; so, unless somebody has said that it is trusted, it may name what lies
 below its own folder or below the folder of the data, and no other environment variable
-than that folder's.
+than that folder's.  What a run of this user has written may name the files that it
+named then, wherever they are: a record in the user's state folder has a digest of each.
 """
 
+import json
 import os
 import string
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
 from consistent_id._support.files import relative_path
+from consistent_id._support.trust import is_recorded, record
 from consistent_id.errors import ProblemError
 from consistent_id.problems.file import ProblemTable
 
 DATA_FOLDER = "CONSISTENT_ID_DATASETS"
 """The environment variable that names the folder of recordings."""
 
+# Every key that names a file or a folder.  In some, environment variables are replaced;
+# in others a dollar is a dollar; logs are named from the folder of the data.
+_EXPANDED = (
+    "model.urdf",
+    "model.mjcf",
+    "data.folder",
+    "excitation.scene.packages",
+    "excitation.scene.planning_scene",
+)
+_LITERAL = ("constraints.centre_of_mass_in.mesh", "constraints.density_on.mesh")
+_LOGS = ("data.recordings.file", "data.recordings.tracks.file")
+
+
+@dataclass(frozen=True, slots=True)
+class _Name:
+    """A path in a problem file.
+
+    Parameters
+    ----------
+    key : str
+        Without the places in lists.
+    pattern : str
+        Its first part, in which environment variables are replaced.
+    literal : str
+        What follows, as it stands.
+    """
+
+    key: str
+    pattern: str
+    literal: str
+
+    @property
+    def variables(self) -> set[str]:
+        """Environment variables that it uses."""
+        return set(string.Template(self.pattern).get_identifiers())
+
+    def place(self, folder: Path) -> Path:
+        """Return where it leads, from the problem file's folder."""
+        found = string.Template(self.pattern).safe_substitute(os.environ)
+        return folder / found / self.literal
+
+    def digest(self, file: Path) -> str | None:
+        """Return what the record has of it, if it leads anywhere.
+
+        Links are resolved: another place is another digest, and so is the same problem
+        file in another place.
+        """
+        place = _resolved(self.place(file.parent))
+        if place is None:
+            return None
+        itself = file.parent.resolve() / file.name
+        said = [str(itself), self.key, sorted(self.variables), str(place)]
+        return sha256(json.dumps(said).encode()).hexdigest()
+
 
 def names_outside(table: ProblemTable, file: Path) -> Iterator[str]:
     """Yield a sentence about each name that leads out of these folders.
+
+    Names that a run of this user wrote into the file are left out.
 
     Parameters
     ----------
@@ -32,19 +95,44 @@ def names_outside(table: ProblemTable, file: Path) -> Iterator[str]:
     roots = [file.parent.resolve()]
     if data := os.environ.get(DATA_FOLDER):
         roots.append(Path(data).resolve())
-    for key, (first, *literal) in _named(table):
-        if others := _variables(first) - {DATA_FOLDER}:
+    for name in _names(table):
+        place, others = name.place(file.parent), name.variables - {DATA_FOLDER}
+        if not others and _is_below(place, roots):
+            continue
+        digest = name.digest(file)
+        if digest is not None and is_recorded(digest):
+            continue
+        if others:
             yield (
-                f"{key} is {first!r} and uses the environment variable "
+                f"{name.key} is {name.pattern!r} and uses the environment variable "
                 f"{min(others)}, expected none but {DATA_FOLDER}"
             )
-        found = string.Template(first).safe_substitute(os.environ)
-        place = Path(file.parent, found, *literal)
-        if not _is_below(place, roots):
+        else:
             yield (
-                f"{key} leads to {str(place)!r}, outside of the file's folder and of "
-                f"{DATA_FOLDER}"
+                f"{name.key} leads to {str(place)!r}, outside of the file's folder and "
+                f"of {DATA_FOLDER}"
             )
+
+
+def record_own(table: ProblemTable, file: Path) -> None:
+    """Record the names that lead out of a problem file's folder as this user's own.
+
+    To be called when a run has written the file; `load_problem` then reads it without
+    ``trust``.  Where the user's state folder cannot be used a warning is logged.
+
+    Parameters
+    ----------
+    table : ProblemTable
+        What the file says.
+    file : Path
+    """
+    own = [file.parent.resolve()]
+    outside = (
+        name
+        for name in _names(table)
+        if name.variables or not _is_below(name.place(file.parent), own)
+    )
+    record({digest for n in outside if (digest := n.digest(file))}, file)
 
 
 def moved(table: ProblemTable, old: Path, new: Path) -> ProblemTable:
@@ -56,24 +144,17 @@ def moved(table: ProblemTable, old: Path, new: Path) -> ProblemTable:
         Folders of the file, before and after.
     """
 
-    def named(path: str) -> str:
-        place = Path(string.Template(path).safe_substitute(os.environ))
-        if _variables(path) or place.is_absolute():
+    def named(key: str, path: str) -> str:
+        if key in _LOGS:
+            return path  # from the folder of the data, which is moved itself
+        pattern, literal = ("", path) if key in _LITERAL else (path, "")
+        name = _Name(key, pattern, literal)
+        if name.variables or name.place(Path()).is_absolute():
             return path
-        return as_named(old / place, new)
+        place = name.place(old)
+        return relative_path(place, new) if literal else as_named(place, new)
 
-    model = msgspec.structs.replace(
-        table.model,
-        **{
-            form: named(name)
-            for form in ("urdf", "mjcf")
-            if (name := getattr(table.model, form)) is not None
-        },
-    )
-    data = table.data
-    if data is not None:
-        data = msgspec.structs.replace(data, folder=named(data.folder))
-    return msgspec.structs.replace(table, model=model, data=data)
+    return _with_paths(table, named)
 
 
 def as_named(place: Path, folder: Path) -> str:
@@ -81,42 +162,56 @@ def as_named(place: Path, folder: Path) -> str:
     return relative_path(place, folder).replace("$", "$$")
 
 
-def _variables(path: str) -> set[str]:
-    return set(string.Template(path).get_identifiers())
+def _names(table: ProblemTable) -> Iterator[_Name]:
+    """Yield every path of a problem file."""
+    found: list[_Name] = []
+
+    def seen(key: str, path: str) -> str:
+        if key in _LOGS and table.data is not None:
+            found.append(_Name(key, table.data.folder, path))
+        elif key in _LITERAL:
+            found.append(_Name(key, "", path))
+        else:
+            found.append(_Name(key, path, ""))
+        return path
+
+    _with_paths(table, seen)
+    yield from found
 
 
-def _named(table: ProblemTable) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Yield a key and its path, whose parts are joined from left to right.
+def _with_paths(
+    table: ProblemTable, changed: Callable[[str, str], str]
+) -> ProblemTable:
+    """Return a file's content with each path changed: a function of key and path."""
+    for key in (*_EXPANDED, *_LITERAL, *_LOGS):
+        table = _with_leaves(table, key.split("."), partial(changed, key))
+    return table
 
-    In the first part environment variables are replaced, the others are as they stand.
-    """
-    for form in ("urdf", "mjcf"):
-        if (name := getattr(table.model, form)) is not None:
-            yield f"model.{form}", (name,)
-    if table.data is not None:
-        folder = table.data.folder
-        yield "data.folder", (folder,)
-        for entry in table.data.recordings:
-            yield "data.recordings.file", (folder, entry.file)
-            for track in entry.tracks:
-                yield "data.recordings.tracks.file", (folder, track.file)
-    constraints = table.constraints
-    for shape in (*constraints.centre_of_mass_in, *constraints.density_on):
-        if shape.mesh is not None:
-            yield "constraints: mesh", (shape.mesh,)
-    scene = table.excitation.scene
-    for name in () if scene is None else scene.packages:
-        yield "excitation.scene.packages", (name,)
-    if scene is not None and scene.planning_scene is not None:
-        yield "excitation.scene.planning_scene", (scene.planning_scene,)
+
+def _with_leaves(value: Any, keys: list[str], changed: Callable[[str], str]) -> Any:
+    """Return tables with the values below a key replaced, in lists too."""
+    if value is None:
+        return None
+    if isinstance(value, list):
+        return [_with_leaves(member, keys, changed) for member in value]
+    if not keys:
+        return changed(value)
+    first, *rest = keys
+    inner = _with_leaves(getattr(value, first), rest, changed)
+    return msgspec.structs.replace(value, **{first: inner})
 
 
 def _is_below(place: Path, roots: list[Path]) -> bool:
+    real = _resolved(place)
+    return real is not None and any(real.is_relative_to(root) for root in roots)
+
+
+def _resolved(place: Path) -> Path | None:
+    """Return a path without links, or None of a loop of links, or of no path at all."""
     try:
-        real = place.resolve()
-    except (OSError, ValueError, RuntimeError):  # a loop of links, or no path at all
-        return False
-    return any(real.is_relative_to(root) for root in roots)
+        return place.resolve()
+    except (OSError, ValueError, RuntimeError):
+        return None
 
 
 def expanded(path: str, table: ProblemTable) -> str:

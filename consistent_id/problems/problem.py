@@ -9,8 +9,7 @@ from consistent_id._support.tables import Table
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.command_delay import CommandDelay
-from consistent_id.problems.drives import FoundDrives, found_drives
+from consistent_id.estimation.drive_calibration import CommandDelay
 from consistent_id.problems.file import (
     DataTable,
     ProblemTable,
@@ -18,7 +17,9 @@ from consistent_id.problems.file import (
     TrackTable,
 )
 from consistent_id.problems.log_entries import (
+    FoundDrives,
     columns_of,
+    found_drives,
     gains_of_drives,
     span_of,
     with_torque,
@@ -188,6 +189,7 @@ class Problem:
                 torque_gain=data.torque_gain,
                 topic=data.topic,
                 omit=omit,
+                duplicates=data.duplicates,
             )
         return self._read[path, *omit]
 

@@ -1,28 +1,30 @@
-"""Estimates of a problem: by every method, and the one that is delivered in the end."""
+"""A problem's data, recorded or simulated, and its estimates by every method."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from consistent_id.constraints import PhysicalConsistency
 from consistent_id.constraints.priors import Prior
+from consistent_id.errors import ProblemError
+from consistent_id.estimation.base_least_squares import least_squares
 from consistent_id.estimation.constrained import constrained_least_squares
 from consistent_id.estimation.cross_validation import (
     RegularisationPath,
     cross_validated,
 )
-from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.least_squares import least_squares
+from consistent_id.estimation.estimate import Estimate, fitted_spans
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.robust import huber
 from consistent_id.problems.problem import Problem
-from consistent_id.problems.sensor_drift_preparation import (
-    regression_of,
-    segments_of_problem,
-)
+from consistent_id.problems.published import PublishedReport, check_published
+from consistent_id.problems.robot_preparation import regression_of, segments_of_problem
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.noise import joint_noise
-from consistent_id.regression.regression import Regression
+from consistent_id.regression.motion_arrays import simulate_torque
+from consistent_id.regression.regression import Regression, build_regression
+from consistent_id.regression.residual_noise import joint_noise
 from consistent_id.regression.rows.contact_free import base_of_recordings
 
 
@@ -66,7 +68,7 @@ def identify(
     penalty = penalty_of(problem, path)
     weighted = regression.weighted(joint_noise(model, regression, base=base))
     linear = [c for c in constraints if not isinstance(c, PhysicalConsistency)]
-    return (
+    estimates = (
         least_squares(model, regression, base=base),
         least_squares(model, weighted, base=base, method=Method.WEIGHTED_LEAST_SQUARES),
         huber(model, training, base=base, regression=regression),
@@ -82,6 +84,8 @@ def identify(
             )
         ),
     )
+    spans = fitted_spans(training)
+    return tuple(replace(estimate, fitted_to=spans) for estimate in estimates)
 
 
 def penalty_of(problem: Problem, path: RegularisationPath) -> Prior:
@@ -144,4 +148,55 @@ def refitted(
         notes=(note, *estimate.notes),
         accepted=judged.accepted,
         judged=judged.verdict,
+        fitted_to=fitted_spans(recordings),
     )
+
+
+def simulated_experiment(
+    problem: Problem, published: PublishedReport
+) -> tuple[Recording, Recording]:
+    """Return simulated training and validation recordings, from the file's seed.
+
+    The truth is the consistent robot nearest to the published mean.
+    """
+    table = problem.table.simulation
+    if table is None:
+        raise ProblemError(f"problem {problem.name!r} has no [simulation] table")
+    truth = published.vectors[0].nearest.parameters
+    rng = np.random.default_rng(table.seed)
+    training, validation = (
+        simulate_torque(
+            problem.model, truth, problem.motion(name), noise=table.noise, rng=rng
+        )
+        for name in (table.training, table.validation)
+    )
+    return training, validation
+
+
+def recordings_of(
+    problem: Problem, published: PublishedReport | None = None
+) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
+    """Return a problem's training and validation recordings, real or simulated."""
+    if problem.table.data is not None:
+        return problem.training, problem.validation
+    if not problem.has_data:
+        raise ProblemError(
+            f"problem {problem.name!r} has neither [data] nor a [simulation] with a "
+            "[published] truth; there are no training data"
+        )
+    published = check_published(problem) if published is None else published
+    training, validation = simulated_experiment(problem, published)
+    return (training,), (validation,)
+
+
+def variant_regressions(
+    problem: Problem, training: Sequence[Recording]
+) -> list[Regression]:
+    """Return the training data with each value found changed by its standard error.
+
+    See `uncertainty`, which takes them.
+    """
+    if problem.table.data is None:
+        return []
+    varied = problem.found_in_training.varied(training)
+    return [build_regression(problem.model, logs) for logs in varied]

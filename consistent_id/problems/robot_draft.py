@@ -1,18 +1,23 @@
 """A problem file for a robot that has no log yet: what motion to record first."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from consistent_id.errors import ProblemError
-from consistent_id.problems.constraint_tables import ConstraintsTable
-from consistent_id.problems.draft_text import DRIVE_COMMENTS
+from consistent_id.problems.draft import DRIVE_COMMENTS
 from consistent_id.problems.excitation_tables import ExcitationTable
 from consistent_id.problems.file import ProblemTable
+from consistent_id.problems.kept_text import problem_name, toml_text
 from consistent_id.problems.loading import problem_of
-from consistent_id.problems.model import DEFAULT_DRIVE, model_table
+from consistent_id.problems.model import (
+    DEFAULT_DRIVE,
+    excitation_table,
+    model_table,
+)
 from consistent_id.problems.problem import Problem
-from consistent_id.problems.toml_text import problem_name, toml_text
-from consistent_id.robot.chains import Selection
+from consistent_id.problems.robot_logs import selection_of
+from consistent_id.problems.statement import Statement, declarations
+from consistent_id.problems.tables import ConstraintsTable
 from consistent_id.robot.loaders import load_robot
 
 ROBOT_ENDINGS = (".urdf", ".xml", ".mjcf")
@@ -39,13 +44,14 @@ class RobotDraft:
     ----------
     model : Path
         URDF or MJCF.
-    selection : Selection
-        The part of the robot that moves.
+    excitation : ExcitationTable
+    stated : Statement
+        Of the robot.
     """
 
     model: Path
     excitation: ExcitationTable
-    selection: Selection
+    stated: Statement
 
     @property
     def name(self) -> str:
@@ -54,13 +60,12 @@ class RobotDraft:
 
     def table(self, folder: Path) -> ProblemTable:
         """Return the content of the problem file, for a file in a folder."""
-        part = self.selection
         return ProblemTable(
             name=self.name,
-            model=model_table(self.model, folder, base=part.base, tip=part.tip),
+            model=model_table(self.model, folder, self.stated),
             drive=DEFAULT_DRIVE,
             constraints=ConstraintsTable(masses="free"),
-            excitation=self.excitation,
+            excitation=excitation_table(self.stated, folder, self.excitation),
         )
 
     def problem(self, folder: Path | None = None) -> Problem:
@@ -83,7 +88,7 @@ class RobotDraft:
 def robot_draft(
     model: str | Path,
     excitation: ExcitationTable | None = None,
-    selection: Selection | None = None,
+    stated: Statement | None = None,
 ) -> RobotDraft:
     """Draft the problem of a robot that has no log yet.
 
@@ -91,18 +96,28 @@ def robot_draft(
     ----------
     model : str or Path
         URDF or MJCF.
+    excitation : ExcitationTable, optional
+    stated : Statement, optional
+        Of the robot.
 
     Raises
     ------
     ModelError
         If the robot cannot be read.
     ProblemError
-        If the file is of another kind.
+        If the file is of another kind, or something of a log is stated.
     """
-    model, selection = Path(model), Selection() if selection is None else selection
+    model, stated = Path(model), stated or Statement()
     if model.suffix.lower() not in ROBOT_ENDINGS:
         raise ProblemError(
             f"{model}: expected a robot's file, {', '.join(ROBOT_ENDINGS)}"
         )
-    load_robot(model, base=selection.base, tip=selection.tip)
-    return RobotDraft(model, excitation or ExcitationTable(), selection)
+    if others := stated.of_part("log", "base", "model", "selection"):
+        option = declarations()[others[0]].option
+        raise ProblemError(
+            f"{option} describes a log; name the log after the robot: "
+            f"consistent-id init {model} LOG {option} ..."
+        )
+    part = asdict(selection_of(stated))
+    load_robot(model, gravity=stated.gravity, **part)
+    return RobotDraft(model, excitation or ExcitationTable(), stated)

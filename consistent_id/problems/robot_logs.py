@@ -1,35 +1,40 @@
 """Logs of a robot that has no problem file: its joints, their columns and units."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from consistent_id.errors import ModelError, ProblemError, RecordingError
-from consistent_id.problems.floating.floating_columns import (
+from consistent_id.problems.floating.base_guess import widths_of
+from consistent_id.problems.floating.floating_draft import (
     FloatingColumns,
     base_in_log,
     floating_columns,
 )
-from consistent_id.problems.floating.hints import BaseHints, require_floating
-from consistent_id.problems.wrench_note import wrench_note, wrenches_in_log
+from consistent_id.problems.statement import Statement
 from consistent_id.recordings.column_guess import (
     ColumnGuess,
     guess_columns,
     require_torque,
 )
-from consistent_id.recordings.log_formats import LOG_FORMATS
+from consistent_id.recordings.column_words import (
+    WrenchNames,
+    may_be_wrench,
+    wrench_names,
+)
+from consistent_id.recordings.log_formats import LOG_FORMATS, log_format
 from consistent_id.recordings.readers import Columns, read_recording, recording_from
 from consistent_id.recordings.readers.data_frames import ColumnTable, table_names
-from consistent_id.recordings.readers.units import Units
+from consistent_id.recordings.readers.recording_file import column_names, reader_of
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals import PDGains
-from consistent_id.robot.chains import Selection
-from consistent_id.robot.limbs import base_question
+from consistent_id.robot.chains import Selection, base_question
 from consistent_id.robot.loaders import load_robot
 from consistent_id.robot.model import RobotModel
+from consistent_id.robot.parameters import did_you_mean
 
 _ROBOTS = (".urdf", ".xml", ".mjcf", ".xacro")
+_CHANNELS = ("time", "position", "velocity", "torque", "position_command")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,14 +45,12 @@ class RobotLogs:
     ----------
     robot : RobotModel
         With the joints that the logs have.
+    columns : Columns
     locked : dict of str to float
         Joints that do not move, and where they are held [rad or m].
-    gain : float or list of float
-        From the torque columns to torque.
+    stated : Statement
     notes : tuple of str
         What was guessed.
-    gains : PDGains, optional
-        Of PD-controlled joints.
     floating : FloatingColumns, optional
         How the base moves, if it floats.
     tables : mapping of Path to ColumnTable
@@ -57,39 +60,32 @@ class RobotLogs:
     robot: RobotModel
     columns: Columns
     locked: dict[str, float]
-    gain: float | list[float]
+    stated: Statement
     notes: tuple[str, ...]
-    gains: PDGains | None = None
     floating: FloatingColumns | None = None
     tables: Mapping[Path, ColumnTable] = field(default_factory=dict)
 
     def read(self, log: Path) -> Recording:
         """Read a log as it was written; `with_torque` makes torque of its commands."""
+        joints, stated = self.robot.joint_names, self.stated
+        gain = gains_of(stated.torque_gain, len(joints))
+        how: dict[str, Any] = {
+            "torque_gain": gain,
+            "omit": stated.omitted_of(log),
+            "duplicates": stated.duplicates or "refuse",
+        }
         if log in self.tables:
-            return recording_from(
-                self.tables[log],
-                self.robot.joint_names,
-                self.columns,
-                torque_gain=self.gain,
-                name=log.name,
-            )
-        return read_recording(
-            log, self.robot.joint_names, self.columns, torque_gain=self.gain
-        )
+            table = self.tables[log]
+            return recording_from(table, joints, self.columns, name=log.name, **how)
+        return read_recording(log, joints, self.columns, topic=stated.topic, **how)
 
 
 def robot_logs(
     model: Path,
     log: Path,
+    stated: Statement | None = None,
     *,
     tables: Mapping[Path, ColumnTable] | None = None,
-    columns: Mapping[str, str] | None = None,
-    units: Units | None = None,
-    torque_joints: Sequence[str] = (),
-    selection: Selection | None = None,
-    torque_gain: Sequence[float] = (),
-    gains: PDGains | None = None,
-    base: BaseHints | None = None,
 ) -> RobotLogs:
     """Find out how a robot's logs are to be read.
 
@@ -99,19 +95,11 @@ def robot_logs(
         URDF or MJCF.
     log : Path
         One of the logs; the others have the same columns.
+    stated : Statement, optional
+        What is known; of the robot's joints, those that the log does not have are
+        locked.
     tables : mapping of Path to ColumnTable, optional
         Logs in memory, by the paths that stand for them.
-    columns, units, torque_joints
-        As far as they are known; see `guess_columns`.
-    selection : Selection, optional
-        The part of the robot that moves; of its joints, those that the log does not
-        have are locked.
-    torque_gain : sequence of float
-        From the torque columns to torque: one for all joints, or one each.
-    gains : PDGains, optional
-        Of PD-controlled joints: commands of position are wanted in place of torque.
-    base : BaseHints, optional
-        What is known of the columns of a floating base.
 
     Raises
     ------
@@ -120,65 +108,116 @@ def robot_logs(
     ProblemError
         If the two files seem to be exchanged, or the gains are too many or too few.
     """
-    tables = tables or {}
+    tables, stated = tables or {}, stated or Statement()
     if log not in tables:
         _require_order(model, log)
-    selection = Selection() if selection is None else selection
-    robot = load_robot(model, **asdict(selection))
-    hints = base or BaseHints()
-    require_floating(hints, floating=robot.floating)
+    robot = _loaded(model, stated)
+    _require_floating(stated, floating=robot.floating)
     if log in tables:
         _require_fixed(robot)
     else:
-        _require_base(model, log, robot, selection)
-    floating = floating_columns(log, robot, model, hints) if robot.floating else None
-    names = table_names(tables[log], log.name) if log in tables else None
-    wrenches = wrenches_in_log(log, names)
+        _require_base(model, log, robot, stated)
+    floating = floating_columns(log, robot, model, stated) if robot.floating else None
+    in_memory = table_names(tables[log], log.name) if log in tables else None
+    wrenches = wrenches_in_log(log, in_memory)
     felt = wrench_note(wrenches, robot)
     others = () if floating is None else floating.taken
     guess = _guessed(
         felt,
+        _names_in_log(stated, robot),
         log,
         robot.joint_names,
-        columns,
-        names=names,
+        {c: name for c in _CHANNELS if (name := getattr(stated, c)) is not None},
+        names=in_memory,
         taken=(*others, *(name for one in wrenches for name in one.names)),
         arrays=_arrays(floating),
-        torque_joints=torque_joints,
-        units=units,
-        currents=len(torque_gain) > 0,
-        commands=gains is not None,
-        held=_every_joint(model, selection),
+        torque_joints=stated.torque_joints,
+        units=stated.units,
+        currents=len(stated.torque_gain) > 0,
+        commands=stated.gains is not None,
+        held=_every_joint(model, stated),
         chains=chains_of(robot),
     )
-    require_torque(guess.columns.torque, torque_gain)
-    robot, locked = _without_absent(model, robot, selection, guess.joints)
-    gain = gains_of(torque_gain, len(robot.joint_names))
+    require_torque(guess.columns.torque, stated.torque_gain)
+    absent = [name for name in robot.joint_names if name not in guess.joints]
+    locked = dict(stated.locked or {}) | dict.fromkeys(absent, 0.0)
+    if absent:
+        robot = _loaded(model, replace(stated, locked=locked))
+    gains_of(stated.torque_gain, len(robot.joint_names))
     kept = (f"{path} stands for a table in memory" for path in tables)
     found, notes = guess.columns, (*guess.notes, *kept, *[felt] * bool(felt))
     if floating is not None:
         found = replace(found, beside=floating.beside)
         notes = (*notes, *floating.notes)
-    return RobotLogs(robot, found, locked, gain, notes, gains, floating, tables)
+    return RobotLogs(robot, found, locked, stated, notes, floating, tables)
 
 
-def _without_absent(
-    model: Path, robot: RobotModel, selection: Selection, joints: Collection[str]
-) -> tuple[RobotModel, dict[str, float]]:
-    """Return the robot without joints that the log does not have, and the locked."""
-    absent = [name for name in robot.joint_names if name not in joints]
-    locked = dict(selection.locked or {}) | dict.fromkeys(absent, 0.0)
-    if absent:
-        robot = load_robot(model, **asdict(replace(selection, locked=locked)))
-    return robot, locked
+def _loaded(model: Path, stated: Statement) -> RobotModel:
+    return load_robot(model, gravity=stated.gravity, **asdict(selection_of(stated)))
 
 
-def _guessed(felt: str, *logged: Any, **known: Any) -> ColumnGuess:
-    """Guess columns; where that fails, say what else the log has."""
+def selection_of(stated: Statement) -> Selection:
+    """Return the part of the robot that is stated to move."""
+    return Selection(stated.base, stated.tip, locked=stated.locked or None)
+
+
+def _names_in_log(stated: Statement, robot: RobotModel) -> dict[str, str]:
+    """Return the joints' names in the log by the robot's, where they differ."""
+    for joint in (stated.names or {}).values():
+        if joint not in robot.joint_names:
+            near = did_you_mean(joint, robot.joint_names)
+            raise ProblemError(f"names: no joint {joint!r}; {near}")
+    return {joint: name for name, joint in (stated.names or {}).items()}
+
+
+def _guessed(
+    felt: str,
+    renamed: Mapping[str, str],
+    log: Path,
+    joints: Sequence[str],
+    known: Mapping[str, str],
+    **more: Any,
+) -> ColumnGuess:
+    """Guess columns; where that fails, say what else the log has.
+
+    Parameters
+    ----------
+    renamed : mapping of str to str
+        The log's names of joints, where they are not the robot's.
+    """
+
+    def in_log(names: Iterable[str]) -> tuple[str, ...]:
+        return tuple(renamed.get(name, name) for name in names)
+
+    more |= {key: in_log(more[key]) for key in ("torque_joints", "held")}
+    if chains := more["chains"]:
+        more["chains"] = {number: in_log(chain) for number, chain in chains.items()}
     try:
-        return guess_columns(*logged, **known)
+        guess = guess_columns(log, in_log(joints), known, **more)
     except RecordingError as cause:
         raise RecordingError(f"{cause} {felt}".strip()) from None
+    if not renamed:
+        return guess
+    for joint, name in renamed.items():
+        if name not in guess.joints:
+            raise RecordingError(
+                f"--names {name}={joint}: {log} has no columns of {name!r}; it has "
+                f"those of {', '.join(guess.joints)}. Leave this name out"
+            )
+    own = {name: joint for joint, name in renamed.items()}
+
+    def of_robot(names: Iterable[str]) -> tuple[str, ...]:
+        return tuple(own.get(name, name) for name in names)
+
+    columns = guess.columns
+    found = {name: own.get(joint, joint) for name, joint in columns.names.items()}
+    columns = replace(
+        columns,
+        names={k: j for k, j in own.items() if j not in found.values()} | found,
+        array_joints=of_robot(columns.array_joints),
+        torque_joints=of_robot(columns.torque_joints),
+    )
+    return replace(guess, columns=columns, joints=of_robot(guess.joints))
 
 
 def _arrays(floating: FloatingColumns | None) -> Columns | None:
@@ -203,11 +242,18 @@ def _require_fixed(robot: RobotModel) -> None:
         )
 
 
-def _require_base(
-    model: Path, log: Path, robot: RobotModel, selection: Selection
-) -> None:
+def _require_floating(stated: Statement, *, floating: bool) -> None:
+    """Refuse columns of a base that does not move."""
+    if stated.of_part("base") and not floating:
+        raise ProblemError(
+            "columns of the base or of contacts are given, but the base is taken for "
+            "fixed; say --base floating (base = 'floating') too"
+        )
+
+
+def _require_base(model: Path, log: Path, robot: RobotModel, stated: Statement) -> None:
     """Refuse a robot on legs whose base is taken for fixed, though its log moves it."""
-    if selection.base is not None or not base_question(robot):
+    if stated.base is not None or not base_question(robot):
         return
     moved = [str(found) for found in base_in_log(log)]
     if moved:
@@ -235,11 +281,11 @@ def chains_of(robot: RobotModel) -> dict[int, tuple[str, ...]] | None:
     return {len(c): c for c in chains if c and numbers.count(len(c)) == 1}
 
 
-def _every_joint(model: Path, selection: Selection) -> tuple[str, ...]:
+def _every_joint(model: Path, stated: Statement) -> tuple[str, ...]:
     """Return the names of all joints, if some of them are locked."""
-    if not selection.locked:
+    if not stated.locked:
         return ()
-    return load_robot(model, **asdict(replace(selection, locked=None))).joint_names
+    return _loaded(model, replace(stated, locked=None)).joint_names
 
 
 def gains_of(given: Sequence[float], joints: int) -> list[float] | float:
@@ -261,6 +307,11 @@ def _require_order(model: Path, log: Path) -> None:
     """Refuse a log in the place of the robot, and the robot in that of a log."""
     suffixes = {suffix for known in LOG_FORMATS for suffix in known.suffixes}
     first, second = model.suffix.lower(), log.suffix.lower()
+    if model.is_dir():
+        raise ProblemError(
+            f"{model} is a folder, expected a robot's URDF or MJCF file before {log}; "
+            "a folder of a problem or of results goes without logs"
+        )
     if first in suffixes and second in _ROBOTS:
         raise ProblemError(
             f"{model} is a log and {log} a robot: the robot comes first: {log} {model}"
@@ -276,3 +327,62 @@ def _require_order(model: Path, log: Path) -> None:
         )
     if second in _ROBOTS:
         raise ProblemError(f"{log} is a robot, expected a log after {model}")
+
+
+_ARRAYS = ("NPZ", "Parquet", "Feather")  # formats whose columns may be arrays
+_KINDS = ("geometry_msgs/msg/WrenchStamped", "geometry_msgs/msg/Wrench")
+
+
+def wrenches_in_log(
+    log: Path, names: Sequence[str] | None = None
+) -> tuple[WrenchNames, ...]:
+    """Return what a log has that may be of a wrench sensor.
+
+    Parameters
+    ----------
+    log : Path
+    names : sequence of str, optional
+        Columns of a table in memory, which the path stands for.
+    """
+    if names is not None:
+        return wrench_names(names)
+    form = log_format(log)
+    if form.holds == "joint states":
+        kinds: dict[str, str] = reader_of(log).topic_kinds(log)
+        fields = {_KINDS[0]: ".wrench", _KINDS[1]: ""}
+        return tuple(
+            WrenchNames((topic + fields[kind],))
+            for topic, kind in kinds.items()
+            if fields.get(kind)
+        )
+    if not form.lists_names:
+        return ()
+    known = column_names(log)
+    widths = {}
+    if form.name in _ARRAYS and (wanted := [n for n in known if may_be_wrench(n)]):
+        widths = widths_of(reader_of(log).read_arrays(log, wanted))
+    return wrench_names(known, widths)
+
+
+def wrench_note(found: Sequence[WrenchNames], robot: RobotModel) -> str:
+    """Say what columns look like a wrench sensor's, and how they are used; "" of none.
+
+    The frame is the last that is fixed to the last link: a guess, and called so.
+    """
+    if not found:
+        return ""
+    last = robot.links[-1]
+    frame = last.merged[-1].name if last.merged else last.name
+    seen = "; ".join(map(str, found))
+    values = ", ".join(f'"{name}"' for name in found[0].names)
+    columns = f'[[data.wrenches]] frame = "{frame}", values = [{values}]'
+    if robot.floating:
+        return (
+            f"{seen}: these look like a wrench sensor's and are not used; at a foot "
+            f"whose frame is {frame}, say, write {columns}"
+        )
+    return (
+        f"{seen}: these look like a wrench sensor's; they tell what hangs on it, not "
+        f'the robot: [wrist_sensor] frame = "{frame}" (or where it is) and {columns} '
+        "in a problem file (docs/wrist-sensor.md)"
+    )

@@ -1,38 +1,54 @@
 """From a problem to its answer: estimates, their comparison, costs, uncertainty."""
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
 
 from consistent_id._support.progress import stages
 from consistent_id.comparison.comparison import Comparison, EstimateReport, compare
-from consistent_id.comparison.constraint_prices import ShadowPrice, shadow_prices
-from consistent_id.comparison.fit_costs import ConstraintCost, constraint_costs
+from consistent_id.comparison.constraint_prices import (
+    ConstraintCost,
+    ShadowPrice,
+    constraint_costs,
+    shadow_prices,
+)
 from consistent_id.comparison.parameter_uncertainty import Uncertainty, uncertainty
+from consistent_id.constraints import lowered
 from consistent_id.diagnosis import Diagnosis
 from consistent_id.estimation.constrained import constrained_least_squares
 from consistent_id.estimation.cross_validation import RegularisationPath
-from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.estimate import Estimate, fitted_spans
+from consistent_id.estimation.fit import Fit, fit_of
+from consistent_id.estimation.judgement import judge
 from consistent_id.estimation.method import Method
-from consistent_id.estimation.recommendation import Candidate, Recommendation, recommend
-from consistent_id.estimation.verdict import Verdict
-from consistent_id.problems.experiment_data import recordings_of
+from consistent_id.estimation.recommendation import (
+    MethodCandidate,
+    Recommendation,
+    recommend,
+)
+from consistent_id.estimation.verdict import Verdict, confirmed
 from consistent_id.problems.log_check import check_problem
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.problem_estimates import (
     identify,
     penalty_of,
+    recordings_of,
     refitted,
     regularisation_path,
+    variant_regressions,
 )
-from consistent_id.problems.published import PublishedReport, check_published
-from consistent_id.problems.published_fit import published_least_squares
-from consistent_id.problems.sensor_drift_preparation import segments_of_problem
-from consistent_id.problems.variants import variant_regressions
-from consistent_id.recordings.finding import Finding
-from consistent_id.recordings.recording import Recording
-from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.data_rank import Excitation, excitation_of
+from consistent_id.problems.published import (
+    PublishedReport,
+    check_published,
+    published_least_squares,
+)
+from consistent_id.problems.robot_preparation import segments_of_problem
+from consistent_id.recordings.recording import LogFinding, Recording
+from consistent_id.regression.base import BaseParameters, Excitation, excitation_of
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.rows.contact_free import base_of_recordings
 from consistent_id.regression.segments import (
@@ -121,7 +137,7 @@ class Study:
         if self.published is not None:
             recording = self.training[0]
             first = published_least_squares(self.problem, recording, base=self.base)
-            own = (first, *own)
+            own = (replace(first, fitted_to=fitted_spans([recording])), *own)
         return tuple(replace(e, accepted=self.accepted) for e in own)
 
     @cached_property
@@ -131,7 +147,7 @@ class Study:
         return check_problem(self.problem) if recorded else None
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
+    def findings(self) -> tuple[LogFinding, ...]:
         """What is wrong with the recordings, as verdicts take it."""
         return () if self.diagnosis is None else self.diagnosis.findings
 
@@ -143,9 +159,9 @@ class Study:
             problem.model,
             self.segments,
             (
-                Candidate(Method.CONSTRAINED, False, problem.prior),
-                Candidate(Method.WEIGHTED_CONSTRAINED, True, problem.prior),
-                Candidate(
+                MethodCandidate(Method.CONSTRAINED, False, problem.prior),
+                MethodCandidate(Method.WEIGHTED_CONSTRAINED, True, problem.prior),
+                MethodCandidate(
                     Method.CROSS_VALIDATED, False, penalty_of(problem, self.path)
                 ),
             ),
@@ -165,13 +181,18 @@ class Study:
         Its verdict and its held-out error are those of `recommended`, which had seen
         the training data alone.  Without validation data it is the same estimate.
         """
-        judged = self.recommended.judged
+        return self._refitted(self.recommended)
+
+    def _refitted(self, report: EstimateReport) -> Estimate:
+        """Return a constrained estimate, fitted again to all data."""
+        judged = report.judged
         if not self.validation:
             return judged
         crossed = judged.method == Method.CROSS_VALIDATED
-        prior = self.path.penalty if crossed else self.problem.prior
+        problem = self.problem
+        prior = penalty_of(problem, self.path) if crossed else problem.prior
         every = (*self.training, *self.validation)
-        return refitted(self.problem, judged, every, prior)
+        return refitted(problem, judged, every, prior)
 
     @property
     def verdict(self) -> Verdict:
@@ -181,22 +202,118 @@ class Study:
     def judged(self, estimate: Estimate) -> Verdict:
         """Return the verdict on an estimate, with all that the study knows.
 
+        Recordings that it was fitted to are not held out.  If none is left, the verdict
+        that it came with counts, and what is computed now can only make it worse: the
+        fit, the error on the data that it was fitted to, bodies, findings.  If that
+        is so, but the study itself would deliver this estimate, then the verdict is
+        the study's.
+
         Parameters
         ----------
         estimate : Estimate
             Of the problem's model, computed now or loaded from a file.
         """
-        kinds = dict.fromkeys((*estimate.accepted, *self.accepted))
-        own = replace(estimate, accepted=tuple(kinds))
-        found = compare([own], self.validation, findings=self.findings)
-        return found.reports[0].verdict
+        kinds = tuple(dict.fromkeys((*estimate.accepted, *self.accepted)))
+        own, stated = replace(estimate, accepted=kinds), estimate.judged
+        unseen = self.unseen(estimate)
+        unjudged = bool(self.validation) and not unseen
+        if unjudged:
+            own = replace(own, fit=self._fit(estimate))
+        found = (
+            compare(
+                [own],
+                unseen or self.validation,
+                findings=self.findings,
+                regression=self.regression,
+            )
+            .reports[0]
+            .verdict
+        )
+        if stated is None:
+            return replace(found, held_out=None) if unjudged else found
+        if estimate.fitted_to and not unjudged:
+            return stated if _says_more(stated, found) else found
+        together = confirmed(stated, found)
+        nothing = replace(found, reasons=(), held_out=None)
+        if unjudged and together != confirmed(stated, nothing):
+            report = self._delivered_as(estimate)
+            if report is not None:
+                return judge(replace(report.evidence, accepted=kinds))
+        return together
+
+    def unseen(self, estimate: Estimate) -> tuple[Recording, ...]:
+        """Return the validation recordings that an estimate was not fitted to.
+
+        All, if it does not say what it was fitted to.
+        """
+        # Logs of different folders may have one name: training data go by themselves.
+        others = Counter(estimate.fitted_to) - Counter(fitted_spans(self.training))
+        spans = zip(self.validation, fitted_spans(self.validation), strict=True)
+        return tuple(r for r, own in spans if not any(own.overlaps(o) for o in others))
+
+    def _fit(self, estimate: Estimate) -> Fit:
+        """Return how well an estimate explains the training data."""
+        model = self.problem.model
+        known = lowered(self.problem.constraints, model).A_eq
+        x, own = estimate.parameters, estimate.fit
+        fit = fit_of(model, self.regression, x, self.base, known=known)
+        # Whether constraints contradict its data, its own optimum says.
+        return fit if own is None else replace(fit, excess=own.excess)
+
+    def _delivered_as(self, estimate: Estimate) -> EstimateReport | None:
+        """Return the report behind an estimate that the study itself would deliver."""
+        if estimate.method not in self.recommendation.candidates:
+            return None
+        report = self.comparison[estimate.method]
+        same = np.allclose(
+            self._refitted(report).parameters, estimate.parameters, rtol=1e-6, atol=1e-9
+        )
+        return report if same else None
+
+    def answer(self, verdict: Verdict | None = None) -> dict[str, Any]:
+        """Return the verdict as every command has it in its JSON.
+
+        Parameters
+        ----------
+        verdict : Verdict, optional
+            On an estimate that was given; by default on the recommended one.
+
+        Returns
+        -------
+        dict
+            `Verdict.to_dict`, with ``findings`` of the recordings; and
+            ``recommended``: why this estimate, None for one that was given.
+        """
+        own = self.verdict if verdict is None else verdict
+        why = self.recommendation.statement if verdict is None else None
+        findings = [asdict(finding) for finding in self.findings]
+        return {**own.to_dict(), "recommended": why, "findings": findings}
+
+    def run(self, *, costs: bool = True) -> Self:
+        """Compute everything but the uncertainty now; return the study.
+
+        Parameters
+        ----------
+        costs : bool
+            Whether to compute what constraints cost, instead of when it is asked for.
+        """
+        parts = {**_STAGES, **_COSTS} if costs else _STAGES
+        with stages(len(parts), self.progress) as begin:
+            for stage, part in parts.items():
+                begin(stage)
+                getattr(self, part)
+        return self
+
+    def estimate(self, method: str) -> Estimate:
+        """Return the estimate by a method; without a verdict from held-out data."""
+        return next(e for e in self.estimates if e.method == method)
 
     @property
     def constrained(self) -> Estimate:
         """The constrained estimate; alone, if the others have not been asked for."""
         if "estimates" not in self.__dict__:
             return self._constrained
-        return next(e for e in self.estimates if e.method == Method.CONSTRAINED)
+        return self.estimate(Method.CONSTRAINED)
 
     @cached_property
     def comparison(self) -> Comparison:
@@ -255,7 +372,19 @@ class Study:
             prior=problem.prior,
             base=self.base,
         )
-        return replace(estimate, accepted=self.accepted)
+        spans = fitted_spans(self.training)
+        return replace(estimate, accepted=self.accepted, fitted_to=spans)
+
+
+def _says_more(stated: Verdict | None, found: Verdict) -> bool:
+    """Return whether a stated verdict is the found one, with more worth knowing.
+
+    What a comparison of all estimates has found besides is not computed again.
+    """
+    if stated is None:
+        return False
+    shared = tuple(r for r in stated.reasons if r in found.reasons or r.word != "use")
+    return replace(stated, reasons=shared) == found
 
 
 _STAGES = {
@@ -302,9 +431,4 @@ def run_study(
         If the problem has neither recordings nor a simulated experiment.
     """
     study = Study(problem, seed=seed, progress=progress, accepted=tuple(accepted))
-    parts = {**_STAGES, **_COSTS} if costs else _STAGES
-    with stages(len(parts), progress) as begin:
-        for stage, part in parts.items():
-            begin(stage)
-            getattr(study, part)
-    return study
+    return study.run(costs=costs)

@@ -2,23 +2,18 @@
 
 A name is taken for a joint's channel if it holds the joint's name or number and a word
 for the channel, such as ``q``, ``pos`` or ``effort``; an array of all joints has the
-word alone.  Commands are taken where they are wanted in place of torque, motor currents
-where there is a gain: how much torque an ampere is, no log says.
+word alone.  Six names that differ by a number are one pattern, ``q{1..6}``.  Commands
+are taken where they are wanted in place of torque, motor currents where there is a
+gain: how much torque an ampere is, no log says.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
 from consistent_id.errors import ProblemError, RecordingError
-from consistent_id.recordings.clock_words import is_time
-from consistent_id.recordings.column_patterns import (
-    NumberedColumns,
-    by_joint,
-    numbered_columns,
-    shown,
-)
 from consistent_id.recordings.column_words import (
     CHANNELS,
     channel_of,
@@ -28,7 +23,7 @@ from consistent_id.recordings.column_words import (
 from consistent_id.recordings.log_formats import log_format
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
 from consistent_id.recordings.readers.recording_file import column_names
-from consistent_id.recordings.readers.units import KNOWN, Units
+from consistent_id.recordings.readers.units import KNOWN, Units, is_time
 from consistent_id.recordings.recording import COMMANDS
 from consistent_id.robot.parameters import did_you_mean
 
@@ -57,11 +52,42 @@ class ColumnGuess:
 
 
 @dataclass(frozen=True, slots=True)
-class _Pattern:
+class _NamePattern:
     text: str
     joints: tuple[str, ...]  # of the robot, that the log has such a column of
     names: tuple[tuple[str, str], ...] = ()  # the log's name of a joint, the robot's
     is_array: bool = False  # of all joints
+
+
+@dataclass(frozen=True, slots=True)
+class _NumberedColumns:
+    """Columns whose names differ by a number alone.
+
+    Parameters
+    ----------
+    before, after : str
+        What stands on either side of the number.
+    """
+
+    before: str
+    after: str
+    first: int
+    last: int
+
+    def __len__(self) -> int:
+        return self.last - self.first + 1
+
+    def __str__(self) -> str:
+        return f"{self.before}{{{self.first}..{self.last}}}{self.after}"
+
+    @property
+    def pattern(self) -> str:
+        """The pattern without its number, for words and units."""
+        return f"{self.before}{{number}}{self.after}"
+
+    def name(self, place: int) -> str:
+        """Return the name at a place, from 0."""
+        return f"{self.before}{self.first + place}{self.after}"
 
 
 def guess_columns(
@@ -130,6 +156,8 @@ def guess_columns(
     if arrays is not None:
         given = ((c, getattr(arrays, c)) for c in CHANNELS)
         known = {c: name for c, name in given if name is not None} | known
+    # A CSV file has no arrays: one column is that of one joint.
+    flat = names is None and log_format(log).name == "CSV" and len(joints) > 1
     names = column_names(log) if names is None else names
     names = [name for name in names if name not in taken]
     if "time" not in known:
@@ -138,7 +166,11 @@ def guess_columns(
     for channel in ("position", "velocity", effort):
         if channel in known:
             continue
-        patterns = _candidates(channel, names, moved, held, currents)
+        patterns = [
+            pattern
+            for pattern in _candidates(channel, names, moved, held, currents)
+            if not (flat and pattern.is_array)
+        ]
         if not patterns:
             if channel == "velocity":
                 continue
@@ -154,7 +186,7 @@ def guess_columns(
     return _in_units(ColumnGuess(found, moved, tuple(notes)))
 
 
-def _rivals(best: _Pattern, others: Sequence[_Pattern]) -> str:
+def _rivals(best: _NamePattern, others: Sequence[_NamePattern]) -> str:
     """Return the patterns of as many joints that stand for other columns."""
     mine = _expanded(best)
     alike = [p for p in others if len(p.joints) == len(best.joints)]
@@ -207,7 +239,7 @@ def _require_channels(known: Mapping[str, str]) -> None:
             )
 
 
-def _with(columns: Columns, channel: str, pattern: _Pattern) -> Columns:
+def _with(columns: Columns, channel: str, pattern: _NamePattern) -> Columns:
     given: dict[str, Any] = {channel: pattern.text}
     if pattern.names:
         given["names"] = dict(pattern.names)
@@ -228,7 +260,7 @@ def _time(log: Path, names: Sequence[str]) -> str:
 
 def _patterns(
     channel: str, names: Sequence[str], joints: Sequence[str], held: Sequence[str] = ()
-) -> list[_Pattern]:
+) -> list[_NamePattern]:
     """Return all patterns of a channel's columns, the most fitting first."""
 
     def fits(text: str) -> bool:
@@ -236,11 +268,11 @@ def _patterns(
             return is_current(text) and not channel_of(text)
         return channel_of(text, names) == channel
 
-    found: dict[str, _Pattern] = {}
+    found: dict[str, _NamePattern] = {}
     for name in names:
         for pattern in _by_name(name, names, joints):
             found.setdefault(pattern.text, pattern)
-    for run in numbered_columns(names):
+    for run in _numbered_columns(names):
         for every in (joints, held):
             if len(run) == len(every):
                 pattern = _by_number(run, joints, every)
@@ -248,7 +280,7 @@ def _patterns(
     fitting = [p for p in found.values() if fits(p.text)]
     if not fitting:
         fitting = [
-            _Pattern(name, tuple(joints), is_array=True)
+            _NamePattern(name, tuple(joints), is_array=True)
             for name in names
             if fits(name) and not any(c.isdigit() for c in name)
         ]
@@ -264,7 +296,7 @@ def _candidates(
     moved: tuple[str, ...],
     held: Sequence[str],
     currents: bool,
-) -> list[_Pattern]:
+) -> list[_NamePattern]:
     """Return what may be a channel of the joints that move, the most fitting first."""
     patterns = _patterns(channel, names, moved, held)
     if channel == "torque" and not patterns and currents:
@@ -274,7 +306,7 @@ def _candidates(
     return patterns
 
 
-def _expanded(pattern: _Pattern) -> list[str]:
+def _expanded(pattern: _NamePattern) -> list[str]:
     """Return the log's names that a pattern makes."""
     own = {joint: name for name, joint in pattern.names}
     return [
@@ -283,22 +315,24 @@ def _expanded(pattern: _Pattern) -> list[str]:
     ]
 
 
-def _by_name(name: str, names: Sequence[str], joints: Sequence[str]) -> list[_Pattern]:
-    text = by_joint(name, joints)
+def _by_name(
+    name: str, names: Sequence[str], joints: Sequence[str]
+) -> list[_NamePattern]:
+    text = _with_joint(name, joints)
     if text == name:
         return []
     present = tuple(j for j in joints if text.replace("{joint}", j) in names)
-    return [_Pattern(text, present)] if present else []
+    return [_NamePattern(text, present)] if present else []
 
 
 def _by_number(
-    run: NumberedColumns, joints: Sequence[str], every: Sequence[str]
-) -> _Pattern:
+    run: _NumberedColumns, joints: Sequence[str], every: Sequence[str]
+) -> _NamePattern:
     """Return a pattern of columns that count every joint, for some of them."""
     if run.first == 1 and tuple(every[: len(joints)]) == tuple(joints):
-        return _Pattern(f"{run.before}{{number}}{run.after}", tuple(joints))
+        return _NamePattern(f"{run.before}{{number}}{run.after}", tuple(joints))
     pairs = tuple((str(run.first + every.index(joint)), joint) for joint in joints)
-    return _Pattern(f"{run.before}{{joint}}{run.after}", tuple(joints), pairs)
+    return _NamePattern(f"{run.before}{{joint}}{run.after}", tuple(joints), pairs)
 
 
 def _not_found(
@@ -309,7 +343,7 @@ def _not_found(
     chains: Mapping[int, Sequence[str]] | None,
 ) -> RecordingError:
     example = _EXAMPLES[channel]
-    runs = numbered_columns(names)
+    runs = _numbered_columns(names)
     others = [run for run in runs if channel_of(run.pattern) == channel]
     more = ""
     if others:
@@ -319,6 +353,8 @@ def _not_found(
             f" {currents[0].text} are motor currents: the N m per ampere of each "
             "joint, gear ratio included, make torque of them: --torque-gain NUMBER ..."
         )
+    elif not any(joint in name for joint in joints for name in names):
+        more = " If the log has other names of joints: --names NAME=JOINT ..."
     flag = channel.replace("_", "-")
     return RecordingError(
         f"{log}: found no column that is the {channel} of {shown(joints)}; the "
@@ -328,7 +364,7 @@ def _not_found(
 
 
 def _of_another_number(
-    run: NumberedColumns,
+    run: _NumberedColumns,
     joints: Sequence[str],
     chains: Mapping[int, Sequence[str]] | None,
 ) -> str:
@@ -347,3 +383,62 @@ def _of_another_number(
         ends = f"those from {moved[0]} to {moved[-1]}"
         return f"{said}: if the log has {ends}, hold the rest: --lock {rest}"
     return f"{said}: say which stand still: --lock JOINT ... (or --base, --tip LINK)"
+
+
+def _numbered_columns(names: Sequence[str]) -> tuple[_NumberedColumns, ...]:
+    """Return runs of at least two names with consecutive numbers, in the log's order.
+
+    Examples
+    --------
+    >>> [str(run) for run in _numbered_columns(["t", "q1", "q2", "q3", "tau_0_Nm"])]
+    ['q{1..3}']
+    """
+    return tuple(dict.fromkeys(run for name in names for run in _runs(name, names)))
+
+
+def _runs(name: str, names: Sequence[str]) -> Iterator[_NumberedColumns]:
+    known = set(names)
+    for found in re.finditer(r"\d+", name):
+        before, after = name[: found.start()], name[found.end() :]
+        first = int(found[0])
+        if found[0] not in ("0", "1") or f"{before}{first - 1}{after}" in known:
+            continue
+        last = first
+        while f"{before}{last + 1}{after}" in known:
+            last += 1
+        if last > first:
+            yield _NumberedColumns(before, after, first, last)
+
+
+def _with_joint(name: str, joints: Sequence[str]) -> str:
+    """Return a name with ``{joint}`` in the place of a joint's, if it has one.
+
+    Of joint_1 and joint_10, the longer name is the one that is meant.
+    """
+    inside = max((j for j in joints if j in name), key=len, default=None)
+    return name if inside is None or "{" in name else name.replace(inside, "{joint}")
+
+
+def shown(names: Sequence[str], joints: Sequence[str] = (), most: int = 12) -> str:
+    """Return names for a message: by pattern where they have numbers or joints' names.
+
+    Examples
+    --------
+    >>> shown(["time", "q1", "q2", "current1", "current2"])
+    'time, q{1..2}, current{1..2}'
+    >>> shown(["time", "q_hip", "q_knee"], ["hip", "knee"])
+    'time, q_{joint}'
+    """
+    names = list(dict.fromkeys(_with_joint(name, joints) for name in names))
+    lines: list[str] = []
+    gone: set[str] = set()
+    runs = _numbered_columns(names)
+    for name in names:
+        if name in gone:
+            continue
+        run = next((r for r in runs if name == r.name(0)), None)
+        lines.append(name if run is None else str(run))
+        if run is not None:
+            gone |= {run.name(place) for place in range(len(run))}
+    more = len(lines) - most
+    return ", ".join(lines[:most]) + (f" and {more} more" if more > 0 else "")

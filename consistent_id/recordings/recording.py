@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 
@@ -17,13 +17,13 @@ from consistent_id._support.arrays import (
 from consistent_id._support.extras import pandas, xarray
 from consistent_id._support.tables import Table
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.base_motion import BaseMotion
-from consistent_id.recordings.contacts import ContactFlags, Wrench
+from consistent_id.recordings.beside import BaseMotion, ContactFlags, Wrench
 from consistent_id.robot.parameters import did_you_mean
 
 if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
+
 
 _LATEST = 1e12  # s, some 30 000 years: no clock that still resolves milliseconds
 _MEASURED = ("position", "velocity", "acceleration", "torque")
@@ -31,6 +31,8 @@ COMMANDS = ("position_command", "velocity_command", "torque_command")
 """What the controller asked of the joints: held from one sample to the next."""
 
 _CHANNELS = (*_MEASURED, *COMMANDS)
+
+Severity = Literal["fault", "warning", "note"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,16 +144,17 @@ class Recording:
             bad = int(np.argmax(abs(time)))
             raise RecordingError(
                 f"{self.name}: time of sample {bad} is {time[bad]:.3g} s, expected "
-                "seconds. If that row is broken, leave it out: read_recording and "
-                f"[[data.recordings]] take omit = [{bad + 1}]"
+                "seconds. Say the unit: --units us (or ms, ns). If only that row is "
+                f"broken, leave it out: --omit {bad + 1} (omit = [{bad + 1}] of "
+                "read_recording and [[data.recordings]])"
             )
         steps = np.diff(time)
         if (steps <= 0.0).any():
             bad = int(np.argmax(steps <= 0.0))
             raise RecordingError(
                 f"{self.name}: time goes from {time[bad]:.9g} s (sample {bad}) to "
-                f"{time[bad + 1]:.9g} s; it must increase. Sort the samples, and drop "
-                "repeated ones"
+                f"{time[bad + 1]:.9g} s; it must increase. Sort the samples; of "
+                'repeated ones take one: duplicates = "first" (--duplicates first)'
             )
 
     def _checked(self, channel: str, values: Matrix, samples: int) -> Matrix:
@@ -301,6 +304,37 @@ class Recording:
             contacts=tuple(flags.samples(keep) for flags in self.contacts),
             **channels,
         )
+
+
+@dataclass(frozen=True, slots=True)
+class LogFinding:
+    """One thing that is wrong, or worth knowing.
+
+    Parameters
+    ----------
+    kind : str
+        Class of the fault, such as ``"torque sign"``.
+    severity : {"fault", "warning", "note"}
+        A fault makes estimates wrong; a warning makes them worse; a note explains.
+    where : str
+        Joint, pair of joints, or recording; ``"all joints"``.
+    statement : str
+        What was seen, with figures and units.
+    advice : str
+        What to do.
+    score : float
+        Evidence, one at the threshold and larger beyond it.
+    recording : str
+        In which it was seen.
+    """
+
+    kind: str
+    severity: Severity
+    where: str
+    statement: str
+    advice: str
+    score: float = 1.0
+    recording: str = ""
 
 
 def several(recordings: Recording | Sequence[Recording]) -> list[Recording]:

@@ -2,7 +2,8 @@
 
 Some columns of the regressor are zero or are combinations of others, for every motion
 of the robot.  The independent ones carry the base parameters [Gautier1991]_: with
-``W_dep = W_ind K``, torque depends on ``x_ind + K x_dep`` alone.
+``W_dep = W_ind K``, torque depends on ``x_ind + K x_dep`` alone.  How many of them a
+recording determines is `excitation_of`.
 """
 
 from collections.abc import Sequence
@@ -11,16 +12,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
-from consistent_id._support.threads import single_threaded
-from consistent_id.errors import NotExcitedError
+from consistent_id._support.executors import single_threaded
+from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.regression.independent_columns import (
     STRUCTURAL_TOLERANCE,
     ColumnSplit,
     split_at_gap,
 )
-from consistent_id.regression.linear import LinearSolution
-from consistent_id.regression.random_rows import random_rows
-from consistent_id.regression.row_model import RowModel
+from consistent_id.regression.linear import LinearSolution, solve_linear
+from consistent_id.regression.regression import Regression
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.row_structure import RowModel, random_rows
 from consistent_id.robot.parameters import ParameterLayout
 
 _PURE = 1e-6  # part of a unit vector outside a row space, or in it, that is rounding
@@ -159,6 +161,99 @@ def column_kinds(layout: ParameterLayout) -> tuple[str, ...]:
     return (*layout.units[:inertial], *(" ".join(pair) for pair in units))
 
 
+def require_match(
+    model: TorqueModel, regression: Regression, base: BaseParameters
+) -> None:
+    """Refuse a regression or base parameters of another torque model, or no torque.
+
+    Raises
+    ------
+    ProblemError
+        If layouts, joints or fingerprints differ.
+    NotExcitedError
+        If a joint's torque is zero throughout: a dead channel, not a joint at ease.
+    """
+    require_same_model(model, regression, base)
+    rms = regression.torque_rms
+    dead = [j for j, size in zip(regression.joints, rms, strict=True) if size == 0.0]
+    if dead:
+        raise NotExcitedError(
+            f"the torque is zero throughout for {', '.join(dead)}; check column, unit "
+            "and gain, or leave the joint out of the model's torque_joints"
+        )
+
+
+def require_same_model(
+    model: RowModel, regression: Regression, base: BaseParameters
+) -> None:
+    """Refuse a regression or base parameters of another torque model.
+
+    Raises
+    ------
+    ProblemError
+        If layouts, joints or fingerprints differ.
+    """
+    for what, found in (("regression", regression), ("base parameters", base)):
+        same = found.layout == model.layout and found.fingerprint in (
+            "",
+            model.fingerprint,
+        )
+        if not same:
+            raise ProblemError(
+                f"the {what} are of another torque model: geometry, gravity, drive "
+                "terms or names differ. Build them with this model"
+            )
+    if regression.joints != model.torque_joints:
+        raise ProblemError(
+            f"the regression is of joints {regression.joints}, the model has torques "
+            f"of {model.torque_joints}"
+        )
+
+
+def parameter_origins(
+    data: Matrix, known: Matrix, *, elsewhere: str
+) -> tuple[str, ...]:
+    """Say of each parameter what determines its value.
+
+    Parameters
+    ----------
+    data : ndarray, shape (rows, parameters)
+        Rows of the regression that the data determine.
+    known : ndarray, shape (rows, parameters)
+        Rows of the equalities that hold by assumption.
+    elsewhere : str
+        Name for what determines parameters that neither touches.
+
+    Returns
+    -------
+    tuple of str
+        ``"constraint"`` (the equalities alone fix it), ``"data"`` (data and equalities
+        do), ``"combination"`` (they fix only sums it is part of), or `elsewhere`.
+    """
+    fixed = _part_in_row_space(known)
+    seen = _part_in_row_space(np.vstack([data, known]))
+    return tuple(
+        "constraint"
+        if f > 1.0 - _PURE
+        else "data"
+        if s > 1.0 - _PURE
+        else "combination"
+        if s > _PURE
+        else elsewhere
+        for f, s in zip(fixed, seen, strict=True)
+    )
+
+
+def _part_in_row_space(A: Matrix) -> Vector:
+    """Squared length of each unit vector's projection on the rows of a matrix."""
+    if not A.any():
+        return np.zeros(A.shape[1])
+    norms = np.linalg.norm(A, axis=1, keepdims=True)
+    _, s, Vt = np.linalg.svd(A / np.where(norms > 0.0, norms, 1.0), full_matrices=False)
+    rows = Vt[s > STRUCTURAL_TOLERANCE * s[0]]
+    return np.asarray(np.sum(rows**2, axis=0))
+
+
 @dataclass(frozen=True, slots=True)
 class ConditionNumber:
     """A condition number with what it is of; without that it means nothing.
@@ -207,48 +302,44 @@ def condition_number(
     return ConditionNumber(float(value), basis, scaling)
 
 
-def parameter_origins(
-    data: Matrix, known: Matrix, *, elsewhere: str
-) -> tuple[str, ...]:
-    """Say of each parameter what determines its value.
+@dataclass(frozen=True, slots=True, eq=False)
+class Excitation:
+    """How well the training data excite the robot.
 
     Parameters
     ----------
-    data : ndarray, shape (rows, parameters)
-        Rows of the regression that the data determine.
-    known : ndarray, shape (rows, parameters)
-        Rows of the equalities that hold by assumption.
-    elsewhere : str
-        Name for what determines parameters that neither touches.
-
-    Returns
-    -------
-    tuple of str
-        ``"constraint"`` (the equalities alone fix it), ``"data"`` (data and equalities
-        do), ``"combination"`` (they fix only sums it is part of), or `elsewhere`.
+    structural_rank : int
+        Number of base parameters, from random motions.
+    data_rank : int
+        How many of them the data determine.
+    condition : tuple of ConditionNumber
+        Of the base regressor, unscaled and with unit columns.
+    undetermined : tuple of str
+        Combinations of base parameters that the data do not determine.
     """
-    fixed = _part_in_row_space(known)
-    seen = _part_in_row_space(np.vstack([data, known]))
-    return tuple(
-        "constraint"
-        if f > 1.0 - _PURE
-        else "data"
-        if s > 1.0 - _PURE
-        else "combination"
-        if s > _PURE
-        else elsewhere
-        for f, s in zip(fixed, seen, strict=True)
+
+    structural_rank: int
+    data_rank: int
+    condition: tuple[ConditionNumber, ...]
+    undetermined: tuple[str, ...]
+
+
+def excitation_of(regression: Regression, base: BaseParameters) -> Excitation:
+    """Return rank and condition of the base regressor in the data."""
+    columns = list(base.independent)
+    R = regression.stacked()
+    solution = solve_linear(R[:, columns], R[:, -1])
+    return Excitation(
+        structural_rank=len(base),
+        data_rank=solution.rank,
+        condition=tuple(
+            condition_number(
+                R[:, columns], basis=f"{len(base)} base columns", unit_columns=unit
+            )
+            for unit in (False, True)
+        ),
+        undetermined=open_combinations(solution, base.names),
     )
-
-
-def _part_in_row_space(A: Matrix) -> Vector:
-    """Squared length of each unit vector's projection on the rows of a matrix."""
-    if not A.any():
-        return np.zeros(A.shape[1])
-    norms = np.linalg.norm(A, axis=1, keepdims=True)
-    _, s, Vt = np.linalg.svd(A / np.where(norms > 0.0, norms, 1.0), full_matrices=False)
-    rows = Vt[s > STRUCTURAL_TOLERANCE * s[0]]
-    return np.asarray(np.sum(rows**2, axis=0))
 
 
 def open_combinations(

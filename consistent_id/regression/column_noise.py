@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
-from consistent_id._support.threads import single_threaded
+from consistent_id._support.executors import single_threaded
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.linear import solve_linear

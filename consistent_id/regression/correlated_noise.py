@@ -1,23 +1,43 @@
-"""What correlated noise does to least squares, from the spectra of its residuals.
+"""How noise is correlated along recordings, and what that does to least squares.
 
 Of noise ``e`` with the spectrum ``P(f)``, the scores ``Y^T e`` of a joint's rows have
-the covariance ``sum_f P(f) y(f) y(f)^H``, ``y(f)`` being the transformed rows: noise
-matters as far as it is as fast as the motion.  A fit takes the share ``h(f)``, the
-leverage, of the power at each frequency; so
+the covariance ``sum_f P(f) y(f) y(f)^H``, ``y(f)`` being the transformed rows: only
+noise in the motion's frequency band affects the parameters.  A fit takes the share
+``h(f)``, the leverage, of the power at each frequency; so
 
 ``P = smoothed |r(f)|^2 / smoothed (1 - h(f))``
 
 is right on average however many parameters were fitted to however few samples.  White
 noise has the same ``P`` everywhere.
+
+A shorter measure is the number of samples that carry as much information as one
+independent sample.  The mean of ``n`` samples of noise whose autocorrelation is ``rho``
+scatters as that of ``n / (1 + 2 sum_k rho_k)`` independent ones; so do parameters whose
+columns of the regressor change slowly beside the noise.  The sum ends where the
+estimated ``rho`` first falls below zero: what comes later is chance [Sokal1997]_.
+Filtered torque, and friction that is not what the model says, have residuals that go on
+for many samples.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.executors import single_threaded
+from consistent_id.regression.linear import DATA_RANK_TOLERANCE
+from consistent_id.regression.motion_arrays import Motion, RowFilter
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.row_structure import row_structure
 from consistent_id.regression.triangles import extended, triangle
+
+SHOWN = 2**14
+"""Rows of a recording whose residuals show how noise is correlated."""
+
+_NO_SPECTRUM = 1e-9
+"""Residual, relative to the torque, that is rounding and has no spectrum of its own."""
 
 _BAND = 0.5
 """Frequencies over which a spectrum is averaged, in cube roots of the samples: six of a
@@ -26,6 +46,13 @@ frequencies; narrower ones scatter.  `benchmarks/coverage.py` shows what comes o
 
 _LEFT = 0.05
 """Least share of the power that a fit is taken to leave at any frequency."""
+
+_ROUNDS = 3  # of weights and solution; joints' levels settle to a few per cent
+_EXACT = 1e-6  # residual, relative to the torque, that counts as none
+
+_AUTOCOVARIANCE_WINDOW = 2**16
+"""Samples whose autocorrelation is found at a time; pairs across windows are left out,
+which are few beside noise of up to a thousand samples."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,6 +85,138 @@ def joined_noise(parts: Sequence[CorrelatedNoise]) -> CorrelatedNoise:
     return CorrelatedNoise(
         np.sum([part.effective for part in parts], axis=0),
         tuple(_compressed(np.vstack(scores)) for scores in of_joints),
+    )
+
+
+class JointFit(NamedTuple):
+    """A fit whose residuals show each joint's noise.
+
+    Parameters
+    ----------
+    x : ndarray, shape (parameters,)
+        The smallest solution.
+    noise : ndarray, shape (joints,), [N m or N]
+        RMS residual, or a millionth of the torque.
+    weights : ndarray, shape (joints,), [N m or N]
+        By which rows were divided.
+    steps : ndarray, shape (parameters, rank)
+        All rows so divided, times these, are orthonormal.
+    """
+
+    x: Vector
+    noise: Vector
+    weights: Vector
+    steps: Matrix
+
+
+def joint_fit(factors: Sequence[Matrix], counts: Sequence[int]) -> JointFit:
+    """Fit parameters to the triangular factors of joints.
+
+    Weights and solution alternate, from weights of one.  Rank is decided on unit
+    columns.
+    """
+    width = factors[0].shape[1]
+    size = np.sqrt(counts)
+    torque = np.array([np.linalg.norm(F[:, -1]) for F in factors]) / size
+    floor = _EXACT * np.maximum(torque, _EXACT * (torque.max() or 1.0))
+    noise = np.ones(len(factors))
+    for _ in range(_ROUNDS):
+        weights = noise
+        rows = np.vstack([F / s for F, s in zip(factors, weights, strict=True)])
+        norms = np.linalg.norm(rows[:, :-1], axis=0)
+        # LAPACK's fast SVD may not converge where columns are zero: they are left out.
+        kept = np.flatnonzero(norms > DATA_RANK_TOLERANCE * norms.max())
+        R = triangle(np.asfortranarray(rows[:, [*kept, -1]]))
+        U, s, Vt = np.linalg.svd(R[:, :-1] / norms[kept], full_matrices=False)
+        rank = int((s > DATA_RANK_TOLERANCE * s.max(initial=1e-300)).sum())
+        steps = np.zeros((width - 1, rank))
+        steps[kept] = (Vt[:rank].T / s[:rank]) / norms[kept, None]
+        x = steps @ (U[:, :rank].T @ R[:, -1])
+        z = np.append(x, -1.0).reshape(width)
+        rest = np.array([np.linalg.norm(F @ z) for F in factors]) / size
+        noise = np.maximum(rest, floor)
+    return JointFit(x, noise, weights, steps)
+
+
+@single_threaded
+def recorded_noise(
+    model: TorqueModel,
+    factors: Sequence[Matrix],
+    counts: Sequence[int],
+    motions: Sequence[Motion],
+    kept: Sequence[range],
+    row_filter: RowFilter,
+    samples: Sequence[int] | None = None,
+) -> CorrelatedNoise:
+    """Return the noise behind a regression, as its recordings show it.
+
+    Parameters
+    ----------
+    factors : sequence of ndarray, each shape (rows, parameters + 1)
+    counts : sequence of int
+        The triangular factor of each joint, and the samples behind it.
+    motions : sequence of Motion
+        Of its recordings, or of `SHOWN` samples in the middle of each.
+    kept : sequence of range
+        Samples of each motion whose rows are kept.
+    samples : sequence of int, optional
+        Of each whole recording, where of some the middle alone is left.
+    """
+    fit = joint_fit(factors, counts)
+    parts = []
+    for k, (motion, rows) in enumerate(zip(motions, kept, strict=True)):
+        shown = _middle(motion, rows, row_filter)
+        noise = _noise_along(model, fit, *shown, row_filter)
+        total = len(rows) if samples is None else samples[k]
+        parts.append(noise.share(total / len(shown[1])))
+    return joined_noise(parts)
+
+
+def _middle(
+    motion: Motion, centres: range, row_filter: RowFilter
+) -> tuple[Motion, range]:
+    """Return so much of a motion's middle as shows how noise is correlated."""
+    surplus = len(centres) - SHOWN
+    if surplus <= 0:
+        return motion, centres
+    rows = centres[surplus // 2 : surplus // 2 + SHOWN]
+    start, stop = rows[0] - row_filter.reach, rows[-1] + row_filter.reach + 1
+    return motion.samples(start, stop), range(
+        row_filter.reach, stop - start - row_filter.reach, rows.step
+    )
+
+
+def _noise_along(
+    model: TorqueModel,
+    fit: JointFit,
+    motion: Motion,
+    centres: range,
+    row_filter: RowFilter,
+) -> CorrelatedNoise:
+    """Return the noise that a fit leaves along a motion, of the rows at `centres`."""
+    structure = row_structure(model, mixed=motion.mixing is not None)
+    columns = [kept for kept, _ in structure]
+    n = len(motion.q)
+    of_joints = [np.empty((n, len(kept) + 1), order="F") for kept in columns]
+    for part, blocks in motion.rows(model, columns):
+        for rows, block in zip(of_joints, blocks, strict=True):
+            rows[part] = block
+    counts, found = motion.counts(centres), []
+    whole = motion.noise_lost(centres)
+    for j, (_, expand) in enumerate(structure):
+        rows = of_joints[j]
+        pieces = [row_filter(rows[piece]) for piece in row_filter.pieces(centres)]
+        rows = np.vstack(pieces) if len(pieces) > 1 else pieces[0]
+        residual = rows[:, -1] - rows[:, :-1] @ (expand @ fit.x)
+        steps = expand @ fit.steps / fit.weights[j]
+        if np.linalg.norm(residual) <= _NO_SPECTRUM * np.linalg.norm(rows[:, -1]):
+            noise = white_noise(rows[:, :-1], residual)
+        else:
+            noise = spectral_noise(rows[:, :-1], residual, steps)
+        found.append((whole[j] * noise.scores @ expand, counts[j] / noise.length))
+    return CorrelatedNoise(
+        np.array([max(effective, 1e-3) for _, effective in found]),
+        tuple(scores for scores, _ in found),
     )
 
 
@@ -119,12 +278,6 @@ def _spectra(rows: Matrix) -> Matrix:
     return np.concatenate([spectra.real, spectra.imag], axis=1).T
 
 
-def white_noise(rows: Matrix, residual: Vector) -> JointNoise:
-    """Return noise with the residual's variance that is not correlated."""
-    rms = float(np.sqrt(np.mean(residual**2)))
-    return JointNoise(_compressed(rows * rms), 1.0)
-
-
 def _smoothed(spectrum: Vector, width: int) -> Vector:
     """Return running means over `width` frequencies, reflected at both ends."""
     width = min(width, len(spectrum))
@@ -134,6 +287,63 @@ def _smoothed(spectrum: Vector, width: int) -> Vector:
     return np.asarray((sums[width:] - sums[:-width]) / width)
 
 
+def white_noise(rows: Matrix, residual: Vector) -> JointNoise:
+    """Return noise with the residual's variance that is not correlated."""
+    rms = float(np.sqrt(np.mean(residual**2)))
+    return JointNoise(_compressed(rows * rms), 1.0)
+
+
 def _compressed(rows: Matrix) -> Matrix:
     """Return the triangular factor of rows, destroying them."""
     return extended(np.zeros((0, rows.shape[1])), np.asfortranarray(rows))
+
+
+def correlation_length(residuals: Sequence[Vector], sigma: Vector) -> float:
+    """Return how many samples carry as much information as one independent sample.
+
+    The mean over joints of `correlation_lengths`, by their share of the misfit, each
+    `residuals` being one joint's.
+    """
+    lengths = [float(correlation_lengths([r[:, None]])[0]) for r in residuals]
+    weights = [float(r @ r) / s**2 for r, s in zip(residuals, sigma, strict=True)]
+    return float(np.average(lengths, weights=weights)) if any(weights) else 1.0
+
+
+def correlation_lengths(residuals: Sequence[Array]) -> Vector:
+    """Return each joint's ``1 + 2 sum_k rho_k``, at least one.
+
+    Autocovariances of several recordings add.
+
+    Parameters
+    ----------
+    residuals : sequence of ndarray, each shape (samples, joints)
+        One for each recording, at equal steps.
+
+    Returns
+    -------
+    ndarray, shape (joints,)
+    """
+    lengths = np.ones(residuals[0].shape[1])
+    for j in range(len(lengths)):
+        sums = _autocovariance([r[:, j] for r in residuals])
+        if sums[0] == 0.0:
+            continue
+        rho = sums / sums[0]
+        stop = int(np.argmax(rho < 0.0)) if (rho < 0.0).any() else len(rho)
+        lengths[j] = max(1.0 + 2.0 * float(rho[1:stop].sum()), 1.0)
+    return lengths
+
+
+def _autocovariance(series: Sequence[Vector]) -> Vector:
+    """Return ``sum_t r_t r_(t+k)`` by lag, summed over recordings and windows."""
+    pieces = [
+        r[first : first + _AUTOCOVARIANCE_WINDOW]
+        for r in series
+        for first in range(0, len(r), _AUTOCOVARIANCE_WINDOW)
+    ]
+    sums = np.zeros(max(len(piece) for piece in pieces))
+    for piece in pieces:
+        size = 2 ** int(np.ceil(np.log2(2 * len(piece))))
+        power = abs(np.fft.rfft(piece, size)) ** 2
+        sums[: len(piece)] += np.fft.irfft(power, size)[: len(piece)]
+    return sums

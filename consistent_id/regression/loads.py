@@ -1,44 +1,64 @@
 """The torque that joints transmit, where friction depends on it."""
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector, frozen
 from consistent_id.errors import ProblemError
-from consistent_id.recordings.base_motion import BaseMotion
-from consistent_id.regression.joint_geometry import floats, joint_geometry, link_motions
-from consistent_id.regression.model_rows import rows_of
-from consistent_id.regression.newton_euler import regressor_entries
+from consistent_id.recordings.beside import BaseMotion
+from consistent_id.regression.drive.drive_terms import DriveTerms
+from consistent_id.regression.newton_euler import (
+    floats,
+    joint_geometry,
+    link_motions,
+    regressor_entries,
+)
 from consistent_id.robot.model import RobotModel
-
-if TYPE_CHECKING:
-    from consistent_id.regression.regressor import TorqueModel
 
 _NO_LOAD = 1e-9  # torque over the sum of its parts' sizes that is rounding alone
 
 
-def checked_reference(model: "TorqueModel") -> Vector | None:
-    """Return the inertial parameters that loads are computed from, if any is needed."""
+def checked_reference(
+    robot: RobotModel, drive: Sequence[DriveTerms], given: Vector | None
+) -> Vector | None:
+    """Return the inertial parameters that loads are computed from, if any is needed.
+
+    Parameters
+    ----------
+    drive : sequence of DriveTerms
+        Of each joint.
+    given : array_like, shape (10 links,), optional
+        By default the nominal robot's.
+
+    Raises
+    ------
+    ProblemError
+        If they are needed and not known, or put no load on a joint that needs one.
+    """
     in_need = [
         name
-        for name, terms in zip(model.robot.joint_names, model.terms, strict=True)
+        for name, terms in zip(robot.joint_names, drive, strict=True)
         if terms.needs_load
     ]
     if not in_need:
         return None
-    given = model.load_reference
-    reference = model.robot.nominal if given is None else given
+    reference = robot.nominal if given is None else given
     if reference is None:
         raise ProblemError(
             f"friction of {', '.join(in_need)} depends on the load, but some links' "
             "nominal parameters are unknown; give load_reference, or leave "
             "load_friction out"
         )
-    reference = frozen(reference, (model.layout.inertial_size,), "load_reference")
-    _require_load(model, reference)
+    reference = frozen(reference, (10 * len(robot.links),), "load_reference")
+    idle = unloaded_joints(robot, reference)
+    without = [name for name in in_need if name in idle]
+    if without:
+        raise ProblemError(
+            f"the robot of the nominal parameters puts no load on {', '.join(without)}"
+            "; leave load_friction out there, or give load_reference"
+        )
     return reference
 
 
@@ -78,27 +98,3 @@ def _rigid_probe(robot: RobotModel) -> Array:
         if j < len(robot):  # the others are the base's
             probe[j, k] = np.stack([np.broadcast_to(x, 8) for x in entries])
     return probe
-
-
-def _require_load(model: "TorqueModel", reference: Vector) -> None:
-    """Refuse friction that depends on a load which is rounding alone."""
-    idle = unloaded_joints(model.robot, reference)
-    without = [
-        name
-        for name, terms in zip(model.robot.joint_names, model.terms, strict=True)
-        if terms.needs_load and name in idle
-    ]
-    if without:
-        raise ProblemError(
-            f"the robot of the nominal parameters puts no load on {', '.join(without)}"
-            "; leave load_friction out there, or give load_reference"
-        )
-
-
-def loaded(model: "TorqueModel") -> Iterator[tuple[int, Vector]]:
-    """Yield joints that have a row and a load, and what the load is computed from."""
-    for j in rows_of(model):
-        if j >= len(model.terms) or model.load_reference is None:
-            continue  # a row of the base, which has no drive
-        if model.terms[j].needs_load:
-            yield j, model.load_reference

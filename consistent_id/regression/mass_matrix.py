@@ -1,28 +1,58 @@
-"""The joint-space mass matrix over many poses, and its least eigenvalue."""
+"""The joint-space mass matrix over many poses, and its least eigenvalue.
+
+By composite bodies [Featherstone2008]_, all in the base frame.  A unit rate of joint
+``j`` moves the links behind it, taken as one body of mass ``m``, first moment ``h`` and
+second moment ``S``, with the twist ``(e, v)``.  That body's momentum is
+``f = m v + e x h`` and ``n = tr(S) e - S e + h x v``, and for ``i`` on the way from the
+base to ``j`` ``M_ij = e_i.n_j + v_i.f_j``.
+"""
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, BoolArray, IntArray, Matrix, Vector
-from consistent_id.regression.compiled.masses import mass_entries
-from consistent_id.regression.compiled.sines import sine_and_cosine
-from consistent_id.regression.composite_bodies import (
-    entries_by_numpy,
-    moments_of,
-    tree_of,
+from consistent_id._support.arrays import (
+    Array,
+    BoolArray,
+    IntArray,
+    Matrix,
+    Vector,
+    chunks,
 )
-from consistent_id.regression.drive_entries import drive_entries
 from consistent_id.regression.regressor import CHUNK, TorqueModel
 from consistent_id.robot.inertia import pseudo_inertia
 from consistent_id.robot.kinematics import ancestors
-from consistent_id.robot.model import RobotModel
+from consistent_id.robot.model import Joint, RobotModel
 
 POSES = 10_000
 """Random poses at which mass matrices are examined."""
 
 _PIVOT = 1e-100  # below, a division may overflow
 _FIRST = 64  # poses from whose least eigenvalue the search for a smaller one starts
+_SYMMETRIC = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # of xx, yy, zz, xy, xz, yz
+
+
+class _BodyTree(NamedTuple):
+    """Moving joints, those before others that they carry.
+
+    Parameters
+    ----------
+    parents : ndarray, shape (joints,)
+        Places of the joints that carry them; -1 for the base.
+    slides : ndarray, shape (joints,)
+        Whether a joint slides.
+    parts : ndarray, shape (joints, 4, 12)
+        Rotation by rows, then origin, of the link in its parent's axes: what is
+        constant, and what goes with sine, cosine and position.
+    axes : ndarray, shape (joints, 3)
+        In the link's own axes.
+    """
+
+    parents: IntArray
+    slides: BoolArray
+    parts: Array
+    axes: Array
 
 
 def random_poses(model: TorqueModel, count: int, seed: int) -> Array:
@@ -79,17 +109,11 @@ def _of_links(
     """
     moves = robot.transmissions
     moving = [k for k, moved in enumerate(moves) if moved.ratio]
-    tree, moments = tree_of(robot, moving), moments_of(links[moving])
-    entries_of = mass_entries(len(q), entries_by_numpy)
-    for start in range(0, len(q), CHUNK):
-        part = slice(start, start + CHUNK)
+    tree, moments = _tree_of(robot, moving), _moments_of(links[moving])
+    for part in chunks(len(q), CHUNK):
         x = robot.joint_positions(q[part]).T[moving]
-        positions = np.empty((len(moving), 3, x.shape[1]))
-        positions[:, 0] = x
-        for row in positions:
-            sine_and_cosine(row[0], row[1:])
-        entries = entries_of(tree, moments, positions)
-        for (i, j), values in zip(tree.pairs, entries, strict=True):
+        positions = np.stack([x, np.sin(x), np.cos(x)], axis=1)
+        for (i, j), values in _entries(tree, moments, positions):
             first, second = moves[moving[i]], moves[moving[j]]
             a, b = first.coordinate, second.coordinate
             both = first.ratio * second.ratio * (2.0 if a == b and i != j else 1.0)
@@ -152,6 +176,104 @@ def _of_drives(model: TorqueModel, parameters: Vector) -> Matrix:
     n = len(model.robot)
     rest, unit = np.zeros((n, n + 1)), np.eye(n, n + 1)
     torque, loads = np.zeros((n, n + 1)), dict.fromkeys(range(n), np.zeros(n + 1))
-    for j, column, values in drive_entries(model, rest, rest, unit, loads):
+    for j, column, values in model.drive_entries(rest, rest, unit, loads):
         torque[j] += parameters[column] * values
     return np.asarray(torque[:, :n] - torque[:, n:])
+
+
+def _tree_of(robot: RobotModel, moving: list[int]) -> _BodyTree:
+    """Return a robot's moving joints, as if each moved by itself."""
+    place = {k: i for i, k in enumerate(moving)}
+    joints = [robot.joints[k] for k in moving]
+    return _BodyTree(
+        np.array([place.get(joint.parent, -1) for joint in joints], dtype=np.intp),
+        np.array([joint.kind == "prismatic" for joint in joints], dtype=bool),
+        np.array([_parts(joint) for joint in joints]).reshape(-1, 4, 12),
+        np.array([joint.axis for joint in joints]).reshape(-1, 3),
+    )
+
+
+def _parts(joint: Joint) -> Array:
+    """Return the parts of a link's pose that go with 1, sine, cosine and position."""
+    R, parts = joint.rotation, np.zeros((4, 12))
+    parts[0, 9:] = joint.translation
+    if joint.kind == "prismatic":
+        parts[0, :9] = R.ravel()
+        parts[3, 9:] = R @ joint.axis
+        return parts
+    K = np.cross(np.eye(3), joint.axis)  # ``K u = axis x u``, of Rodrigues' formula
+    rotations = R @ (np.eye(3) + K @ K), R @ K, -R @ K @ K
+    parts[:3, :9] = [rotation.ravel() for rotation in rotations]
+    return parts
+
+
+def _moments_of(links: Array) -> Array:
+    """Return ``m, h`` and ``S = tr(I) 1 / 2 - I`` of inertial parameters."""
+    Ixx, Ixy, Iyy, Ixz, Iyz, Izz = links[:, 4:].T
+    half = (Ixx + Iyy + Izz) / 2
+    second = half - Ixx, half - Iyy, half - Izz, -Ixy, -Ixz, -Iyz
+    return np.column_stack([links[:, :4], *second])
+
+
+def _entries(
+    tree: _BodyTree, moments: Array, positions: Array
+) -> Iterator[tuple[tuple[int, int], Vector]]:
+    """Yield ``(i, j)``, ``i`` on the way from the base to ``j``, and their entry.
+
+    Of the links' moments, shape (joints, 10), and ``q, sin q, cos q``, shape (joints,
+    3, poses).
+    """
+    poses: list[Array] = []
+    twists: list[Array] = []
+    bodies: list[Array] = []
+    count = positions.shape[2]
+    for k, parent in enumerate(tree.parents.tolist()):
+        q, sine, cosine = positions[k]
+        waves = np.array([np.ones(count), sine, cosine, q])
+        flat = tree.parts[k].T @ waves
+        R, p = flat[:9].reshape(3, 3, count), flat[9:]
+        if parent >= 0:
+            before, origin = poses[parent][:, :3], poses[parent][:, 3]
+            R, p = _times(before, R), np.einsum("abn,bn->an", before, p) + origin
+        poses.append(np.concatenate([R, p[:, None]], axis=1))
+        axis = np.einsum("abn,b->an", R, tree.axes[k])
+        still = np.zeros_like(axis)
+        e, v = (still, axis) if tree.slides[k] else (axis, _cross(p, axis))
+        twists.append(np.concatenate([e, v]))
+        bodies.append(_moved(moments[k], poses[-1]))
+    for j in reversed(range(len(tree.parents))):
+        momentum, i = _momentum(bodies[j], twists[j]), j
+        while i >= 0:
+            yield (i, j), np.einsum("an,an->n", twists[i], momentum)
+            i = int(tree.parents[i])
+        if (parent := int(tree.parents[j])) >= 0:
+            bodies[parent] = bodies[parent] + bodies[j]
+
+
+def _moved(moments: Array, pose: Array) -> Array:
+    """Return a link's moments ``[[S h] [h^T m]]`` at the base, shape (4, 4, poses)."""
+    J = np.empty((4, 4))
+    J[:3, :3], J[:3, 3], J[3, :3] = moments[4:][_SYMMETRIC], *([moments[1:4]] * 2)
+    J[3, 3] = moments[0]
+    whole = np.concatenate([pose, np.zeros((1, 4, pose.shape[2]))])
+    whole[3, 3] = 1.0
+    half = np.einsum("abn,bc->acn", whole, J)
+    return np.asarray(np.einsum("acn,dcn->adn", half, whole))
+
+
+def _momentum(body: Array, twist: Array) -> Array:
+    """Return ``(n, f)``, shape (6, poses)."""
+    S, h, m, e, v = body[:3, :3], body[:3, 3], body[3, 3], twist[:3], twist[3:]
+    n = np.einsum("aan->n", S) * e - np.einsum("abn,bn->an", S, e)
+    return np.concatenate([n + _cross(h, v), m * v + _cross(e, h)])
+
+
+def _times(A: Array, B: Array) -> Array:
+    return np.asarray(np.einsum("abn,bcn->acn", A, B))
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Return the cross product of vectors, shape (3, poses)."""
+    x, y, z = a
+    u, v, w = b
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u])

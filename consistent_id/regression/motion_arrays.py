@@ -1,11 +1,19 @@
-"""A recording's arrays in a torque model's order of joints."""
+"""A recording's arrays in a torque model's order of joints, and rows along them.
+
+Rows may be filtered and thinned out.  A filter on motion and torque leaves the
+equations only nearly true: the regressor is not linear in the motion, least of all
+where a joint turns back and friction jumps.  A filter on the rows themselves and on the
+torque (`RowFilter`) leaves them exactly true, ``sum_k h_k Y_k x = sum_k h_k tau_k``,
+whatever the weights of the rows.
+"""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
-from functools import lru_cache
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import (
     Array,
@@ -16,11 +24,15 @@ from consistent_id._support.arrays import (
     frozen,
 )
 from consistent_id.errors import ProblemError, RecordingError
-from consistent_id.recordings.base_motion import BaseMotion
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.beside import BaseMotion
+from consistent_id.recordings.recording import Recording, states
 from consistent_id.regression.regressor import CHUNK, TorqueModel
-from consistent_id.regression.rows.contact_mixing import ContactMixing, contact_mixing
+from consistent_id.regression.rows.contact_maps import ContactMixing, contact_mixing
 from consistent_id.regression.rows.generalised_forces import measured_forces
+
+_REACH = 8  # kept samples on either side that one is mixed from
+_PIECE = 4 * CHUNK  # samples that one worker compresses before factors are merged
+_PASSED = 0.8  # cut-off over the new Nyquist frequency
 
 
 class Motion(NamedTuple):
@@ -173,27 +185,6 @@ def motion_of(
     return _without_contacts(motion, mixing)
 
 
-def predicted_torque(model: TorqueModel, x: Vector, recording: Recording) -> Array:
-    """Return the torque of parameters along a recording, whether it has torque or not.
-
-    Without forces of unmeasured contacts, as in `Motion`.
-
-    Raises
-    ------
-    ProblemError
-        If the recording has no velocity or acceleration.
-    """
-    q, dq, ddq = _state(model, recording)
-    if dq is None or ddq is None:
-        raise ProblemError(
-            f"{recording.name}: torques need velocity and acceleration; call "
-            "signals.differentiated(recording) first"
-        )
-    whole = model.predict(x, q, dq, ddq, base=recording.base)
-    mixing = _mixing(model, recording)
-    return whole if mixing is None else mixing.mixed(whole)
-
-
 @lru_cache(maxsize=4)
 def _mixing(model: TorqueModel, recording: Recording) -> ContactMixing | None:
     """Return how a recording's rows are mixed, with its maps held.
@@ -237,3 +228,126 @@ def _without_contacts(motion: Motion, mixing: ContactMixing) -> Motion:
         shares[part] = np.diagonal(maps, axis1=1, axis2=2)
     peaks = abs(motion.torque).max(axis=0)
     return motion._replace(torque=torque, mixing=mixing, peaks=peaks, shares=shares)
+
+
+def predicted_torque(model: TorqueModel, x: Vector, recording: Recording) -> Array:
+    """Return the torque of parameters along a recording, whether it has torque or not.
+
+    Without forces of unmeasured contacts, as in `Motion`.
+
+    Raises
+    ------
+    ProblemError
+        If the recording has no velocity or acceleration.
+    """
+    q, dq, ddq = _state(model, recording)
+    if dq is None or ddq is None:
+        raise ProblemError(
+            f"{recording.name}: torques need velocity and acceleration; call "
+            "signals.differentiated(recording) first"
+        )
+    whole = model.predict(x, q, dq, ddq, base=recording.base)
+    mixing = _mixing(model, recording)
+    return whole if mixing is None else mixing.mixed(whole)
+
+
+def simulate_torque(
+    model: TorqueModel,
+    parameters: ArrayLike,
+    motion: Recording,
+    *,
+    noise: ArrayLike = 0.0,
+    rng: np.random.Generator | None = None,
+) -> Recording:
+    """Return a motion with the torques of known parameters, and white noise on them.
+
+    All joints get their torque, also those whose torque the model does without.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    parameters : array_like, shape (parameters,)
+    motion : Recording
+        With velocity and acceleration.
+    noise : array_like, shape () or (joints,), [N m or N]
+        Standard deviation.
+    rng : numpy.random.Generator, optional
+        Needed for noise.
+    """
+    motion = motion.of(model.robot.joint_names)
+    torque = replace(model, torque_joints=()).predict(parameters, *states(motion))
+    shape = torque.shape[1:] if np.ndim(noise) else ()
+    sigma = frozen(noise, shape, "noise")
+    if sigma.any():
+        if rng is None:
+            raise ProblemError("noise needs a random generator; pass rng=")
+        torque = torque + rng.normal(size=torque.shape) * sigma
+    return replace(motion, torque=torque, name=f"{motion.name} (simulated)")
+
+
+@dataclass(frozen=True)
+class RowFilter:
+    """Keeps every `factor`-th row, each mixed from those around it, without lag.
+
+    Parameters
+    ----------
+    factor : int
+        1 keeps the rows as they are.
+    """
+
+    factor: int = 1
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.factor, int) or self.factor < 1:
+            raise ProblemError(
+                f"decimation factor is {self.factor!r}, expected 1, 2, 3, ..."
+            )
+
+    @property
+    def reach(self) -> int:
+        """Samples on either side of a row that have a part in it."""
+        return 0 if self.factor == 1 else _REACH * self.factor
+
+    @cached_property
+    def kernel(self) -> Vector:
+        """Symmetric, of sum 1: a windowed sinc at 0.8 of the new Nyquist frequency."""
+        from scipy.signal import firwin
+
+        return np.asarray(firwin(2 * self.reach + 1, _PASSED / self.factor))
+
+    def centres(self, samples: int, name: str) -> range:
+        """Return the samples whose rows are kept, all with their full reach.
+
+        Raises
+        ------
+        RecordingError
+            If there is none.
+        """
+        kept = range(self.reach, samples - self.reach, self.factor)
+        if len(kept) == 0:
+            raise RecordingError(
+                f"{name}: {samples} samples, of which the filter for a decimation by "
+                f"{self.factor} takes {2 * self.reach + 1} for one row"
+            )
+        return kept
+
+    def pieces(self, centres: range) -> Iterator[slice]:
+        """Yield samples that are compressed in one go, with a reach on either side."""
+        if self.factor == 1:
+            size = _PIECE
+        else:
+            size = max((CHUNK - 2 * self.reach) // self.factor, 4 * _REACH)
+        for first in range(0, len(centres), size):
+            some = centres[first : first + size]
+            yield slice(some[0] - self.reach, some[-1] + self.reach + 1)
+
+    def __call__(self, rows: Matrix) -> Array:
+        """Return the kept rows of a piece that begins and ends a reach beyond them."""
+        if self.factor == 1:
+            return rows
+        from scipy.signal import upfirdn
+
+        mixed = upfirdn(self.kernel, rows, down=self.factor, axis=0)
+        first = 2 * _REACH
+        last = (len(rows) - 1) // self.factor
+        return np.asarray(mixed[first : last + 1])

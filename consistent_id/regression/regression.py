@@ -22,15 +22,17 @@ from consistent_id._support.arrays import (
     freeze,
     frozen,
 )
-from consistent_id._support.threads import single_threaded, worker_threads
+from consistent_id._support.executors import single_threaded, worker_threads
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
-from consistent_id.regression.correlated_noise import CorrelatedNoise, joined_noise
-from consistent_id.regression.motion_arrays import Motion, motion_of
-from consistent_id.regression.recorded_noise import with_noise
+from consistent_id.regression.correlated_noise import (
+    CorrelatedNoise,
+    joined_noise,
+    recorded_noise,
+)
+from consistent_id.regression.motion_arrays import Motion, RowFilter, motion_of
 from consistent_id.regression.regressor import CHUNK, TorqueModel
-from consistent_id.regression.row_filter import RowFilter
 from consistent_id.regression.row_structure import row_structure
 from consistent_id.regression.triangles import extended
 from consistent_id.regression.triangles import triangle as triangle
@@ -277,6 +279,20 @@ def compressed_pieces(
     return tuple(replace(r, noise=noise.share(sum(r.counts) / total)) for r in found)
 
 
+def with_noise(
+    model: TorqueModel,
+    regression: Regression,
+    motions: Sequence[Motion],
+    kept: Sequence[range],
+    row_filter: RowFilter,
+    samples: Sequence[int] | None = None,
+) -> Regression:
+    """Return a regression with the noise that its recordings show: `recorded_noise`."""
+    factors, counts = regression.factors, regression.counts
+    noise = recorded_noise(model, factors, counts, motions, kept, row_filter, samples)
+    return replace(regression, noise=noise)
+
+
 def _compressed(
     model: TorqueModel,
     motions: Sequence[Motion],
@@ -336,7 +352,10 @@ def _peaks(motion: Motion) -> Vector:
     if motion.peaks is not None:
         return motion.peaks
     counted = True if motion.weights is None else motion.weights != 0.0
-    return np.asarray(abs(motion.torque).max(axis=0, where=counted, initial=0.0))
+    # Not of abs(torque), which takes the memory of all torques.
+    highest = motion.torque.max(axis=0, where=counted, initial=0.0)
+    lowest = motion.torque.min(axis=0, where=counted, initial=0.0)
+    return np.asarray(np.maximum(highest, -lowest))
 
 
 def _compress(

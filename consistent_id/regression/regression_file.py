@@ -101,9 +101,11 @@ def load_regression(path: str | Path) -> Regression:
     >>> model = ci.TorqueModel(ci.from_modified_dh("arm", [ci.DHRow(0, 0)]))
     >>> rng = np.random.default_rng(0)
     >>> log = ci.Recording(("joint1",), np.arange(9.0), *rng.normal(size=(4, 9, 1)))
+    >>> from consistent_id.regression import load_regression, save_regression
+    >>> regression = ci.build_regression(model, log)
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = ci.save_regression(ci.build_regression(model, log), f"{folder}/a")
-    ...     (ci.load_regression(file) + ci.load_regression(file)).counts
+    ...     file = save_regression(regression, f"{folder}/a")
+    ...     (load_regression(file) + load_regression(file)).counts
     (18,)
     """
     path = Path(path)

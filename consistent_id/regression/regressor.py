@@ -4,11 +4,11 @@
 drive terms of each joint and of coupled joints.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from hashlib import sha256
-from typing import TypeVar
+from typing import Any, TypeVar, final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,29 +19,30 @@ from consistent_id._support.arrays import (
     Matrix,
     Vector,
     checked,
+    chunks,
     freeze,
     frozen,
 )
 from consistent_id.errors import ProblemError
-from consistent_id.recordings.base_motion import BaseMotion
-from consistent_id.regression.compiled.entries import fill_entries
-from consistent_id.regression.compiled.sines import sine_and_cosine
+from consistent_id.recordings.beside import BaseMotion
 from consistent_id.regression.drive.drive_terms import DriveTerms
-from consistent_id.regression.drive.gear_coupling import GearCoupling
+from consistent_id.regression.drive.gear_coupling import GearCoupling, coupled_joints
 from consistent_id.regression.drive.term import DriveTerm
-from consistent_id.regression.drive_entries import coupled_joints, drive_entries
-from consistent_id.regression.joint_geometry import (
+from consistent_id.regression.loads import checked_reference
+from consistent_id.regression.newton_euler import (
+    JointGeometry,
+    Scalar,
     floats,
     joint_geometry,
     link_motions,
+    regressor_entries,
+    torque_parts,
 )
-from consistent_id.regression.kept_columns import KeptColumns
-from consistent_id.regression.loads import checked_reference, loaded
-from consistent_id.regression.model_rows import biased_rows, in_order, rows_of
-from consistent_id.regression.model_torque import model_torque
-from consistent_id.regression.newton_euler import JointGeometry
 from consistent_id.regression.row_names import (
+    BASE_ROWS,
     BASE_UNITS,
+    CONTACT_FREE,
+    rows_in_order,
 )
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import ParameterLayout
@@ -49,12 +50,56 @@ from consistent_id.robot.parameters import ParameterLayout
 CHUNK = 4072
 """Samples per chunk: keeps the recursion's arrays in the processor's cache.
 
-An odd multiple of a line of the cache, which holds 8 numbers.  Columns that lie a power
-of two apart share few places there: try ``benchmarks/compiled.py --chunk 4096``.
+An odd multiple of a line of the cache, which holds 8 numbers: columns that lie a power
+of two apart share few places there.
 """
 
 
-_Room = TypeVar("_Room", Array, KeptColumns)
+@final
+@dataclass(frozen=True, slots=True, eq=False)
+class _KeptColumns:
+    """Some columns of each row, written to like an array (rows, parameters, samples).
+
+    What is written to other columns is dropped.
+
+    Parameters
+    ----------
+    places : ndarray, shape (rows, parameters)
+        Where a column is in its row's block; -1 if it is dropped.
+    blocks : sequence of ndarray, each shape (samples, columns kept + 1)
+        In Fortran's order, the last column left for the torque.
+    """
+
+    places: IntArray
+    blocks: Sequence[Matrix]
+
+    @classmethod
+    def empty(
+        cls, kept: Sequence[IntArray], width: int, samples: int
+    ) -> "_KeptColumns":
+        """Return rows that are to be written to."""
+        places = np.full((len(kept), width), -1)
+        for row, columns in zip(places, kept, strict=True):
+            row[columns] = range(len(columns))
+        shapes = [(samples, len(columns) + 1) for columns in kept]
+        return cls(places, [np.empty(shape, order="F") for shape in shapes])
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Rows, parameters and samples."""
+        return (*self.places.shape, len(self.blocks[0]))
+
+    def first(self, samples: int) -> "_KeptColumns":
+        """Return the first samples, as a view."""
+        return _KeptColumns(self.places, [block[:samples] for block in self.blocks])
+
+    def __setitem__(self, entry: tuple[int, int], values: Any) -> None:
+        place = self.places[entry]
+        if place >= 0:
+            self.blocks[entry[0]][:, place] = values
+
+
+_Room = TypeVar("_Room", Array, _KeptColumns)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +160,7 @@ class TorqueModel:
                 f"drive terms for {len(drive)} joints, but the robot has {len(robot)}"
             )
         couplings = tuple(self.couplings)
-        rows = in_order(self.torque_joints, robot)
+        rows = rows_in_order(self.torque_joints, robot)
         columns = [
             (joint.name, joint, name)
             for joint, of_joint in zip(robot.driven, drive, strict=True)
@@ -126,7 +171,7 @@ class TorqueModel:
             for name in coupling.names
         ]
         freeze(self, terms=drive, couplings=couplings, torque_joints=rows)
-        biased = biased_rows(self)
+        biased = self.biased_rows
         layout = ParameterLayout(
             links=robot.link_names,
             drive=(
@@ -144,7 +189,7 @@ class TorqueModel:
             ),
         )
         freeze(self, layout=layout)
-        load = checked_reference(self)
+        load = checked_reference(robot, drive, self.load_reference)
         freeze(self, load_reference=load)
         content = (
             f"({_geometry(robot)}, {drive!r}, {couplings!r}, {layout!r}, {rows!r})"
@@ -160,6 +205,46 @@ class TorqueModel:
         terms = [term for joint in self.terms for term in joint.terms]
         terms += [term for coupling in self.couplings for term in coupling.terms]
         return tuple(term for term in terms for _ in term.names)
+
+    @property
+    def rows(self) -> dict[int, int]:
+        """The row of each generalised coordinate that has one.
+
+        Those of a floating base are numbered after the joints, as in `joint_motions`.
+        """
+        if self.torque_joints == (CONTACT_FREE,):
+            raise ProblemError(
+                "rows free of contact forces mix all rows, as the contacts are; give "
+                "their base parameters (contact_free_base) and regression "
+                "(contact_free_rows)"
+            )
+        coordinates = (*self.robot.joint_names, *BASE_ROWS)
+        places = [coordinates.index(name) for name in self.torque_joints]
+        return {j: row for row, j in enumerate(places)}
+
+    @property
+    def biased_rows(self) -> tuple[str, ...]:
+        """The rows whose sensor has a bias, if it does."""
+        if not self.wrench_bias:
+            return ()
+        if not set(BASE_ROWS) <= set(self.torque_joints):
+            raise ProblemError(
+                "wrench_bias is of the sensor of the base wrench, but the model has no "
+                "rows of it; load the robot with base='floating', or leave the bias out"
+            )
+        return BASE_ROWS
+
+    @property
+    def load_references(self) -> dict[int, Vector]:
+        """Inertial parameters that the load is computed from.
+
+        Of each joint that has a row, and friction that depends on the load.
+        """
+        if self.load_reference is None:
+            return {}
+        drives = enumerate(self.terms)
+        loaded = {j for j, terms in drives if terms.needs_load}
+        return {j: self.load_reference for j in self.rows if j in loaded}
 
     def regressor(
         self,
@@ -235,12 +320,11 @@ class TorqueModel:
             In Fortran's order; the last column is left for the torque.  The arrays are
             reused, and may be destroyed.
         """
-        columns = [tuple(c.tolist()) for c in kept]
-        width, samples = len(self.layout), min(size, len(np.asarray(q)))
-        some = KeptColumns.empty(columns, width, samples)
-        if any(True for _ in loaded(self)):  # a load takes all columns of its row
+        samples = min(size, len(np.asarray(q)))
+        some = _KeptColumns.empty(kept, len(self.layout), samples)
+        if self.load_references:  # a load takes all columns of its row
             for part, block in self.chunks(q, dq, ddq, size, base=base):
-                wanted = some[:, :, : block.shape[2]]
+                wanted = some.first(block.shape[2])
                 for rows, row, chosen in zip(wanted.blocks, block, kept, strict=True):
                     rows[:, :-1] = row[chosen].T
                 yield part, wanted.blocks
@@ -264,10 +348,9 @@ class TorqueModel:
         # page by page, which costs as much as the recursion.
         state = np.empty((3, joints, size))
         waves = np.empty((len(self.robot.joints), 2, size))
-        for start in range(0, samples, max(size, 1)):
-            part = slice(start, min(start + size, samples))
-            block = out if part.stop - start == size else _shorter(out, part)
-            few = slice(part.stop - start)
+        for part in chunks(samples, size):
+            few = slice(part.stop - part.start)
+            block = out if few.stop == size else _shorter(out, few.stop)
             for own, x in zip(state, motion, strict=True):
                 own[:, few] = x[part].T
             carried = None if moves is None else np.ascontiguousarray(moves[part].T)
@@ -305,11 +388,91 @@ class TorqueModel:
         In the order of `torque_joints`.
         """
         x = frozen(x, (len(self.layout),), "parameters")
-        return model_torque(self, x, *self._checked(q, dq, ddq, base))
+        state, moves = self._checked(q, dq, ddq, base)
+        torque = self.rigid_torque(x[: self.layout.inertial_size], state, moves)
+        row, references = self.rows, self.load_references
+        for part in chunks(len(torque), CHUNK):
+            few = [values[part] for values in state]
+            carried = None if moves is None else moves[part]
+            loads = {
+                j: self.rigid_torque(reference, few, carried)[:, row[j]]
+                for j, reference in references.items()
+            }
+            q, dq, ddq = (np.ascontiguousarray(values.T) for values in few)
+            for j, column, values in self.drive_entries(q, dq, ddq, loads):
+                if j in row:
+                    torque[part, row[j]] += x[column] * values
+        for column, name in enumerate(self.biased_rows, start=-6):
+            torque[:, self.torque_joints.index(name)] += x[column]
+        return torque
+
+    def rigid_torque(
+        self,
+        bodies: Vector,
+        state: Sequence[Array | None],
+        base: Array | None = None,
+    ) -> Array:
+        """Return torques of bodies alone, shape (samples, torque joints), [N m or N].
+
+        With bodies known, Newton and Euler's forces take a fraction of what the
+        coefficients of all parameters do.
+
+        Parameters
+        ----------
+        bodies : ndarray, shape (10 links,)
+        state : three ndarray, each shape (samples, joints)
+            Positions and their two derivatives; derivatives are None for a robot at
+            rest, which feels gravity alone.
+        base : ndarray, shape (samples, 9), optional
+            How the base moves, if it floats; see `BaseMotion.stacked`.
+        """
+        robot, row = self.robot, self.rows
+        geometry, gravity = joint_geometry(robot), floats(robot.gravity)
+        numbers = bodies.reshape(-1, 10).tolist()
+        samples = 0 if state[0] is None else len(state[0])
+        torque = np.zeros((samples, len(self.torque_joints)))
+        for part in chunks(samples, CHUNK):
+            moves: list[Sequence[Scalar] | Array] = [
+                [0.0] * len(robot)
+                if values is None
+                else np.ascontiguousarray(values[part].T)
+                for values in state
+            ]
+            carried = None if base is None else np.ascontiguousarray(base[part].T)
+            motion = link_motions(
+                robot, moves, lambda x: (np.sin(x), np.cos(x)), carried
+            )
+            for j, _, values in torque_parts(geometry, gravity, motion, numbers):
+                if j in row:
+                    torque[part, row[j]] += values
+        return torque
+
+    def drive_entries(
+        self, q: Any, dq: Any, ddq: Any, loads: Mapping[int, Any]
+    ) -> Iterator[tuple[int, int, Any]]:
+        """Yield ``(joint, column, values)`` of drive terms and couplings.
+
+        `loads` are the transmitted torques of joints whose friction depends on them; a
+        joint that needs one and has none is one without a row, and is left out.
+        """
+        column = self.layout.inertial_size
+        for j, terms in enumerate(self.terms):
+            if terms.needs_load and j not in loads:
+                column += len(terms.names)
+                continue
+            for values in terms.columns(q[j], dq[j], ddq[j], loads.get(j)):
+                yield j, column, values
+                column += 1
+        for coupling in self.couplings:
+            i, j = coupled_joints(self.robot, coupling)
+            for first, second in coupling.columns((dq[i], dq[j]), (ddq[i], ddq[j])):
+                yield i, column, first
+                yield j, column, second
+                column += 1
 
     def _fill(
         self,
-        out: Array | KeptColumns,
+        out: Array | _KeptColumns,
         geometry: Sequence[JointGeometry],
         state: Array,
         base: Array | None,
@@ -318,32 +481,34 @@ class TorqueModel:
         rooms = iter(waves)
 
         def both(x: Array) -> tuple[Array, Array]:
-            sine, cosine = sine_and_cosine(x, next(rooms))
-            return sine, cosine
+            sine, cosine = next(rooms)
+            return np.sin(x, out=sine), np.cos(x, out=cosine)
 
         motion = link_motions(self.robot, [*state], both, base)
         gravity = floats(self.robot.gravity)
-        row = rows_of(self)
+        row = self.rows
         q, dq, ddq = state
-        fill_entries(out, row, geometry, gravity, motion)
+        for j, k, entries in regressor_entries(geometry, gravity, motion):
+            if j in row:
+                for i, entry in enumerate(entries, start=10 * k):
+                    out[row[j], i] = entry
         loads = {}
-        if not isinstance(out, KeptColumns):  # else no load is needed: `kept_chunks`
+        if not isinstance(out, _KeptColumns):  # else no load is needed: `kept_chunks`
             loads = {
                 j: np.tensordot(reference, out[row[j], : len(reference)], axes=1)
-                for j, reference in loaded(self)
+                for j, reference in self.load_references.items()
             }
-        for j, column, values in drive_entries(self, q, dq, ddq, loads):
+        for j, column, values in self.drive_entries(q, dq, ddq, loads):
             if j in row:
                 out[row[j], column] = values
-        for column, name in enumerate(biased_rows(self), start=-6):
+        for column, name in enumerate(self.biased_rows, start=-6):
             out[self.torque_joints.index(name), column] = 1.0
 
 
-def _shorter(out: _Room, part: slice) -> _Room:
+def _shorter(out: _Room, samples: int) -> _Room:
     """Return room for fewer samples; an array of its own, for a view has gaps."""
-    samples = part.stop - part.start
-    if isinstance(out, KeptColumns):
-        return out[:, :, :samples]
+    if isinstance(out, _KeptColumns):
+        return out.first(samples)
     return np.zeros((*out.shape[:2], samples))
 
 

@@ -1,13 +1,212 @@
-"""Which columns of a joint's rows are independent, and how they give all others."""
+"""The structure of a model's rows, as random motions show it.
 
+Ranks, columns that depend on others, and how much torque a parameter makes are the same
+for rows and for their triangular factor.  So the rows of random motions are compressed
+once for each model, of each row the columns that it has, and kept.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import IntArray, Matrix
+from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
+from consistent_id._support.executors import single_threaded
+from consistent_id.recordings.beside import BaseMotion
+from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.independent_columns import STRUCTURAL_TOLERANCE
-from consistent_id.regression.random_rows import random_rows
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.triangles import triangle
+from consistent_id.robot.model import RobotModel
+from consistent_id.robot.parameters import ParameterLayout
+
+_PROBES = 16  # states that show which columns a row has
+
+
+class RowModel(Protocol):
+    """Rows of measurements, ``y = Y(q, dq, ddq) x``, such as a `TorqueModel`'s.
+
+    Attributes
+    ----------
+    robot : RobotModel
+        Whose joints move.
+    terms : tuple of DriveTerms
+        Of each of its joints.
+    layout : ParameterLayout
+        Of ``x``.
+    torque_joints : tuple of str
+        Names of the rows.
+    fingerprint : str
+        What belongs together has the same.
+    """
+
+    def __hash__(self) -> int:
+        """Tell one from another: a `RowModel` is a value that never changes."""
+
+    @property
+    def robot(self) -> RobotModel:
+        """Whose joints move."""
+
+    @property
+    def terms(self) -> tuple[DriveTerms, ...]:
+        """Drive terms of each of its joints."""
+
+    @property
+    def layout(self) -> ParameterLayout:
+        """Of the parameters."""
+
+    @property
+    def torque_joints(self) -> tuple[str, ...]:
+        """Names of the rows."""
+
+    @property
+    def fingerprint(self) -> str:
+        """What belongs together has the same."""
+
+    def regressor(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        base: BaseMotion | None = None,
+    ) -> Array:
+        """Return ``Y``, shape (rows, parameters, samples)."""
+
+    def chunks(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        size: int = ...,
+        *,
+        base: BaseMotion | None = None,
+    ) -> Iterator[tuple[slice, Array]]:
+        """Yield ``(samples, Y)`` piece by piece."""
+
+    def kept_chunks(
+        self,
+        kept: Sequence[IntArray],
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        size: int = ...,
+        *,
+        base: BaseMotion | None = None,
+    ) -> Iterator[tuple[slice, Sequence[Matrix]]]:
+        """Yield ``(samples, rows)`` of some columns, piece by piece."""
+
+
+class RandomStates(NamedTuple):
+    """Random states of joints, shape (samples, joints), and of a floating base."""
+
+    q: Matrix
+    dq: Matrix
+    ddq: Matrix
+    base: BaseMotion | None
+
+
+def random_states(
+    model: RowModel, *, seed: int = 0, samples: int | None = None
+) -> RandomStates:
+    """Return the states of `random_regressor`, or another number of them."""
+    rng = np.random.default_rng(seed)
+    n = len(model.robot)
+    samples = 3 * len(model.layout) if samples is None else samples
+    q = rng.uniform(-np.pi, np.pi, (samples, n))
+    dq, ddq = rng.uniform(-2.0, 2.0, (2, samples, n))
+    dq[::2] *= [_slow(terms) for terms in model.terms]
+    base = _random_base(model, samples, rng) if model.robot.floating else None
+    return RandomStates(q, dq, ddq, base)
+
+
+def random_regressor(model: RowModel, *, seed: int = 0) -> Array:
+    """Return the regressor of random states, (torque joints, parameters, samples).
+
+    There are three times as many samples as there are parameters.  Every other one is
+    slow for joints whose friction at rest fades: at full speed nothing is left of it.
+    """
+    states = random_states(model, seed=seed)
+    return model.regressor(states.q, states.dq, states.ddq, base=states.base)
+
+
+def _random_base(model: RowModel, samples: int, rng: np.random.Generator) -> BaseMotion:
+    """Return random motion of a base, in all directions of gravity."""
+    w, dw, a = rng.uniform(-2.0, 2.0, (3, samples, 3))
+    R, _ = np.linalg.qr(rng.normal(size=(samples, 3, 3)))
+    R *= np.linalg.det(R)[:, None, None]
+    down = np.swapaxes(R, 1, 2) @ model.robot.gravity
+    return BaseMotion(w, dw, a - down, R)
+
+
+def _slow(terms: DriveTerms) -> float:
+    """Return what slows a joint's random velocity, so that fading friction shows."""
+    fading = (term.fading_velocity for term in terms.terms)
+    return min((v for v in fading if v is not None), default=1.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RandomRows:
+    """The rows of random motions, each compressed.
+
+    Parameters
+    ----------
+    width : int
+        Parameters.
+    samples : int
+    columns : tuple of ndarray of int
+        Of each row those that are not zero for every motion.
+    factors : tuple of ndarray
+        Triangular, of these columns.
+    """
+
+    width: int
+    samples: int
+    columns: tuple[IntArray, ...]
+    factors: tuple[Matrix, ...]
+
+    def dense(self, row: int) -> Matrix:
+        """Return a row's factor with all columns."""
+        whole = np.zeros((len(self.factors[row]), self.width))
+        whole[:, self.columns[row]] = self.factors[row]
+        return whole
+
+    def stacked(self) -> Matrix:
+        """Return the triangular factor of all rows together."""
+        rows = [self.dense(row) for row in range(len(self.factors))]
+        return triangle(np.asfortranarray(np.vstack(rows)))
+
+    @property
+    def norms(self) -> Vector:
+        """Norm of each column over all rows and samples, shape (parameters,)."""
+        squares = np.zeros(self.width)
+        for columns, factor in zip(self.columns, self.factors, strict=True):
+            squares[columns] += np.sum(factor**2, axis=0)
+        return np.asarray(np.sqrt(squares))
+
+    def rms(self, x: Vector) -> Vector:
+        """Return the root-mean-square torque that parameters make in each row."""
+        pairs = zip(self.columns, self.factors, strict=True)
+        norms = [np.linalg.norm(factor @ x[columns]) for columns, factor in pairs]
+        return np.asarray(np.array(norms) / np.sqrt(self.samples))
+
+
+@lru_cache(maxsize=16)
+@single_threaded
+def random_rows(model: RowModel, *, seed: int = 0) -> RandomRows:
+    """Return the compressed rows of `random_regressor`."""
+    probes = random_states(model, seed=seed, samples=_PROBES)
+    shown = model.regressor(probes.q, probes.dq, probes.ddq, base=probes.base)
+    columns = tuple(np.flatnonzero(row.any(axis=1)) for row in shown)
+    states = random_states(model, seed=seed)
+    samples = len(states.q)
+    moved = states.q, states.dq, states.ddq
+    ((_, blocks),) = model.kept_chunks(columns, *moved, samples, base=states.base)
+    factors = tuple(triangle(block[:, :-1]) for block in blocks)
+    return RandomRows(len(model.layout), samples, columns, factors)
 
 
 @lru_cache(maxsize=16)

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import BoolArray, Matrix
-from consistent_id.regression.compiled.triangle import eliminator
 
 _BLOCK = 32  # columns that LAPACK eliminates at a time, of wide matrices
 _PANEL = 8  # columns that a QR eliminates at a time: 4 to 16 are equally fast
@@ -24,12 +23,7 @@ def extended(R: Matrix, rows: Matrix) -> Matrix:
     if len(R) < width:
         R, above = np.zeros((width, width), order="F"), R
         R[: len(above)] = above
-    eliminated = eliminator(len(rows), _by_lapack) or _by_lapack
-    return eliminated(R, rows)
-
-
-def _by_lapack(R: Matrix, rows: Matrix) -> Matrix:
-    panel = min(_PANEL, R.shape[1])
+    panel = min(_PANEL, width)
     factor, *_ = _tpqrt()(0, panel, R, rows, overwrite_a=1, overwrite_b=1)
     return np.asarray(factor)
 

@@ -1,6 +1,5 @@
 """Results for people: tables, figures, and a study as one HTML file."""
 
-from consistent_id.report.advice import Advice, advise
-from consistent_id.report.html import comparison_html, report_html, write_report
+from consistent_id._support.face import face
 
-__all__ = ["Advice", "advise", "comparison_html", "report_html", "write_report"]
+__getattr__, __dir__ = face(__name__)

@@ -103,10 +103,10 @@ def _is_plain(report: EstimateReport) -> bool:
 
 
 def _against(report: EstimateReport) -> str:
-    """Say why not least squares."""
+    """Return the reasons against least squares."""
     verdict = report.verdict
     grounds = ", ".join(dict.fromkeys(r.kind for r in verdict.grounds))
-    why = grounds or "every link is consistent here, but nothing ensures it"
+    why = grounds or "every link is consistent here, but no constraint ensures it"
     return f"{report.estimate.method}: {verdict.word} ({why})"
 
 
@@ -123,6 +123,6 @@ def _better(
     if not said:
         return ()
     return (
-        f"also usable, and nearer to this held-out torque: {', '.join(said)}; held-out "
-        "data do not choose",
+        f"also usable, with a smaller held-out error: {', '.join(said)}; held-out "
+        "recordings are not used to choose",
     )

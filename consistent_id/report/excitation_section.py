@@ -1,7 +1,6 @@
 """Section: what the training motion makes identifiable."""
 
 from consistent_id.recordings.recording import Recording
-from consistent_id.report.downsampling import buckets, extremes, instants
 from consistent_id.report.markup import (
     Html,
     folded,
@@ -10,7 +9,15 @@ from consistent_id.report.markup import (
     table_html,
     tag,
 )
-from consistent_id.report.plot import Frame, line, plot, spanning
+from consistent_id.report.plot import (
+    Frame,
+    buckets,
+    extremes,
+    instants,
+    line,
+    plot,
+    spanning,
+)
 from consistent_id.report.report_content import ReportContent, Section, angle_unit
 from consistent_id.report.summary import excitation_table
 

@@ -1,6 +1,6 @@
 """Figures: joint motion, and measured beside predicted torque."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,12 +29,10 @@ def motion_figure(robot: RobotModel, recording: Recording) -> Any:
     return figure
 
 
-def torque_figures(
-    recordings: Sequence[Recording], estimates: Sequence[Estimate]
-) -> Iterator[Any]:
-    """Yield each recording's figure of measured and predicted torque, and of the rest.
+def torque_drawing(estimates: Sequence[Estimate]) -> Callable[[Recording], Any]:
+    """Return what draws a recording's measured and predicted torque, and the rest.
 
-    It is one figure, whose curves change: to set up axes takes longer than to draw.
+    It draws into one figure, whose curves change: to set up axes takes longer.
     """
     model = estimates[0].model
     rows = model.torque_joints
@@ -62,7 +60,8 @@ def torque_figures(
         fontsize=8,
         frameon=False,
     )
-    for recording in recordings:
+
+    def drawn(recording: Recording) -> Any:
         _title(figure, "torque: " + recording.name)
         keep = _downsampled(recording)
         time = recording.time[keep]
@@ -75,7 +74,9 @@ def torque_figures(
         for axis in axes:
             axis.relim()
             axis.autoscale_view()
-        yield figure
+        return figure
+
+    return drawn
 
 
 def save_figure(figure: Any, path: Path) -> Path:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from consistent_id.diagnosis.findings import Diagnosis, Finding, diagnosis_table
+from consistent_id.diagnosis.findings import Diagnosis, LogFinding, diagnosis_table
 from consistent_id.recordings.recording import Recording
 from consistent_id.report.markup import (
     Html,
@@ -66,7 +66,7 @@ def _in_short(found: Diagnosis) -> str:
     return f"Found: {faults} faults, which make estimates wrong, {warnings} warnings."
 
 
-def _findings(found: Sequence[Finding]) -> Html:
+def _findings(found: Sequence[LogFinding]) -> Html:
     if not found:
         return Html()
     rows = [

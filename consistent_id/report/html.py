@@ -43,7 +43,7 @@ def report_html(
     --------
     >>> import consistent_id as ci
     >>> study = ci.run_study(ci.load_problem("problems/rx60"))
-    >>> ci.report_html(study).splitlines()[0]
+    >>> ci.report.report_html(study).splitlines()[0]
     '<!doctype html>'
     """
     return page(

@@ -1,20 +1,32 @@
-"""Section: whether each link is physically consistent."""
+"""Sections: whether each link is physically consistent, and what constraints cost."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from consistent_id.comparison.comparison import EstimateReport
+from consistent_id.comparison.comparison import EstimateReport, counted
+from consistent_id.comparison.constraint_prices import ShadowPrice
 from consistent_id.report.drawn_robot import (
+    AZIMUTH,
     DrawnLink,
     Window,
     drawn_links,
     robot_view,
+    spread_pose,
     window_around,
 )
-from consistent_id.report.markup import Html, grid, joined, paragraphs, tag
-from consistent_id.report.projection import AZIMUTH, spread_pose
+from consistent_id.report.markup import (
+    Html,
+    folded,
+    grid,
+    joined,
+    listed,
+    paragraphs,
+    table_html,
+    tag,
+)
 from consistent_id.report.report_content import ReportContent, Section
+from consistent_id.report.summary import cost_table, path_table, price_table
 from consistent_id.robot.inertia import InertialParameters
 
 
@@ -52,9 +64,8 @@ def links_section(content: ReportContent) -> Section:
 def _captioned(
     report: EstimateReport, links: Sequence[DrawnLink], window: Window
 ) -> Html:
-    found = report.consistent_links
-    counted = f"{sum(found)} of {len(found)} links are physically consistent"
-    text = f"{report.estimate.method}: {counted}"
+    found = counted(report.consistent_links)
+    text = f"{report.estimate.method}: {found} consistent links"
     drawing = robot_view(links, window, f"inertia ellipsoids, {text}")
     return tag("figure", tag("figcaption", text), drawing)
 
@@ -119,3 +130,45 @@ def _impossible(report: EstimateReport) -> Html:
     if report.consistency is not None:
         said.append(f". {report.consistency.sentence.capitalize()}")
     return tag("p", *said, ".", class_="proof")
+
+
+def costs_section(content: ReportContent) -> Section | None:
+    """Return costs, shadow prices and the weight of the prior, as far as known."""
+    if not content.costs and not content.prices and content.path is None:
+        return None
+    parts = [
+        paragraphs(
+            "Constraints that agree with the data cost nothing. A high cost means that "
+            "the datasheet is wrong, that the model lacks something, or that the data "
+            "are noisy. Look there first."
+        )
+    ]
+    if content.costs:
+        parts.append(table_html(cost_table(content.costs, content.model.torque_joints)))
+    if content.prices:
+        parts += _prices(content.prices)
+    if content.path is not None:
+        table = table_html(path_table(content.path), titled=False)
+        parts.append(folded(path_table(content.path).title, table))
+    return Section("costs", "What constraints cost", joined(parts))
+
+
+def _prices(prices: Sequence[ShadowPrice]) -> list[Html]:
+    """Return the largest shadow prices, with bars."""
+    table = price_table(prices)
+    largest = max((p.cost for p in prices if p.cost == p.cost), default=0.0) or 1.0
+    rows = [
+        (label, _bar(p.cost / largest), *cells)
+        for p, (label, *cells) in zip(prices, table.rows, strict=False)
+    ]
+    header = (table.header[0], "", *table.header[1:])
+    return [
+        tag("h3", table.title),
+        grid(header, rows),
+        listed(table.notes, class_="notes"),
+    ]
+
+
+def _bar(share: float) -> Html:
+    width = 0.0 if share != share else 100.0 * share
+    return tag("span", tag("i", style=f"width:{width:.0f}%"), class_="cost")

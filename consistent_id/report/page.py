@@ -2,22 +2,28 @@
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
+from itertools import chain
+from typing import TypeVar
 
-from consistent_id.report.certificate_section import certificate_section
-from consistent_id.report.costs_section import costs_section
-from consistent_id.report.delivery_section import delivery_section
+from consistent_id._support.run import kept_going
+from consistent_id.errors import ConsistentIdError
 from consistent_id.report.excitation_section import excitation_section
 from consistent_id.report.friction_section import friction_section
 from consistent_id.report.health_section import health_section
-from consistent_id.report.links_section import links_section
+from consistent_id.report.links_section import costs_section, links_section
 from consistent_id.report.markup import Html, joined, tag
 from consistent_id.report.parameters_section import parameters_section
-from consistent_id.report.published_section import published_section
+from consistent_id.report.published_section import published_section, reproduce_section
 from consistent_id.report.report_content import ReportContent, Section
-from consistent_id.report.reproduce_section import reproduce_section
 from consistent_id.report.residuals_section import residuals_section
 from consistent_id.report.torque_section import torque_section
-from consistent_id.report.verdict_section import verdict_section
+from consistent_id.report.verdict_section import (
+    certificate_section,
+    delivery_section,
+    verdict_section,
+)
+
+Content = TypeVar("Content")
 
 SECTIONS: tuple[Callable[[ReportContent], Section | None], ...] = (
     verdict_section,
@@ -38,8 +44,11 @@ SECTIONS: tuple[Callable[[ReportContent], Section | None], ...] = (
 
 def page(content: ReportContent) -> str:
     """Return the report as one HTML file that needs nothing else."""
-    made = [section for make in SECTIONS if (section := make(content)) is not None]
-    found = [*made[:-1], *content.further, *made[-1:]]
+    *others, last = (
+        kept_sections(make.__name__.removesuffix("_section"), make, content)
+        for make in SECTIONS
+    )
+    found = [*chain(*others), *content.further, *last]
     robot = content.model.robot
     about = f"Robot {robot.name}, {len(robot)} joints. Identified parameters."
     return document(
@@ -48,6 +57,34 @@ def page(content: ReportContent) -> str:
         found,
         script=_asset("script.js"),
     )
+
+
+def kept_sections(
+    name: str,
+    make: Callable[[Content], Section | Sequence[Section] | None],
+    content: Content,
+) -> tuple[Section, ...]:
+    """Return the sections that a function makes; one that says why, where it fails.
+
+    Parameters
+    ----------
+    name : str
+        Anchor in the page, should it fail.
+    make : callable
+        From the content to a section, to several, or to None.
+    """
+    found: Section | Sequence[Section] | None = None
+    with kept_going(f"section {name} of the report") as faults:
+        try:
+            found = make(content)
+        except ConsistentIdError as cause:
+            faults.append(str(cause))
+    if faults:
+        said = f"This section could not be made: {faults[0]}"
+        found = Section(name, name.capitalize(), tag("p", said, class_="bad"))
+    if found is None:
+        return ()
+    return (found,) if isinstance(found, Section) else tuple(found)
 
 
 def document(

@@ -1,15 +1,18 @@
-"""Section: the parameters, their uncertainty, and what determines each."""
+"""Section and table: the parameters, their uncertainty, what determines each."""
 
 from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
 
+from consistent_id._support.tables import Table
+from consistent_id.comparison.block_scatter import RecordingScatter
+from consistent_id.comparison.parameter_scatter import FEW
 from consistent_id.comparison.parameter_uncertainty import (
     ParameterUncertainty,
     Uncertainty,
 )
-from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.estimate import ERRORS, Estimate
 from consistent_id.estimation.method import Method
 from consistent_id.report.markup import (
     Html,
@@ -21,11 +24,6 @@ from consistent_id.report.markup import (
     tag,
 )
 from consistent_id.report.report_content import ReportContent, Section
-from consistent_id.report.uncertainty_table import (
-    between_text,
-    error_text,
-    uncertainty_table,
-)
 
 _MEANING = {
     "data": "the data determine it",
@@ -38,7 +36,7 @@ _MEANING = {
 _HEADER = (
     "parameter",
     "value",
-    "standard error",
+    "full standard error",
     "between recordings",
     "bootstrap 95 %",
     "any consistent robot",
@@ -164,14 +162,20 @@ def _origins(estimate: Estimate) -> list[Html]:
     """Return one table of all parameters, without intervals."""
     layout = estimate.model.layout
     entries = zip(
-        layout.names, estimate.parameters, layout.units, estimate.origins, strict=True
+        layout.names,
+        estimate.parameters,
+        estimate.error_texts,
+        layout.units,
+        estimate.origins,
+        strict=True,
     )
     rows = [
-        (name, f"{value:.4g}", unit, tag("b", origin, class_=f"origin {origin}"))
-        for name, value, unit, origin in entries
+        (name, f"{value:.4g}", error, unit, tag("b", origin, class_=f"origin {origin}"))
+        for name, value, error, unit, origin in entries
     ]
-    table = grid(("parameter", "value", "unit", "determined by"), rows)
-    return [folded(f"All {len(rows)} parameters", table, open_=True)]
+    header = ("parameter", "value", "standard error", "unit", "determined by")
+    note = paragraphs(f"{ERRORS}.".capitalize(), class_="notes")
+    return [folded(f"All {len(rows)} parameters", grid(header, rows), note, open_=True)]
 
 
 def _base(content: ReportContent) -> Html:
@@ -196,9 +200,81 @@ def _base(content: ReportContent) -> Html:
         f"Base parameters ({len(main.base)}): what torque depends on",
         grid(header, zip(*columns, strict=True)),
         paragraphs(
-            "The standard error is least squares' own, as if residuals were white.",
+            "The standard error is least squares' own, of noise as correlated as the "
+            "residuals.",
             class_="notes",
         )
         if plain is not None
         else "",
     )
+
+
+def uncertainty_table(found: Uncertainty) -> Table:
+    """Return the uncertainty of each parameter of the constrained estimate."""
+    resampled, several = found.bootstrap, found.recordings is not None
+    return Table(
+        "Uncertainty of the constrained estimate",
+        (
+            "parameter",
+            "value",
+            "full standard error",
+            *(["between recordings"] if several else []),
+            "bootstrap 95 %",
+            "any consistent robot",
+            "unit",
+            "determined by",
+        ),
+        tuple(
+            (
+                p.name,
+                f"{p.value:.4g}",
+                error_text(p),
+                *([between_text(p)] if several else []),
+                _interval(p.resampled),
+                _interval(p.consistent),
+                p.unit,
+                p.verdict,
+            )
+            for p in found.parameters
+        ),
+        (
+            f"bootstrap: {len(resampled.estimates)} estimates from segments drawn "
+            f"anew, {resampled.certified} certified, {resampled.failed} failed"
+            + ("; interrupted" if resampled.interrupted else ""),
+            f"any consistent robot: {found.intervals.meaning}",
+            found.scatter,
+            *([scatter_text(found.recordings)] if found.recordings else []),
+            "full standard error: of scatter along active constraints and between "
+            "recordings, and of the prior's pull; where a prior determines a parameter "
+            "there is none: only the interval shows what is known",
+            "where a link is on the boundary of the consistency cone with a small "
+            "multiplier, the standard error is too small; the bootstrap is not",
+        ),
+    )
+
+
+def scatter_text(found: RecordingScatter) -> str:
+    """Say what the scatter between recordings is, and how well it is known."""
+    return (
+        f"between recordings: standard deviation from one of {found.recordings} "
+        "recordings to another, beyond noise (a random effect); standard errors and "
+        "intervals contain it, the bootstrap does not. It has "
+        f"{found.freedom:.0f} degrees of freedom"
+        + ("; they are few, so that it is rough" if found.freedom < FEW else "")
+    )
+
+
+def between_text(p: ParameterUncertainty) -> str:
+    """Return a parameter's scatter between recordings, where it means something."""
+    if np.isnan(p.between_recordings):
+        return "-"
+    return f"{p.between_recordings:.2g}"
+
+
+def error_text(p: ParameterUncertainty) -> str:
+    """Return a standard error for people; a dash where it means nothing."""
+    return f"{p.standard_error:.2g}" if np.isfinite(p.standard_error) else "-"
+
+
+def _interval(ends: tuple[float, float]) -> str:
+    return f"{ends[0]:.4g} to {ends[1]:.4g}"

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from consistent_id.comparison.comparison import Comparison, EstimateReport
-from consistent_id.comparison.constraint_prices import ShadowPrice
-from consistent_id.comparison.fit_costs import ConstraintCost
+from consistent_id.comparison.constraint_prices import ConstraintCost, ShadowPrice
 from consistent_id.comparison.parameter_uncertainty import Uncertainty
 from consistent_id.diagnosis import Diagnosis
 from consistent_id.estimation.cross_validation import RegularisationPath
@@ -14,7 +13,7 @@ from consistent_id.estimation.method import Method
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.published import PublishedReport
 from consistent_id.recordings.recording import Recording
-from consistent_id.regression.data_rank import Excitation
+from consistent_id.regression.base import Excitation
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_names import in_newton
 from consistent_id.report.advice import Advice

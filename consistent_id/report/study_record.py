@@ -16,7 +16,7 @@ def study_record(study: Study) -> dict[str, Any]:
         "format": "consistent_id study 1",
         "problem": study.problem.name,
         "source": study.problem.table.source,
-        **study.verdict.to_dict(),
+        **study.answer(),
         "recommendation": _recommendation_record(study),
         "excitation": _excitation_record(study),
         "constraint_costs": [

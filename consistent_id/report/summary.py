@@ -1,24 +1,27 @@
 """A study in tables, for people."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from consistent_id._support.run import kept_going
 from consistent_id._support.tables import Table
 from consistent_id.comparison.comparison import (
     Comparison,
     EstimateReport,
+    counted,
     verdict_table,
 )
-from consistent_id.comparison.constraint_prices import ShadowPrice
-from consistent_id.comparison.fit_costs import ConstraintCost
+from consistent_id.comparison.constraint_prices import ConstraintCost, ShadowPrice
+from consistent_id.diagnosis.findings import diagnosis_table
 from consistent_id.estimation.cross_validation import RegularisationPath
+from consistent_id.problems.opening import Opened
 from consistent_id.problems.study import Study
-from consistent_id.regression.data_rank import Excitation
+from consistent_id.regression.base import Excitation
 from consistent_id.report.advice import advise
-from consistent_id.report.published_tables import published_tables
+from consistent_id.report.published_section import published_tables
 
 _PRICES = 12  # single constraints shown
 _COSTLY = 0.02  # of the misfit, from which on a constraint is named
@@ -48,29 +51,40 @@ def headline_tables(study: Study) -> list[Table]:
     ]
 
 
+def identified_tables(opened: Opened, study: Study) -> list[Table]:
+    """Return what ``identify`` prints: verdict, faults, how logs were read."""
+    found = study.diagnosis
+    return [
+        *headline_tables(study),
+        *opened.tables(),
+        *study.problem.drives.tables(),
+        excitation_table(study.excitation, study.training),
+        *([] if found is None else [diagnosis_table(found)]),
+        study.delivered.table(),
+    ]
+
+
 def delivery_line(study: Study) -> tuple[str, ...]:
-    """Return what is delivered, in a line; nothing without validation data."""
+    """Say what is taken away, written or not; nothing without validation data."""
     if not study.validation:
         return ()
     return (
-        f"delivered: {study.delivered.method}, fitted again to training and validation "
-        "data; verdict and errors are those from the training data alone",
+        f"delivered estimate: {study.recommendation.method}, fitted again to "
+        "training and validation data; verdict and errors are those from the training "
+        "data alone",
     )
 
 
 def study_tables(study: Study) -> list[Table]:
     """Return everything that a study found, table by table, the verdict first."""
-    tables = headline_tables(study)
-    if study.published is not None:
-        tables += published_tables(study.published, study.problem.table.published)
-    tables += study.problem.drives.tables()
-    tables.append(excitation_table(study.excitation, study.training))
-    tables += comparison_tables(study.comparison)
-    tables.append(link_table(study.comparison))
-    tables.append(cost_table(study.costs, study.problem.model.torque_joints))
-    tables.append(price_table(study.prices))
-    tables.append(path_table(study.path))
-    return tables
+    found = list[Table]()
+    for name, make in _TABLES.items():
+        made: Sequence[Table] = ()
+        with kept_going(f"table {name}") as faults:
+            made = make(study)
+        said = [f"{name}: this table could not be made: {why}" for why in faults]
+        found += [*made, *(Table(line, (), ()) for line in said)]
+    return found
 
 
 def excitation_table(excitation: Excitation, training: Sequence[Any]) -> Table:
@@ -134,8 +148,8 @@ def costly_constraints(
     if not costly:
         return ()
     named = ", ".join(f"{c.name} (misfit {c.increase:+.0%})" for c in costly)
-    single = f"; first of all {', '.join(parts)}" if parts else ""
-    return (f"constraints that cost fit, each by itself: {named}{single}",)
+    single = f"; most of all {', '.join(parts)}" if parts else ""
+    return (f"constraints that increase the misfit, each alone: {named}{single}",)
 
 
 def price_table(prices: Sequence[ShadowPrice]) -> Table:
@@ -205,9 +219,9 @@ def comparison_tables(comparison: Comparison) -> list[Table]:
     reports = comparison.reports
     tables = []
     for i, error in enumerate(reports[0].validation):
-        where = f"on {error.recording} (validation)"
-        tables.append(_error_table(f"Torque {where}", joints, reports, i))
-        tables.append(_mse_table(f"Mean squared error {where}", joints, reports, i))
+        where = f"error on {error.recording}, joint by joint"
+        tables.append(_error_table(f"Held-out {where}", joints, reports, i))
+        tables.append(_mse_table(f"Mean squared held-out {where}", joints, reports, i))
     tables.append(_consistency_table(reports))
     return [*tables, _reasons_table(reports)]
 
@@ -229,7 +243,7 @@ def _consistency_table(reports: Sequence[EstimateReport]) -> Table:
         (
             "estimate",
             "verdict",
-            "links that can be consistent",
+            "links that base parameters rule out",
             "any consistent robot with its base parameters",
             "torque change to the nearest consistent robot",
             "least eigenvalue of M(q)",
@@ -239,7 +253,7 @@ def _consistency_table(reports: Sequence[EstimateReport]) -> Table:
             (
                 report.estimate.method,
                 report.verdict.word,
-                f"{sum(report.possible_links)} of {len(report.possible_links)}",
+                counted([not possible for possible in report.possible_links]),
                 report.base_feasibility.answer,
                 _to_nearest(report),
                 f"{report.least_mass_eigenvalue:.4g}",
@@ -248,8 +262,8 @@ def _consistency_table(reports: Sequence[EstimateReport]) -> Table:
             for report in reports
         ),
         (
-            "links: those that can be consistent by themselves, with these base "
-            "parameters",
+            "ruled out: no consistent body of the link has these base parameters, "
+            "whatever the other links are",
             "nearest consistent robot: relative RMS change of the torque along "
             "random motions",
             "least eigenvalue over 10 000 random poses; distance: "
@@ -281,7 +295,7 @@ def _error_table(
         )
     return Table(
         title,
-        ("estimate", "stacked", *joints),
+        ("estimate", "all joints", *joints),
         tuple(rows),
         ("per joint: RMS error in N m (N if it slides), and over the RMS torque",),
     )
@@ -299,3 +313,23 @@ def _mse_table(
         ),
         ("(N m)^2, or N^2 for sliding joints",),
     )
+
+
+def _published(study: Study) -> Sequence[Table]:
+    if study.published is None:
+        return ()
+    return published_tables(study.published, study.problem.table.published)
+
+
+_TABLES: dict[str, Callable[[Study], Sequence[Table]]] = {
+    "verdict": headline_tables,
+    "published": _published,
+    "drives": lambda study: study.problem.drives.tables(),
+    "excitation": lambda s: [excitation_table(s.excitation, s.training)],
+    "comparison": lambda study: comparison_tables(study.comparison),
+    "links": lambda study: [link_table(study.comparison)],
+    "costs": lambda s: [cost_table(s.costs, s.problem.model.torque_joints)],
+    "prices": lambda study: [price_table(study.prices)],
+    "path": lambda study: [path_table(study.path)],
+}
+"""The tables of a study, in their order; one that cannot be made loses only itself."""

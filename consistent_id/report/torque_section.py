@@ -7,9 +7,17 @@ import numpy as np
 from consistent_id._support.arrays import Vector
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.motion_arrays import motion_of
-from consistent_id.report.downsampling import buckets, extremes, instants, packed
 from consistent_id.report.markup import Html, folded, joined, paragraphs, tag
-from consistent_id.report.plot import Frame, line, plot, spanning
+from consistent_id.report.plot import (
+    Frame,
+    buckets,
+    extremes,
+    instants,
+    line,
+    packed,
+    plot,
+    spanning,
+)
 from consistent_id.report.report_content import ReportContent, Section
 
 _MOST = 6000  # points embedded for zooming

@@ -1,4 +1,4 @@
-"""Parts of a robot: joints that stand still, and the chain from a base to a tip."""
+"""Robots made of others: joints locked, the chain from base to tip, free bodies."""
 
 import logging
 from collections.abc import Iterable, Mapping, Sequence
@@ -9,15 +9,24 @@ import numpy as np
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import ModelError
 from consistent_id.robot.inertia import InertialParameters
-from consistent_id.robot.mimic import followers_at
-from consistent_id.robot.model import Datasheet, FixedFrame, Joint, Link, RobotModel
+from consistent_id.robot.kinematics import FixedPlace, snapped, turn
+from consistent_id.robot.model import (
+    Datasheet,
+    FixedFrame,
+    Joint,
+    Link,
+    RobotModel,
+    followers_at,
+)
 from consistent_id.robot.parameters import did_you_mean
-from consistent_id.robot.places import Place, snapped, turn
 
 _log = logging.getLogger(__name__)
 
 FLOATING = "floating"
 """The base of a robot whose root link moves freely, where no link has this name."""
+
+_LIMBS = 2  # an arm is one limb; what stands, walks or flies has several
+_JOINTS = 3  # of a limb: fingers and wheels have fewer
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,18 +94,6 @@ def selected(robot: RobotModel, selection: Selection) -> RobotModel:
     return part
 
 
-def _said_to_follow(following: Mapping[str, float]) -> str:
-    """Say which joints follow ones that do not move, and where they are locked."""
-    if len(following) == 1:
-        ((name, position),) = following.items()
-        return (
-            f"joint {name!r} follows one that does not move; it is locked at "
-            f"{position:.6g}"
-        )
-    places = ", ".join(f"{name!r} at {at:.6g}" for name, at in following.items())
-    return f"{len(following)} joints follow ones that do not move; locked: {places}"
-
-
 def held(robot: RobotModel, positions: Mapping[str, float]) -> RobotModel:
     """Return the robot with some joints at rest at `positions` [rad or m].
 
@@ -130,8 +127,8 @@ def held(robot: RobotModel, positions: Mapping[str, float]) -> RobotModel:
             f"robot {robot.name!r}: every joint is locked, so nothing moves"
         )
     joints: list[Joint] = []
-    parts: list[list[_Part]] = [[]]  # of the ground, then of each link
-    places = {-1: Place(-1, np.eye(3), np.zeros(3))}
+    parts: list[list[_MovingPart]] = [[]]  # of the ground, then of each link
+    places = {-1: FixedPlace(-1, np.eye(3), np.zeros(3))}
     for k, (joint, link) in enumerate(zip(robot.joints, robot.links, strict=True)):
         place = places[joint.parent].beyond(joint.rotation, joint.translation)
         if joint.name in positions:
@@ -139,10 +136,10 @@ def held(robot: RobotModel, positions: Mapping[str, float]) -> RobotModel:
         else:
             where = (place.rotation, place.translation)
             joints.append(_placed(joint, place.link, *where))
-            place = Place(len(joints) - 1, np.eye(3), np.zeros(3))
+            place = FixedPlace(len(joints) - 1, np.eye(3), np.zeros(3))
             parts.append([])
         places[k] = place
-        parts[place.link + 1].append(_Part(link, place))
+        parts[place.link + 1].append(_MovingPart(link, place))
     ground = tuple(frame for part in parts[0] for frame in part.frames)
     return replace(
         robot,
@@ -198,12 +195,69 @@ def chain(
     return _only(robot, [name for name in names if name in _every(robot)])
 
 
+def free_bodies(
+    name: str, bodies: Mapping[str, InertialParameters | None]
+) -> RobotModel:
+    """Return a robot of bodies that are not connected, for a regressor that is given.
+
+    Each body is a link with ten parameters in a frame of its own.
+
+    Parameters
+    ----------
+    name : str
+    bodies : mapping of str to InertialParameters or None
+        Nominal parameters by link, where they are known.
+
+    Examples
+    --------
+    >>> pair = free_bodies("pair", {"upper": None, "lower": None})
+    >>> pair.link_names, len(pair), pair.connected
+    (('upper', 'lower'), 0, False)
+    """
+    joints = tuple(
+        Joint(f"{link}_free", "free", -1, np.eye(3), np.zeros(3), np.eye(3)[2])
+        for link in bodies
+    )
+    links = tuple(
+        Link(link, nominal, Datasheet() if nominal is None else _sheet_of_body(nominal))
+        for link, nominal in bodies.items()
+    )
+    return RobotModel(name, joints, links)
+
+
+def base_question(robot: RobotModel) -> tuple[str, ...]:
+    """Return a question to the user if a fixed base seems odd, else nothing.
+
+    That is where several chains of three joints or more hang on the fixed root: legs
+    of a robot that walks, or arms of one that stands on a pillar.
+    """
+    if robot.floating:
+        return ()
+    length = [1] * len(robot.joints)
+    for k in range(len(robot.joints) - 1, -1, -1):
+        parent = robot.joints[k].parent
+        if parent >= 0:
+            length[parent] = max(length[parent], length[k] + 1)
+    limbs = [
+        joint.name
+        for joint, joints in zip(robot.joints, length, strict=True)
+        if joint.parent < 0 and joints >= _JOINTS
+    ]
+    if len(limbs) < _LIMBS:
+        return ()
+    return (
+        f"the base is taken for fixed, though {len(limbs)} limbs hang on it (from "
+        f"{', '.join(limbs)} on); if it moves, or stands on them, say base = "
+        "'floating'",
+    )
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class _Part:
+class _MovingPart:
     """A link of the robot as it was, in its place on one of the robot as it will be."""
 
     link: Link
-    place: Place
+    place: FixedPlace
 
     @property
     def nominal(self) -> InertialParameters | None:
@@ -232,6 +286,18 @@ class _Part:
             yield FixedFrame(frame.name, snapped(place.rotation), place.translation)
 
 
+def _said_to_follow(following: Mapping[str, float]) -> str:
+    """Say which joints follow ones that do not move, and where they are locked."""
+    if len(following) == 1:
+        ((name, position),) = following.items()
+        return (
+            f"joint {name!r} follows one that does not move; it is locked at "
+            f"{position:.6g}"
+        )
+    places = ", ".join(f"{name!r} at {at:.6g}" for name, at in following.items())
+    return f"{len(following)} joints follow ones that do not move; locked: {places}"
+
+
 def _motion(joint: Joint, position: float) -> tuple[Matrix, Vector]:
     if not np.isfinite(position):
         raise ModelError(f"joint {joint.name!r} is locked at {position}")
@@ -255,7 +321,7 @@ def _placed(joint: Joint, parent: int, rotation: Matrix, translation: Vector) ->
     )
 
 
-def _merged(parts: list[_Part]) -> Link:
+def _merged(parts: list[_MovingPart]) -> Link:
     first, *others = parts
     if not others:
         return first.link
@@ -268,7 +334,7 @@ def _merged(parts: list[_Part]) -> Link:
     return Link(first.link.name, nominal, _sheet(parts), merged)
 
 
-def _sheet(parts: list[_Part]) -> Datasheet:
+def _sheet(parts: list[_MovingPart]) -> Datasheet:
     masses = [part.mass for part in parts]
     total = 0.0
     for mass in masses:
@@ -322,3 +388,9 @@ def _only(robot: RobotModel, names: list[str]) -> RobotModel:
         ),
         links=tuple(robot.links[k] for k in kept),
     )
+
+
+def _sheet_of_body(nominal: InertialParameters) -> Datasheet:
+    if nominal.mass <= 0.0:
+        return Datasheet()
+    return Datasheet(mass=nominal.mass, com=nominal.com)

@@ -36,3 +36,12 @@ def test_files_are_written_even_if_the_reader_has_gone(monkeypatch):
     with pytest.raises(BrokenPipeError):
         show(argparse.Namespace(json=False, quiet=False), Answer(0, "", None, write))
     assert written == ["figure.png"]
+
+
+def test_control_characters_of_files_do_not_reach_the_terminal(capsys):
+    from argparse import Namespace
+
+    from consistent_id.cli.answers import print_text
+
+    print_text(Namespace(quiet=False), "a\x1b[2Jb\tc\nd\x7f")
+    assert capsys.readouterr().out == "a?[2Jb\tc\nd?\n"

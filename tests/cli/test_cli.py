@@ -67,7 +67,7 @@ def test_identify_writes_estimates_that_can_be_read_back(tmp_path, capsys):
     assert main(["identify", RX60, "--json", "--output", str(tmp_path)]) == 0
     printed = json.loads(capsys.readouterr().out)["estimates"]
     assert "constrained" in [e["method"] for e in printed]
-    from consistent_id import base_parameters
+    from consistent_id.regression import base_parameters
 
     model = load_problem(RX60).model
     estimate = Estimate.load(
@@ -80,7 +80,8 @@ def test_identify_writes_estimates_that_can_be_read_back(tmp_path, capsys):
 
 @pytest.mark.parametrize("content", ["{", "[]", '{"parameters": {"a": 1}}', "null"])
 def test_a_damaged_estimate_is_refused(tmp_path, content):
-    from consistent_id import ProblemError, base_parameters
+    from consistent_id import ProblemError
+    from consistent_id.regression import base_parameters
 
     file = tmp_path / "estimate.json"
     file.write_text(content)
@@ -111,7 +112,7 @@ def test_an_interrupt_ends_with_130_and_leaves_nothing_half_written(
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("consistent_id.problems.study.run_study", interrupted)
+    monkeypatch.setattr("consistent_id.problems.study.Study.run", interrupted)
     assert main(["compare", RX60, "--output", str(tmp_path / "out")]) == 130
     assert not (tmp_path / "out").exists()
     capsys.readouterr()

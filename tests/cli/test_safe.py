@@ -7,13 +7,16 @@ import signal
 import subprocess
 import sys
 import time
+from argparse import Namespace
 
 import pytest
 from logged import write_arm
 
-from consistent_id._support.interrupts import OutOfTime
+from consistent_id import ProblemError
+from consistent_id._support.run import OutOfTime, kept_going
 from consistent_id.cli import main
-from consistent_id.comparison import segment_bootstrap
+from consistent_id.cli.endings import run_to_its_end
+from consistent_id.comparison import parameter_uncertainty
 
 RX60 = "problems/rx60"
 
@@ -143,7 +146,7 @@ def test_a_bug_leaves_a_line_a_traceback_in_a_file_and_code_70(
 
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
-    monkeypatch.setattr("consistent_id.problems.loading.load_problem", broken)
+    monkeypatch.setattr("consistent_id.problems.opening.open_problem", broken)
     assert main(["compare", RX60, "--dry-run"]) == 70
     (line,) = capsys.readouterr().err.splitlines()
     assert "this is a bug" in line and "what nobody thought of" in line
@@ -153,15 +156,58 @@ def test_a_bug_leaves_a_line_a_traceback_in_a_file_and_code_70(
 
 
 @pytest.mark.parametrize(
+    ("end", "code"), [(0, 70), (1, 70), (ProblemError("no"), 2), (OutOfTime(), 3)]
+)
+def test_a_part_that_fails_is_named_when_all_else_is_done(
+    tmp_path, capsys, monkeypatch, end, code
+):
+    def work(options):
+        with kept_going("figure 1"):
+            raise ZeroDivisionError("what nobody thought of")
+        print("all else")
+        if isinstance(end, int):
+            return end
+        raise end
+
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    assert run_to_its_end(Namespace(give_up_after=1.0), work) == code
+    out, err = capsys.readouterr()
+    assert out == "all else\n"
+    line = err.splitlines()[-1]
+    assert "figure 1 could not be made, all else was: this is a bug" in line
+    (file,) = tmp_path.glob("consistent-id-*.txt")
+    assert str(file) in line and "in work" in file.read_text()
+
+
+@pytest.mark.parametrize(
     ("error", "code"), [(MemoryError(), 3), (PermissionError(13, "no", "x"), 2)]
 )
 def test_what_the_system_refuses_is_no_bug(capsys, monkeypatch, error, code):
     def refused(*_, **__):
         raise error
 
-    monkeypatch.setattr("consistent_id.problems.loading.load_problem", refused)
+    monkeypatch.setattr("consistent_id.problems.opening.open_problem", refused)
     assert main(["compare", RX60, "--dry-run"]) == code
     assert "bug" not in capsys.readouterr().err
+
+
+def test_what_init_wrote_opens_again_and_may_be_written_again_until_it_is_edited(
+    arm, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.delenv("CONSISTENT_ID_DATASETS", raising=False)
+    study = tmp_path / "study" / "problem.toml"
+    init = ["init", *map(str, arm), "--no-select", "--cutoff", "10"]
+    init += ["--output", str(study)]
+    assert main(init) == 0
+    shown = capsys.readouterr().out
+    assert f"compare {study}" in shown and "--trust" not in shown
+    assert main(init) == 0
+    study.write_text(study.read_text().replace("viscous = true", "viscous = false"))
+    assert main(["info", str(study)]) == 0
+    kept(study, init, capsys, "was edited since consistent-id wrote it")
+    assert main([*init, "--force"]) == 0
+    capsys.readouterr()
 
 
 def test_a_problem_file_of_others_may_name_files_only_with_trust(
@@ -171,11 +217,27 @@ def test_a_problem_file_of_others_may_name_files_only_with_trust(
     study = tmp_path / "study" / "problem.toml"
     plain = ["--no-select", "--cutoff", "10"]
     assert main(["init", *map(str, arm), *plain, "--output", str(study)]) == 0
-    assert f"compare {study} --trust" in capsys.readouterr().out
-    assert main(["info", str(study)]) == 2
+    theirs = tmp_path / "theirs" / "problem.toml"
+    theirs.parent.mkdir()
+    theirs.write_text(study.read_text())
+    assert main(["info", str(theirs)]) == 2
     assert "--trust" in capsys.readouterr().err
-    assert main(["info", str(study), "--trust"]) == 0
+    assert main(["info", str(theirs), "--trust"]) == 0
     capsys.readouterr()
+
+
+def test_init_says_trust_where_it_cannot_record_what_it_wrote(
+    arm, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.delenv("CONSISTENT_ID_DATASETS", raising=False)
+    (tmp_path / "state").write_text("a file where a folder has to be")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    study = tmp_path / "study" / "problem.toml"
+    plain = ["--no-select", "--cutoff", "10", "--output", str(study)]
+    assert main(["init", *map(str, arm), *plain]) == 0
+    shown = capsys.readouterr()
+    assert f"compare {study} --trust" in shown.out
+    assert f"{study} is not recorded as a file of your own" in shown.err
 
 
 # Interrupts -------------------------------------------------------------------------
@@ -190,15 +252,15 @@ def test_a_bootstrap_that_is_stopped_shows_what_it_has(
     arm, capsys, monkeypatch, stop, code, says
 ):
     calls = iter(range(10**6))
-    solve = segment_bootstrap.penalised_fit
+    solve = parameter_uncertainty.penalised_fit
 
     def interrupted(*args, **options):
         if next(calls) == 7:
             raise stop
         return solve(*args, **options)
 
-    monkeypatch.setattr(segment_bootstrap, "_WORKERS", 1)
-    monkeypatch.setattr(segment_bootstrap, "penalised_fit", interrupted)
+    monkeypatch.setattr(parameter_uncertainty, "_WORKERS", 1)
+    monkeypatch.setattr(parameter_uncertainty, "penalised_fit", interrupted)
     assert main(["identify", *map(str, arm), "--uncertainty", "--verbose"]) == code
     shown = capsys.readouterr()
     assert "7 estimates from segments" in shown.out and "; interrupted" in shown.out

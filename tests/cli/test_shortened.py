@@ -1,7 +1,10 @@
 """By default an answer fits a terminal; nothing is lost with --verbose."""
 
+import re
+from pathlib import Path
+
 from consistent_id.cli import main
-from consistent_id.cli.shortened import COLUMNS, LINES, shortened
+from consistent_id.cli.answers import COLUMNS, LINES, files_written, shortened
 
 RX60 = "problems/rx60"
 
@@ -34,3 +37,22 @@ def test_a_command_is_short_unless_told(capsys):
     whole = capsys.readouterr().out.splitlines()
     assert len(brief) <= LINES
     assert brief[0] == whole[0]
+
+
+def test_files_of_one_folder_are_named_by_it():
+    folder = Path("results") / "rx60"
+    one, other = folder / "a.png", folder / "b.png"
+    assert files_written([one]) == f"written: {one}"
+    assert files_written([one, other]) == f"written in {folder}: a.png, b.png"
+    apart = files_written([one, Path("c.png")])
+    assert apart == f"written: {one}, c.png"
+    many = files_written([folder / f"torque_training_{k}.png" for k in range(8)])
+    assert max(map(len, many.splitlines())) <= 100
+    assert many.count("torque") == 8
+    names = [*(f"torque_training_{k}.png" for k in range(30)), "report.html", "r.json"]
+    short = files_written([folder / name for name in names], whole=False)
+    assert len(short.splitlines()) == 2 and max(map(len, short.splitlines())) <= 100
+    assert short.endswith("report.html, r.json")
+    # All are named or counted.
+    (left,) = re.findall(r"(\d+) more", short)
+    assert short.count("torque") + int(left) == 30

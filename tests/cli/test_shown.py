@@ -76,7 +76,7 @@ def test_a_comparison_says_verdicts_and_held_out_errors(found):
     assert "'constrained': use" in repr(comparison)
     lines = str(comparison).splitlines()
     assert "estimates may be used" in lines[0]
-    assert lines[-1].endswith(f"1: torque of {log.name}")
+    assert lines[-1].strip() == f"held-out error 1: all joints, {log.name}"
     assert f"{comparison['constrained'].validation[0].stacked:.2%}" in lines[3]
     assert read(comparison._repr_html_())[0] == lines[0]
 
@@ -122,9 +122,11 @@ def test_an_estimate_becomes_a_data_frame(found):
     pytest.importorskip("pandas")
     *_, bodily, _ = found
     frame = bodily.to_frame()
-    assert list(frame.columns) == ["value", "unit", "rests_on"]
+    assert list(frame.columns) == ["value", "standard_error", "unit", "determined_by"]
     assert tuple(frame.index) == bodily.model.layout.names
     np.testing.assert_array_equal(frame["value"], bodily.parameters)
+    np.testing.assert_array_equal(frame["standard_error"], bodily.parameter_errors)
+    assert tuple(frame["determined_by"]) == bodily.origins
     assert frame.attrs == {"method": "constrained", "verdict": "use"}
 
 

@@ -20,9 +20,11 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id._support.tables import Table
-from consistent_id.comparison.base_feasibility import in_words
-from consistent_id.estimation.torque_error import torque_errors
+from consistent_id.comparison.comparison import verdict_table
+from consistent_id.comparison.feasibility import in_words
+from consistent_id.estimation.estimate import torque_errors
 from consistent_id.report.summary import comparison_tables
+from consistent_id.robot.inertia import InertialParameters
 
 
 def _estimates(seed=0, noise=4.0):
@@ -63,6 +65,36 @@ def test_the_constrained_robot_is_consistent_and_its_mass_matrix_positive():
     assert all(bodily.consistent_links)
     assert bodily.least_mass_eigenvalue > 0.0
     assert bodily.base_feasibility.answer == "consistent"
+
+
+def test_consistent_links_are_counted_by_their_pseudo_inertia():
+    comparison, expected = _with_one_impossible_link(), []
+    for report in comparison.reports:
+        least = [
+            np.linalg.eigvalsh(InertialParameters(x).pseudo_inertia)[0]
+            for x in report.estimate.links
+        ]
+        expected.append(f"{sum(value >= -1e-9 for value in least)} of 3")
+    table = verdict_table(comparison)
+    column = table.header.index("consistent links")
+    assert [row[column] for row in table.rows] == expected
+    assert expected[-2:] == ["3 of 3", "2 of 3"]
+
+
+def test_what_base_parameters_rule_out_has_other_words():
+    comparison = _with_one_impossible_link()
+    (table,) = (t for t in comparison_tables(comparison) if "Physical" in t.title)
+    assert not any("consistent links" in name for name in table.header)
+    column = table.header.index("links that base parameters rule out")
+    assert table.rows[-1][column] == "1 of 3"
+
+
+def _with_one_impossible_link():
+    _, _, truth, logs, estimates = _estimates()
+    impossible = truth.copy()
+    impossible[20:30] *= -1.0  # the last link has negative mass and inertia
+    anti = replace(estimates[0], parameters=impossible, method="anti-body")
+    return compare([*estimates, anti], [logs[1]])
 
 
 def test_base_parameters_of_no_body_are_refused_however_well_they_fit():

@@ -9,7 +9,6 @@ from scipy.special import chdtrc
 from some_fast import some_fast
 
 from consistent_id import (
-    ParameterBounds,
     PhysicalConsistency,
     ProblemError,
     build_regression,
@@ -18,7 +17,8 @@ from consistent_id import (
     least_squares,
     simulate_torque,
 )
-from consistent_id.comparison.consistency_test import consistency_test
+from consistent_id.comparison.feasibility import consistency_test
+from consistent_id.constraints import ParameterBounds
 
 
 def noisy_pendulum(seed, noise=0.2):

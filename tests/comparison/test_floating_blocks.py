@@ -19,8 +19,8 @@ def sure(shifts):
     """
     rng = np.random.default_rng(0)
     w, dw, a = rng.uniform(-2.0, 2.0, (3, SAMPLES, 3))
-    base = ci.BaseMotion(w, 4.0 * dw, a + np.array([0, 0, 9.81]))
-    model, still = ci.tool_model("gripper"), np.zeros((SAMPLES, 0))
+    base = ci.recordings.BaseMotion(w, 4.0 * dw, a + np.array([0, 0, 9.81]))
+    model, still = ci.regression.tool_model("gripper"), np.zeros((SAMPLES, 0))
     truth = np.append(TOOL.vector, np.zeros(6))
     wrench = model.predict(truth, still, still, still, base=base)
     wrench += NOISE * rng.normal(size=wrench.shape)
@@ -30,7 +30,7 @@ def sure(shifts):
         0.01 * np.arange(SAMPLES),
         np.zeros((SAMPLES, 1)),
         base=base,
-        wrenches=(ci.Wrench("gripper", wrench),),
+        wrenches=(ci.recordings.Wrench("gripper", wrench),),
     )
     segments = segment_regressions(model, log)
     return uncertainty(model, segments, constraints=(), replicates=2)

@@ -9,20 +9,18 @@ from experiments import experiment, pendulum
 from scipy.special import fdtri, stdtrit
 
 from consistent_id import (
-    FixedCentresOfMass,
     FixedMasses,
-    ParameterBounds,
     PhysicalConsistency,
-    PointToSet,
     ProblemError,
     build_regression,
     constrained_least_squares,
-    joint_noise,
     least_squares,
     simulate_torque,
 )
 from consistent_id.comparison.intervals import consistent_intervals
+from consistent_id.constraints import FixedCentresOfMass, ParameterBounds, PointToSet
 from consistent_id.constraints.priors import Distance
+from consistent_id.regression import joint_noise
 
 SIGMA = 0.2
 SEEN = ["link1.hx", "link1.hy", "link1.Izz", "joint1.viscous"]

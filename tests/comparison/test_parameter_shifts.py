@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import consistent_id as ci
-from consistent_id.comparison.parameter_shifts import parameter_shifts
+from consistent_id.comparison.beyond_noise import parameter_shifts
 from consistent_id.comparison.parameter_uncertainty import uncertainty
 from consistent_id.regression.segments import segment_regressions
 
@@ -31,9 +31,9 @@ def log(arm):
 
 def fixed(arm):
     """All but the base parameters, each of which is then a parameter."""
-    base = ci.base_parameters(arm)
+    base = ci.regression.base_parameters(arm)
     others = set(range(len(arm.layout))) - set(base.independent)
-    return [ci.FixedParameters({arm.layout.names[i]: 0.0 for i in others})]
+    return [ci.constraints.FixedParameters({arm.layout.names[i]: 0.0 for i in others})]
 
 
 def louder(log, share):
@@ -43,7 +43,7 @@ def louder(log, share):
 def test_parameters_of_a_torque_a_percent_larger_are_a_percent_larger(arm, log):
     whole = ci.build_regression(arm, log)
     variants = [ci.build_regression(arm, louder(log, s)) for s in (0.01, -0.02)]
-    base = ci.base_parameters(arm)
+    base = ci.regression.base_parameters(arm)
     R = whole.stacked()
     x = np.linalg.lstsq(R[:, list(base.independent)], R[:, -1])[0]
     found = parameter_shifts(arm, whole, variants, fixed(arm))
@@ -60,7 +60,10 @@ def test_parameters_of_a_torque_a_percent_larger_are_a_percent_larger(arm, log):
 
 def test_variants_are_weighted_as_the_whole(arm, log):
     """By hand: least squares whose rows are divided by the noise of their joint."""
-    sigma, columns = np.array([1.0, 7.0]), list(ci.base_parameters(arm).independent)
+    sigma, columns = (
+        np.array([1.0, 7.0]),
+        list(ci.regression.base_parameters(arm).independent),
+    )
     other = replace(log, torque=log.torque + [0.3, 0.0] * np.sign(log.velocity))
     found = parameter_shifts(
         arm,

@@ -7,13 +7,11 @@ import pytest
 from experiments import pendulum
 
 from consistent_id import (
-    Datasheet,
     DHRow,
     DriveTerms,
     FixedMasses,
     InertialParameters,
     NonNegativeDrive,
-    ParameterBounds,
     PhysicalConsistency,
     ProblemError,
     Recording,
@@ -22,7 +20,9 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.comparison.parameter_uncertainty import uncertainty
+from consistent_id.constraints import ParameterBounds
 from consistent_id.regression.segments import segment_regressions
+from consistent_id.robot import Datasheet
 
 BODIES = (PhysicalConsistency(), FixedMasses(), NonNegativeDrive())
 

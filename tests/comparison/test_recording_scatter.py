@@ -5,24 +5,23 @@ import pytest
 from scipy.special import stdtrit
 
 from consistent_id import (
-    Datasheet,
     DHRow,
     DriveTerms,
     InertialParameters,
     Recording,
     TorqueModel,
-    base_parameters,
     build_regression,
     from_modified_dh,
     least_squares,
-    segment_regressions,
     simulate_torque,
 )
+from consistent_id.comparison.block_scatter import excess, recording_scatter
 from consistent_id.comparison.intervals import consistent_intervals
 from consistent_id.comparison.parameter_uncertainty import uncertainty
-from consistent_id.comparison.recording_scatter import excess, recording_scatter
+from consistent_id.regression import base_parameters, segment_regressions
 from consistent_id.regression.residual_noise import residual_noise
 from consistent_id.regression.segments import merged, segment_sources
+from consistent_id.robot import Datasheet
 
 NOISE, PLANTED = 0.2, 0.1
 

@@ -7,24 +7,18 @@ import numpy as np
 import pytest
 from experiments import experiment
 
-from consistent_id import (
-    InertialParameters,
-    ProblemError,
-    SolverError,
-    joint_noise,
-    simulate_torque,
-)
-from consistent_id.comparison import segment_bootstrap
-from consistent_id.comparison.segment_bootstrap import bootstrap
-from consistent_id.comparison.sensitivity import (
+from consistent_id import InertialParameters, ProblemError, SolverError, simulate_torque
+from consistent_id.comparison import parameter_uncertainty
+from consistent_id.comparison.parameter_scatter import (
     covariance,
     segment_scores,
     white_scores,
 )
+from consistent_id.comparison.parameter_uncertainty import bootstrap
 from consistent_id.constraints.priors import Penalty
-from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
-from consistent_id.estimation.constrained_fit import constrained_fit
+from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS, constrained_fit
 from consistent_id.estimation.cross_validation import cross_validated
+from consistent_id.regression import joint_noise
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.segments import merged, segment_regressions
 
@@ -49,7 +43,7 @@ def test_the_same_seed_gives_the_same_result_whatever_the_number_of_workers(
     first = bootstrap(model, segments, replicates=20, seed=3)
     for workers in (1, 3):
         monkeypatch.setattr(
-            "consistent_id.comparison.segment_bootstrap._WORKERS", workers
+            "consistent_id.comparison.parameter_uncertainty._WORKERS", workers
         )
         again = bootstrap(model, segments, replicates=20, seed=3)
         assert np.array_equal(again.estimates, first.estimates)
@@ -146,16 +140,16 @@ def test_its_scatter_is_the_covariance_from_segments_and_that_of_white_noise():
 def failing(monkeypatch, fails, error):
     """Let the fits of the draws with these numbers fail."""
     calls = iter(range(10**6))
-    solve = segment_bootstrap.penalised_fit
+    solve = parameter_uncertainty.penalised_fit
 
     def sometimes(*args, **options):
         if next(calls) in fails:
             raise error
         return solve(*args, **options)
 
-    monkeypatch.setattr("consistent_id.comparison.segment_bootstrap._WORKERS", 1)
+    monkeypatch.setattr("consistent_id.comparison.parameter_uncertainty._WORKERS", 1)
     monkeypatch.setattr(
-        "consistent_id.comparison.segment_bootstrap.penalised_fit", sometimes
+        "consistent_id.comparison.parameter_uncertainty.penalised_fit", sometimes
     )
 
 

@@ -7,23 +7,20 @@ import pytest
 from experiments import experiment, pendulum
 from robots import random_body
 
-from consistent_id import (
-    InertialParameters,
-    SolverError,
-    base_feasibility,
-    base_parameters,
-)
+from consistent_id import InertialParameters, SolverError
+from consistent_id.comparison import base_feasibility
 from consistent_id.constraints.cones import certificate
 from consistent_id.constraints.cones.certificate import certify, solve_certified
 from consistent_id.constraints.cones.feasibility import find_interior
-from consistent_id.constraints.cones.free_optimum import FreeOptimum
 from consistent_id.constraints.cones.least_norm import (
     ConeSolution,
+    FreeOptimum,
     LeastNorm,
     solve_least_norm,
 )
 from consistent_id.constraints.cones.programmes import Multipliers
 from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
+from consistent_id.regression import base_parameters
 
 
 def _triangular(seed, size=3):

@@ -8,14 +8,10 @@ from second_solver import FORMULATIONS, solve_anew
 
 from consistent_id import SolverError
 from consistent_id.constraints.cones.certificate import certify, solve_certified
-from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_norm
-from consistent_id.constraints.cones.matrices import (
-    least_eigenvalues,
-    matrices,
-    positive_part,
-    smat,
-    stacked,
-    svec,
+from consistent_id.constraints.cones.least_norm import (
+    LeastNorm,
+    minimisers,
+    solve_least_norm,
 )
 from consistent_id.constraints.cones.programmes import (
     Ball,
@@ -24,8 +20,16 @@ from consistent_id.constraints.cones.programmes import (
     set_rows,
     solve_cones,
 )
-from consistent_id.constraints.cones.quadratic import minimisers
-from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
+from consistent_id.constraints.cones.sets import (
+    ConicSet,
+    SemidefiniteBlock,
+    least_eigenvalues,
+    matrices,
+    positive_part,
+    smat,
+    stacked,
+    svec,
+)
 
 
 @settings(deadline=None)

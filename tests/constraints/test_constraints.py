@@ -7,33 +7,35 @@ from hypothesis import strategies as st
 from robots import random_body, random_robot, random_states
 
 from consistent_id import (
-    CentreOfMassIn,
-    DensityOn,
     DHRow,
     DriveTerms,
-    Ellipsoid,
-    EqualLinks,
     FixedMasses,
-    GearCoupling,
     InertialParameters,
-    LinearRelation,
     MassBounds,
     NonNegativeDrive,
-    ParameterBounds,
     PhysicalConsistency,
-    Polytope,
     ProblemError,
     Recording,
-    SharedMotors,
-    SymmetricLink,
     TorqueModel,
-    TotalMass,
     build_regression,
     constrained_least_squares,
     from_modified_dh,
     load_problem,
     simulate_torque,
 )
+from consistent_id.constraints import (
+    CentreOfMassIn,
+    DensityOn,
+    Ellipsoid,
+    EqualLinks,
+    LinearRelation,
+    ParameterBounds,
+    Polytope,
+    SharedMotors,
+    SymmetricLink,
+    TotalMass,
+)
+from consistent_id.regression import GearCoupling
 
 MODEL = TorqueModel(random_robot(np.random.default_rng(0), 2)[1])
 LINK = MODEL.layout.links[0]

@@ -6,10 +6,12 @@ from scipy.optimize import lsq_linear
 
 from consistent_id.constraints.cones import certificate
 from consistent_id.constraints.cones.certificate import certify, solve_certified
-from consistent_id.constraints.cones.free_optimum import free_optimum
-from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_norm
-from consistent_id.constraints.cones.row_spaces import row_spaces
-from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
+from consistent_id.constraints.cones.least_norm import (
+    LeastNorm,
+    free_optimum,
+    solve_least_norm,
+)
+from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock, row_spaces
 
 N = 7
 ONE = np.ones((1, 1))

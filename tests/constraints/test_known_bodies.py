@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from robots import random_robot
 
-from consistent_id import DriveTerms, JointLimits, ProblemError, TorqueModel
+from consistent_id import DriveTerms, ProblemError, TorqueModel
 from consistent_id.constraints import EqualMotors, FixedBodies, NonNegativeDrive
+from consistent_id.robot import JointLimits
 
 SLOPED = DriveTerms(
     viscous=True, coulomb="tanh", velocity_scale=0.1, friction_slope=True

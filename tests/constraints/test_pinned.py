@@ -5,11 +5,13 @@ import pytest
 
 from consistent_id import SolverError
 from consistent_id.constraints.cones.certificate import certify
-from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_norm
-from consistent_id.constraints.cones.matrices import smat
-from consistent_id.constraints.cones.pinned import free_set
-from consistent_id.constraints.cones.quadratic import minimisers
-from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
+from consistent_id.constraints.cones.least_norm import (
+    LeastNorm,
+    free_set,
+    minimisers,
+    solve_least_norm,
+)
+from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock, smat
 
 
 def _two_matrices(seed, pins):

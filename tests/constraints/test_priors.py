@@ -7,18 +7,21 @@ import pytest
 from robots import random_body, random_robot
 
 from consistent_id import (
-    Datasheet,
     DHRow,
     DriveTerms,
     InertialParameters,
-    PointToSet,
     ProblemError,
     TorqueModel,
     from_modified_dh,
 )
-from consistent_id.constraints.distances import nominal_distance, pullback_distance
-from consistent_id.constraints.priors import Distance
+from consistent_id.constraints import PointToSet
+from consistent_id.constraints.priors import (
+    Distance,
+    nominal_distance,
+    pullback_distance,
+)
 from consistent_id.regression.base import parameter_origins
+from consistent_id.robot import Datasheet
 from consistent_id.robot.scaling import link_scales, reference_bodies
 
 
@@ -148,3 +151,37 @@ def test_origins_tell_data_combinations_constraints_and_the_rest_apart():
         "data",
         "constraint",
     )
+
+
+def test_the_slope_along_a_step_is_that_of_the_distance():
+    rng = np.random.default_rng(7)
+    _, robot = random_robot(rng, 2)
+    model = TorqueModel(robot, DriveTerms(viscous=True))
+    unit = np.append(link_scales(robot).units, [0.5, 2.0])
+    mine = nominal_distance(model, "entropic", unit)
+    start, end = (
+        np.append(np.concatenate([random_body(rng).vector for _ in range(2)]), drive)
+        / unit
+        for drive in ([0.3, 0.7], [1.2, -0.4])
+    )
+    along = mine.along(start, end - start)  # bodies are convex: all of it is inside
+    for t in (0.0, 0.3, 0.9):
+        ahead, behind = (
+            mine.squared(start + (t + s) * (end - start)) for s in (1e-5, -1e-5)
+        )
+        assert along.slope(t) == pytest.approx((ahead - behind) / 2e-5, rel=1e-5)
+
+
+@pytest.mark.parametrize("kept", [0.1, 0.9])
+def test_the_furthest_step_leaves_bodies_a_share_of_their_eigenvalues(kept):
+    rng = np.random.default_rng(8)
+    _, robot = random_robot(rng, 2)
+    unit = link_scales(robot).units
+    mine = nominal_distance(TorqueModel(robot), "entropic", unit)
+    u = np.concatenate([random_body(rng).vector for _ in range(2)]) / unit
+    # Towards nothing, every eigenvalue falls alike: a share of 1 - kept is left of it.
+    assert mine.along(u, -u).furthest(kept) == pytest.approx(1.0 - kept)
+    assert mine.along(u, -5.0 * u).furthest(kept) == pytest.approx((1.0 - kept) / 5.0)
+    # Away from it, and by little, all of the step may be taken.
+    assert mine.along(u, u).furthest(kept) == 1.0
+    assert mine.along(u, -0.05 * u).furthest(kept) == 1.0

@@ -54,7 +54,7 @@ rows = [2001, 4000]
 
 def _arm_in(folder):
     """Write the arm of two joints, and return a clean log of it."""
-    from consistent_id import load_urdf
+    from consistent_id.robot import load_urdf
 
     (folder / "arm.urdf").write_text(ARM_URDF)
     model = TorqueModel(load_urdf(folder / "arm.urdf"), DRIVE)

@@ -8,7 +8,7 @@ import pytest
 from faulty_logs import arm, clean_case, clean_log, logs
 from some_fast import some_fast
 
-from consistent_id import base_parameters, build_regression
+from consistent_id import build_regression
 from consistent_id.diagnosis import diagnose
 from consistent_id.diagnosis.channel_factors import channel_factors
 from consistent_id.diagnosis.corrections import FAULT_KINDS, corrections
@@ -21,6 +21,7 @@ from consistent_id.diagnosis.explain import (
 from consistent_id.estimation.best_fit import best_fit
 from consistent_id.problems.file import PreparationTable
 from consistent_id.problems.preparation import prepared
+from consistent_id.regression import base_parameters
 
 JOINTS = ("joint1", "joint2", "joint3", "joint4")
 

@@ -10,13 +10,12 @@ from some_fast import some_fast
 
 from consistent_id import (
     FixedMasses,
-    ParameterBounds,
     Recording,
-    base_parameters,
     build_regression,
     constrained_least_squares,
 )
-from consistent_id.diagnosis import Diagnosis, Finding, diagnose
+from consistent_id.constraints import ParameterBounds
+from consistent_id.diagnosis import Diagnosis, LogFinding, diagnose
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
 from consistent_id.diagnosis.coverage import (
     rank_findings,
@@ -27,6 +26,7 @@ from consistent_id.diagnosis.jackknife import jackknife
 from consistent_id.diagnosis.linearise import linearised
 from consistent_id.diagnosis.repeats import leak_findings, repeated_share
 from consistent_id.diagnosis.small_shifts import estimate_lag, estimate_shifts
+from consistent_id.regression import base_parameters
 
 
 @cache
@@ -320,6 +320,18 @@ def test_validation_is_looked_at_too():
     assert _diagnosed(log, [motion]).recordings == (log.name,)
 
 
+@pytest.mark.slow
+def test_a_joint_that_rests_in_validation_alone_lets_nothing_be_fitted_worse():
+    """Nothing is fitted to validation, whatever it lets one identify."""
+    rests, moves = _at_rest(1), clean_log(1)
+    (finding,) = _diagnosed(rests).of("rank")
+    assert finding.severity == "warning"
+    found = _diagnosed(moves, [replace(rests, name="held")])
+    (finding,) = found.of("rank")
+    assert (finding.severity, finding.recording) == ("note", "held")
+    assert found.suspicious == ()
+
+
 def _at_rest(joint):
     """Return a log in which a joint does not move, without velocities."""
     case = clean_case(0)
@@ -357,9 +369,9 @@ def test_what_is_not_identifiable_is_named(joint):
 
 
 def test_findings_are_ranked_by_gravity():
-    note = Finding("a", "note", "x", "s", "do")
-    fault = Finding("b", "fault", "x", "s", "do")
-    warning = Finding("c", "warning", "x", "s", "do")
+    note = LogFinding("a", "note", "x", "s", "do")
+    fault = LogFinding("b", "fault", "x", "s", "do")
+    warning = LogFinding("c", "warning", "x", "s", "do")
     found = Diagnosis((note, warning, fault))
     assert [f.kind for f in found.findings] == ["b", "c", "a"]
     assert found.of("c") == (warning,)

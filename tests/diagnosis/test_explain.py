@@ -15,7 +15,12 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.diagnosis import diagnose
-from consistent_id.diagnosis.explain import datasheet_constraints, fitted_log
+from consistent_id.diagnosis.corrections import LOOKS_ALIKE, corrections
+from consistent_id.diagnosis.explain import (
+    corrected,
+    datasheet_constraints,
+    fitted_log,
+)
 from consistent_id.regression.base import base_parameters
 from consistent_id.robot.model import Link
 
@@ -64,3 +69,33 @@ def test_friction_that_varies_is_no_other_robot():
     ripple = 0.14 * np.std(log.torque) * np.sin(9.0 * log.position)
     odd = replace(log, torque=log.torque + ripple)
     assert diagnose(model, odd).of("model does not explain") != ()
+
+
+def test_a_width_of_friction_is_no_scale_of_the_position():
+    """A log with friction 1.25 times as wide as the model's is no encoder's fault."""
+    model, log, _ = _swing(0.01)
+    wide = replace(DRIVE, velocity_scale=1.25 * DRIVE.velocity_scale)
+    truth = np.append(np.asarray(model.robot.nominal), FRICTION)
+    made = simulate_torque(TorqueModel(model.robot, wide), truth, log)
+    as_is = _fitted(model, made)
+    every = corrections(model.robot, model.torque_joints)
+    scales = [c for c in every if c.cause.excuse == LOOKS_ALIKE]
+    assert as_is.misfit > 0.005
+    # Only the width is off: no scale explains what the width does.
+    left = [c.factors.least_misfit() for c in corrected(as_is, scales)]
+    assert min(left, default=1.0) > 0.9 * as_is.misfit
+
+
+def test_a_misfit_is_as_sure_as_stretches_of_the_log_agree_on_it():
+    model, log, _ = _swing(3.0)
+    motion = _fitted(model, log)
+    truth = simulate_torque(model, motion.fit.parameters, log).torque
+    steady = 0.1 * np.std(truth) * np.where(np.arange(len(log)) % 2, 1.0, -1.0)
+    # In all stretches alike: the misfit is what it is.
+    spread = replace(motion, recording=replace(log, torque=truth + steady[:, None]))
+    rms = np.sqrt(np.mean((truth + steady[:, None]) ** 2))
+    assert spread.least_likely == pytest.approx(0.1 * np.std(truth) / rms, rel=0.01)
+    # In one of twenty alone: by chance it might as well have been in none.
+    once = np.where(np.arange(len(log)) < len(log) // 20, steady, 0.0)[:, None]
+    rare = replace(motion, recording=replace(log, torque=truth + once))
+    assert rare.least_likely == 0.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from faulty_logs import arm, clean_log, logs
 
-from consistent_id import Recording, base_parameters, differentiated
+from consistent_id import Recording, differentiated
 from consistent_id.diagnosis.contact import (
     JointResidual,
     contact,
@@ -15,6 +15,7 @@ from consistent_id.diagnosis.contact import (
 )
 from consistent_id.diagnosis.explain import datasheet_constraints, fitted_log
 from consistent_id.diagnosis.lost_signs import lost_signs
+from consistent_id.regression import base_parameters
 
 
 def _as_is(log):

@@ -7,12 +7,8 @@ import pytest
 from faulty_logs import arm, clean_log, logs
 from some_fast import some_fast
 
-from consistent_id import (
-    FixedBodies,
-    FixedCentresOfMass,
-    FixedMasses,
-    PhysicalConsistency,
-)
+from consistent_id import FixedMasses, PhysicalConsistency
+from consistent_id.constraints import FixedBodies, FixedCentresOfMass
 from consistent_id.diagnosis import diagnose
 from consistent_id.diagnosis.other_load import last_links, without_link
 

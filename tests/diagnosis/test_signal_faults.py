@@ -84,6 +84,8 @@ def test_an_encoder_that_wraps_and_rows_that_are_lost_are_told_apart():
     lost = log.samples(kept)
     (finding,) = jump_findings(replace(lost, time=log.time[: len(kept)]))
     assert finding.kind == "gap"
+    # Stamps that are missing too say so themselves: the log is cut there.
+    assert jump_findings(lost) == []
 
 
 def test_white_noise_is_measured_beside_a_smooth_signal():
@@ -143,8 +145,8 @@ def test_a_torque_that_is_held_is_neither_coarse_nor_at_its_limit():
     assert (finding.kind, finding.severity) == ("torque resolution", "warning")
     assert finding.where == ", ".join(log.joints)
     # Of 3999 samples with one before, 199 are new.
-    assert "95% of its samples repeat the one before" in finding.statement
-    assert "new every 0.1 s" in finding.statement
+    assert "95% of the torque samples repeat the one before" in finding.statement
+    assert "updated only every 0.1 s" in finding.statement
     assert saturation_findings(log) == resolution_findings(log, log) == []
     few = log.samples(slice(0, 800))  # 40 values
     assert resolution_findings(few, few) == []
@@ -161,3 +163,38 @@ def test_a_limit_shows_in_a_torque_that_is_held():
     clipped[:, 1] = np.clip(clipped[:, 1], -limit, limit)
     (finding,) = saturation_findings(_held(replace(log, torque=clipped), 10))
     assert finding.where == "joint2"
+
+
+def test_a_stretch_in_which_a_joint_hardly_moves_is_not_without_a_signal():
+    rng, time = np.random.default_rng(0), np.arange(2000) / 200.0
+    rest = np.where(np.arange(2000) < 1600, 50.0 * np.sin(3.0 * time), 20.0)
+    log = clean_log(0).samples(slice(0, 2000))
+    torque = np.array(log.torque)
+    torque[:, 1] = rest + rng.normal(size=2000)
+    log = replace(log, torque=torque)
+    moving, still = log.samples(slice(0, 1600)), log.samples(slice(1600, None))
+    (finding,) = noise_findings(still)
+    assert (finding.kind, finding.where) == ("torque channel", "joint2")
+    assert noise_findings(still, [moving]) == []
+    # Noise as large as what the channel has elsewhere is all that there is.
+    torque = np.array(still.torque)
+    torque[:, 1] = 80.0 * rng.normal(size=len(torque))
+    noisy = replace(still, torque=torque)
+    assert [f.severity for f in noise_findings(noisy, [moving])] == ["fault"]
+
+
+def test_few_leaps_of_a_short_log_prove_no_share_of_them():
+    log = clean_log(0).samples(slice(0, 450))
+
+    def leaping(count):
+        torque = np.array(log.torque)
+        torque[20 : 20 + 30 * count : 30, 1] += 20.0 * np.std(torque[:, 1])
+        return spike_findings(replace(log, torque=torque))
+
+    assert [f.severity for f in leaping(1)] == ["warning"]
+    assert [f.severity for f in leaping(9)] == ["fault"]
+    # Beside what the channel does elsewhere they are small.
+    wide = replace(log, torque=1e3 * np.asarray(log.torque))
+    torque = np.array(log.torque)
+    torque[20, 1] += 20.0 * np.std(torque[:, 1])
+    assert spike_findings(replace(log, torque=torque), [wide]) == []

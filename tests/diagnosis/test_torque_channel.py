@@ -188,3 +188,21 @@ def test_a_gain_would_be_gravity_s_too(speed):
     found = _said(lambda g, i, f: g + speed**2 * i + f)
     assert [finding.kind for finding in found] == (["clock"] if speed > 1.0 else [])
     assert [f.kind for f in _said(lambda g, i, f: 2.0 * (g + i + f))] == ["torque gain"]
+
+
+@pytest.mark.parametrize("rotor", [False, True])
+def test_a_rotor_of_the_model_is_no_gain_of_the_inertial_part(rotor):
+    """Gravity by another centre of mass, and inertia by a rotor, grow alike."""
+    model, motion, gravity, inertial, friction = _parts()
+    drives = [DriveTerms(terms=DRIVE.terms, rotor_inertia=rotor)] * 4
+    model = TorqueModel(model.robot, drives)
+
+    def said(factor):
+        scale = np.array([1.0, 1.0, factor, 1.0])
+        log = replace(motion, torque=scale * (gravity + inertial) + friction)
+        return [f.where for f in channel_findings(torque_parts(model, log))]
+
+    third = model.torque_joints[2]
+    assert said(1.4) == ([] if rotor else [third])
+    # A rotor makes no part smaller, and no drawing is so wrong in mass and centre.
+    assert said(0.6) == said(1.8) == [third]

@@ -5,15 +5,10 @@ import pytest
 from robots import random_robot
 from some_fast import some_fast
 
-from consistent_id import (
-    DriveTerms,
-    PDGains,
-    Recording,
-    TorqueModel,
-    command_delay,
-    commanded,
-)
+from consistent_id import DriveTerms, Recording, TorqueModel
 from consistent_id.constraints import FixedParameters
+from consistent_id.estimation import command_delay
+from consistent_id.signals import PDGains, commanded
 
 TIME = np.arange(3000) / 200.0
 GAINS = PDGains(30.0, 1.0)

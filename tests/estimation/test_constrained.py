@@ -7,28 +7,30 @@ from robots import random_robot, random_states
 from some_fast import some_fast
 
 from consistent_id import (
-    CentreOfMassBoxes,
     DriveTerms,
-    FixedCentresOfMass,
     FixedMasses,
-    FixedParameters,
     InertialParameters,
     InfeasibleError,
     MassBounds,
     NonNegativeDrive,
-    Penalty,
     PhysicalConsistency,
-    PointToSet,
     ProblemError,
     Recording,
     TorqueModel,
     build_regression,
     constrained_least_squares,
-    joint_noise,
     least_squares,
     simulate_torque,
 )
-from consistent_id.comparison.fit_costs import constraint_costs
+from consistent_id.comparison.constraint_prices import constraint_costs
+from consistent_id.constraints import (
+    CentreOfMassBoxes,
+    FixedCentresOfMass,
+    FixedParameters,
+    Penalty,
+    PointToSet,
+)
+from consistent_id.regression import joint_noise
 
 
 @pytest.mark.parametrize("seed", range(4))

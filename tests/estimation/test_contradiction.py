@@ -8,23 +8,24 @@ from experiments import experiment, pendulum
 
 from consistent_id import (
     FixedMasses,
-    FixedParameters,
     InfeasibleError,
     NonNegativeDrive,
-    ParameterBounds,
     PhysicalConsistency,
-    TotalMass,
-    base_feasibility,
-    base_parameters,
     build_regression,
     constrained_least_squares,
-    contradiction,
-    shadow_prices,
 )
-from consistent_id.constraints import lowered
+from consistent_id.comparison import base_feasibility, shadow_prices
+from consistent_id.constraints import (
+    FixedParameters,
+    ParameterBounds,
+    TotalMass,
+    lowered,
+)
 from consistent_id.constraints.cones.feasibility import irreducible_conflict
 from consistent_id.constraints.cones.sets import ConicSet
+from consistent_id.estimation import contradiction
 from consistent_id.estimation.best_fit import best_fit
+from consistent_id.regression import base_parameters
 
 
 def _rows(*rows):

@@ -11,12 +11,12 @@ from consistent_id import (
     Recording,
     TorqueModel,
     constrained_least_squares,
-    joint_noise,
     simulate_torque,
 )
 from consistent_id.constraints.priors import Penalty
 from consistent_id.estimation.cross_validation import WEIGHTS as GRID
 from consistent_id.estimation.cross_validation import cross_validated
+from consistent_id.regression import joint_noise
 from consistent_id.regression.segments import merged, segment_regressions
 
 WEIGHTS = 10.0 ** np.arange(2, -7, -1)

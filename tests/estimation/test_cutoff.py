@@ -10,7 +10,7 @@ from robots import random_robot
 import consistent_id as ci
 from consistent_id.problems.file import ColumnsTable, PreparationTable
 from consistent_id.problems.preparation import check_preparation, prepared
-from consistent_id.recordings.sinusoids import Sinusoid, SinusoidalMotion
+from consistent_id.recordings.joint_paths import Sinusoid, SinusoidalMotion
 
 CANDIDATES = (2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 40.0)
 RATE = 200.0
@@ -56,7 +56,7 @@ def test_the_chosen_cutoff_predicts_nearly_as_well_as_the_best_there_is(arm):
     chosen = []
     for noise in (3e-5, 1e-3):
         _, log = experiment(arm, 0, noise)
-        choice = ci.best_cutoff(arm, log, CANDIDATES)
+        choice = ci.estimation.best_cutoff(arm, log, CANDIDATES)
         exact, fresh = experiment(arm, 1, noise)
         true = []
         for f in CANDIDATES:
@@ -78,7 +78,7 @@ def test_the_chosen_cutoff_predicts_nearly_as_well_as_the_best_there_is(arm):
 def test_smoother_torque_to_learn_from_is_not_rewarded(arm):
     _, log = experiment(arm, 0, 1e-4)
     pairs = [(8.0, f) for f in (2.0, 8.0, 40.0)]
-    choice = ci.best_cutoff(arm, log, pairs, target=40.0)
+    choice = ci.estimation.best_cutoff(arm, log, pairs, target=40.0)
     assert choice.target == 40.0
     # Torque of 2 Hz lacks what the motion asks for, though it would be fitted best.
     assert choice.error[0] > choice.error[1:].min()
@@ -94,7 +94,7 @@ def test_what_no_cutoff_can_be_chosen_from_is_refused(arm):
         ((0.5, 9.0), {}, ci.RecordingError, "Use fewer folds"),
     ):
         with pytest.raises(error, match=message):
-            ci.best_cutoff(arm, log, arguments, **options)
+            ci.estimation.best_cutoff(arm, log, arguments, **options)
 
 
 def test_rows_of_weight_zero_are_neither_fitted_nor_counted(arm):
@@ -102,7 +102,7 @@ def test_rows_of_weight_zero_are_neither_fitted_nor_counted(arm):
     mask = np.zeros((len(exact), 2), dtype=bool)
     mask[100:1000, 1] = True
     spoilt = replace(exact, torque=np.where(mask, 99.0, exact.torque))
-    weights = ci.row_weights(spoilt, mask, arm.torque_joints)
+    weights = ci.signals.row_weights(spoilt, mask, arm.torque_joints)
     regression = ci.build_regression(arm, spoilt, row_weights=[weights])
     assert regression.counts == (len(exact), len(exact) - 900)
     x = ci.least_squares(arm, regression).parameters

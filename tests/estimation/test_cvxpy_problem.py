@@ -10,15 +10,14 @@ from consistent_id import (
     FixedMasses,
     InfeasibleError,
     NonNegativeDrive,
-    Penalty,
     PhysicalConsistency,
-    PointToSet,
     ProblemError,
     SolverError,
     build_regression,
     constrained_least_squares,
-    to_cvxpy,
 )
+from consistent_id.constraints import Penalty, PointToSet
+from consistent_id.estimation import to_cvxpy
 
 CONSTRAINTS = (PhysicalConsistency(), NonNegativeDrive())
 PRIORS = (
@@ -140,7 +139,7 @@ def test_an_own_objective_is_minimised():
 def test_a_wrong_optimum_is_not_certified(monkeypatch):
     form, _ = problem(0)
     short = {"max_iter": 4}
-    monkeypatch.setattr("consistent_id.constraints.cones.cvxpy_cones.CLARABEL", short)
+    monkeypatch.setattr("consistent_id.constraints.cones.certificate.CLARABEL", short)
     try:
         estimate = form.solve(terms=[0.1 * cp.norm1(form.variable)])
     except SolverError:

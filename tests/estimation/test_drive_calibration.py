@@ -7,16 +7,10 @@ import pytest
 from robots import random_robot
 from test_command_delay import GAINS, TIME, motion
 
-from consistent_id import (
-    DriveCalibration,
-    DriveTerms,
-    ProblemError,
-    Recording,
-    TorqueModel,
-    calibrated,
-    fit_calibration,
-)
+from consistent_id import DriveTerms, ProblemError, Recording, TorqueModel
 from consistent_id.constraints import FixedParameters
+from consistent_id.estimation import fit_calibration
+from consistent_id.signals import DriveCalibration, calibrated
 
 DRIVE = DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.1, offset=True)
 TRUTH = DriveCalibration(0.0064, [1.08, 0.93, 1.02], [0.02, -0.03, 0.015])

@@ -7,7 +7,7 @@ import pytest
 from quadrupeds import quadruped_text, standing
 
 import consistent_id as ci
-from consistent_id.estimation.torque_error import torque_errors
+from consistent_id.estimation.estimate import torque_errors
 
 THREE = np.array([[i != j for j in range(4)] for i in range(4)] * 50)
 
@@ -17,7 +17,7 @@ def model(tmp_path_factory):
     path = tmp_path_factory.mktemp("robot") / "quadruped.xml"
     path.write_text(quadruped_text())
     drive = ci.DriveTerms(coulomb="tanh", velocity_scale=0.5)
-    return ci.TorqueModel(ci.load_mjcf(path, base="floating"), drive)
+    return ci.TorqueModel(ci.robot.load_mjcf(path, base="floating"), drive)
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def log(model):
 @pytest.mark.parametrize("measured", [True, False])
 def test_errors_of_a_floating_base_whose_joints_rest_are_found(model, log, measured):
     used = log if measured else replace(log, wrenches=())
-    base = ci.contact_free_base(model, used.contacts)
+    base = ci.regression.contact_free_base(model, used.contacts)
     found = ci.least_squares(model, ci.build_regression(model, used), base=base)
     (error,) = torque_errors([found], used)
     # Friction can hold joints, never the base.
@@ -45,7 +45,7 @@ def test_the_scale_of_a_robust_fit_is_of_rows_that_count(model, log):
     known = np.ones((len(log), 12), dtype=bool)
     known[:, 3] = rng.random(len(log)) < 0.3
     used = replace(log, wrenches=(), torque_known=known)
-    base = ci.contact_free_base(model, used.contacts)
+    base = ci.regression.contact_free_base(model, used.contacts)
     enough = {"base": base, "tolerance": 0.01}  # for scales that are compared
     whole = ci.huber(model, replace(used, torque_known=None), **enough)
     part = ci.huber(model, used, **enough)

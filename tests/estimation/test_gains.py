@@ -8,13 +8,8 @@ import pytest
 from loaded import GAINS, LOAD, runs
 from ur10e_loads import prepared, ur10e_runs
 
-from consistent_id import (
-    ProblemError,
-    RecordingError,
-    SolverError,
-    identify_gains,
-    identify_payload,
-)
+from consistent_id import ProblemError, RecordingError, SolverError
+from consistent_id.estimation import identify_gains, identify_payload
 
 KNOWN = {"load.m": LOAD.mass}
 AXES = ("hx", "hy", "hz")

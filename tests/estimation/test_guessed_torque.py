@@ -8,17 +8,17 @@ from experiments import experiment
 from quadrupeds import quadruped_text
 
 from consistent_id import (
-    BaseMotion,
     Recording,
     TorqueModel,
-    base_parameters,
     build_regression,
     constrained_least_squares,
-    load_mjcf,
 )
 from consistent_id.estimation.determination import linear_errors
-from consistent_id.estimation.guessed_torque import guessed_share
+from consistent_id.estimation.fit import guessed_share
+from consistent_id.recordings import BaseMotion
+from consistent_id.regression import base_parameters
 from consistent_id.regression.residual_noise import residual_noise
+from consistent_id.robot import load_mjcf
 
 
 def known(model):

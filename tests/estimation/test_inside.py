@@ -14,16 +14,15 @@ from consistent_id import (
     PhysicalConsistency,
     ProblemError,
     Recording,
-    base_parameters,
     build_regression,
     constrained_least_squares,
     least_squares,
     simulate_torque,
 )
-from consistent_id.constraints.link_condition import link_conditions
+from consistent_id.constraints.links import link_conditions
 from consistent_id.constraints.priors import Penalty, PointToSet
-from consistent_id.estimation.best_fit import best_fit
-from consistent_id.estimation.inside import MOVE, inner_fit
+from consistent_id.estimation.best_fit import MOVE, best_fit, inner_fit
+from consistent_id.regression import base_parameters
 from consistent_id.regression.residual_noise import residual_noise
 from consistent_id.robot.inertia import pseudo_inertia
 

@@ -11,17 +11,19 @@ from consistent_id import (
     Recording,
     RecordingError,
     TorqueModel,
-    base_parameters,
     build_regression,
     differentiated,
-    endogeneity_test,
     from_modified_dh,
-    instrumental_variables,
     low_passed,
+)
+from consistent_id.estimation import (
+    endogeneity_test,
+    instrumental_variables,
     weighted_least_squares,
 )
 from consistent_id.laboratory import Controller, Encoders, controlled, with_friction
-from consistent_id.recordings.sinusoids import Sinusoid, SinusoidalMotion
+from consistent_id.recordings.joint_paths import Sinusoid, SinusoidalMotion
+from consistent_id.regression import base_parameters
 
 SLIDER = from_modified_dh("slider", [DHRow(0, 0, kind="prismatic")], gravity=[0, 0, 0])
 MASS = TorqueModel(SLIDER)

@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 from some_fast import some_fast
 
 from consistent_id import DriveTerms, Recording, TorqueModel, from_modified_dh
-from consistent_id.estimation.joint_springs import joint_springs
+from consistent_id.estimation.transmission_springs import joint_springs
 from consistent_id.regression.elastic_joints import DAMPING, as_rigid
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders import DHRow

@@ -16,24 +16,22 @@ from consistent_id import (
     PhysicalConsistency,
     ProblemError,
     TorqueModel,
-    base_parameters,
     build_regression,
     compare,
     constrained_least_squares,
     huber,
-    judge,
     least_squares,
-    load_urdf,
     simulate_torque,
-    to_json,
-    weighted_least_squares,
 )
+from consistent_id.estimation import judge, weighted_least_squares
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.evidence import evidence_of
 from consistent_id.estimation.fit import fit_of
-from consistent_id.estimation.judge_slopes import of_slopes
-from consistent_id.estimation.verdict import WORDS
-from consistent_id.recordings.finding import Finding
+from consistent_id.estimation.judgement import of_slopes
+from consistent_id.estimation.verdict import WORDS, Verdict
+from consistent_id.export import to_json
+from consistent_id.recordings.recording import LogFinding
+from consistent_id.regression import base_parameters
+from consistent_id.robot import load_urdf
 
 
 @cache
@@ -144,13 +142,13 @@ def test_a_negative_rotor_inertia_is_caught_by_the_mass_matrix():
 
 def test_findings_decide_and_can_be_accepted():
     good = constrained_least_squares(model(), build_regression(model(), log()))
-    evidence = evidence_of(good)
+    evidence = good.evidence()
     words = {}
     for severity in ("fault", "warning", "note"):
-        found = Finding("clock", severity, "log", "seen", "mend it")
+        found = LogFinding("clock", severity, "log", "seen", "mend it")
         words[severity] = judge(replace(evidence, findings=(found,))).word
     assert words == {"fault": WORDS[2], "warning": WORDS[1], "note": WORDS[0]}
-    found = Finding("clock", "fault", "log", "seen", "mend it")
+    found = LogFinding("clock", "fault", "log", "seen", "mend it")
     accepted = judge(replace(evidence, findings=(found,), accepted=("clock",)))
     assert (accepted.word, accepted.accepted) == ("use", ("clock",))
     assert any("accepted by the user" in line for line in accepted.lines)
@@ -171,7 +169,43 @@ def test_a_joint_that_rests_while_tested_does_not_decide():
     quiet = replace(
         error, relative=np.array([0.01, 5.0]), torque=error.torque * [1.0, 1e-3]
     )
-    assert judge(replace(evidence_of(good), held_out=(quiet,))).word == "use"
+    assert judge(replace(good.evidence(), held_out=(quiet,))).word == "use"
+
+
+def test_each_share_of_torque_says_of_which_joints_and_data_it_is():
+    good = constrained_least_squares(model(), build_regression(model(), log()))
+    error = compare([good], [log()]).reports[0].validation[0]
+    fit = replace(good.fit, misfits=np.array([0.01, 0.41]), shares=np.ones(2))
+    far = replace(error, stacked=0.31, stacked_beyond=0.31, beyond=0.45 * error.torque)
+    evidence = replace(good.evidence(), fit=fit, held_out=(far,))
+    joint = fit.joints[1]
+    said = {reason.kind: reason.statement for reason in judge(evidence).grounds}
+    assert said["misfit"] == f"training misfit of {joint}: 41 % of its RMS torque"
+    assert said["held-out error"].startswith("held-out error of all joints: 31 %;")
+    assert judge(evidence).sentence.startswith(
+        f"use with care: constrained, held-out error 31 % (all joints, {log().name})"
+    )
+    # What friction can hold at rest is taken off the error that is judged.
+    rests = replace(far, stacked_beyond=0.11)
+    (said,) = (
+        reason.statement
+        for reason in judge(replace(evidence, held_out=(rests,))).grounds
+        if reason.kind == "held-out error"
+    )
+    assert "beyond friction at rest: 45 % of its RMS torque" in said
+
+
+def test_recordings_are_named_or_counted():
+    names = ("a.csv", "b.csv", "c.csv")
+    for count, said in ((0, ""), (1, ", a.csv"), (2, ", a.csv, b.csv")):
+        verdict = Verdict("use", "x", (), (), 0.031, names[:count])
+        assert verdict.sentence == f"use: x, held-out error 3.1 % (all joints{said})"
+    verdict = Verdict("use", "x", (), (), 0.031, names)
+    assert "(all joints, 3 recordings; least squares 46 %)" in verdict.compared(0.46)
+    assert Verdict.from_dict(verdict.to_dict()) == verdict
+    old = verdict.to_dict()
+    del old["held_out_recordings"]
+    assert Verdict.from_dict(old).recordings == ()
 
 
 def test_an_unproven_optimum_asks_for_care():
@@ -235,7 +269,7 @@ def test_slopes_and_shares_are_those_of_least_squares_on_the_samples():
 
 
 def test_the_largest_torque_survives_cutting_and_merging():
-    from consistent_id import segment_regressions
+    from consistent_id.regression import segment_regressions
 
     parts = segment_regressions(model(), log(), count=7)
     whole = sum(parts[1:], parts[0])
@@ -277,7 +311,7 @@ def test_a_joint_that_rests_and_carries_nothing_has_any_slope():
         expected=np.array([0.0, 1.0]),
         holding=np.array([50.0, 50.0]),
     )
-    evidence = replace(evidence_of(estimate), fit=fit)
+    evidence = replace(estimate.evidence(), fit=fit)
     assert "torque sign" not in [reason.kind for reason in of_slopes(evidence)]
 
 
@@ -298,7 +332,7 @@ def test_a_joint_at_rest_gets_no_boundless_friction():
 
 def test_a_verdict_of_who_knows_more_goes_with_the_estimate_into_its_file(tmp_path):
     good = constrained_least_squares(model(), build_regression(model(), log()))
-    found = Finding("clock", "fault", "log", "seen", "mend it")
+    found = LogFinding("clock", "fault", "log", "seen", "mend it")
     (report,) = compare([good], [log()], findings=[found]).reports
     assert (good.verdict.word, report.judged.verdict.word) == ("use", "do not use")
     path = report.judged.save(tmp_path / "e.json")
@@ -339,7 +373,7 @@ def test_correlated_residuals_are_worth_knowing_and_change_no_verdict():
     assert not said(white.verdict, "correlated residuals")
     (reason,) = said(coloured.verdict, "correlated residuals")
     assert reason.word == "use"
-    # Of slow motion 1 + 2 sum 0.9^k = 19 samples tell as much as one.
+    # Of slow motion 1 + 2 sum 0.9^k = 19 samples carry the information of one.
     assert coloured.fit.correlation == pytest.approx(19.0, rel=0.5)
     assert white.fit.correlation == pytest.approx(1.0, rel=0.3)
 
@@ -354,7 +388,7 @@ def test_few_independent_samples_ask_for_care():
 
 def test_data_against_all_bodies_are_worth_knowing_and_change_no_verdict():
     good = constrained_least_squares(model(), build_regression(model(), log()))
-    evidence = replace(evidence_of(good), contradicted="chi^2 rises by 80")
+    evidence = replace(good.evidence(), contradicted="chi^2 rises by 80")
     verdict = judge(evidence)
     (reason,) = said(verdict, "physical consistency")
     assert (verdict.word, reason.statement) == ("use", "chi^2 rises by 80")

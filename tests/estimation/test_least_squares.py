@@ -14,14 +14,13 @@ from consistent_id import (
     NotExcitedError,
     Recording,
     TorqueModel,
-    base_parameters,
     build_regression,
     huber,
-    joint_noise,
     least_squares,
     simulate_torque,
-    weighted_least_squares,
 )
+from consistent_id.estimation import weighted_least_squares
+from consistent_id.regression import base_parameters, joint_noise
 from consistent_id.regression.linear import solve_linear
 
 

@@ -14,15 +14,15 @@ from consistent_id import (
     PhysicalConsistency,
     Recording,
     TorqueModel,
-    TotalMass,
-    base_parameters,
     build_regression,
     constrained_least_squares,
     differentiated,
     from_modified_dh,
     simulate_torque,
 )
-from consistent_id.estimation.mass_bound import BOUNDS, attained_fit
+from consistent_id.constraints import TotalMass
+from consistent_id.estimation.best_fit import BOUNDS, attained_fit
+from consistent_id.regression import base_parameters
 
 BODIES = (PhysicalConsistency(), NonNegativeDrive())
 DRIVE = DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.05, offset=True)

@@ -8,31 +8,33 @@ import pytest
 from experiments import experiment
 
 from consistent_id import (
-    CentreOfMassBoxes,
     DHRow,
     DriveTerms,
-    EqualLinks,
     Estimate,
     FixedMasses,
-    FixedParameters,
     MassBounds,
     NonNegativeDrive,
     NotExcitedError,
     PhysicalConsistency,
     ProblemError,
-    SymmetricLink,
     TorqueModel,
-    TotalMass,
-    base_feasibility,
-    base_parameters,
     build_regression,
     compare,
     constrained_least_squares,
     from_modified_dh,
     huber,
     least_squares,
-    weighted_least_squares,
 )
+from consistent_id.comparison import base_feasibility
+from consistent_id.constraints import (
+    CentreOfMassBoxes,
+    EqualLinks,
+    FixedParameters,
+    SymmetricLink,
+    TotalMass,
+)
+from consistent_id.estimation import weighted_least_squares
+from consistent_id.regression import base_parameters
 
 MODEL, TRUTH, LOG = experiment(0, joints=2, samples=200, noise=1.0)
 REGRESSION = build_regression(MODEL, LOG)

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from consistent_id.estimation.nearest import _Search
+from consistent_id.estimation.penalised import _WeightSearch
 
 
 def tries(law, start=0.0, most=30, share=0.95, **options):
     """Return how many weights are tried until a share of the slack is used, or all."""
-    search = _Search(start)
+    search = _WeightSearch(start)
     for number in range(1, most + 1):
         used = law(np.exp(search.log_weight))
         if share <= used <= 1.0:
@@ -48,7 +48,7 @@ def test_what_is_aimed_at_is_used():
 
 
 def test_a_misfit_that_never_uses_up_the_slack_raises_the_weight_without_end():
-    search = _Search(0.0)
+    search = _WeightSearch(0.0)
     for _ in range(5):
         raised = search.narrowed(0.0)
         assert raised.log_weight > search.log_weight + 1.0

@@ -11,22 +11,20 @@ from robots import random_states
 from ur10e_loads import ur10e_runs
 
 from consistent_id import (
-    Datasheet,
     DriveTerms,
-    Link,
     ModelError,
     NotExcitedError,
-    ParameterBounds,
     ProblemError,
     RecordingError,
     TorqueModel,
-    TotalMass,
     build_regression,
-    identify_payload,
     least_squares,
 )
-from consistent_id.estimation.load.gain_slopes import gain_slopes
-from consistent_id.estimation.load.loaded_robot import loaded_robot
+from consistent_id.constraints import ParameterBounds, TotalMass
+from consistent_id.estimation import identify_payload
+from consistent_id.estimation.loaded_robot import loaded_robot
+from consistent_id.estimation.payload import gain_slopes
+from consistent_id.robot import Datasheet, Link
 from consistent_id.robot.inertia import INERTIAL_NAMES
 from consistent_id.robot.loaders.urdf import from_pinocchio
 

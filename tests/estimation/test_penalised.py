@@ -23,9 +23,9 @@ from consistent_id import (
 from consistent_id.constraints.cones.certificate import certify, unexplained
 from consistent_id.constraints.cones.least_norm import solve_least_norm
 from consistent_id.constraints.cones.programmes import Multipliers
-from consistent_id.constraints.cones.row_spaces import equalities
-from consistent_id.constraints.distances import nominal_distance
-from consistent_id.constraints.priors import Distance
+from consistent_id.constraints.cones.sets import equalities
+from consistent_id.constraints.priors import Distance, nominal_distance
+from consistent_id.estimation.best_fit import REFERENCE, scaled_fit
 from consistent_id.estimation.penalised import (
     _proven,
     _stacked,
@@ -33,7 +33,6 @@ from consistent_id.estimation.penalised import (
     certify_penalised,
     penalised_fit,
 )
-from consistent_id.estimation.scaled_fit import REFERENCE, scaled_fit
 from consistent_id.regression.base import base_parameters
 from consistent_id.robot.inertia import PSEUDO_INERTIA_BASIS, pseudo_inertia
 from consistent_id.robot.log_cholesky import (

@@ -7,18 +7,14 @@ from experiments import experiment, pendulum
 from consistent_id import (
     DriveTerms,
     FixedMasses,
-    GearCoupling,
     NonNegativeDrive,
     PhysicalConsistency,
-    PointToSet,
-    SharedMotors,
     SolverError,
     TorqueModel,
-    base_parameters,
     build_regression,
     constrained_least_squares,
 )
-from consistent_id.constraints import lowered
+from consistent_id.constraints import PointToSet, SharedMotors, lowered
 from consistent_id.constraints.cones.certificate import certify, solve_certified
 from consistent_id.constraints.cones.feasibility import (
     find_interior,
@@ -27,10 +23,10 @@ from consistent_id.constraints.cones.feasibility import (
 from consistent_id.constraints.cones.least_norm import ConeSolution, LeastNorm
 from consistent_id.constraints.cones.programmes import Multipliers
 from consistent_id.constraints.cones.sets import ConicSet
-from consistent_id.constraints.distances import nominal_distance
+from consistent_id.constraints.priors import nominal_distance
 from consistent_id.estimation.best_fit import best_fit
-from consistent_id.estimation.nearest import nearest_within
-from consistent_id.estimation.penalised import penalised_fit
+from consistent_id.estimation.penalised import nearest_within, penalised_fit
+from consistent_id.regression import GearCoupling, base_parameters
 
 
 def _nothing(rows=0, equal=0):

@@ -4,14 +4,16 @@ import numpy as np
 import pytest
 from experiments import experiment
 
-from consistent_id import PointToSet, ProblemError, base_parameters, segment_regressions
+from consistent_id import ProblemError
+from consistent_id.constraints import PointToSet
 from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
 from consistent_id.estimation.recommendation import (
-    Candidate,
+    MethodCandidate,
     Recommendation,
     _simplest,
     recommend,
 )
+from consistent_id.regression import base_parameters, segment_regressions
 
 
 def test_of_errors_that_do_not_scatter_the_least_is_taken():
@@ -35,8 +37,8 @@ def test_the_expected_error_is_that_of_another_motion():
         model,
         segment_regressions(model, log),
         [
-            Candidate("constrained", False, PointToSet()),
-            Candidate("weighted constrained", True, PointToSet()),
+            MethodCandidate("constrained", False, PointToSet()),
+            MethodCandidate("weighted constrained", True, PointToSet()),
         ],
         constraints=DEFAULT_CONSTRAINTS,
         base=base,

@@ -57,15 +57,15 @@ def off(model, truth, log):
 
 def test_rests_that_pull_at_the_parameters_are_left_out():
     model, truth, log = pendulum(sticks=True)
-    found = ci.rest_speed(model, log)
+    found = ci.estimation.rest_speed(model, log)
     assert STICKS <= found.speed <= 4 * STICKS
-    without = ci.without_rests(log, found.speed)
+    without = ci.signals.without_rests(log, found.speed)
     assert off(model, truth, without) < 1e-3 < 0.02 < off(model, truth, log)
 
 
 def test_where_friction_is_as_modelled_no_row_is_left_out():
     model, _, log = pendulum(sticks=False)
-    found = ci.rest_speed(model, log)
+    found = ci.estimation.rest_speed(model, log)
     assert found.speed == 0.0
     assert found.tried[-1] == 0.0 and (np.diff(found.tried) < 0.0).all()
 
@@ -74,15 +74,17 @@ def test_rows_free_of_contact_forces_are_compared_too(tmp_path):
     """The torque of slow joints is off by what dry friction may hold."""
     path = tmp_path / "quadruped.xml"
     path.write_text(quadruped_text())
-    robot = ci.load_mjcf(path, base="floating")
+    robot = ci.robot.load_mjcf(path, base="floating")
     patterns = np.array([[i != j for j in range(4)] for i in range(4)] * 40)
     log = standing(robot, patterns, noise=0.05)
     slow = abs(log.velocity) < np.quantile(abs(log.velocity), 0.1)
     log = replace(log, torque=log.torque + 2.0 * slow)
-    model = ci.contact_free_model(ci.TorqueModel(robot))
+    model = ci.regression.contact_free_model(ci.TorqueModel(robot))
     known = dict(zip(model.layout.names[10:], robot.nominal[10:], strict=True))
-    found = ci.rest_speed(model, log, constraints=[ci.FixedParameters(known)])
-    left = ci.without_rests(log, found.speed).torque_known
+    found = ci.estimation.rest_speed(
+        model, log, constraints=[ci.constraints.FixedParameters(known)]
+    )
+    left = ci.signals.without_rests(log, found.speed).torque_known
     assert not left[slow].any()
     assert left.mean() > 0.5
 
@@ -91,7 +93,7 @@ def test_some_torque_of_each_joint_is_left(tmp_path):
     """One joint is slow all the time: what would leave it out is not tried."""
     path = tmp_path / "quadruped.xml"
     path.write_text(quadruped_text())
-    robot = ci.load_mjcf(path, base="floating")
+    robot = ci.robot.load_mjcf(path, base="floating")
     patterns = np.array([[i != j for j in range(4)] for i in range(4)] * 50)
     log = standing(robot, patterns, noise=0.05)
     velocity = log.velocity.copy()
@@ -104,11 +106,13 @@ def test_some_torque_of_each_joint_is_left(tmp_path):
             strict=True,
         )
     )
-    model = ci.contact_free_model(ci.TorqueModel(robot))
-    found = ci.rest_speed(model, log, constraints=[ci.FixedParameters(known)])
+    model = ci.regression.contact_free_model(ci.TorqueModel(robot))
+    found = ci.estimation.rest_speed(
+        model, log, constraints=[ci.constraints.FixedParameters(known)]
+    )
     assert found.tried.max() < 0.01 < np.median(abs(log.velocity))
     for speed in found.tried[:-1]:
-        assert ci.without_rests(log, speed).torque_known.any(axis=0).all()
+        assert ci.signals.without_rests(log, speed).torque_known.any(axis=0).all()
 
 
 def test_a_reach_that_leaves_too_few_rows_is_shortened():
@@ -118,8 +122,8 @@ def test_a_reach_that_leaves_too_few_rows_is_shortened():
     log = replace(
         log, velocity=np.cos(2 * np.pi * time), position=np.sin(2 * np.pi * time)
     )
-    assert ci.rest_speed(model, log, reach=0.06).reach == 0.06
-    found = ci.rest_speed(model, log, reach=0.3)
+    assert ci.estimation.rest_speed(model, log, reach=0.06).reach == 0.06
+    found = ci.estimation.rest_speed(model, log, reach=0.3)
     assert found.reach == pytest.approx(0.2)
     assert len(found.tried) > 1
 
@@ -127,6 +131,6 @@ def test_a_reach_that_leaves_too_few_rows_is_shortened():
 def test_what_does_not_move_has_no_rests():
     model, _, log = pendulum(sticks=False)
     with pytest.raises(ci.NotExcitedError, match="no joint moves"):
-        ci.rest_speed(model, replace(log, velocity=0 * log.velocity))
+        ci.estimation.rest_speed(model, replace(log, velocity=0 * log.velocity))
     with pytest.raises(ci.ProblemError, match="rests show in velocity"):
-        ci.rest_speed(model, replace(log, velocity=None, acceleration=None))
+        ci.estimation.rest_speed(model, replace(log, velocity=None, acceleration=None))

@@ -10,24 +10,26 @@ import pytest
 from consistent_id import (
     DHRow,
     DriveTerms,
-    GearCoupling,
     NotExcitedError,
     ProblemError,
     TorqueModel,
-    base_parameters,
     build_regression,
-    fit_shapes,
     from_modified_dh,
     least_squares,
     load_problem,
-    shapes_of,
     simulate_torque,
+)
+from consistent_id.estimation import fit_shapes
+from consistent_id.estimation.shape_profile import ShapeGroup, ShapeMisfit
+from consistent_id.recordings.joint_paths import Sinusoid, SinusoidalMotion
+from consistent_id.regression import (
+    GearCoupling,
+    base_parameters,
+    shapes_of,
     with_shapes,
 )
-from consistent_id.estimation.shapes.shape_misfit import ShapeGroup, ShapeMisfit
-from consistent_id.recordings.sinusoids import Sinusoid, SinusoidalMotion
-from consistent_id.regression.correlation import correlation_length
-from consistent_id.regression.friction_shape_regression import shape_regression
+from consistent_id.regression.correlated_noise import correlation_length
+from consistent_id.regression.friction_shapes import shape_regression
 from consistent_id.robot.scaling import reference_bodies
 
 TRUE = DriveTerms(

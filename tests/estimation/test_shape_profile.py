@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from consistent_id.estimation.shapes.shape_profile import profile
+from consistent_id.estimation.shape_profile import ShapeGroup, profile
+from consistent_id.regression.friction_shapes import FrictionShape
 
 H = np.array([[2.0, 1.2], [1.2, 3.0]])
 BEST = np.array([0.3, -0.4])
@@ -44,3 +45,14 @@ def test_an_interval_that_reaches_the_bounds_ends_there_and_says_so():
     found = profiled(np.array([[0.1, 0.5], [-5.0, 5.0]]), independent=1.0)
     assert (found.low_found, found.high_found) == (False, False)
     assert np.log([found.low, found.high]) == pytest.approx([0.1, 0.5])
+
+
+def test_a_group_has_its_members_unit_and_their_geometric_mean():
+    first, second = (
+        FrictionShape(f"joint{n}", "velocity_scale", value, "rad/s", (1e-3, 1.0))
+        for n, value in ((1, 0.02), (2, 0.08))
+    )
+    alone, both = ShapeGroup("one", (first,)), ShapeGroup("all", (first, second))
+    assert (alone.kind, alone.unit) == (both.kind, both.unit)
+    assert (both.kind, both.unit) == ("velocity_scale", "rad/s")
+    assert [alone.value, both.value] == pytest.approx([0.02, 0.04])

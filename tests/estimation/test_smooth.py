@@ -8,36 +8,41 @@ from robots import random_robot, random_states
 from some_fast import some_fast
 
 from consistent_id import (
-    CentreOfMassBoxes,
-    CentreOfMassIn,
-    Datasheet,
-    DensityOn,
-    Ellipsoid,
-    FixedCentresOfMass,
     FixedMasses,
-    FixedParameters,
     InertialParameters,
     InfeasibleError,
-    LinearRelation,
     MassBounds,
     NonNegativeDrive,
-    ParameterBounds,
     PhysicalConsistency,
     ProblemError,
     Recording,
     TorqueModel,
     build_regression,
-    cross_check,
-    joint_noise,
     simulate_torque,
-    smooth_least_squares,
 )
-from consistent_id.constraints import lowered
+from consistent_id.comparison import cross_check
+from consistent_id.constraints import (
+    CentreOfMassBoxes,
+    CentreOfMassIn,
+    DensityOn,
+    Ellipsoid,
+    FixedCentresOfMass,
+    FixedParameters,
+    LinearRelation,
+    ParameterBounds,
+    lowered,
+)
+from consistent_id.estimation import smooth_least_squares
+from consistent_id.estimation.best_fit import scaled_fit
+from consistent_id.estimation.body_variables import (
+    _thickened,
+    body_variables,
+)
 from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
-from consistent_id.estimation.constraint_variables import body_variables
-from consistent_id.estimation.scaled_fit import scaled_fit
 from consistent_id.estimation.smooth import _proof
+from consistent_id.regression import joint_noise
 from consistent_id.regression.base import base_parameters
+from consistent_id.robot import Datasheet
 from consistent_id.robot.scaling import link_scales
 
 
@@ -238,3 +243,20 @@ def test_a_mass_of_zero_is_refused():
     )
     with pytest.raises(ProblemError, match=r"link1: a mass .* has no logarithm"):
         smooth_least_squares(weightless, build_regression(weightless, log))
+
+
+@pytest.mark.parametrize("mass", [0.2, 1.0, 30.0])
+def test_a_body_is_thickened_only_where_it_is_thin(mass):
+    spread = np.diag([0.04, 0.02, 0.01])  # central second moments over the mass, m^2
+    thick = InertialParameters.from_central(
+        mass, [0.3, -0.2, 0.1], mass * (np.trace(spread) * np.eye(3) - spread)
+    )
+    np.testing.assert_allclose(_thickened(thick.vector), thick.vector, atol=1e-12)
+    # A point has none; it keeps its mass and its place, and gets 3 cm.
+    point = InertialParameters.from_central(mass, [0.3, -0.2, 0.1], np.zeros((3, 3)))
+    found = InertialParameters(_thickened(point.vector))
+    np.testing.assert_allclose(found.vector[:4], point.vector[:4], atol=1e-12)
+    assert found.is_consistent()
+    # Equal in all directions: two moments of second order are each moment of inertia.
+    _, *equal = np.linalg.eigvalsh(found.central_inertia / mass)
+    np.testing.assert_allclose(equal, 2.0 * 0.03**2, rtol=1e-6)

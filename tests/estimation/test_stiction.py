@@ -15,10 +15,10 @@ from consistent_id import (
     compare,
     constrained_least_squares,
     differentiated,
-    load_urdf,
     simulate_torque,
 )
-from consistent_id.estimation.stiction import BREAKAWAY, beyond_friction, holding
+from consistent_id.estimation.torque_error import BREAKAWAY, beyond_friction, holding
+from consistent_id.robot import load_urdf
 
 COULOMB = 1.5  # N m, of the elbow; see FRICTION of `logged`
 

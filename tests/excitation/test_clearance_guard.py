@@ -3,11 +3,14 @@
 import numpy as np
 from excited import arm, arm_limits
 
-from consistent_id import Body, Box, Capsule, Sphere, build_scene
-from consistent_id.excitation import clearance_guard
 from consistent_id.excitation.basis import FourierBasis
-from consistent_id.excitation.clearance_guard import ClearanceGuard
-from consistent_id.excitation.guards import EVERY, Place, guard_rows
+from consistent_id.excitation.guards import (
+    EVERY,
+    ClearanceGuard,
+    WatchedPlace,
+    guard_rows,
+)
+from consistent_id.motion import Body, Box, Capsule, Sphere, build_scene
 from consistent_id.motion.collisions import separation as separations
 from consistent_id.motion.collisions.bodies import plane
 from consistent_id.motion.collisions.separation import nearest
@@ -35,8 +38,8 @@ def moving(guard, times=9):
 
 def mixed(guard, times=9):
     """Every time as a whole, and some pairs at some of the times."""
-    places = {Place(t, EVERY) for t in range(times)}
-    places |= {Place(t, t % len(guard.scene.pairs)) for t in range(0, times, 2)}
+    places = {WatchedPlace(t, EVERY) for t in range(times)}
+    places |= {WatchedPlace(t, t % len(guard.scene.pairs)) for t in range(0, times, 2)}
     return sorted(places)
 
 
@@ -81,6 +84,6 @@ def test_a_pair_at_a_time_is_measured_once_however_many_rows_need_it(monkeypatch
         counts.append(len(given[3]))
         return separations.separation(*given)
 
-    monkeypatch.setattr(clearance_guard, "separation", counted)
+    monkeypatch.setattr("consistent_id.excitation.guards.separation", counted)
     guard_rows(guard, mixed(guard), basis, time, variables)
     assert counts == [len(time) * len(guard.scene.pairs)]

@@ -17,7 +17,6 @@ from consistent_id import (
     NotExcitedError,
     ProblemError,
     TorqueModel,
-    base_parameters,
     build_regression,
     simulate_torque,
 )
@@ -26,7 +25,8 @@ from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.verification import Demands
 from consistent_id.motion.proofs.margins import motion_margins
-from consistent_id.recordings.trajectory import FourierTrajectory
+from consistent_id.recordings.joint_paths import FourierTrajectory
+from consistent_id.regression import base_parameters
 
 FORM = PathForm(5.0, 3)
 PLENTY = 600.0  # seconds that no test takes

@@ -7,13 +7,7 @@ import pytest
 from excited import FRICTION, arm, arm_limits
 from paths import random_path
 
-from consistent_id import (
-    ProblemError,
-    TorqueModel,
-    base_parameters,
-    build_regression,
-    simulate_torque,
-)
+from consistent_id import ProblemError, TorqueModel, build_regression, simulate_torque
 from consistent_id.excitation.accuracy import predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.search_problem import search_problem
@@ -21,6 +15,7 @@ from consistent_id.excitation.verification import demands
 from consistent_id.motion.collisions.bodies import Body, Sphere, plane
 from consistent_id.motion.collisions.scene_building import build_scene
 from consistent_id.motion.limits import MotionLimits, motion_limits
+from consistent_id.regression import base_parameters
 
 MODEL = TorqueModel(arm(2))
 

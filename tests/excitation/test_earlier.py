@@ -11,13 +11,13 @@ from consistent_id import (
     InertialParameters,
     ProblemError,
     build_regression,
-    save_regression,
     simulate_torque,
 )
 from consistent_id.cli import main
 from consistent_id.excitation.accuracy import path_regressor
 from consistent_id.excitation.playable import playable_design
 from consistent_id.excitation.sources import earlier_recordings, problem_to_excite
+from consistent_id.regression import save_regression
 
 PROBLEM = """
 name = "arm"

@@ -4,22 +4,18 @@ import numpy as np
 import pytest
 from excited import arm, arm_limits
 
-from consistent_id import (
-    InfeasibleError,
-    NotExcitedError,
-    ProblemError,
-    TorqueModel,
-    base_parameters,
+from consistent_id import InfeasibleError, NotExcitedError, ProblemError, TorqueModel
+from consistent_id.excitation.accuracy import (
+    predicted_accuracy,
+    relative_accuracy,
+    with_default_noise,
 )
-from consistent_id.excitation.accuracy import predicted_accuracy
-from consistent_id.excitation.aims import Aim, PathForm
-from consistent_id.excitation.default_noise import with_default_noise
+from consistent_id.excitation.aims import Aim, PathForm, forms_to_try
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.design_record import design_tables
-from consistent_id.excitation.forms import forms_to_try
-from consistent_id.excitation.relative_accuracy import relative_accuracy
 from consistent_id.excitation.search_problem import search_problem
 from consistent_id.motion.limits import MotionLimits
+from consistent_id.regression import base_parameters
 
 FORM = PathForm(5.0, 3)
 

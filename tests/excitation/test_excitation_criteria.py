@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 from excited import FRICTION, arm, arm_limits, arm_problem
 
-from consistent_id import DriveTerms, ProblemError, TorqueModel, base_parameters
+from consistent_id import DriveTerms, ProblemError, TorqueModel
 from consistent_id.excitation.aims import PathForm
-from consistent_id.excitation.basis import FourierBasis, null_space
+from consistent_id.excitation.basis import FourierBasis, limit_rows, null_space
 from consistent_id.excitation.criteria import criterion_of, of_some, scaled, spread
-from consistent_id.excitation.guards import Place, TorqueGuard, guard_rows
-from consistent_id.excitation.information import PathInformation
+from consistent_id.excitation.guards import TorqueGuard, WatchedPlace, guard_rows
 from consistent_id.excitation.kernels import (
     RegressorKernel,
     TorqueKernel,
     slow_speeds,
     smooth,
 )
-from consistent_id.excitation.limit_rows import limit_rows
+from consistent_id.excitation.search_problem import PathInformation
+from consistent_id.regression import base_parameters
 
 OBJECTIVES = ("condition", "D", "A", "E", "task")
 
@@ -290,7 +290,12 @@ def test_rows_of_a_guard_have_the_slopes_of_finite_differences():
     basis, rng = basis_of(FORMS[0]), np.random.default_rng(0)
     variables, direction = rng.normal(size=(2, basis.size, 2))
     grid = np.linspace(0.0, 5.0, 40)
-    places = [Place(3, 0), Place(17, 1), Place(17, 2), Place(30, 3)]
+    places = [
+        WatchedPlace(3, 0),
+        WatchedPlace(17, 1),
+        WatchedPlace(17, 2),
+        WatchedPlace(30, 3),
+    ]
 
     def rows(x):
         return guard_rows(guard, places, basis, grid, x)

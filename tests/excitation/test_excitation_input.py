@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from paths import one_sine
 
-from consistent_id import ProblemError, load_problem, write_trajectory
+from consistent_id import ProblemError, load_problem
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.request import design_request
-from consistent_id.recordings.trajectory import harmonics_of
+from consistent_id.motion import write_trajectory
+from consistent_id.recordings.joint_paths import harmonics_of
 
 
 @pytest.mark.parametrize("bases", [(0.1, 0.15), (0.1, 0.2), (0.1, 0.3, 0.7), 0.2])

@@ -10,7 +10,7 @@ from some_fast import some_fast
 from consistent_id import SolverError, TorqueModel
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.guards import TorqueGuard
-from consistent_id.excitation.search import Candidate, search
+from consistent_id.excitation.path_search import FoundPath, search
 from consistent_id.excitation.searches import run_searches
 
 OBJECTIVES = ("condition", "D", "A", "E", "task")
@@ -24,7 +24,7 @@ def searched(problem, objective="condition", number=0, *, start=None, **how):
     """The result of a search for an objective, from a random path or a given one."""
     bound = how.pop("spread_bound", np.inf)
     problem = replace(problem, objective=objective, spread_bound=bound)
-    return search(problem, Candidate(number, start), **how)
+    return search(problem, FoundPath(number, start), **how)
 
 
 def largest(problem, variables):
@@ -150,7 +150,7 @@ def test_time_that_is_over_leaves_what_a_moment_found():
     problem = problem_of()
     (found,) = run_searches(
         problem,
-        [Candidate(0)],
+        [FoundPath(0)],
         lanes=1,
         work=0.0,
         interrupted=bool,
@@ -170,7 +170,7 @@ def test_every_improvement_is_reported():
 
 @pytest.mark.slow
 def test_searches_come_back_best_first():
-    starts = [Candidate(number) for number in range(3)]
+    starts = [FoundPath(number) for number in range(3)]
     found = run_searches(problem_of(), starts, lanes=1, work=np.inf, interrupted=bool)
     scores = [one.score for one in found]
     assert scores == sorted(scores) and len(scores) == 3
@@ -184,7 +184,7 @@ def test_a_start_that_violates_nothing_is_reported_before_the_solver_runs(monkey
     def broken(*_, **__):
         raise SolverError("broken")
 
-    monkeypatch.setattr("consistent_id.excitation.search.minimise", broken)
+    monkeypatch.setattr("consistent_id.excitation.path_search.minimise", broken)
     start = problem.random(0)
     with pytest.raises(SolverError):
         searched(problem, start=start, report=lambda best: reports.append(best.score))

@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 from robots_in_scenes import ARM, LEVER, WALL, scene_problem
 
-from consistent_id import ProblemError, prove_clearance
+from consistent_id import ProblemError
 from consistent_id.cli import main
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.output import (
@@ -20,6 +20,7 @@ from consistent_id.excitation.output import (
 )
 from consistent_id.excitation.playable import playable_design
 from consistent_id.excitation.request_scene import requested_scene
+from consistent_id.motion import prove_clearance
 from consistent_id.motion.collisions.separation import nearest
 from consistent_id.motion.proofs.margins import motion_margins
 

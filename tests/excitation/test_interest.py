@@ -8,15 +8,9 @@ import pytest
 from estimates import estimate_of
 from excited import FRICTION, arm, arm_limits, arm_problem
 
-from consistent_id import (
-    InertialParameters,
-    ProblemError,
-    TorqueModel,
-    base_parameters,
-    load_urdf,
-)
+from consistent_id import InertialParameters, ProblemError, TorqueModel
 from consistent_id.cli.tool import main
-from consistent_id.excitation.accuracy import predicted_accuracy
+from consistent_id.excitation.accuracy import predicted_accuracy, relative_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.interest import (
@@ -25,9 +19,10 @@ from consistent_id.excitation.interest import (
     parameters_named,
     places_of_interest,
 )
-from consistent_id.excitation.relative_accuracy import relative_accuracy
 from consistent_id.excitation.sources import problem_to_excite, with_open_parameters
-from consistent_id.regression.random_rows import random_regressor
+from consistent_id.regression import base_parameters
+from consistent_id.regression.row_structure import random_regressor
+from consistent_id.robot import load_urdf
 
 INTERESTS = [("link3",), ("link2",), ("*.viscous",), ("joint1", "link3.h?")]
 

@@ -6,22 +6,13 @@ import re
 import numpy as np
 import pytest
 
-from consistent_id import (
-    Body,
-    Capsule,
-    DHRow,
-    ProblemError,
-    Sphere,
-    build_scene,
-    from_modified_dh,
-    load_urdf,
-    move_along,
-    plane,
-)
+from consistent_id import DHRow, ProblemError, from_modified_dh
 from consistent_id.cli import main
-from consistent_id.excitation.replay import write_replay
+from consistent_id.excitation.html_replay import write_replay
+from consistent_id.motion import Body, Capsule, Sphere, build_scene, move_along, plane
 from consistent_id.motion.limits import motion_limits
-from consistent_id.recordings.trajectory import FourierTrajectory
+from consistent_id.recordings.joint_paths import FourierTrajectory
+from consistent_id.robot import load_urdf
 
 needs_viser = pytest.mark.skipif(
     importlib.util.find_spec("viser") is None, reason="viser is missing"

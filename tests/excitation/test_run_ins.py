@@ -7,19 +7,13 @@ import pytest
 from robots_in_scenes import scene_problem
 from some_fast import some_fast
 
-from consistent_id import (
-    Body,
-    FourierTrajectory,
-    Sphere,
-    build_scene,
-    move_along,
-    prove_clearance,
-)
 from consistent_id.excitation.proven_moves import proven_move
 from consistent_id.excitation.request import design_request
 from consistent_id.excitation.verification import demands
+from consistent_id.motion import Body, Sphere, build_scene, move_along, prove_clearance
 from consistent_id.motion.collisions.separation import nearest
-from consistent_id.recordings.trajectory import harmonics_of
+from consistent_id.recordings import FourierTrajectory
+from consistent_id.recordings.joint_paths import harmonics_of
 
 # An arm in a plane, on the other side of a post: two joints, so that there is a way
 # around it, but not the straight one.

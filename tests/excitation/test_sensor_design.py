@@ -8,8 +8,8 @@ import pytest
 
 import consistent_id as ci
 from consistent_id.cli.tool import main
-from consistent_id.excitation.carried_tool import what_moves, with_load
 from consistent_id.excitation.interest import base_for
+from consistent_id.excitation.playable import what_moves, with_load
 from consistent_id.excitation.search_problem import search_problem
 
 NOISE = [0.2] * 3 + [0.02] * 3
@@ -20,7 +20,7 @@ AIM = ci.Aim(noise=NOISE, interest=["gripper"], correlation_time=0.0, rate=50.0)
 
 
 def arm():
-    within = ci.JointLimits(lower=-2.0, upper=2.0, velocity=3.0, effort=150.0)
+    within = ci.robot.JointLimits(lower=-2.0, upper=2.0, velocity=3.0, effort=150.0)
     link = ci.InertialParameters.from_central(3, [0.2, 0, 0], 0.03 * np.eye(3))
     rows = [(-np.pi / 2, 0, 0), (0, 0.4, 0), (-np.pi / 2, 0.3, 0), (np.pi / 2, 0, 0.1)]
     found = ci.from_modified_dh("arm", [ci.DHRow(*r, limits=within) for r in rows])
@@ -29,7 +29,7 @@ def arm():
 
 @pytest.fixture(scope="module")
 def rows():
-    return ci.SensorRows(ci.tool_model("gripper"), arm(), "link4")
+    return ci.regression.SensorRows(ci.regression.tool_model("gripper"), arm(), "link4")
 
 
 @pytest.fixture(scope="module")
@@ -80,14 +80,17 @@ def test_predicted_errors_of_the_tool_come_true(design, rows):
     path, tool = design.trajectory, rows.tool
     log = path.recording(rate=AIM.rate)
     none = np.zeros((len(log), 0))
-    moved = ci.sensor_motion(rows.arm, log, rows.frame)
+    moved = ci.regression.sensor_motion(rows.arm, log, rows.frame)
     clean = tool.predict(np.append(TOOL.vector, BIAS), none, none, none, base=moved)
     rng, off = np.random.default_rng(0), []
     for _ in range(60):
         shown = clean + rng.normal(size=clean.shape) * NOISE
-        one = replace(log, wrenches=(ci.Wrench(rows.frame, shown),))
-        fit = ci.sensor_regression(tool, rows.arm, one, frame=rows.frame)
-        off.append(ci.weighted_least_squares(tool, fit).parameters[:10] - TOOL.vector)
+        one = replace(log, wrenches=(ci.recordings.Wrench(rows.frame, shown),))
+        fit = ci.regression.sensor_regression(tool, rows.arm, one, frame=rows.frame)
+        off.append(
+            ci.estimation.weighted_least_squares(tool, fit).parameters[:10]
+            - TOOL.vector
+        )
     spread = np.sqrt(np.mean(np.square(off), axis=0))
     said = design.accuracy.standard_errors()[list(design.accuracy.interest)]
     # Sixty draws know a spread to 9 %; ten of them together to 3 %.

@@ -6,7 +6,7 @@ from excited import arm, arm_limits
 
 from consistent_id import ProblemError, TorqueModel, design_trajectory
 from consistent_id.excitation.aims import Aim, PathForm
-from consistent_id.excitation.request_currents import with_current_limits
+from consistent_id.excitation.request import with_current_limits
 from consistent_id.excitation.verification import FRICTION_SHARE, demands
 from consistent_id.problems.excitation_tables import LimitsTable
 

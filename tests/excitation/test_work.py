@@ -13,10 +13,10 @@ from excited import arm, arm_limits, arm_problem
 from consistent_id import TorqueModel
 from consistent_id._support.executors import Executor
 from consistent_id.excitation.aims import PathForm
-from consistent_id.excitation.search import Candidate, search
+from consistent_id.excitation.path_search import FoundPath, search
 from consistent_id.excitation.searches import lane_work, run_searches
 
-STARTS = [Candidate(number) for number in range(6)]
+STARTS = [FoundPath(number) for number in range(6)]
 
 
 def problem():
@@ -36,12 +36,12 @@ def assert_same(first, second):
 
 @cache
 def whole_search():
-    return search(problem(), Candidate(0))
+    return search(problem(), FoundPath(0))
 
 
 def test_a_search_ends_when_its_work_is_done():
     whole = whole_search()
-    part = search(problem(), Candidate(0), work=0.3 * whole.work)
+    part = search(problem(), FoundPath(0), work=0.3 * whole.work)
     assert whole.complete and not part.complete
     # It ends at the next iteration, which is a small part of it.
     assert 0.3 * whole.work <= part.work < 0.4 * whole.work
@@ -50,7 +50,7 @@ def test_a_search_ends_when_its_work_is_done():
 
 def test_the_same_work_on_a_busy_machine_finds_the_same():
     work = 0.5 * whole_search().work
-    quiet = search(problem(), Candidate(0), work=work)
+    quiet = search(problem(), FoundPath(0), work=work)
     stop = threading.Event()
 
     def burn():
@@ -60,7 +60,7 @@ def test_the_same_work_on_a_busy_machine_finds_the_same():
     other = threading.Thread(target=burn)
     other.start()
     try:
-        busy = search(problem(), Candidate(0), work=work)
+        busy = search(problem(), FoundPath(0), work=work)
     finally:
         stop.set()
         other.join()
@@ -69,7 +69,7 @@ def test_the_same_work_on_a_busy_machine_finds_the_same():
 
 @pytest.mark.slow
 def test_lanes_end_by_their_own_work_however_long_they_take():
-    one = search(problem(), Candidate(0)).work
+    one = search(problem(), FoundPath(0)).work
     how = {"lanes": 2, "work": 1.5 * one, "interrupted": bool}
     first = run_searches(problem(), STARTS, **how)
     again = run_searches(problem(), STARTS, **how)
@@ -91,7 +91,7 @@ def place(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", EVERYWHERE)
 def test_lanes_find_the_same_wherever_they_are_run(name):
-    one = search(problem(), Candidate(0)).work
+    one = search(problem(), FoundPath(0)).work
     how = {"lanes": 3, "work": 1.5 * one, "interrupted": bool}
     expected = run_searches(problem(), STARTS, **how)
     found = run_searches(problem(), STARTS, **how, executor=place(name))
@@ -104,7 +104,7 @@ def test_an_interrupt_leaves_what_was_found_wherever_it_was(name):
     asked = iter([False] * 8)
     found = run_searches(
         problem(),
-        [Candidate(number) for number in range(500)],
+        [FoundPath(number) for number in range(500)],
         lanes=2,
         work=np.inf,
         interrupted=lambda: next(asked, True),

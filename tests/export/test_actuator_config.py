@@ -8,7 +8,9 @@ import pytest
 from estimates import random_estimate
 from robots import random_robot
 
-from consistent_id import DriveTerms, PDGains, to_isaac_lab, to_mjlab
+from consistent_id import DriveTerms
+from consistent_id.export import to_isaac_lab, to_mjlab
+from consistent_id.signals import PDGains
 
 DRIVE = DriveTerms(viscous=True, coulomb="sign", rotor_inertia=True)
 GAINS = PDGains(np.array([20.0, 40.0, 60.0]), 1.5, 30.0)

@@ -8,7 +8,9 @@ from published_robots import FILES, NO_ROBOTS, leaderless
 from robots import random_body
 from urdf_torques import assert_same_torque
 
-from consistent_id import TorqueModel, load_urdf, repair_urdf, to_urdf
+from consistent_id import TorqueModel, to_urdf
+from consistent_id.repair import repair_urdf
+from consistent_id.robot import load_urdf
 
 SOME = [path for path in FILES[::5] if path.name not in NO_ROBOTS]
 

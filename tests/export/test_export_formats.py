@@ -3,16 +3,29 @@
 import inspect
 import subprocess
 import sys
+from dataclasses import replace
+from functools import partial
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
-from estimates import random_estimate
-from robots import random_robot
+from estimates import estimate_of, random_estimate
+from quadrupeds import quadruped_text
+from robots import random_body, random_robot
 
-from consistent_id import ProblemError, to_json, to_urdf
-from consistent_id.export.export_formats import EXPORT_FORMATS, exported
+import consistent_id
+from consistent_id import DriveTerms, ProblemError, TorqueModel, to_urdf
+from consistent_id.estimation.verdict import Reason, Verdict
+from consistent_id.export import export_formats, to_json
+from consistent_id.export.export_formats import (
+    EXPORT_FORMATS,
+    Export,
+    ExportFormat,
+    exported,
+)
+from consistent_id.robot import load_mjcf
 
 ROOT = Path(__file__).parents[2]
 
@@ -46,6 +59,74 @@ def test_a_source_for_other_formats_and_unknown_formats_are_refused(estimate):
         exported(estimate, "c", source=Path("robot.urdf"))
     with pytest.raises(ProblemError, match="no format 'jason'; known: json"):
         exported(estimate, "jason")
+
+
+@pytest.fixture(scope="module")
+def refused(estimate):
+    reason = Reason("misfit", "do not use", "it does not fit", "check units")
+    return replace(estimate, judged=Verdict("do not use", "constrained", (reason,)))
+
+
+@pytest.fixture(scope="module")
+def floating(tmp_path_factory):
+    path = tmp_path_factory.mktemp("robot") / "quadruped.xml"
+    path.write_text(quadruped_text())
+    robot = load_mjcf(path, base="floating")
+    links = [random_body(np.random.default_rng(0)) for _ in robot.links]
+    model = TorqueModel(robot, DriveTerms(viscous=True))
+    estimate = estimate_of(model, links, 0.1)
+    return replace(estimate, judged=Verdict("use", "constrained", ()))
+
+
+@pytest.fixture()
+def unchecked(monkeypatch):
+    """A new format: its function checks nothing, its entry states the least."""
+
+    def export(estimate, *, allow_refused):
+        return Export("new", b"written")
+
+    module = ModuleType("consistent_id.export.unchecked")
+    module.export = export
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    new = ExportFormat("new", "New", "unchecked", "export")
+    monkeypatch.setattr(export_formats, "EXPORT_FORMATS", (*EXPORT_FORMATS, new))
+
+
+def test_a_new_format_cannot_forget_the_gate(unchecked, estimate, refused, floating):
+    with pytest.raises(ProblemError, match=r"it does not fit.*allow_refused"):
+        exported(refused, "new")
+    assert exported(refused, "new", allow_refused=True).content == b"written"
+    with pytest.raises(ProblemError, match="base of 'quadruped' floats"):
+        exported(floating, "new", allow_refused=True)
+
+
+DIRECT = {
+    "urdf": "to_urdf",
+    "mjcf": "to_mjcf",
+    "json": "to_json",
+    "pin": "to_pinocchio",
+    "numpy": "to_numpy",
+    "casadi": "to_casadi",
+    "c": "to_c",
+    "isaaclab": "to_isaac_lab",
+    "mjlab": "to_mjlab",
+}
+
+
+@pytest.mark.parametrize("known", EXPORT_FORMATS, ids=lambda known: known.name)
+def test_by_name_and_directly_the_same_is_refused(known, refused, floating):
+    if known.name == "mjcf":
+        pytest.importorskip("mujoco")
+    direct = getattr(consistent_id.export, DIRECT[known.name])
+    for export in (direct, partial(exported, form=known.name)):
+        with pytest.raises(ProblemError, match="it does not fit"):
+            export(refused)
+        assert export(refused, allow_refused=True)
+        if known.floating:
+            assert export(floating)
+        else:
+            with pytest.raises(ProblemError, match="base of 'quadruped' floats"):
+                export(floating, allow_refused=True)
 
 
 @pytest.mark.parametrize("known", EXPORT_FORMATS, ids=lambda known: known.name)

@@ -17,9 +17,8 @@ from estimates import EVERY_TERM, coupling, estimate_of, random_estimate, rigid
 from robots import random_robot, random_states
 from some_fast import some_fast
 
-from consistent_id import (
-    TorqueModel,
-    casadi_regressor,
+from consistent_id import TorqueModel
+from consistent_id.export import (
     robot_record,
     to_c,
     to_casadi,
@@ -29,6 +28,7 @@ from consistent_id import (
 )
 from consistent_id.export.casadi_functions import casadi_file
 from consistent_id.export.pinocchio_model import pinocchio_file
+from consistent_id.regression import casadi_regressor
 
 SEEDS = range(3)
 

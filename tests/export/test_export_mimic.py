@@ -9,21 +9,10 @@ import pytest
 from estimates import estimate_of
 from robots import URDF, random_body, random_robot, random_states, with_followers
 
-from consistent_id import (
-    DriveTerms,
-    Mimic,
-    ProblemError,
-    TorqueModel,
-    load_mjcf,
-    load_urdf,
-    to_casadi,
-    to_json,
-    to_mjcf,
-    to_numpy,
-    to_pinocchio,
-    to_urdf,
-)
+from consistent_id import DriveTerms, ProblemError, TorqueModel, to_mjcf, to_urdf
+from consistent_id.export import to_casadi, to_json, to_numpy, to_pinocchio
 from consistent_id.regression.mass_matrix import mass_matrices
+from consistent_id.robot import Mimic, load_mjcf, load_urdf
 
 RULES = {"j2": Mimic("j0", -0.5, 0.3), "j3": Mimic("j1", 2.0)}
 

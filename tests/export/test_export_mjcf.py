@@ -14,10 +14,10 @@ from consistent_id import (
     InertialParameters,
     ModelError,
     TorqueModel,
-    load_mjcf,
-    mujoco_spec,
     to_mjcf,
 )
+from consistent_id.export import mujoco_spec
+from consistent_id.robot import load_mjcf
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -104,7 +104,7 @@ def test_mujoco_loads_bodies_at_the_edge_of_what_can_be(body):
 @pytest.mark.slow
 def test_mujoco_loads_the_constrained_estimate_of_a_study():
     from consistent_id import build_regression, constrained_least_squares, load_problem
-    from consistent_id.problems.experiment_data import recordings_of
+    from consistent_id.problems.problem_estimates import recordings_of
 
     problem = load_problem("problems/rx60")
     training, _ = recordings_of(problem)

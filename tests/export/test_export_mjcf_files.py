@@ -9,7 +9,9 @@ from estimates import random_estimate
 from mujoco_torques import SPRUNG, inverse_dynamics
 from robots import random_states
 
-from consistent_id import DriveTerms, GearCoupling, ProblemError, load_mjcf, to_mjcf
+from consistent_id import DriveTerms, ProblemError, to_mjcf
+from consistent_id.regression import GearCoupling
+from consistent_id.robot import load_mjcf
 
 mujoco = pytest.importorskip("mujoco")
 

@@ -7,8 +7,9 @@ import pinocchio as pin
 import pytest
 from estimates import rigid
 
-from consistent_id import Study, load_problem, load_urdf, to_mjcf, to_urdf
+from consistent_id import Study, load_problem, to_mjcf, to_urdf
 from consistent_id.export.export_formats import exported
+from consistent_id.robot import load_urdf
 
 pytestmark = pytest.mark.skipif(
     "CONSISTENT_ID_DATASETS" not in os.environ,

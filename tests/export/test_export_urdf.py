@@ -13,17 +13,15 @@ from urdf_torques import DECORATED, assert_same_torque, pinocchio_torques, state
 
 from consistent_id import (
     DriveTerms,
-    FixedFrame,
     InertialParameters,
-    JointLimits,
     ModelError,
     ProblemError,
     TorqueModel,
-    load_urdf,
     to_urdf,
 )
-from consistent_id.export.new_urdf import rpy_of
+from consistent_id.export.urdf_export import rpy_of
 from consistent_id.regression.mass_matrix import random_poses
+from consistent_id.robot import FixedFrame, JointLimits, load_urdf
 
 _CHANGING = re.compile(
     rb"\b(xyz|rpy|value|i[xyz]{2}|damping|friction)(\s*=\s*)([\"'])[^\"']*[\"']"

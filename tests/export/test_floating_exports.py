@@ -6,25 +6,23 @@ import pytest
 from quadrupeds import quadruped_text, standing
 
 from consistent_id import (
-    BaseMotion,
     DriveTerms,
     NonNegativeDrive,
     PhysicalConsistency,
     ProblemError,
     TorqueModel,
     constrained_least_squares,
+    to_mjcf,
+    to_urdf,
+)
+from consistent_id.export import to_casadi, to_json, to_numpy, to_pinocchio
+from consistent_id.recordings import BaseMotion
+from consistent_id.regression import (
     contact_free_base,
     contact_free_model,
     contact_free_regression,
-    load_mjcf,
-    load_urdf,
-    to_casadi,
-    to_json,
-    to_mjcf,
-    to_numpy,
-    to_pinocchio,
-    to_urdf,
 )
+from consistent_id.robot import load_mjcf, load_urdf
 
 THREE = [[i != j for j in range(4)] for i in range(4)]
 

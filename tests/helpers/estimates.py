@@ -3,7 +3,9 @@
 import numpy as np
 from robots import random_body
 
-from consistent_id import Certificate, DriveTerms, Estimate, GearCoupling, TorqueModel
+from consistent_id import DriveTerms, Estimate, TorqueModel
+from consistent_id.estimation import Certificate
+from consistent_id.regression import GearCoupling
 from consistent_id.regression.base import BaseParameters
 
 FRICTION = DriveTerms(viscous=True, coulomb="sign")

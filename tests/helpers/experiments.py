@@ -4,7 +4,6 @@ import numpy as np
 from robots import random_robot, random_states
 
 from consistent_id import (
-    Datasheet,
     DHRow,
     DriveTerms,
     InertialParameters,
@@ -13,6 +12,7 @@ from consistent_id import (
     from_modified_dh,
     simulate_torque,
 )
+from consistent_id.robot import Datasheet
 
 DRIVE = DriveTerms(viscous=True, coulomb="sign", rotor_inertia=True)
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from consistent_id import Datasheet, DHRow, DriveTerms, TorqueModel, from_modified_dh
+from consistent_id import DHRow, DriveTerms, TorqueModel, from_modified_dh
+from consistent_id.robot import Datasheet
 
 DRIVE = DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.02, offset=True)
 

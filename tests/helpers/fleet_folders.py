@@ -35,7 +35,7 @@ def write_robots(root):
         folder.mkdir()
         urdf, log = write_arm(folder)
         model = ci.TorqueModel(
-            ci.load_urdf(urdf),
+            ci.robot.load_urdf(urdf),
             ci.DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.02),
         )
         motion = replace(

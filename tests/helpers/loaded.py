@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from consistent_id import DriveTerms, InertialParameters, TorqueModel, simulate_torque
-from consistent_id.recordings.sinusoids import Sinusoid, SinusoidalMotion
+from consistent_id.recordings.joint_paths import Sinusoid, SinusoidalMotion
 from consistent_id.robot.loaders.urdf import from_pinocchio
 
 LOAD = InertialParameters.from_central(

@@ -11,10 +11,10 @@ from consistent_id import (
     DriveTerms,
     Recording,
     TorqueModel,
-    load_urdf,
     low_passed,
     simulate_torque,
 )
+from consistent_id.robot import load_urdf
 
 URDF = """<robot name="arm">
   <link name="base"/>

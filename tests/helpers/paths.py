@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from consistent_id.recordings.trajectory import FourierTrajectory, harmonics_of
+from consistent_id.recordings.joint_paths import FourierTrajectory, harmonics_of
 
 
 def random_path(

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pinocchio as pin
 
-from consistent_id import lint_urdf
+from consistent_id.robot import lint_urdf
 
 FOLDER = Path(pin.__file__).parents[4] / "share" / "example-robot-data" / "robots"
 NO_ROBOTS = ("quadrotor_base.urdf", "iris_simple.urdf", "ur3.urdf")  # nothing moves

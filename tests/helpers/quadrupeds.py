@@ -2,14 +2,9 @@
 
 import numpy as np
 
-from consistent_id import (
-    BaseMotion,
-    ContactFlags,
-    Recording,
-    TorqueModel,
-    Wrench,
-    contact_jacobian,
-)
+from consistent_id import Recording, TorqueModel
+from consistent_id.recordings import BaseMotion, ContactFlags, Wrench
+from consistent_id.regression import contact_jacobian
 
 FEET = tuple(f"{leg}_calf" for leg in "abcd")
 FOOT = (0.0, 0.0, -0.2)  # in the calf's frame

@@ -7,8 +7,7 @@ import pinocchio as pin
 
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders.urdf import from_pinocchio
-from consistent_id.robot.mimic import Mimic
-from consistent_id.robot.model import RobotModel
+from consistent_id.robot.model import Mimic, RobotModel
 
 _BODY = """
     <inertial>

@@ -5,7 +5,16 @@ from itertools import combinations
 import numpy as np
 from robots import random_robot
 
-from consistent_id import Body, Box, Capsule, Cylinder, Hull, Scene, Sphere, plane
+from consistent_id.motion import (
+    Body,
+    Box,
+    Capsule,
+    Cylinder,
+    Hull,
+    Scene,
+    Sphere,
+    plane,
+)
 from consistent_id.motion.collisions.scene import Pair
 
 

@@ -3,7 +3,10 @@
 import numpy as np
 from quadrupeds import FEET, FOOT
 
-from consistent_id import BaseMotion, TorqueModel, contact_jacobian, rotations
+from consistent_id import DriveTerms, TorqueModel
+from consistent_id.recordings import BaseMotion
+from consistent_id.regression import contact_jacobian
+from consistent_id.signals import rotations
 
 RATE = 200.0
 STEP = 2.0  # s, in half of which each foot in turn is in the air
@@ -47,8 +50,10 @@ def turns(rng, time):
     return quaternion, w, dw
 
 
-def walk(robot, parameters, *, seconds=20.0, seed=0):
+def walk(robot, parameters, *, seconds=20.0, seed=0, drive=None):
     """Return columns of a log, by name, and the wrenches of the feet.
+
+    The parameters are those of the links, then those of the drives if there are any.
 
     Forces act where the feet are and balance the base's rows, whatever the ground.
     """
@@ -60,7 +65,7 @@ def walk(robot, parameters, *, seconds=20.0, seed=0):
     R = rotations(quaternion, "wxyz")
     felt = np.einsum("nij,ni->nj", R, a + np.array([0.0, 0.0, 9.81]))
     spin = BaseMotion(w, dw, felt, R)
-    model = TorqueModel(robot)
+    model = TorqueModel(robot, drive or DriveTerms())
     forces = model.predict(parameters, q, dq, ddq, base=spin)
     load = loads(time)
     J = [contact_jacobian(robot, q, frame=foot, point=FOOT)[:, :3] for foot in FEET]

@@ -8,14 +8,14 @@ import pinocchio as pin
 import pytest
 from robots import URDF, random_robot
 
-from consistent_id import DHRow, JointLimits, from_modified_dh, load_problem, load_urdf
+from consistent_id import DHRow, from_modified_dh, load_problem
 from consistent_id.errors import ModelError, PathError, ProblemError
 from consistent_id.laboratory.curves import circle, ellipsoid, helix, through_points
 from consistent_id.laboratory.inverse_kinematics import follow
-from consistent_id.laboratory.writer import Writer
-from consistent_id.laboratory.writing_tasks import Orientation, WritingTask
+from consistent_id.laboratory.writing_tasks import Orientation, Writer, WritingTask
+from consistent_id.robot import JointLimits, load_urdf
 from consistent_id.robot.chains import chain
-from consistent_id.robot.frame_motion import frame_motion
+from consistent_id.robot.kinematics import frame_motion
 
 # Table I of the paper, all six axes.
 TABLE = [

@@ -12,7 +12,6 @@ from scipy.special import ellipk
 from consistent_id import (
     DHRow,
     DriveTerms,
-    JointLimits,
     Recording,
     TorqueModel,
     build_regression,
@@ -32,7 +31,8 @@ from consistent_id.laboratory import (
     synchronised,
     with_friction,
 )
-from consistent_id.recordings.sinusoids import Sinusoid, SinusoidalMotion
+from consistent_id.recordings.joint_paths import Sinusoid, SinusoidalMotion
+from consistent_id.robot import JointLimits
 
 # A rod of 1 kg and 0.6 m about its end; gravity along -x of the base, so that it hangs.
 ROD = [1.0, 0.3, 0, 0, 0, 0, 0.12, 0, 0, 0.12]

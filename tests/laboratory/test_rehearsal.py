@@ -9,25 +9,26 @@ import pytest
 from estimates import estimate_of
 from excited import arm, arm_limits
 
-from consistent_id import (
-    DriveTerms,
-    ModelError,
-    ProblemError,
-    TorqueModel,
-    base_parameters,
-)
+from consistent_id import DriveTerms, ModelError, ProblemError, TorqueModel
 from consistent_id.cli.tool import main
 from consistent_id.excitation.accuracy import predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.search_problem import search_problem
 from consistent_id.excitation.sources import problem_to_excite
-from consistent_id.laboratory.rehearsal.holding import HELD, held_poses
-from consistent_id.laboratory.rehearsal.identified import identified
-from consistent_id.laboratory.rehearsal.modelled import as_rehearsed
-from consistent_id.laboratory.rehearsal.mujoco_robot import mujoco_robot
-from consistent_id.laboratory.rehearsal.planted import planted_robot
-from consistent_id.laboratory.rehearsal.playing import _averaged, play
-from consistent_id.laboratory.rehearsal.rehearsal import rehearse
+from consistent_id.laboratory.rehearsal.planted import (
+    as_rehearsed,
+    mujoco_robot,
+    planted_robot,
+)
+from consistent_id.laboratory.rehearsal.rehearsal import (
+    HELD,
+    _averaged,
+    held_poses,
+    identified,
+    play,
+    rehearse,
+)
+from consistent_id.regression import base_parameters
 from consistent_id.robot.inertia import pseudo_inertia
 
 mujoco = pytest.importorskip("mujoco")
@@ -240,7 +241,7 @@ def test_the_command_says_what_came_true(tmp_path, capsys):
     file = tmp_path / "two.urdf"
     file.write_text(URDF)
     call = ["rehearse", str(file), "--acceleration", "5", "--duration", "6"]
-    call += ["--harmonics", "4", "--starts", "1", "--workers", "1", "--robots", "2"]
+    call += ["--harmonics", "4", "--starts", "4", "--workers", "1", "--robots", "2"]
     code = main([*call, "--rivals", "--json"])
     record = json.loads(capsys.readouterr().out)
     assert code == (0 if record["came_true"] else 1)

@@ -16,16 +16,18 @@ from consistent_id.excitation.request import design_request
 from consistent_id.laboratory import Cameras, LoadCell
 from consistent_id.laboratory.from_problem import laboratory_of, task_motion
 from consistent_id.laboratory.reproduction import QUICK, error_budget, reproduce
-from consistent_id.laboratory.reproduction.exciting import used_by
-from consistent_id.laboratory.reproduction.paper_page import html_page, markdown_tables
+from consistent_id.laboratory.reproduction.budget import Tempo, allowed_friction, slowed
+from consistent_id.laboratory.reproduction.paper_report import (
+    html_page,
+    markdown_tables,
+)
 from consistent_id.laboratory.reproduction.paper_study import (
     TASKS,
     WITHIN_LIMITS,
     place_of,
+    used_by,
 )
-from consistent_id.laboratory.reproduction.tempo import Tempo, allowed_friction, slowed
-from consistent_id.problems.published import parametrisation_of
-from consistent_id.problems.published_fit import published_least_squares
+from consistent_id.problems.published import parametrisation_of, published_least_squares
 
 ALPHA5, ALPHA12 = 4, 11
 

@@ -25,7 +25,7 @@ from consistent_id.laboratory.from_problem import (
     task_path,
 )
 from consistent_id.laboratory.reproduction import reproduce_experiments
-from consistent_id.laboratory.reproduction.experiment_tables import (
+from consistent_id.laboratory.reproduction.paper_tables import (
     deviations_table,
     experiments_table,
 )

@@ -4,19 +4,20 @@ import numpy as np
 import pytest
 from excited import arm, arm_limits
 
-from consistent_id import TorqueModel, base_parameters
+from consistent_id import TorqueModel
 from consistent_id._support.executors import Executor
 from consistent_id._support.run import Run, running
 from consistent_id.excitation.accuracy import predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.search_problem import search_problem
-from consistent_id.laboratory.rehearsal import several_robots
-from consistent_id.laboratory.rehearsal.planted import planted_robot
-from consistent_id.laboratory.rehearsal.several_robots import (
+from consistent_id.laboratory.rehearsal import dry_runs
+from consistent_id.laboratory.rehearsal.dry_runs import (
     PredictedMotion,
     RehearsalPlan,
     played_by_all,
 )
+from consistent_id.laboratory.rehearsal.planted import planted_robot
+from consistent_id.regression import base_parameters
 
 pytest.importorskip("mujoco")
 
@@ -77,7 +78,7 @@ def test_an_interrupt_leaves_what_was_played(given, monkeypatch, before):
         played.append(robot)
         return robot
 
-    monkeypatch.setattr(several_robots, "rehearse", rehearse)
+    monkeypatch.setattr(dry_runs, "rehearse", rehearse)
     with running(Run()) as run:
         if not before:
             with pytest.raises(KeyboardInterrupt):

@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from consistent_id import (
+from consistent_id import ProblemError
+from consistent_id.motion import (
     Body,
     Box,
     Capsule,
     Cylinder,
     HalfSpace,
     Hull,
-    ProblemError,
     Sphere,
     plane,
 )
-from consistent_id.motion.collisions.pieces import convex_pieces
+from consistent_id.motion.collisions.urdf_bodies import convex_pieces
 
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 2) for z in (0, 3)])
 BOX_FACES = [

@@ -8,22 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import random_scene
 
-from consistent_id import (
-    Body,
-    Box,
-    DHRow,
-    InfeasibleError,
-    ProblemError,
-    Sphere,
-    build_scene,
-    from_modified_dh,
-    plane,
-    prove_clearance,
-)
-from consistent_id.motion.collisions.reach import largest_change
-from consistent_id.motion.collisions.scene import body_places
+from consistent_id import DHRow, InfeasibleError, ProblemError, from_modified_dh
+from consistent_id.motion import Body, Box, Sphere, build_scene, plane, prove_clearance
+from consistent_id.motion.collisions.scene import body_places, largest_change
 from consistent_id.motion.collisions.separation import nearest
-from consistent_id.recordings.trajectory import FourierTrajectory
+from consistent_id.recordings.joint_paths import FourierTrajectory
 from consistent_id.robot.kinematics import link_places
 
 PENDULUM = from_modified_dh("pendulum", [DHRow(0, 0)])

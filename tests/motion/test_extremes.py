@@ -7,12 +7,12 @@ from hypothesis import strategies as st
 from paths import RestToRest, one_sine, random_path
 
 from consistent_id import ProblemError
+from consistent_id.excitation.basis import between_samples
 from consistent_id.motion.limits import MotionLimits
-from consistent_id.motion.move_along import move_along
+from consistent_id.motion.moves import move_along
 from consistent_id.motion.proofs.extremes import extremes, path_interval
-from consistent_id.motion.proofs.grids import between_samples
 from consistent_id.motion.proofs.margins import motion_margins
-from consistent_id.recordings.trajectory import FourierTrajectory
+from consistent_id.recordings.joint_paths import FourierTrajectory
 
 INF = (np.inf,)
 

@@ -12,7 +12,7 @@ from types import ModuleType, SimpleNamespace
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from consistent_id import PolynomialPath, write_trajectory
+from consistent_id.motion import PolynomialPath, write_trajectory
 from consistent_id.motion.files import follow
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from consistent_id import DHRow, JointLimits, ProblemError, from_modified_dh
+from consistent_id import DHRow, ProblemError, from_modified_dh
 from consistent_id.motion.limits import motion_limits
+from consistent_id.robot import JointLimits
 
 
 def arm(*limits: JointLimits, kind="revolute"):

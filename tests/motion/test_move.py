@@ -6,15 +6,10 @@ import numpy as np
 import pytest
 from some_fast import some_fast
 
-from consistent_id import (
-    FourierTrajectory,
-    MotionLimits,
-    Move,
-    ProblemError,
-    move_along,
-    trimmed,
-)
-from consistent_id.recordings.trajectory import harmonics_of
+from consistent_id import MotionLimits, ProblemError, trimmed
+from consistent_id.motion import Move, move_along
+from consistent_id.recordings import FourierTrajectory
+from consistent_id.recordings.joint_paths import harmonics_of
 
 
 def periodic(seed=0, joints=3):

@@ -6,19 +6,17 @@ import pytest
 from differences import central_differences
 from some_fast import some_fast
 
-from consistent_id import (
+from consistent_id import DHRow, ProblemError, from_modified_dh
+from consistent_id.motion import (
     Body,
     Capsule,
-    DHRow,
-    FourierTrajectory,
     OrientationCone,
-    ProblemError,
     build_scene,
-    from_modified_dh,
     prove_clearance,
     within_cones,
 )
 from consistent_id.motion.collisions.separation import nearest
+from consistent_id.recordings import FourierTrajectory
 
 ROWS = [(0, 0, False), (-np.pi / 2, 0, False), (0.4, 0.5, True), (0.7, 0.3, False)]
 KIND = {True: "prismatic", False: "revolute"}

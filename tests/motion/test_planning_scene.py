@@ -6,16 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from consistent_id import (
-    Box,
-    Cylinder,
-    DHRow,
-    ProblemError,
-    Sphere,
-    from_modified_dh,
-    load_urdf,
-    planning_scene_bodies,
-)
+from consistent_id import DHRow, ProblemError, from_modified_dh
+from consistent_id.motion import Box, Cylinder, Sphere, planning_scene_bodies
+from consistent_id.robot import load_urdf
 
 ARM = from_modified_dh("arm", [DHRow(0, 0), DHRow(0, 0.5)])
 TABLE = """(noname)

@@ -3,19 +3,10 @@
 import numpy as np
 import pytest
 
-from consistent_id import (
-    Body,
-    Box,
-    DHRow,
-    JointLimits,
-    ProblemError,
-    Scene,
-    Sphere,
-    build_scene,
-    from_modified_dh,
-    plane,
-)
+from consistent_id import DHRow, ProblemError, from_modified_dh
+from consistent_id.motion import Body, Box, Scene, Sphere, build_scene, plane
 from consistent_id.motion.collisions.scene import Pair
+from consistent_id.robot import JointLimits
 
 ARM = from_modified_dh("arm", [DHRow(0, 0), *[DHRow(np.pi / 2, 0.5)] * 3])
 

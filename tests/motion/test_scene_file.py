@@ -6,21 +6,21 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from consistent_id import (
+from consistent_id import ModelError
+from consistent_id.motion import (
     Body,
     Box,
     Capsule,
     Cylinder,
-    ModelError,
     Sphere,
-    load_urdf,
     prove_clearance,
     scene_from_urdf,
 )
 from consistent_id.motion.collisions.scene import body_places
 from consistent_id.motion.collisions.scene_building import random_poses
 from consistent_id.motion.collisions.separation import nearest
-from consistent_id.recordings.trajectory import FourierTrajectory
+from consistent_id.recordings.joint_paths import FourierTrajectory
+from consistent_id.robot import load_urdf
 from consistent_id.robot.kinematics import link_places
 
 SHARE = Path(pin.__file__).parents[4] / "share"

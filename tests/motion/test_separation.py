@@ -4,17 +4,8 @@ import numpy as np
 import pytest
 from scenes import random_scene
 
-from consistent_id import (
-    Body,
-    Box,
-    Capsule,
-    DHRow,
-    Hull,
-    Sphere,
-    build_scene,
-    from_modified_dh,
-    plane,
-)
+from consistent_id import DHRow, from_modified_dh
+from consistent_id.motion import Body, Box, Capsule, Hull, Sphere, build_scene, plane
 from consistent_id.motion.collisions.scene import Pair, Scene
 from consistent_id.motion.collisions.separation import nearest
 

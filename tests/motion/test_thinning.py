@@ -8,14 +8,9 @@ from paths import random_path
 from scipy.interpolate import BPoly
 from some_fast import some_fast
 
-from consistent_id import (
-    MotionLimits,
-    ProblemError,
-    move_along,
-    read_trajectory,
-    write_trajectory,
-)
-from consistent_id.motion.files.thinning import thinned
+from consistent_id import MotionLimits, ProblemError
+from consistent_id.motion import move_along, read_trajectory, write_trajectory
+from consistent_id.motion.files.trajectory_file import thinned
 
 
 def _quintic(points, time):

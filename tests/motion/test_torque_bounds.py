@@ -13,17 +13,22 @@ from some_fast import some_fast
 
 from consistent_id import DHRow, DriveTerms, ProblemError, TorqueModel, from_modified_dh
 from consistent_id.motion.limits import MotionLimits
-from consistent_id.motion.move_along import move_along
+from consistent_id.motion.moves import move_along
 from consistent_id.motion.proofs.friction_bounds import directed_friction
 from consistent_id.motion.proofs.interval import Interval
-from consistent_id.motion.proofs.jets import Jet, jet, sine_and_cosine
 from consistent_id.motion.proofs.margins import motion_margins
 from consistent_id.motion.proofs.torque_bounds import PathTorque, torque_bounds
-from consistent_id.motion.proofs.torque_motion import smooth_torque
+from consistent_id.motion.proofs.torque_motion import (
+    Jet,
+    jet,
+    sine_and_cosine,
+    smooth_torque,
+)
 from consistent_id.regression.drive.gear_coupling import GearCoupling
-from consistent_id.regression.joint_geometry import floats, joint_geometry
 from consistent_id.regression.newton_euler import (
     JointMotion,
+    floats,
+    joint_geometry,
     regressor_entries,
     torque_parts,
 )

@@ -9,7 +9,7 @@ from some_fast import some_fast
 from consistent_id import DriveTerms, ProblemError, TorqueModel, from_modified_dh
 from consistent_id.motion.limits import MotionLimits, motion_limits
 from consistent_id.motion.proofs.margins import motion_margins
-from consistent_id.motion.proofs.torque_over_time import (
+from consistent_id.motion.proofs.torque_bounds import (
     torque_rate_bounds,
     torque_rms_bound,
 )

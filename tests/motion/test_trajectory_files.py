@@ -13,19 +13,15 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from ruamel.yaml import YAML
 
-from consistent_id import (
+from consistent_id import ConsistentIdError, MotionLimits, ProblemError, read_recording
+from consistent_id.motion import (
     TRAJECTORY_COLUMNS,
-    ConsistentIdError,
-    FourierTrajectory,
-    MotionLimits,
     PolynomialPath,
-    ProblemError,
     move_along,
-    read_recording,
     read_trajectory,
     write_trajectory,
 )
-from consistent_id.motion.files import content
+from consistent_id.recordings import FourierTrajectory
 
 REPEATABLE = settings(derandomize=True, deadline=None, max_examples=20)
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
@@ -385,7 +381,7 @@ def test_faulty_arrays_are_refused_and_never_unpickled(tmp_path, data, says):
 @pytest.mark.parametrize("name", ["x.npz", "x.json"])
 def test_what_swells_beyond_all_sizes_is_refused(tmp_path, monkeypatch, name):
     file = tmp_path / name
-    monkeypatch.setattr(content, "_LARGEST", 2**20)
+    monkeypatch.setattr("consistent_id.motion.files.document._LARGEST", 2**20)
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as members:
         members.writestr("piece0_sine.npy", bytes(3 * 2**20))
     assert file.stat().st_size < 2**20

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from consistent_id import MotionLimits, MotionState, PolynomialPath, ProblemError
-from consistent_id.motion.approaches import approach, departure
+from consistent_id import MotionLimits, ProblemError
+from consistent_id.motion import MotionState, PolynomialPath
+from consistent_id.motion.moves import approach, departure
 from consistent_id.motion.transfers import transfer
 
 REPEATABLE = settings(derandomize=True, deadline=None, max_examples=30)

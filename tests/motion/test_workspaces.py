@@ -5,20 +5,22 @@ import pinocchio as pin
 import pytest
 
 from consistent_id import (
-    Body,
-    Capsule,
     DHRow,
-    FourierTrajectory,
     InfeasibleError,
     ModelError,
     ProblemError,
+    from_modified_dh,
+)
+from consistent_id.motion import (
+    Body,
+    Capsule,
     Workspace,
     build_scene,
-    from_modified_dh,
     prove_clearance,
     within_workspaces,
 )
 from consistent_id.motion.collisions.separation import nearest
+from consistent_id.recordings import FourierTrajectory
 
 ARM = from_modified_dh("arm", [DHRow(0, 0), DHRow(-np.pi / 2, 0), DHRow(0, 0.5)])
 ROD = Body("rod", Capsule(0.05, 0.4), "link2", None, [0.25, 0.0, 0.0])

@@ -5,7 +5,8 @@ import os
 import msgspec
 import pytest
 
-from consistent_id import load_problem, select_model
+from consistent_id import load_problem
+from consistent_id.problems import select_model
 
 pytestmark = pytest.mark.slow
 NEEDS_DATA = pytest.mark.skipif(

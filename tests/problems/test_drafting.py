@@ -10,13 +10,15 @@ from some_fast import some_fast
 from consistent_id import ProblemError, RecordingError, load_problem
 from consistent_id.problems import preparation as preparation_module
 from consistent_id.problems import problem as problem_module
-from consistent_id.problems.constraint_tables import ConstraintsTable, RelationTable
+from consistent_id.problems.draft_rows import Clock, _training, split_logs
 from consistent_id.problems.drafting import draft_problem
 from consistent_id.problems.file import ModelTable, ProblemTable, problem_table
-from consistent_id.problems.toml_text import toml_text
+from consistent_id.problems.kept_text import toml_text
+from consistent_id.problems.statement import Statement
+from consistent_id.problems.tables import ConstraintsTable, RelationTable
 from consistent_id.recordings.column_guess import guess_columns
 from consistent_id.recordings.readers.recording_file import column_names
-from consistent_id.robot.chains import Selection
+from consistent_id.recordings.recording import Recording
 
 ARM = ("shoulder", "elbow")
 
@@ -215,9 +217,7 @@ def test_a_joint_that_the_log_does_not_have_is_held(tmp_path):
 
 def test_the_part_that_moves_can_be_said(tmp_path):
     urdf, log = write_arm(tmp_path)
-    draft = draft_problem(
-        urdf, log, selection=Selection(tip="upper"), select=False, cutoff=10.0
-    )
+    draft = draft_problem(urdf, log, tip="upper", select=False, cutoff=10.0)
     assert draft.problem().model.robot.joint_names == ("shoulder",)
     assert 'tip = "upper"' in draft.text(tmp_path)
 
@@ -354,14 +354,39 @@ def test_currents_without_a_gain_are_refused(pattern):
 
 @pytest.mark.parametrize(("period", "expected"), [(6.0, 18.0), (9.0, 18.0)])
 def test_a_motion_that_repeats_is_split_by_whole_periods(period, expected):
-    from consistent_id.problems.draft_rows import _training
-    from consistent_id.recordings.recording import Recording
-
-    time = np.arange(2701) / 100.0
-    angle = 2 * np.pi * time / period
-    q = np.column_stack([np.sin(angle) + 0.3 * np.cos(3 * angle), np.cos(2 * angle)])
-    log = Recording(("a", "b"), time, q)
+    log = periodic_log(period, 2701, 100.0)
     # 70 % of 27 s are 18.9 s: three of four whole periods of 6 s, two of three of 9 s.
     assert _training(log, 27.0) == pytest.approx(expected, abs=0.01)
-    once = Recording(("a",), time, time[:, None] ** 2)
+    once = Recording(("a",), log.time, log.time[:, None] ** 2)
     assert _training(once, 27.0) == pytest.approx(0.7 * 27.0)
+
+
+@pytest.mark.parametrize("closed", [True, False])
+@pytest.mark.parametrize("rate", [50.0, 100.0, 125.0, 250.0])
+@pytest.mark.parametrize(("whole", "training"), [(2, 1), (3, 2), (4, 3), (5, 4)])
+def test_logs_of_whole_periods_are_split_between_two_periods(
+    tmp_path, whole, training, rate, closed
+):
+    for period in (2.0, 3.1, 6.0):
+        # A closed log ends with the first sample of the period that would follow.
+        log = periodic_log(period, round(whole * period * rate) + closed, rate)
+        file = tmp_path / "log.csv"
+        first, last = split_logs(
+            {file: log}, Clock(None, None), Statement(), whole=False
+        ).entries
+        # Whether the sample between two periods is before it or after is rounding.
+        assert first.rows[1] / rate == pytest.approx(training * period, abs=1.5 / rate)
+        assert last.rows == (first.rows[1] + 1, len(log))
+
+
+@pytest.mark.parametrize(("cut", "training"), [(0.01, 2), (0.05, 1)])
+def test_a_period_may_lack_a_small_part(cut, training):
+    log = periodic_log(4.0, round((3 - cut) * 400), 100.0)
+    assert _training(log, log.duration) == pytest.approx(training * 4.0, abs=0.01)
+
+
+def periodic_log(period, samples, rate):
+    time = np.arange(samples) / rate
+    angle = 2 * np.pi * time / period
+    q = np.column_stack([np.sin(angle) + 0.3 * np.cos(3 * angle), np.cos(2 * angle)])
+    return Recording(("a", "b"), time, q)

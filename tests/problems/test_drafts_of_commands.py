@@ -3,18 +3,14 @@
 import numpy as np
 import pytest
 
-from consistent_id import (
-    PDGains,
-    ProblemError,
-    TorqueModel,
-    commanded,
-    draft_problem,
-    load_urdf,
-)
+from consistent_id import ProblemError, TorqueModel, draft_problem
 from consistent_id.cli import main
 from consistent_id.diagnosis.coverage import saturation_findings
 from consistent_id.problems.drafting import DRY
 from consistent_id.problems.robot_logs import robot_logs
+from consistent_id.problems.statement import Statement
+from consistent_id.robot import load_urdf
+from consistent_id.signals import PDGains, commanded
 from tests.helpers.logged import DRIVE, URDF, moved
 
 GAINS = PDGains([60.0, 40.0], [2.0, 1.0])
@@ -68,7 +64,7 @@ def test_gains_make_the_torque_of_every_log(arm):
 
 def test_a_log_is_read_as_it_was_written(arm):
     urdf, logs = arm
-    found = robot_logs(urdf, logs[0], gains=GAINS)
+    found = robot_logs(urdf, logs[0], Statement(gains=GAINS))
     raw = found.read(logs[0])
     assert raw.torque is None
     assert raw.position_command is not None
@@ -123,7 +119,7 @@ def test_a_log_of_lerobot_is_read_by_its_arrays(arm, tmp_path):
     from pyarrow import parquet
 
     urdf, logs = arm
-    raw = robot_logs(urdf, logs[0], gains=GAINS).read(logs[0])
+    raw = robot_logs(urdf, logs[0], Statement(gains=GAINS)).read(logs[0])
     columns = {
         "timestamp": raw.time,
         "frame_index": np.arange(len(raw)),
@@ -132,14 +128,14 @@ def test_a_log_of_lerobot_is_read_by_its_arrays(arm, tmp_path):
     }
     log = tmp_path / "episode_000000.parquet"
     parquet.write_table(pyarrow.table(columns), log)
-    found = robot_logs(urdf, log, gains=GAINS).read(log)
+    found = robot_logs(urdf, log, Statement(gains=GAINS)).read(log)
     np.testing.assert_allclose(found.position_command, raw.position_command)
     np.testing.assert_allclose(found.position, raw.position)
 
 
 def test_a_torque_at_the_limit_that_is_stated_is_the_drives(arm, capsys):
     urdf, logs = arm
-    raw = robot_logs(urdf, logs[0], gains=GAINS).read(logs[0])
+    raw = robot_logs(urdf, logs[0], Statement(gains=GAINS)).read(logs[0])
     most = 0.6 * abs(commanded(raw, GAINS).torque).max(axis=0)
     limited = PDGains(GAINS.kp, GAINS.kd, most)
     clipped = commanded(raw, limited)

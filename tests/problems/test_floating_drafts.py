@@ -1,6 +1,7 @@
 """Drafts for robots whose base floats: from a robot and a log, nothing else said."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,12 +10,11 @@ from quadrupeds import CORNERS, FEET, quadruped_text
 from walking import walk, write_csv
 
 import consistent_id as ci
-from consistent_id.problems.floating.hints import BaseHints
 from consistent_id.problems.robot_logs import robot_logs
-from consistent_id.robot.chains import Selection
+from consistent_id.problems.statement import Statement
 
 BOX = ci.InertialParameters.from_central(2.0, [0.05, 0.02, 0.1], 0.02 * np.eye(3))
-FLOATING = Selection("floating")
+FLOATING = Statement(base="floating")
 BALL = '<geom type="sphere" size="1e-6" pos="0 0 -0.2"/>'
 UNIT = '<site name="imu" pos="0.02 0.01 0.05" quat="0 1 0 0"/>'
 JOINT = re.compile(r'(<joint name="\w_knee" axis="0 1 0")/>')
@@ -31,7 +31,7 @@ def robot_text(unit="", armature=0.0):
 def write_logs(folder, *names, seconds):
     """Write a robot, and logs of it with a box on its trunk."""
     (folder / "robot.xml").write_text(robot_text())
-    robot = ci.load_mjcf(folder / "robot.xml", base="floating")
+    robot = ci.robot.load_mjcf(folder / "robot.xml", base="floating")
     truth = robot.nominal.copy()
     truth[:10] += BOX.vector
     for seed, name in enumerate(names):
@@ -60,7 +60,7 @@ def without(log, *words):
 def logs_of(folder, log, hints=None, robot="robot.xml"):
     write_csv(folder / "log.csv", log)
     found = robot_logs(
-        folder / robot, folder / "log.csv", selection=FLOATING, base=hints
+        folder / robot, folder / "log.csv", replace(hints or FLOATING, base="floating")
     )
     return found.columns.beside, " / ".join(found.notes)
 
@@ -100,7 +100,7 @@ def test_base_and_contacts_are_found_by_their_names(folder):
 
 def test_a_written_draft_is_what_was_found(folder):
     draft = ci.draft_problem(
-        folder / "robot.xml", folder / "training.csv", selection=FLOATING, cutoff=20.0
+        folder / "robot.xml", folder / "training.csv", base="floating", cutoff=20.0
     )
     file = folder / "written.toml"
     file.write_text(draft.text(folder))
@@ -116,7 +116,7 @@ def test_a_written_draft_is_what_was_found(folder):
 def test_rotor_inertias_of_the_file_are_taken(folder):
     (folder / "geared.xml").write_text(robot_text(armature=0.02))
     draft = ci.draft_problem(
-        folder / "geared.xml", folder / "training.csv", selection=FLOATING
+        folder / "geared.xml", folder / "training.csv", base="floating"
     )
     fixed = draft.table(folder).constraints.fixed
     assert fixed == {f"{leg}_knee.rotor_inertia": 0.02 for leg in "abcd"}
@@ -142,15 +142,17 @@ def test_a_unit_is_where_the_robots_file_has_it(folder):
     plain, _ = logs_of(folder, columns(folder))
     found, notes = logs_of(folder, log, robot="mounted.xml")
     assert "the unit is at imu" in notes
-    joints = ci.load_mjcf(folder / "robot.xml", base="floating").joint_names
+    joints = ci.robot.load_mjcf(folder / "robot.xml", base="floating").joint_names
     there, here = (
         ci.read_recording(
-            folder / file, joints, ci.Columns(beside=ci.BesideColumns(base=base))
+            folder / file,
+            joints,
+            ci.Columns(beside=ci.recordings.BesideColumns(base=base)),
         ).base.stacked[5:-5]
         for file, base in (("log.csv", found.base), ("training.csv", plain.base))
     )
     assert np.allclose(there, here, atol=1e-3)
-    at_origin, _ = logs_of(folder, log, BaseHints(imu="trunk"), "mounted.xml")
+    at_origin, _ = logs_of(folder, log, Statement(imu="trunk"), "mounted.xml")
     assert not at_origin.base.imu_position.any()
 
 
@@ -158,11 +160,11 @@ def test_feet_that_swing_need_their_columns_and_the_message_says_so(folder):
     log = without(columns(folder), "contact")
     write_csv(folder / "bare.csv", log)
     with pytest.raises(ci.RecordingError, match=r"do not stand.*--contact a_calf=COL"):
-        ci.draft_problem(folder / "robot.xml", folder / "bare.csv", selection=FLOATING)
-    stated = BaseHints(contacts={foot: "always" for foot in FEET})
+        ci.draft_problem(folder / "robot.xml", folder / "bare.csv", base="floating")
+    stated = Statement(contacts={foot: "always" for foot in FEET})
     found, _ = logs_of(folder, log, stated)
     assert [contact.closed for contact in found.contacts] == [True] * 4
-    assert logs_of(folder, log, BaseHints(contacts={}))[0].contacts == ()
+    assert logs_of(folder, log, Statement(contacts={}))[0].contacts == ()
 
 
 @pytest.mark.parametrize(
@@ -189,7 +191,7 @@ def test_hints_of_a_base_that_is_fixed_are_refused(folder):
     (folder / "fixed.xml").write_text(quadruped_text(joint=""))
     with pytest.raises(ci.ProblemError, match="taken for fixed; say --base floating"):
         robot_logs(
-            folder / "fixed.xml", folder / "training.csv", base=BaseHints(imu="trunk")
+            folder / "fixed.xml", folder / "training.csv", Statement(imu="trunk")
         )
 
 
@@ -205,7 +207,7 @@ def test_arrays_of_mujoco_are_read_by_the_model(folder):
     text = text.replace("</mujoco>", f"{sensors}</mujoco>")
     (folder / "sensed.xml").write_text(text)
     log = columns(folder)
-    joints = ci.load_mjcf(folder / "robot.xml", base="floating").joint_names
+    joints = ci.robot.load_mjcf(folder / "robot.xml", base="floating").joint_names
 
     def stack(prefix, names):
         return np.stack([log[f"{prefix}_{name}"] for name in names], axis=1)
@@ -219,10 +221,8 @@ def test_arrays_of_mujoco_are_read_by_the_model(folder):
         qfrc_actuator=np.hstack([np.zeros((len(pose), 6)), stack("tau", joints)]),
         sensordata=np.hstack([log["time"][:, None], unit]),
     )
-    stated = BaseHints(contacts={})
-    found = robot_logs(
-        folder / "sensed.xml", folder / "sim.npz", selection=FLOATING, base=stated
-    )
+    stated = Statement(base="floating", contacts={})
+    found = robot_logs(folder / "sensed.xml", folder / "sim.npz", stated)
     base = found.columns.beside.base
     assert base.acceleration == "sensordata[1:4]"
     assert base.angular_velocity == "sensordata[4:7]"
@@ -234,7 +234,7 @@ def test_arrays_of_mujoco_are_read_by_the_model(folder):
 
 def test_topics_of_a_bag_are_found_by_their_kind(folder):
     log = {k: v[:600] for k, v in columns(folder).items()}
-    joints = ci.load_mjcf(folder / "robot.xml", base="floating").joint_names
+    joints = ci.robot.load_mjcf(folder / "robot.xml", base="floating").joint_names
 
     def at(prefix, names, k):
         return [float(log[f"{prefix}_{name}"][k]) for name in names]
@@ -257,7 +257,7 @@ def test_topics_of_a_bag_are_found_by_their_kind(folder):
         "/trunk/imu": ("sensor_msgs/msg/Imu", units),
     }
     path = ros.write_mcap(folder / "bag", topics)
-    stated = BaseHints(contacts={})
-    found = robot_logs(folder / "robot.xml", path, selection=FLOATING, base=stated)
+    stated = Statement(base="floating", contacts={})
+    found = robot_logs(folder / "robot.xml", path, stated)
     assert found.columns.beside.base.acceleration == "/trunk/imu.linear_acceleration"
     assert len(found.read(path).base) == 600

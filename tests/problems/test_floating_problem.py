@@ -1,5 +1,6 @@
 """Problem files of robots on a moving base, and of tools behind a wrench sensor."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -9,9 +10,10 @@ from some_fast import some_fast
 from walking import walk, write_csv
 
 import consistent_id as ci
-from consistent_id.comparison.parameter_shifts import parameter_shifts
+from consistent_id.cli import main
+from consistent_id.comparison.beyond_noise import parameter_shifts
+from consistent_id.problems.problem_estimates import variant_regressions
 from consistent_id.problems.study import Study, run_study
-from consistent_id.problems.variants import variant_regressions
 from consistent_id.regression.rows.sensor_drift import driftless_regression
 
 BOX = ci.InertialParameters.from_central(2.0, [0.05, 0.02, 0.1], 0.02 * np.eye(3))
@@ -62,7 +64,7 @@ def folder(tmp_path_factory):
     """A robot, and two logs of it with a box on its trunk."""
     folder = tmp_path_factory.mktemp("walker")
     (folder / "quadruped.xml").write_text(quadruped_text(hips=CORNERS))
-    robot = ci.load_mjcf(folder / "quadruped.xml", base="floating")
+    robot = ci.robot.load_mjcf(folder / "quadruped.xml", base="floating")
     truth = robot.nominal.copy()
     truth[:10] += BOX.vector
     rng = np.random.default_rng(0)
@@ -76,7 +78,7 @@ def folder(tmp_path_factory):
 
 
 def problem(folder, *parts, name="problem.toml"):
-    robot = ci.load_mjcf(folder / "quadruped.xml", base="floating")
+    robot = ci.robot.load_mjcf(folder / "quadruped.xml", base="floating")
     legs = list(robot.link_names[1:])
     text = "".join((HEAD.format(legs=legs), *parts)).replace("'", '"')
     (folder / name).write_text(text)
@@ -112,7 +114,7 @@ def test_a_standing_robot_has_a_verdict_and_a_report(folder, tmp_path):
     study = run_study(problem(folder, UNIT, CONTACTS, name="whole.toml"))
     assert study.verdict.usable
     # Contact forces hide nothing but themselves: each foot is lifted once.
-    assert len(study.base) == len(ci.base_parameters(study.problem.model))
+    assert len(study.base) == len(ci.regression.base_parameters(study.problem.model))
     assert study.recommended.held_out_error < 0.05
     page = ci.write_report(study, tmp_path / "report.html").read_text()
     assert "base.fz (RMS error" in page and "a_knee" in page
@@ -190,15 +192,19 @@ def wrist(tmp_path_factory):
     folder = tmp_path_factory.mktemp("wrist")
     (folder / "problem.toml").write_text(WRIST)
     rows = [ci.DHRow(-np.pi / 2, 0), ci.DHRow(0, 0.4), ci.DHRow(-np.pi / 2, 0.3)]
-    arm, model = ci.from_modified_dh("wrist", rows), ci.tool_model("gripper")
+    arm, model = ci.from_modified_dh("wrist", rows), ci.regression.tool_model("gripper")
     rng = np.random.default_rng(0)
     for name in ("training", "validation"):
         tones = 0.3 * rng.normal(size=(2, 3, 3))
-        path = ci.FourierTrajectory(
-            arm.joint_names, ci.harmonics_of(0.2, 3), np.zeros(3), *tones, duration=10
+        path = ci.recordings.FourierTrajectory(
+            arm.joint_names,
+            ci.recordings.harmonics_of(0.2, 3),
+            np.zeros(3),
+            *tones,
+            duration=10,
         )
         log, still = path.recording(rate=200.0), np.zeros((2001, 0))
-        moved = ci.sensor_motion(arm, log, "link3")
+        moved = ci.regression.sensor_motion(arm, log, "link3")
         truth = np.append(GRIPPER.vector, BIAS)
         acting = -model.predict(truth, still, still, still, base=moved)
         acting += rng.normal(size=acting.shape) * ([0.2] * 3 + [0.02] * 3)
@@ -272,16 +278,18 @@ def test_below_which_speed_joints_rest_is_estimated_from_training(folder):
     )
     (folder / "asked.toml").write_text(asked)
     found = ci.load_problem(folder / "asked.toml")
-    rests = ci.rest_speed(
+    rests = ci.estimation.rest_speed(
         plain.model,
         plain.training,
         constraints=plain.constraints,
-        reach=ci.rest_guard(30.0),
+        reach=ci.signals.rest_guard(30.0),
     )
     assert 0.02 < rests.speed < 0.2
     for role in ("training", "validation"):
         (one,), (other,) = getattr(plain, role), getattr(found, role)
-        expected = ci.without_rests(one, rests.speed, reach=rests.reach).torque_known
+        expected = ci.signals.without_rests(
+            one, rests.speed, reach=rests.reach
+        ).torque_known
         assert np.array_equal(other.torque_known, expected)
 
 
@@ -344,13 +352,13 @@ def test_what_takes_all_recordings_at_once_is_not_streamed(wrist, folder, tmp_pa
         (speed, "least_joint_speed"),
     ):
         with pytest.raises(ci.ProblemError, match=f"streamed: .*{why}"):
-            ci.stream_regression(one)
+            ci.fleet.stream_regression(one)
 
 
 def test_logs_of_sensors_and_of_feet_that_slip_are_streamed_whole(wrist, folder):
     slip = problem(folder, "most_slip = 0.1\n", UNIT, CONTACTS, name="other.toml")
     for one in (wrist, slip):
-        streamed = ci.stream_regression(one)
+        streamed = ci.fleet.stream_regression(one)
         whole = ci.build_regression(one.model, one.training)
         for mine, other in zip(streamed.factors, whole.factors, strict=True):
             np.testing.assert_allclose(
@@ -381,3 +389,23 @@ def test_feet_that_are_said_to_be_balls_are_found_to_be_points(folder):
     shifts = parameter_shifts(found.model, whole, [variant], found.constraints)
     assert (shifts.variance[:10] > 0.0).all()
     assert not shifts.variance[10:].any()  # legs are known
+
+
+@pytest.mark.slow
+def test_the_trunk_of_the_shipped_walker_is_found_without_force_sensors():
+    study = Study(ci.load_problem("problems/walker"))
+    expected = study.problem.model.robot.links[0].nominal + BOX  # as it was simulated
+    trunk = trunk_of(study.constrained)
+    assert trunk.mass == pytest.approx(expected.mass, rel=1e-3)
+    assert np.linalg.norm(trunk.com - expected.com) < 1e-3
+    drives = study.constrained.parameters[study.problem.model.layout.inertial_size :]
+    np.testing.assert_allclose(drives, 0.2, rtol=0, atol=0.02)  # N m s/rad
+
+
+@pytest.mark.slow
+def test_the_shipped_walker_has_a_verdict_by_command(capsys):
+    assert main(["compare", "problems/walker", "--dry-run", "--json", "--quiet"]) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert record["verdict"] == "use" and not record["findings"]
+    # Noise of 0.05 N m beside torques of up to 40.
+    assert record["held_out_error"] < 0.01

@@ -14,9 +14,8 @@ from consistent_id import (
     draft_problem,
     identify_log,
     load_robot,
-    select_model,
 )
-from consistent_id.problems import drafting
+from consistent_id.problems import drafting, select_model
 
 
 def arrays_of(log):

@@ -8,7 +8,7 @@ from logged import URDF
 from consistent_id import load_problem
 from consistent_id.problems.file import DriveTable, JointTable
 from consistent_id.problems.file import problem_table as decoded
-from consistent_id.problems.toml_text import toml_text
+from consistent_id.problems.kept_text import toml_text
 
 DRIVE = """
 [drive]

@@ -6,8 +6,7 @@ import msgspec
 import pytest
 
 from consistent_id.problems.file import problem_table
-from consistent_id.problems.kept_text import changed_tables, rewritten
-from consistent_id.problems.toml_text import toml_text
+from consistent_id.problems.kept_text import changed_tables, rewritten, toml_text
 
 FILE = Path("problem.toml")
 TEXT = """\
@@ -125,12 +124,11 @@ def test_tables_go_and_come_where_they_belong():
         "preparation.torque_cutoff = 9.0\n",
     ],
 )
-def test_a_form_that_cannot_be_replaced_table_by_table_is_written_anew(form):
+def test_a_table_without_a_header_changes_in_its_own_form(form):
     start, end = TEXT.index("# Stamps"), TEXT.index("# Two days")
     odd = TEXT[:start].rstrip() + "\n" + form + "\n" + TEXT[end:]
-    kept, fresh = with_changes(odd, data__preparation__motion_cutoff=5.0)
-    assert kept == fresh
-    assert "# The end." not in kept
+    kept, _ = with_changes(odd, data__preparation__motion_cutoff=5.0)
+    assert kept == odd.replace("motion_cutoff = 9.0", "motion_cutoff = 5.0")
 
 
 def test_a_file_of_very_many_lines_is_written_anew_at_once():
@@ -147,3 +145,48 @@ def test_header_names_in_quotes_and_texts_over_lines_are_read_as_toml_does():
     kept, _ = with_changes(quoted, data__preparation__motion_cutoff=5.0)
     assert '[ joints . "elbow" ]  # left\nspring = true' in kept
     assert '"""\n[drive]\n# not a comment"""' in kept
+
+
+def test_tables_in_another_order_stay_in_it():
+    start, end = TEXT.index("# Stamps"), TEXT.index("# Two days")
+    preparation = TEXT[start:end]
+    apart = TEXT.replace(preparation, "").replace("# Found", f"{preparation}# Found")
+    kept, _ = with_changes(apart, data__preparation__motion_cutoff=5.0)
+    without = apart.replace("# Stamps jitter.\n", "")
+    assert kept == without.replace("motion_cutoff = 9.0", "motion_cutoff = 5.0")
+
+
+def test_a_value_that_changes_has_the_comment_of_the_fresh_text():
+    kept, _ = with_changes(TEXT, {"drive.viscous": "no oil"}, drive__viscous=False)
+    assert "viscous = false  # no oil\n" in kept
+    kept, _ = with_changes(TEXT, {"drive.viscous": ""}, drive__viscous=False)
+    assert "viscous = false\n" in kept
+
+
+def test_a_comment_above_the_next_table_stays_when_a_table_goes():
+    remark = TEXT.replace("[data]\n", "# Of the data.\n[data]\n")
+    kept, _ = with_changes(remark, joints={})
+    assert kept == remark.replace("[joints.elbow]\nspring = true\n\n", "")
+
+
+def test_ends_of_lines_of_another_system_are_read():
+    kept, _ = with_changes(TEXT.replace("\n", "\r\n"), {"drive": "Because."})
+    assert kept == TEXT.replace("# Found by hand.", "# Because.")
+
+
+def test_a_line_of_an_array_that_looks_like_a_header_is_none():
+    hull = """
+[[constraints.density_on]]
+link = "elbow"
+hull = [
+    # the corner
+    [0.0, 0.0, 0.0],
+
+    # and others
+    [1.0, 0.0, 0.0],
+    [0.0, 1.0, 0.0],
+    [0.0, 0.0, 1.0]
+]
+"""
+    kept, _ = with_changes(TEXT + hull, data__preparation__motion_cutoff=5.0)
+    assert hull in kept

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from logged import write_arm
 
-from consistent_id.problems.drafting import draft_problem
-from consistent_id.problems.late_velocity import velocity_delay
+from consistent_id.problems.drafting import draft_problem, velocity_delay
 from consistent_id.recordings.recording import Recording
 
 RATE = 100.0
@@ -75,8 +74,7 @@ def test_a_draft_differentiates_the_position_instead_and_says_so(
 
 
 def test_a_velocity_that_the_user_names_is_read(arm_with_late_velocity):
-    named = {"velocity": "dq_{joint}"}
     draft = draft_problem(
-        *arm_with_late_velocity, columns=named, select=False, cutoff=10.0
+        *arm_with_late_velocity, velocity="dq_{joint}", select=False, cutoff=10.0
     )
     assert draft.columns.velocity == "dq_{joint}"

@@ -40,6 +40,18 @@ def test_the_file_may_be_named_instead_of_its_folder():
 
 
 @pytest.mark.parametrize(
+    ("name", "parameters", "contacts"),
+    [("kuka_kr300", 88, 0), ("walker", 142, 4)],
+)
+def test_problems_that_bring_their_recordings_are_read(name, parameters, contacts):
+    problem = load_problem(f"problems/{name}")
+    assert problem.name == name
+    assert len(problem.model.layout) == parameters
+    (log,) = problem.training
+    assert len(log) > 1000 and len(log.contacts) == contacts
+
+
+@pytest.mark.parametrize(
     ("text", "message"),
     [
         (ARM + FREE + "colour = 1\n", r"line \d+: constraints has no key 'colour'"),
@@ -119,7 +131,7 @@ def test_broken_rows_are_left_out_and_rows_stay_those_of_the_file(tmp_path):
     (tmp_path / "log.csv").write_text("\n".join(lines))
     (log,) = problem.logs("training")
     assert (len(log), log.time[0], log.time[-1]) == (199, 1.01, 2.99)
-    with pytest.raises(RecordingError, match=r"time of sample 1 .* omit = \[2\]"):
+    with pytest.raises(RecordingError, match=r"time of sample 1 .*omit = \[2\]"):
         problem.read("log.csv")
     with pytest.raises(RecordingError, match="row 401, but there are 400"):
         problem.read("log.csv", omit=[401])

@@ -1,7 +1,7 @@
 """Which joints a log may have, of a robot with branches."""
 
-from consistent_id import load_urdf
 from consistent_id.problems.robot_logs import chains_of
+from consistent_id.robot import load_urdf
 
 _LINK = (
     '<link name="{0}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" '

@@ -161,7 +161,7 @@ def test_the_shell_says_what_is_delivered_and_writes_it(arm, tmp_path, capsys):
     page = tmp_path / "report.html"
     arguments = ["identify", urdf, first, "--validate", third, "--output", str(out)]
     assert main([*arguments, "--report", str(page)]) == 0
-    assert "delivered: " in capsys.readouterr().out
+    assert "delivered estimate: " in capsys.readouterr().out
     assert "fitted again to training and validation data" in page.read_text()
     study = studied(arm[0], arm[1], arm[3])
     estimate = Estimate.load(out / "delivered.json", study.problem.model, study.base)

@@ -37,15 +37,24 @@ def robot(tmp_path_factory):
 
 def columns(robot, seed=0, *, torque=False):
     """A log of the arm whose flange carries a tool on a sensor."""
-    arm, rng = ci.load_urdf(robot), np.random.default_rng(seed)
+    arm, rng = ci.robot.load_urdf(robot), np.random.default_rng(seed)
     tones = 0.4 * rng.normal(size=(2, 3, 3))
-    path = ci.FourierTrajectory(
-        arm.joint_names, ci.harmonics_of(0.2, 3), np.zeros(3), *tones, duration=10
+    path = ci.recordings.FourierTrajectory(
+        arm.joint_names,
+        ci.recordings.harmonics_of(0.2, 3),
+        np.zeros(3),
+        *tones,
+        duration=10,
     )
     log = path.recording(rate=100.0)
-    none, moved = np.zeros((len(log), 0)), ci.sensor_motion(arm, log, "tool0")
+    none, moved = (
+        np.zeros((len(log), 0)),
+        ci.regression.sensor_motion(arm, log, "tool0"),
+    )
     truth = np.append(TOOL.vector, [3, -2, 5, 0.1, -0.2, 0.05])
-    wrench = ci.tool_model("tool").predict(truth, none, none, none, base=moved)
+    wrench = ci.regression.tool_model("tool").predict(
+        truth, none, none, none, base=moved
+    )
     wrench += rng.normal(size=wrench.shape) * ([0.2] * 3 + [0.02] * 3)
     found = {"time": log.time}
     found |= {f"q_{j}": log.position[:, k] for k, j in enumerate(arm.joint_names)}

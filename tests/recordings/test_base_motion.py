@@ -3,16 +3,9 @@
 import numpy as np
 import pytest
 
-from consistent_id import (
-    BaseMotion,
-    ContactFlags,
-    Recording,
-    RecordingError,
-    Wrench,
-    base_from_imu,
-    base_from_pose,
-    rotations,
-)
+from consistent_id import Recording, RecordingError
+from consistent_id.recordings import BaseMotion, ContactFlags, Wrench
+from consistent_id.signals import base_from_imu, base_from_pose, rotations
 
 STEP = 1e-3
 TIME = STEP * np.arange(2001)

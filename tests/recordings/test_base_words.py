@@ -2,7 +2,11 @@
 
 import pytest
 
-from consistent_id.recordings.base_words import base_names, contact_names, matched_frame
+from consistent_id.recordings.column_words import (
+    base_names,
+    contact_names,
+    matched_frame,
+)
 
 
 def three(stem, axes="xyz"):

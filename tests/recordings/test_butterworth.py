@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
 
-from consistent_id.recordings.signals.butterworth import zero_phase
+from consistent_id.recordings.signals.filters import zero_phase
 
 EPS = np.finfo(np.float64).eps
 

@@ -5,15 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from consistent_id import (
-    Columns,
-    PDGains,
-    Recording,
-    RecordingError,
-    commanded,
-    read_recording,
-    resampled,
-)
+from consistent_id import Columns, Recording, RecordingError, read_recording, resampled
+from consistent_id.signals import PDGains, commanded
 
 TIME = np.arange(200) / 100.0
 GAINS = PDGains(np.array([20.0, 50.0]), np.array([1.5, 2.0]))

@@ -11,7 +11,8 @@ from consistent_id import signals
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers import Columns, read_recording
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals.delay import _filtered_pair
+from consistent_id.recordings.signals.masks import quantum
+from consistent_id.recordings.signals.tracks import _filtered_pair
 
 ORDER = {"position": 0, "velocity": 1, "acceleration": 2, "torque": 0}
 NAMES = ("a", "b", "c")
@@ -310,3 +311,36 @@ def test_a_velocity_channel_of_zeros_has_no_delay():
     found = signals.estimate_delay(position, half)
     assert found.seconds == pytest.approx(0.0, abs=1e-3)
     assert found.correlations[1] == 0.0
+
+
+def test_a_torque_is_compared_with_a_torque_as_it_stands():
+    a, b, delay = pair(2, "torque", "torque", (200, 200), (0.02, 0.02))
+    found = signals.estimate_delay(a, b)
+    assert found.seconds == pytest.approx(delay, abs=0.1 / 200)
+    np.testing.assert_allclose(found.gains, 1.0, rtol=0.02)
+
+
+@pytest.mark.parametrize("rates", [(500.0, 50.0), (50.0, 500.0)])
+def test_what_the_slower_clock_cannot_hold_does_not_come_back_as_an_alias(rates):
+    # A tone of 40 Hz on the faster signal would be one of 10 Hz at 50 Hz.
+    def values(rate):
+        time = np.arange(int(20 * rate)) / rate
+        tone = np.sin(2 * np.pi * 40.0 * time) if rate > 80.0 else 0.0 * time
+        return time, np.cos(3.0 * time)[:, None] + tone[:, None]
+
+    (time, position), (other, velocity) = map(values, rates)
+    track = signals.Track("velocity", NAMES[:1], other, velocity)
+    both = signals.aligned(log(time, position), track)
+    assert both.rate == pytest.approx(50.0)
+    inside = slice(100, -100)
+    for channel in (both.position, both.velocity):
+        np.testing.assert_allclose(
+            channel[inside, 0], np.cos(3.0 * both.time[inside]), rtol=0, atol=1e-3
+        )
+
+
+@pytest.mark.parametrize(("far", "found"), [(3000, 2.0**-10), (3001, 0.0)])
+def test_a_quantum_is_told_by_steps_of_up_to_three_thousand_of_it(far, found):
+    # Half of the steps have to tell of it; of those here, eighteen of 34 are far ones.
+    multiples = [1] * 10 + [2, 3, 4, 5, 6, 7] + [far] * 18
+    assert quantum(np.cumsum(multiples) * 2.0**-10) == found

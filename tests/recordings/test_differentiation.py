@@ -12,7 +12,7 @@ from some_fast import some_fast
 from consistent_id import signals
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals.kalman import (
+from consistent_id.recordings.signals.smoother import (
     drive_covariance,
     smoothed,
     transition,
@@ -240,7 +240,7 @@ def test_a_series_of_another_period_is_refused():
 
 
 def test_a_motion_is_compared_with_itself_as_by_definition():
-    from consistent_id.recordings.signals.period import _changes
+    from consistent_id.recordings.signals.repetitions import _changes
 
     q = 5.0 + np.random.default_rng(0).normal(size=(301, 3)).cumsum(axis=0)
     lags = np.arange(1, 299)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from consistent_id import Recording, RecordingError, blocked_folds, low_passed
+from consistent_id import Recording, RecordingError, low_passed
+from consistent_id.signals import blocked_folds
 
 
 def _log(samples=100):

@@ -3,17 +3,14 @@
 import numpy as np
 import pytest
 
-from consistent_id import (
+from consistent_id import Recording, RecordingError, differentiated, low_passed
+from consistent_id.recordings.signals.derivatives import noise_gain
+from consistent_id.signals import (
     MotionNoise,
-    Recording,
-    RecordingError,
     decimated,
-    differentiated,
     kalman_differentiated,
-    low_passed,
     savitzky_golay_differentiated,
 )
-from consistent_id.recordings.signals.noise_gain import noise_gain
 
 RATE, SAMPLES = 200.0, 2000
 

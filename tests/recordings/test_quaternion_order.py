@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import consistent_id as ci
-from consistent_id.recordings.quaternion_order import quaternion_order
+from consistent_id.recordings.signals.base_signals import quaternion_order
 
 TIME = 0.005 * np.arange(2000)
 
@@ -20,7 +20,7 @@ def swaying(yaw, size=0.2):
         [k * x - h * y, k * y + h * x, k * z + h * c, k * c - h * z]
     )
     gyro = 3 * size * np.cos(3 * TIME)[:, None] * axis
-    R = ci.rotations(turned, "xyzw")
+    R = ci.signals.rotations(turned, "xyzw")
     return turned, gyro, np.einsum("nij,i->nj", R, [0, 0, 9.81])
 
 

@@ -12,7 +12,7 @@ import scipy.io
 
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers import Columns, read_recording
-from consistent_id.recordings.readers.log_rows import LogRows
+from consistent_id.recordings.readers.recording_file import LogRows
 
 JOINTS = ("elbow", "wrist")
 SAMPLES = 5

@@ -36,7 +36,7 @@ def columns(**beside):
         position="qpos[7:9]",
         torque="qfrc_actuator[6:8]",
         array_joints=JOINTS,
-        beside=ci.BesideColumns(**beside),
+        beside=ci.recordings.BesideColumns(**beside),
     )
 
 
@@ -50,7 +50,9 @@ def test_parts_of_arrays_are_read(simulated):
 
 def test_a_bases_pose_gives_its_motion(simulated):
     path, _ = simulated
-    base = ci.BaseColumns(position="qpos[0:3]", orientation="qpos[3:7]", order="wxyz")
+    base = ci.recordings.BaseColumns(
+        position="qpos[0:3]", orientation="qpos[3:7]", order="wxyz"
+    )
     moved = ci.read_recording(path, JOINTS, columns(base=base)).base
     inside = slice(5, -5)
     # Central differences of waves of 3 rad/s at 100 Hz err by 1.5e-4.
@@ -68,9 +70,15 @@ def test_an_imu_contacts_and_wrenches_are_read(simulated):
         path,
         JOINTS,
         columns(
-            base=ci.BaseColumns("sensordata[0:3]", "sensordata[3:6]"),
-            contacts=[ci.ContactColumns("foot", "sensordata[6:7]", 0.0, guard=0.015)],
-            wrenches=[ci.WrenchColumns("hand", "sensordata[6:9]", on_robot=False)],
+            base=ci.recordings.BaseColumns("sensordata[0:3]", "sensordata[3:6]"),
+            contacts=[
+                ci.recordings.ContactColumns(
+                    "foot", "sensordata[6:7]", 0.0, guard=0.015
+                )
+            ],
+            wrenches=[
+                ci.recordings.WrenchColumns("hand", "sensordata[6:9]", on_robot=False)
+            ],
         ),
     )
     assert np.array_equal(log.base.angular_velocity, sensors[:, :3])
@@ -84,7 +92,7 @@ def test_an_imu_contacts_and_wrenches_are_read(simulated):
 
 def test_rows_left_out_are_left_out_everywhere(simulated):
     path, arrays = simulated
-    wrench = ci.WrenchColumns("hand", "sensordata[6:9]")
+    wrench = ci.recordings.WrenchColumns("hand", "sensordata[6:9]")
     log = ci.read_recording(path, JOINTS, columns(wrenches=[wrench]), omit=[1, 5])
     kept = np.delete(arrays["sensordata"][:, 6:9], [0, 4], axis=0)
     assert np.array_equal(log.wrenches[0].values[:, :3], kept)
@@ -100,7 +108,7 @@ def test_rows_left_out_are_left_out_everywhere(simulated):
     ],
 )
 def test_faulty_columns_are_named(simulated, values, message):
-    wrenches = [ci.WrenchColumns("hand", values)]
+    wrenches = [ci.recordings.WrenchColumns("hand", values)]
     with pytest.raises(ci.RecordingError, match=message):
         ci.read_recording(simulated[0], JOINTS, columns(wrenches=wrenches))
 
@@ -113,14 +121,14 @@ def test_filters_treat_a_base_and_wrenches_as_motion_and_torque():
         TIME,
         noise[:, :3],
         torque=noise[:, :3],
-        base=ci.BaseMotion(*np.split(noise, 3, axis=1)),
-        wrenches=[ci.Wrench("a", noise[:, :6])],
+        base=ci.recordings.BaseMotion(*np.split(noise, 3, axis=1)),
+        wrenches=[ci.recordings.Wrench("a", noise[:, :6])],
     )
     slow = ci.low_passed(log, motion_cutoff=5.0, torque_cutoff=8.0)
     assert np.allclose(slow.base.angular_velocity, slow.position)
     assert np.allclose(slow.wrenches[0].values[:, :3], slow.torque)
     assert not np.allclose(slow.position, slow.torque)
-    half = ci.decimated(log, 2)
+    half = ci.signals.decimated(log, 2)
     assert len(half.base) == len(half.wrenches[0]) == 150
 
 
@@ -135,8 +143,10 @@ def test_a_new_clock_takes_all_with_it():
         ("a",),
         time,
         angle[:, None],
-        base=ci.BaseMotion(wave, still, still, ci.rotations(turn, "wxyz")),
-        contacts=[ci.ContactFlags("a", time > 1.0)],
+        base=ci.recordings.BaseMotion(
+            wave, still, still, ci.signals.rotations(turn, "wxyz")
+        ),
+        contacts=[ci.recordings.ContactFlags("a", time > 1.0)],
     )
     new = ci.resampled(log, 120.0)
     assert np.allclose(new.base.angular_velocity[:, 0], np.sin(3 * new.time), atol=1e-5)
@@ -223,16 +233,16 @@ def test_base_contact_and_wrench_are_read_in_every_format(tmp_path, name, order)
             time="t",
             position="q_{index}" if flat else "q",
             array_joints=() if flat else JOINTS,
-            beside=ci.BesideColumns(
-                base=ci.BaseColumns(
+            beside=ci.recordings.BesideColumns(
+                base=ci.recordings.BaseColumns(
                     named("imu/gyro"),
                     named("imu/acc"),
                     orientation=named("imu/quat"),
                     order=order,
                 ),
-                contacts=[ci.ContactColumns("foot", "foot")],
+                contacts=[ci.recordings.ContactColumns("foot", "foot")],
                 wrenches=[
-                    ci.WrenchColumns(
+                    ci.recordings.WrenchColumns(
                         "hand", wrench if flat else ["ft/force", "ft/torque"]
                     )
                 ],

@@ -81,7 +81,7 @@ CELL = st.sampled_from([*NUMERALS.split(" "), *ODD])
 )
 def test_the_fast_way_never_differs_from_the_exact_way(separator, rows, end):
     body = end.join(separator.join(row) for row in rows)
-    header = csv._Header(("a", "b"), separator, 1, 0)
+    header = csv._CsvHeader(("a", "b"), separator, 1, 0)
     fast = csv._fast(body, header, [1, 0])
     if fast is not None:
         exact = csv._exact(Path("log.csv"), body, header, [1, 0])
@@ -93,7 +93,7 @@ def test_plain_numbers_are_read_the_fast_way(separator):
     body = f"0{separator}1.5\r\n\r\n2{separator}-3e1\r\n".replace(
         ".", "." if separator == "," else ","
     )
-    header = csv._Header(("a", "b"), separator, 1, 0)
+    header = csv._CsvHeader(("a", "b"), separator, 1, 0)
     np.testing.assert_array_equal(
         csv._fast(body, header, [1, 0]), [[1.5, 0], [-30.0, 2]]
     )

@@ -132,7 +132,10 @@ FAULTY = {
         [GOOD, state(START + 10**9, JOINTS, [-np.inf, 2], [1, 2], [1, 2])],
         r"position of joint 'elbow' is -inf at 1700000001\.123456789 s",
     ),
-    "never seen": ([state(START, ["elbow", "wirst"], [1, 2])], "'wrist'; known: wirst"),
+    "never seen": (
+        [state(START, ["elbow", "wirst"], [1, 2])],
+        "'wrist'; known: elbow, wirst. .*--names NAME=wrist",
+    ),
     "twice": (
         [state(START, ["elbow", "wrist", "elbow"], [1, 2, 3])],
         "names joint 'elbow' twice",

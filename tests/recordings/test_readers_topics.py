@@ -12,8 +12,8 @@ import consistent_id as ci
 
 START = 1_700_000_000_123_456_789  # ns
 JOINTS = ("hip", "knee")
-UNIT = ci.BaseColumns("/imu.angular_velocity", "/imu.linear_acceleration")
-POSE = ci.BaseColumns(
+UNIT = ci.recordings.BaseColumns("/imu.angular_velocity", "/imu.linear_acceleration")
+POSE = ci.recordings.BaseColumns(
     position="/odom.pose.pose.position", orientation="/odom.pose.pose.orientation"
 )
 
@@ -93,10 +93,10 @@ def flags():
 
 def read(path, columns=None, **beside):
     wanted = replace(
-        columns or ci.JOINT_STATE,
+        columns or ci.recordings.JOINT_STATE,
         velocity=None,
         torque=None,
-        beside=ci.BesideColumns(**beside),
+        beside=ci.recordings.BesideColumns(**beside),
     )
     return ci.read_recording(path, JOINTS, wanted)
 
@@ -136,8 +136,8 @@ def test_odometry_gives_the_bases_motion_whatever_the_quaternions_sign(bag):
 
 
 def test_wrenches_and_flags_of_other_topics(bag):
-    sole = ci.WrenchColumns("left_sole", "/sole.wrench")
-    foot = ci.ContactColumns("left_foot", "/foot.data")
+    sole = ci.recordings.WrenchColumns("left_sole", "/sole.wrench")
+    foot = ci.recordings.ContactColumns("left_foot", "/foot.data")
     log = read(bag, wrenches=[sole], contacts=[foot])
     (measured,), (closed,) = log.wrenches, log.contacts
     expected = np.column_stack(
@@ -149,7 +149,9 @@ def test_wrenches_and_flags_of_other_topics(bag):
     inner = (log.time > 2.05) & (log.time < 3.95)
     outer = (log.time < 1.95) | (log.time > 4.05)
     assert closed.closed[inner].all() and not closed.closed[outer].any()
-    force = ci.ContactColumns("left_foot", "/sole.wrench.force.z", threshold=100.0)
+    force = ci.recordings.ContactColumns(
+        "left_foot", "/sole.wrench.force.z", threshold=100.0
+    )
     (pressed,) = read(bag, contacts=[force]).contacts
     assert np.array_equal(pressed.closed, log.time > 2.0 + 1e-6)
 
@@ -172,7 +174,7 @@ def test_a_pose_with_jittered_stamps_is_differentiated_by_its_own_times(tmp_path
     time = np.sort(0.01 * np.arange(600) + rng.uniform(-2e-3, 2e-3, 600))
     angle, rate = turned(time)
     still = np.zeros(600)
-    base = ci.base_from_pose(
+    base = ci.signals.base_from_pose(
         time,
         np.column_stack([still, still, 0.1 * np.sin(3 * time)]),
         np.column_stack([still, still, np.sin(angle / 2), np.cos(angle / 2)]),
@@ -205,7 +207,7 @@ def test_by_time_of_logging_all_topics_are(tmp_path):
     messages = [(log, {**c, "header": ros.header(log - START)}) for log, c in messages]
     topics = {"/joint_states": joints(delay=2_000_000), "/imu": (kind, messages)}
     path = ros.write_mcap(tmp_path / "bag", topics)
-    log = read(path, replace(ci.JOINT_STATE, time="log_time"), base=UNIT)
+    log = read(path, replace(ci.recordings.JOINT_STATE, time="log_time"), base=UNIT)
     inside = (log.time > 0.5) & (log.time < 5.5)
     expected = turned(log.time[inside])[1]
     assert np.allclose(log.base.angular_velocity[inside, 2], expected, atol=1e-4)
@@ -241,6 +243,6 @@ def test_kinds_that_the_bag_defines_are_read(tmp_path):
     ]
     topics = {"/joint_states": joints(), "/feet": ("maker_msgs/msg/Feet", made)}
     path = ros.write_mcap(tmp_path / "bag", topics, types)
-    foot = ci.ContactColumns("rear", "/feet.force[3:4]", threshold=120.0)
+    foot = ci.recordings.ContactColumns("rear", "/feet.force[3:4]", threshold=120.0)
     (pressed,) = (log := read(path, contacts=[foot])).contacts
     assert np.array_equal(pressed.closed, log.time > 2.0 + 1e-6)

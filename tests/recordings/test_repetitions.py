@@ -9,12 +9,12 @@ from consistent_id import (
     NotExcitedError,
     ProblemError,
     TorqueModel,
-    base_parameters,
     build_regression,
     simulate_torque,
 )
 from consistent_id.excitation.accuracy import predicted_accuracy
 from consistent_id.excitation.aims import Aim
+from consistent_id.regression import base_parameters
 
 MODEL = TorqueModel(arm(2))
 BASE = base_parameters(MODEL)

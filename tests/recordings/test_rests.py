@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import consistent_id as ci
-from consistent_id.recordings.signals.butterworth import zero_phase
+from consistent_id.recordings.signals.filters import zero_phase
 
 
 def _log(position, step=0.01):
@@ -19,7 +19,7 @@ def test_after_the_guard_a_hundredth_of_a_jump_is_left(cutoff):
     jump = (np.arange(2 * middle) >= middle).astype(float)
     found = zero_phase(jump[:, None], cutoff=cutoff, rate=rate, order=4, pad=100)[:, 0]
     away = abs(np.arange(2 * middle) - middle) / rate
-    off, guard = abs(found - jump), ci.rest_guard(cutoff)
+    off, guard = abs(found - jump), ci.signals.rest_guard(cutoff)
     inside = (away >= guard) & (away < 1.5)  # beyond, ends of the filter
     assert off[inside].max() < 0.01 < off[away >= 0.5 * guard].max()
 
@@ -29,9 +29,9 @@ def test_a_joint_that_turns_back_between_two_samples_rests_with_a_reach():
     time = 0.1 * np.arange(21)
     log = _log(20.0 * abs(time - 1.05), step=0.1)
     assert abs(log.velocity[[0, -1]]).min() > 19.0
-    kept = ci.without_rests(log, 0.01).torque_known
+    kept = ci.signals.without_rests(log, 0.01).torque_known
     assert kept.sum() == len(log) - (log.velocity == 0.0).sum()
-    lost = ~ci.without_rests(log, 0.01, reach=0.2).torque_known[:, 0]
+    lost = ~ci.signals.without_rests(log, 0.01, reach=0.2).torque_known[:, 0]
     assert lost[8:14].all()
     assert not lost[:7].any() and not lost[15:].any()
 
@@ -40,7 +40,7 @@ def test_what_was_not_known_stays_so():
     log = _log(np.arange(20.0))
     known = np.ones((20, 1), dtype=bool)
     known[3] = False
-    part = ci.without_rests(
+    part = ci.signals.without_rests(
         ci.Recording(
             log.joints, log.time, log.position, log.velocity, torque_known=known
         ),
@@ -53,4 +53,4 @@ def test_what_was_not_known_stays_so():
 @pytest.mark.parametrize("cutoff", [0.0, -1.0, np.inf, np.nan])
 def test_a_cut_off_that_is_none_is_refused(cutoff):
     with pytest.raises(ci.RecordingError, match="expected a positive number"):
-        ci.rest_guard(cutoff)
+        ci.signals.rest_guard(cutoff)

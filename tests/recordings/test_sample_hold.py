@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from consistent_id.recordings.signals.resolution import held_samples
+from consistent_id.recordings.signals.masks import held_samples
 
 TIME = np.arange(4000) / 1000.0
 SMOOTH = np.sin(3.0 * TIME) + 0.4 * np.sin(11.0 * TIME)

@@ -13,8 +13,8 @@ from consistent_id import (
     from_modified_dh,
 )
 from consistent_id.problems.parametrisation import Combination, Parametrisation
-from consistent_id.recordings.sinusoids import Sinusoid, SinusoidalMotion
-from consistent_id.regression.simulation import simulate_torque
+from consistent_id.recordings.joint_paths import Sinusoid, SinusoidalMotion
+from consistent_id.regression.motion_arrays import simulate_torque
 
 
 def test_derivatives_are_those_of_finite_differences():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from consistent_id.recordings.signals.spline import cubic_spline
+from consistent_id.recordings.signals.clocks import cubic_spline
 
 
 @pytest.mark.parametrize("samples", [2, 3, 4, 5, 6, 400])

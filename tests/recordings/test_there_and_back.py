@@ -53,7 +53,7 @@ def logged(arm, **options):
 def test_friction_cancels_whatever_its_law(arm):
     log, bodies = logged(arm)
     assert abs(log.torque - bodies).max() > 3.0
-    mean = ci.there_and_back(log)
+    mean = ci.signals.there_and_back(log)
     plain = ci.TorqueModel(arm)
     states = mean.position, mean.velocity, mean.acceleration
     expected = plain.predict(arm.nominal, *states)
@@ -66,7 +66,7 @@ def test_gravity_alone_tells_masses_times_centres(arm):
     """Without velocity and acceleration: what inertia adds on slow motion is small."""
     log, _ = logged(arm, late=0.37)
     still = replace(log, velocity=None, acceleration=None)
-    mean, model = ci.there_and_back(still), ci.TorqueModel(arm)
+    mean, model = ci.signals.there_and_back(still), ci.TorqueModel(arm)
     found = ci.least_squares(model, ci.build_regression(model, mean))
     held, zeros = mean.position[::50], np.zeros((len(mean.position[::50]), 3))
     right = model.predict(arm.nominal, held, zeros, zeros)
@@ -84,18 +84,20 @@ def test_gravity_alone_tells_masses_times_centres(arm):
 def test_hysteresis_of_a_wrench_sensor_cancels(arm):
     log, _ = logged(arm)
     tool = ci.InertialParameters.from_central(1.3, [0.02, 0, 0.08], 4e-3 * np.eye(3))
-    motion = ci.sensor_motion(arm, log, "link3")
-    model, none = ci.tool_model(), np.zeros((len(log), 0))
+    motion = ci.regression.sensor_motion(arm, log, "link3")
+    model, none = ci.regression.tool_model(), np.zeros((len(log), 0))
     bias = [3.0, -2.0, 5.0, 0.1, -0.2, 0.05]
     clean = model.predict([*tool.vector, *bias], none, none, none, base=motion)
     felt = clean + 0.5 * np.sign(log.velocity[:, :1])
-    log = replace(log, wrenches=(ci.Wrench("link3", felt),))
-    mean = ci.there_and_back(log)
-    regression = ci.sensor_regression(model, arm, mean, frame="link3")
+    log = replace(log, wrenches=(ci.recordings.Wrench("link3", felt),))
+    mean = ci.signals.there_and_back(log)
+    regression = ci.regression.sensor_regression(model, arm, mean, frame="link3")
     known = [ci.PhysicalConsistency()]
     found = ci.constrained_least_squares(model, regression, constraints=known)
     assert found["tool.m"] == pytest.approx(1.3, abs=0.01)
-    raw = ci.sensor_regression(model, arm, log.samples(slice(0, 1900)), frame="link3")
+    raw = ci.regression.sensor_regression(
+        model, arm, log.samples(slice(0, 1900)), frame="link3"
+    )
     one_way = ci.constrained_least_squares(model, raw, constraints=known)
     assert abs(one_way["base.fx.bias"] - 3.0) > 0.3
 
@@ -104,7 +106,7 @@ def test_torque_is_known_where_it_is_known_both_times(arm):
     log, _ = logged(arm)
     known = np.ones(log.torque.shape, dtype=bool)
     known[300, 1] = known[-500, 2] = False
-    mean = ci.there_and_back(replace(log, torque_known=known), turn=SECONDS / 2)
+    mean = ci.signals.there_and_back(replace(log, torque_known=known), turn=SECONDS / 2)
     at = len(log) // 2
     back = 2 * at - (len(log) - 500)  # of the way there, the sample at the same place
     first = at - len(mean)
@@ -118,7 +120,7 @@ def test_a_robot_that_waits_does_not_turn_there(arm):
     rest, q = 4000, log.position
     time = np.arange(rest + len(q)) / RATE
     waiting = np.vstack([np.repeat(q[:1], rest, axis=0), q])
-    mean = ci.there_and_back(ci.Recording(arm.joint_names, time, waiting))
+    mean = ci.signals.there_and_back(ci.Recording(arm.joint_names, time, waiting))
     turn = mean.time[-1] + 1 / RATE
     assert turn == pytest.approx((rest + len(q) / 2) / RATE, abs=1.5 / RATE)
 
@@ -126,9 +128,9 @@ def test_a_robot_that_waits_does_not_turn_there(arm):
 def test_what_does_not_come_back_is_refused(arm):
     log, _ = logged(arm)
     with pytest.raises(ci.RecordingError, match="expected one path both ways"):
-        ci.there_and_back(log.samples(slice(0, 2600)), turn=5.0)
+        ci.signals.there_and_back(log.samples(slice(0, 2600)), turn=5.0)
     with pytest.raises(ci.RecordingError, match="no way there or none back"):
-        ci.there_and_back(log, turn=0.0)
-    base = ci.sensor_motion(arm, log, "link3")
+        ci.signals.there_and_back(log, turn=0.0)
+    base = ci.regression.sensor_motion(arm, log, "link3")
     with pytest.raises(ci.RecordingError, match="the base moves"):
-        ci.there_and_back(replace(log, base=base))
+        ci.signals.there_and_back(replace(log, base=base))

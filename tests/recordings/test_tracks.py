@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from consistent_id import ProblemError, RecordingError, load_problem, read_track
+from consistent_id import ProblemError, RecordingError, load_problem
+from consistent_id.recordings import read_track
 
 LATE = 0.0123  # s
 TONES = 2 * np.pi * np.array([0.4, 1.1, 1.7])  # rad/s

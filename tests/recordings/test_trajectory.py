@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from consistent_id import ProblemError
-from consistent_id.recordings.trajectory import FourierTrajectory, harmonics_of
+from consistent_id.recordings.joint_paths import FourierTrajectory, harmonics_of
 
 
 def random_trajectory(seed: int = 0, joints: int = 3) -> FourierTrajectory:

@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from consistent_id import FourierTrajectory, Recording, RecordingError
+from consistent_id import Recording, RecordingError
+from consistent_id.recordings import FourierTrajectory
+from consistent_id.recordings.joint_paths import harmonics_of
 from consistent_id.recordings.signals import fit_trajectory, fourier_fit
-from consistent_id.recordings.trajectory import harmonics_of
 
 REPEATABLE = settings(derandomize=True, deadline=None, max_examples=25)
 

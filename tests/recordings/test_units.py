@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from consistent_id import Columns, RecordingError, read_recording, recording_from
-from consistent_id.cli.log_options import units_of
+from consistent_id.problems.statement_words import units as units_of
 from consistent_id.recordings.readers.units import KNOWN, standard_unit
 
 # By definition: a turn is 2 pi rad, a minute 60 s.

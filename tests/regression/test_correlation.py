@@ -8,8 +8,10 @@ from experiments import experiment
 from scipy import signal
 
 from consistent_id import Recording, build_regression, least_squares, simulate_torque
-from consistent_id.regression.correlated_noise import spectral_noise
-from consistent_id.regression.correlation import correlation_lengths
+from consistent_id.regression.correlated_noise import (
+    correlation_lengths,
+    spectral_noise,
+)
 from consistent_id.regression.segments import merged, segment_regressions
 
 
@@ -140,3 +142,18 @@ def test_the_sum_of_what_is_known_and_what_is_not_is_not_known():
     assert (regression + replace(regression, noise=None)).noise is None
     doubled = regression + regression
     assert doubled.effective == pytest.approx(2 * regression.effective)
+
+
+@pytest.mark.parametrize("samples", [64, 65])
+def test_of_an_impulse_all_frequencies_have_the_same_power_to_the_last(samples):
+    # Its spectrum is flat, which no smoothing changes: scores have the rows' products
+    # over the samples, by Parseval, also at the highest frequency.
+    rows = np.random.default_rng(3).normal(size=(samples, 3))
+    rows[:, 0] = (-1.0) ** np.arange(samples)
+    impulse = np.zeros(samples)
+    impulse[7] = 2.0
+    found = spectral_noise(rows, impulse, np.zeros((3, 1)))
+    np.testing.assert_allclose(
+        found.scores.T @ found.scores, 4.0 * rows.T @ rows / samples, atol=1e-12
+    )
+    assert found.length == 1.0

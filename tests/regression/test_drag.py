@@ -24,11 +24,9 @@ from consistent_id import (
     from_modified_dh,
     load_problem,
     simulate_torque,
-    to_c,
-    to_casadi,
-    to_numpy,
     to_urdf,
 )
+from consistent_id.export import to_c, to_casadi, to_numpy
 from consistent_id.motion.proofs.torque_bounds import torque_bounds
 
 DRAG = DriveTerms(viscous=True, drag=True)

@@ -11,20 +11,19 @@ from consistent_id import (
     DHRow,
     DriveTerms,
     InertialParameters,
-    Motor,
     NonNegativeDrive,
     ProblemError,
     RotorInertias,
     TorqueModel,
-    base_parameters,
     build_regression,
-    casadi_regressor,
     constrained_least_squares,
     from_modified_dh,
     load_problem,
 )
-from consistent_id.recordings.sinusoids import Sinusoid, SinusoidalMotion
-from consistent_id.regression.simulation import simulate_torque
+from consistent_id.constraints import Motor
+from consistent_id.recordings.joint_paths import Sinusoid, SinusoidalMotion
+from consistent_id.regression import base_parameters, casadi_regressor
+from consistent_id.regression.motion_arrays import simulate_torque
 
 FULL = DriveTerms(
     viscous=True,

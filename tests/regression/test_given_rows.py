@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from consistent_id import (
-    Ellipsoid,
     InertialParameters,
     ProblemError,
     constrained_least_squares,
-    free_bodies,
-    given_rows,
     least_squares,
 )
+from consistent_id.constraints import Ellipsoid
+from consistent_id.regression import given_rows
+from consistent_id.robot import free_bodies
 
 BODIES = {
     "upper": InertialParameters.from_central(2.0, [0.1, 0, 0], 0.02 * np.eye(3)),

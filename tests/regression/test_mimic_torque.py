@@ -6,17 +6,15 @@ import pytest
 from paths import random_path
 from robots import random_body, random_robot, random_states, with_followers
 
-from consistent_id import (
-    DriveTerms,
-    Mimic,
-    ProblemError,
-    TorqueModel,
+from consistent_id import DriveTerms, ProblemError, TorqueModel
+from consistent_id.motion.proofs.torque_bounds import torque_bounds
+from consistent_id.regression import (
     base_parameters,
     casadi_regressor,
     joint_torque_regressor,
 )
-from consistent_id.motion.proofs.torque_bounds import torque_bounds
 from consistent_id.regression.mass_matrix import mass_matrices
+from consistent_id.robot import Mimic
 
 RULES = {"j2": Mimic("j0", -0.5, 0.3), "j3": Mimic("j1", 2.0), "j5": Mimic("j0", 1.0)}
 G = np.zeros((6, 3))  # of the coordinates j0, j1, j4

@@ -8,9 +8,11 @@ import pytest
 from published_robots import FILES
 from robots import random_robot, random_states
 
-from consistent_id import BaseMotion, DriveTerms, GearCoupling, TorqueModel, load_urdf
-from consistent_id.regression.model_torque import rigid_torque
+from consistent_id import DriveTerms, TorqueModel
+from consistent_id.recordings import BaseMotion
+from consistent_id.regression import GearCoupling
 from consistent_id.regression.row_names import BASE_ROWS
+from consistent_id.robot import load_urdf
 
 DRIVE = DriveTerms(
     viscous=True,
@@ -28,8 +30,8 @@ def test_torque_of_bodies_is_that_of_pinocchio(seed):
     reference, robot = random_robot(rng, 6, tree=bool(seed % 2))
     states, data = random_states(rng, 6, 9), reference.createData()
     model = TorqueModel(robot)
-    torque = rigid_torque(model, robot.nominal, states)
-    at_rest = rigid_torque(model, robot.nominal, (states[0], None, None))
+    torque = model.rigid_torque(robot.nominal, states)
+    at_rest = model.rigid_torque(robot.nominal, (states[0], None, None))
     for n, (q, dq, ddq) in enumerate(zip(*states, strict=True)):
         expected = pin.rnea(reference, data, q, dq, ddq)
         np.testing.assert_allclose(torque[n], expected, rtol=0, atol=1e-10)
@@ -82,7 +84,7 @@ def test_gravity_torque_is_linear_in_gravity():
     q, whole = rng.normal(size=(7, 4)), 0.0
     for g, axis in zip((1.0, -2.0, 3.0), np.eye(3), strict=True):
         model = TorqueModel(replace(robot, gravity=axis))
-        whole = whole + g * rigid_torque(model, robot.nominal, (q, None, None))
+        whole = whole + g * model.rigid_torque(robot.nominal, (q, None, None))
     turned = TorqueModel(replace(robot, gravity=np.array([1.0, -2.0, 3.0])))
-    expected = rigid_torque(turned, robot.nominal, (q, None, None))
+    expected = turned.rigid_torque(robot.nominal, (q, None, None))
     np.testing.assert_allclose(whole, expected, rtol=0, atol=1e-12)

@@ -11,34 +11,36 @@ from robots import random_robot, random_states
 
 from consistent_id import (
     DHRow,
-    DriveTerm,
     DriveTerms,
     MotionLimits,
     NonNegativeDrive,
     PathForm,
     ProblemError,
-    ShapeParameter,
     TorqueModel,
     build_regression,
-    casadi_regressor,
     constrained_least_squares,
     design_trajectory,
-    fit_shapes,
     from_modified_dh,
-    robot_record,
     simulate_torque,
-    to_casadi,
-    to_json,
-    to_numpy,
     to_urdf,
+)
+from consistent_id.estimation import fit_shapes
+from consistent_id.export import robot_record, to_casadi, to_json, to_numpy
+from consistent_id.motion.proofs.torque_bounds import torque_bounds
+from consistent_id.regression import (
+    DriveTerm,
+    ShapeParameter,
+    casadi_regressor,
     with_shapes,
 )
-from consistent_id.motion.proofs.torque_bounds import torque_bounds
-from consistent_id.regression.drive.coulomb import AsymmetricCoulomb, Coulomb
-from consistent_id.regression.drive.load_friction import LoadFriction
-from consistent_id.regression.drive.offset import Offset
-from consistent_id.regression.drive.stribeck import Stribeck
-from consistent_id.regression.drive.viscous import Viscous
+from consistent_id.regression.drive.laws import (
+    AsymmetricCoulomb,
+    Coulomb,
+    LoadFriction,
+    Offset,
+    Stribeck,
+    Viscous,
+)
 
 ARM = from_modified_dh("arm", [DHRow(0, 0), DHRow(-np.pi / 2, 0.3)])
 MASSES = np.array([[1.0, 0.1, 0, 0, 0.1, 0, 0.1, 0, 0, 0.1]] * 2)

@@ -5,12 +5,13 @@ import pytest
 from quadrupeds import quadruped_text
 from robots import random_robot
 
-from consistent_id import DriveTerms, TorqueModel, load_mjcf
-from consistent_id.regression.random_rows import (
+from consistent_id import DriveTerms, TorqueModel
+from consistent_id.regression.row_structure import (
     random_regressor,
     random_rows,
     random_states,
 )
+from consistent_id.robot import load_mjcf
 
 DRIVE = DriveTerms(
     viscous=True, coulomb="tanh", velocity_scale=0.05, stribeck_velocity=0.01

@@ -7,15 +7,9 @@ import pinocchio as pin
 import pytest
 from robots import random_robot, random_states
 
-from consistent_id import (
-    DHRow,
-    DriveTerms,
-    GearCoupling,
-    ProblemError,
-    TorqueModel,
-    from_modified_dh,
-)
-from consistent_id.regression.casadi_regressor import casadi_regressor
+from consistent_id import DHRow, DriveTerms, ProblemError, TorqueModel, from_modified_dh
+from consistent_id.regression import GearCoupling
+from consistent_id.regression.casadi_rows import casadi_regressor
 from consistent_id.regression.regressor import joint_torque_regressor
 
 CASES = [(n, tree) for n in range(1, 10) for tree in (False, True)]

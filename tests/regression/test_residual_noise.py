@@ -12,15 +12,15 @@ from scipy import signal
 from consistent_id import (
     PhysicalConsistency,
     Recording,
-    base_parameters,
     build_regression,
     constrained_least_squares,
     least_squares,
     simulate_torque,
-    weighted_least_squares,
 )
+from consistent_id.estimation import weighted_least_squares
 from consistent_id.estimation.best_fit import best_fit
-from consistent_id.regression.residual_noise import residual_noise
+from consistent_id.regression import base_parameters
+from consistent_id.regression.residual_noise import ResidualNoise, residual_noise
 
 
 def slow_motion(joints, duration, rng):
@@ -141,3 +141,24 @@ def test_few_effective_samples_are_said():
     noisy = replace(clean, torque=clean.torque + noise)
     found = residual_noise(build_regression(model, noisy), base_parameters(model))
     assert "errors are rough" in found.sentence
+
+
+@pytest.mark.parametrize(("noise", "between"), [(1.0, 1.0), (4.0, 1.0), (1.0, 9.0)])
+def test_degrees_of_freedom_of_two_variances_are_those_of_satterthwaite(noise, between):
+    one = np.eye(1)
+    found = ResidualNoise(
+        sigma=np.ones(1),
+        length=np.ones(1),
+        effective=41.0,  # 40 beside one parameter
+        measured=True,
+        steps=one,
+        inflation=noise * one,
+        root=np.sqrt(noise) * one,
+        between=between * one,
+        between_freedom=5.0,
+    )
+    # (a + b)^2 / (a^2 / 40 + b^2 / 5), of any functional of the one parameter.
+    expected = (noise + between) ** 2 / (noise**2 / 40.0 + between**2 / 5.0)
+    freedoms = found.freedoms(np.array([[1.0], [-3.0], [0.0]]))
+    assert freedoms == pytest.approx([expected, expected, 40.0])
+    assert replace(found, between=None).freedoms(one) == pytest.approx([40.0])

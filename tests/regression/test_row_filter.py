@@ -13,10 +13,10 @@ from consistent_id import (
     RecordingError,
     TorqueModel,
     build_regression,
-    decimated,
     simulate_torque,
 )
-from consistent_id.regression.row_filter import RowFilter
+from consistent_id.regression.motion_arrays import RowFilter
+from consistent_id.signals import decimated
 
 FACTOR = 5
 

@@ -8,13 +8,8 @@ from experiments import experiment
 from hypothesis import given
 from hypothesis import strategies as st
 
-from consistent_id import (
-    ContactFlags,
-    NotExcitedError,
-    ProblemError,
-    Recording,
-    build_regression,
-)
+from consistent_id import NotExcitedError, ProblemError, Recording, build_regression
+from consistent_id.recordings import ContactFlags
 from consistent_id.regression.segments import (
     lengthened,
     merged,

@@ -9,15 +9,14 @@ from robots import random_states
 
 from consistent_id import (
     ProblemError,
-    base_parameters,
     build_regression,
-    casadi_regressor,
     compare,
     constrained_least_squares,
     huber,
     least_squares,
     simulate_torque,
 )
+from consistent_id.regression import base_parameters, casadi_regressor
 
 FULL, TRUTH, LOG = experiment(3, joints=4, samples=400)
 FIRST, LAST = FULL.robot.joint_names[0], FULL.robot.joint_names[2]

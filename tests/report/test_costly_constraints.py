@@ -15,8 +15,7 @@ from consistent_id import (
     from_modified_dh,
     simulate_torque,
 )
-from consistent_id.comparison.constraint_prices import shadow_prices
-from consistent_id.comparison.fit_costs import constraint_costs
+from consistent_id.comparison.constraint_prices import constraint_costs, shadow_prices
 from consistent_id.report.summary import costly_constraints
 
 
@@ -50,9 +49,9 @@ def test_a_mass_that_the_motion_contradicts_is_named():
     # With a hundredth of the mass the same moments of first and second order would be
     # those of no body: m Izz > hx^2.
     (line,) = _costly(0.02)
-    assert line.startswith("constraints that cost fit, each by itself: ")
+    assert line.startswith("constraints that increase the misfit, each alone: ")
     assert "FixedMasses" in line and "NonNegativeDrive" not in line
-    assert "link2" in line.partition("first of all")[2]
+    assert "link2" in line.partition("most of all")[2]
 
 
 def test_a_right_mass_costs_nothing():

@@ -16,39 +16,38 @@ from some_fast import some_fast
 
 from consistent_id import (
     DHRow,
-    Diagnosis,
     DriveTerms,
     FixedMasses,
+    ModelError,
     PhysicalConsistency,
     Recording,
     TorqueModel,
-    advise,
     build_regression,
     compare,
-    comparison_html,
     constrained_least_squares,
     draft_problem,
     from_modified_dh,
     least_squares,
     load_problem,
-    report_html,
     run_study,
     simulate_torque,
     write_report,
 )
 from consistent_id.cli import main
-from consistent_id.diagnosis.findings import Finding
+from consistent_id.diagnosis import Diagnosis
+from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.estimation.verdict import percent
-from consistent_id.report.downsampling import buckets, extremes, packed
-from consistent_id.report.markup import Html, grid, tag, text
-from consistent_id.report.page import SECTIONS
-from consistent_id.report.projection import (
+from consistent_id.report import advise, comparison_html, report_html
+from consistent_id.report.drawn_robot import (
     InertiaEllipsoid,
     equimomental,
     outline,
     view,
 )
-from consistent_id.report.residual_statistics import binned, residual_statistics
+from consistent_id.report.markup import Html, grid, tag, text
+from consistent_id.report.page import SECTIONS
+from consistent_id.report.plot import buckets, extremes, packed
+from consistent_id.report.residuals_section import binned, residual_statistics
 from consistent_id.robot.inertia import InertialParameters
 
 EVIL = '<script>alert("x")</script>&"\''
@@ -251,11 +250,11 @@ def test_the_constrained_estimate_is_advised_whatever_the_held_out_data_say(
     assert advice.level in ("use", "use with care")
     assert advice.method == "constrained"
     error = experiment.comparison["constrained"].held_out_error
-    assert f"held-out torque error {percent(error)}" in advice.headline
+    assert f"held-out error {percent(error)} (all joints, " in advice.headline
 
 
 def test_a_faulty_log_is_said_first(experiment):
-    fault = Finding("torque sign", "fault", "joint1", "reversed", "negate it")
+    fault = LogFinding("torque sign", "fault", "joint1", "reversed", "negate it")
     advice = advise(experiment.comparison, Diagnosis((fault,)))
     assert (advice.level, advice.method) == ("do not use", "")
     assert "reversed" in advice.cautions[0]
@@ -383,3 +382,85 @@ def test_a_browser_draws_and_zooms_without_complaint(study, html, tmp_path):
     quarter = (time[-1] - time[0]) / 4
     half = [time[0] + quarter, time[-1] - quarter]
     assert [float(end) for end in span.split()] == pytest.approx(half, abs=1e-4)
+
+
+def broken(*_, **__):
+    raise ZeroDivisionError("what nobody thought of")
+
+
+def refused(*_, **__):
+    raise ModelError("this robot has none")
+
+
+@pytest.mark.parametrize(
+    ("make", "said", "logged"),
+    [
+        (broken, "ZeroDivisionError: what nobody thought of", True),
+        (refused, "this robot has none", False),
+    ],
+)
+def test_a_section_that_fails_loses_only_itself(
+    study, monkeypatch, caplog, make, said, logged
+):
+    before = Page(report_html(study)).sections
+    names = [section.__name__ for section in SECTIONS]
+    place = names.index("residuals_section")
+    make.__name__ = "residuals_section"
+    sections = (*SECTIONS[:place], make, *SECTIONS[place + 1 :])
+    monkeypatch.setattr("consistent_id.report.page.SECTIONS", sections)
+    page = Page(report_html(study))
+    assert page.sections == before
+    assert f"This section could not be made: {said}" in page.text
+    assert ("section residuals" in caplog.text) == logged
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "lost"),
+    [
+        ("report.page.SECTIONS", ["report"], ()),
+        ("rollout.rollout_page.rollout_section", ["report"], ()),
+        ("report.figures.motion_figure", ["compare"], ("motion.png",)),
+        ("report.summary._TABLES", ["compare"], ()),
+    ],
+)
+@pytest.mark.slow
+def test_the_shell_says_what_could_not_be_made_after_all_else_was_written(
+    tmp_path, capsys, monkeypatch, name, arguments, lost
+):
+    problem, whole, part = "problems/rx60", tmp_path / "whole", tmp_path / "part"
+    for folder in (whole, part):
+        folder.mkdir()
+    file = "report.html" if arguments == ["report"] else "."
+    code = main([*arguments, problem, "--output", str(whole / file)])
+    found: object = broken
+    if name.endswith("SECTIONS"):
+        found = (*SECTIONS[:3], broken, *SECTIONS[4:])
+    elif name.endswith("_TABLES"):
+        from consistent_id.report.summary import _TABLES
+
+        found = {**_TABLES, "links": broken}
+    capsys.readouterr()
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    monkeypatch.setattr(f"consistent_id.{name}", found)
+    assert code in (0, 1)
+    assert main([*arguments, problem, "--output", str(part / file), "--quiet"]) == 70
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "could not be made" in line and "what nobody thought of" in line
+    (kept,) = tmp_path.glob("consistent-id-*.txt")
+    assert str(kept) in line and "in broken" in kept.read_text()
+    names = {path.name for path in whole.iterdir()}
+    assert {path.name for path in part.iterdir()} == names - set(lost)
+    if not lost:
+        said = part / ("report.html" if "report" in arguments else "comparison.md")
+        assert "could not be made: ZeroDivisionError" in said.read_text()
+
+
+def test_the_report_shows_the_estimates_own_standard_errors(study):
+    page = Page(report_html(study))
+    recommended = study.recommended.estimate
+    shown = [t for t in recommended.error_texts if t != "-"]
+    assert shown and all(error in page.texts for error in shown)
+    assert "standard error" in page.texts
+    links = f"{len(recommended.links)} of {len(recommended.links)}"
+    assert page.texts[page.texts.index("consistent links") - 1] == links

@@ -5,16 +5,8 @@ import pinocchio as pin
 import pytest
 from robots import URDF, random_robot, random_states
 
-from consistent_id import (
-    Datasheet,
-    DHRow,
-    ModelError,
-    TorqueModel,
-    chain,
-    from_modified_dh,
-    held,
-    load_urdf,
-)
+from consistent_id import DHRow, ModelError, TorqueModel, from_modified_dh
+from consistent_id.robot import Datasheet, chain, held, load_urdf
 from consistent_id.robot.chains import Selection, selected
 
 

@@ -3,13 +3,8 @@
 import numpy as np
 import pytest
 
-from consistent_id import (
-    DHRow,
-    ModelError,
-    TorqueModel,
-    from_classical_dh,
-    from_modified_dh,
-)
+from consistent_id import DHRow, ModelError, TorqueModel, from_modified_dh
+from consistent_id.robot import from_classical_dh
 
 PUMA_LENGTHS = (0.0, 0.4318, 0.0203, 0.0, 0.0, 0.0)
 PUMA_OFFSETS = (0.0, 0.0, 0.15005, 0.4318, 0.0, 0.0)

@@ -8,7 +8,8 @@ import pytest
 from published_robots import FILES, NO_ROBOTS, leaderless
 from some_fast import some_fast
 
-from consistent_id import ModelError, TorqueModel, load_urdf
+from consistent_id import ModelError, TorqueModel
+from consistent_id.robot import load_urdf
 
 _DEFAULTS = {"multiplier": 1.0, "offset": 0.0}
 

@@ -6,8 +6,9 @@ import pytest
 from published_robots import FILES, leaderless
 from some_fast import some_fast
 
-from consistent_id import BaseMotion, ModelError, TorqueModel, load_urdf
-from consistent_id.robot import chains
+from consistent_id import ModelError, TorqueModel
+from consistent_id.recordings import BaseMotion
+from consistent_id.robot import chains, load_urdf
 from consistent_id.robot.loaders import urdf
 
 PATHS = pytest.mark.parametrize(

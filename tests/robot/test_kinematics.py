@@ -5,9 +5,9 @@ import pinocchio as pin
 import pytest
 from robots import URDF, random_robot
 
-from consistent_id import ModelError, load_urdf
-from consistent_id.robot.kinematics import frame_places, link_places
-from consistent_id.robot.places import fixed_place
+from consistent_id import ModelError
+from consistent_id.robot import load_urdf
+from consistent_id.robot.kinematics import fixed_place, frame_places, link_places
 
 
 @pytest.mark.parametrize("tree", [False, True])

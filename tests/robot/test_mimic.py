@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from robots import URDF, random_robot, with_followers
 
-from consistent_id import JointLimits, Mimic, ModelError, chain, load_urdf
+from consistent_id import ModelError
+from consistent_id.robot import JointLimits, Mimic, chain, load_urdf
 from consistent_id.robot.chains import held
-from consistent_id.robot.frame_motion import carrying_joints, frame_motion
-from consistent_id.robot.mimic import limits_with_followers
+from consistent_id.robot.kinematics import carrying_joints, frame_motion
+from consistent_id.robot.model import limits_with_followers
 
 RULES = {"j2": Mimic("j0", -0.5, 0.3), "j4": Mimic("j1", 2.0)}
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from consistent_id import ModelError, TorqueModel, load_mjcf, load_problem
+from consistent_id import ModelError, TorqueModel, load_problem
+from consistent_id.robot import load_mjcf
 
 mujoco = pytest.importorskip("mujoco")
 

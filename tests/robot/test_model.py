@@ -4,20 +4,16 @@ import numpy as np
 import pytest
 
 from consistent_id import (
-    Datasheet,
     DHRow,
     DriveTerms,
-    Joint,
-    JointLimits,
-    Link,
     ModelError,
     ProblemError,
     RobotModel,
     TorqueModel,
-    chain,
     from_modified_dh,
-    joint_torque_regressor,
 )
+from consistent_id.regression import joint_torque_regressor
+from consistent_id.robot import Datasheet, Joint, JointLimits, Link, chain
 from consistent_id.robot.parameters import ParameterLayout
 
 ELBOW = from_modified_dh(

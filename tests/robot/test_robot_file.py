@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from robots import URDF
 
-from consistent_id import ModelError, load_mjcf, load_robot, load_urdf
+from consistent_id import ModelError, load_robot
+from consistent_id.robot import load_mjcf, load_urdf
 
 MJCF = """<!-- <robot> --><mujoco model="pendulum">
   <option gravity="1 2 3"/>

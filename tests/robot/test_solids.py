@@ -6,14 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from robots import random_robot
 
-from consistent_id import (
-    DensityOn,
-    Ellipsoid,
-    Polytope,
-    ProblemError,
-    TorqueModel,
-    mesh_vertices,
-)
+from consistent_id import ProblemError, TorqueModel
+from consistent_id.constraints import DensityOn, Ellipsoid, Polytope, mesh_vertices
 
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 
@@ -100,7 +94,8 @@ def test_a_hull_of_too_many_facets_is_refused_for_densities_with_the_way_out():
 
 
 def test_a_problem_file_may_name_a_mesh(tmp_path):
-    from consistent_id import CentreOfMassIn, load_problem
+    from consistent_id import load_problem
+    from consistent_id.constraints import CentreOfMassIn
 
     _stl(tmp_path / "part.stl", CUBE)
     (tmp_path / "problem.toml").write_text(

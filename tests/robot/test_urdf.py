@@ -8,7 +8,9 @@ import pinocchio as pin
 import pytest
 from robots import URDF as ROBOT
 
-from consistent_id import ModelError, TorqueModel, joint_torque_regressor, load_urdf
+from consistent_id import ModelError, TorqueModel
+from consistent_id.regression import joint_torque_regressor
+from consistent_id.robot import load_urdf
 
 
 def _written(tmp_path, text):

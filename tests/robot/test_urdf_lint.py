@@ -8,7 +8,8 @@ import pinocchio as pin
 import pytest
 from robots import URDF, random_states
 
-from consistent_id import ModelError, TorqueModel, lint_urdf, load_urdf
+from consistent_id import ModelError, TorqueModel
+from consistent_id.robot import lint_urdf, load_urdf
 from consistent_id.robot.inertia import pseudo_inertia
 from consistent_id.robot.scaling import reference_bodies
 

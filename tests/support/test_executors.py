@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from killing import killing, loky_workers
 
-from consistent_id._support.executors import Executor, tree_reduced
+from consistent_id._support.executors import Executor, single_threaded, tree_reduced
 from consistent_id._support.run import Run, current_run, running
-from consistent_id._support.threads import single_threaded
 from consistent_id.errors import ProblemError, RecordingError, SolverError
 from consistent_id.regression.triangles import triangle
 

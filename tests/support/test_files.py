@@ -7,7 +7,14 @@ import sys
 import pytest
 
 from consistent_id._support import files
-from consistent_id._support.files import require_replaceable, together, write_atomically
+from consistent_id._support.files import (
+    marked,
+    require_replaceable,
+    require_writable,
+    together,
+    when_written,
+    write_atomically,
+)
 from consistent_id._support.run import Run, note_input, running
 from consistent_id.errors import ProblemError
 
@@ -67,6 +74,72 @@ def test_a_problem_file_is_never_taken_for_ours_as_people_go_on_writing_it(
         write_atomically(tmp_path / "problem.toml", "new")
 
 
+MINE = "# A robot.\nname = 'x'\n"
+
+
+@pytest.mark.parametrize(
+    "saved",
+    [
+        lambda text: text,
+        lambda text: text.replace("\n", "\r\n"),  # by git, or an editor
+        lambda text: text.rstrip("\n"),
+        lambda text: text + "\n\n",
+    ],
+)
+def test_a_problem_file_that_nobody_edited_is_replaced(tmp_path, run, saved):
+    (tmp_path / "problem.toml").write_bytes(saved(marked(MINE)).encode())
+    write_atomically(tmp_path / "problem.toml", "new")
+    assert (tmp_path / "problem.toml").read_text() == "new"
+
+
+@pytest.mark.parametrize(
+    "edited",
+    [
+        lambda text: text.replace("'x'", "'y'"),
+        lambda text: text + "[drive]\n",
+        lambda text: "# mine\n" + text,
+        lambda text: text.replace("digest ", "digest 0"),
+        lambda text: text.replace("\n# A", "\n#  A").replace("name", "\nname"),
+        lambda text: text + " " * 2**20 + "\n[drive]\n",
+    ],
+)
+def test_a_problem_file_that_was_edited_is_not_replaced(tmp_path, run, edited):
+    (tmp_path / "problem.toml").write_text(text := edited(marked(MINE)))
+    with pytest.raises(ProblemError, match=r"was edited since|nothing in it says"):
+        write_atomically(tmp_path / "problem.toml", "new")
+    assert (tmp_path / "problem.toml").read_text() == text
+
+
+def test_the_refusal_of_an_edited_file_says_that_it_was_edited(tmp_path, run):
+    (tmp_path / "problem.toml").write_text(marked(MINE) + "[drive]\n")
+    with pytest.raises(ProblemError, match="was edited since consistent-id wrote it"):
+        require_replaceable(tmp_path / "problem.toml")
+
+
+def test_a_text_has_one_digest_however_often_it_is_written():
+    once = marked(MINE)
+    assert marked(MINE.replace("\n", "\r\n")) == once
+    assert once.startswith(MINE) and marked(once) == once
+    again = marked(once + "[drive]\n")
+    assert again.count("consistent-id: digest") == 1
+    assert again.index("[drive]") < again.index("consistent-id: digest")
+
+
+def test_all_files_are_looked_at_before_the_work(tmp_path, run):
+    names = ["a.json", "plots/b.json"]
+    require_writable(tmp_path / "out", names)
+    assert not (tmp_path / "out").exists()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "plots").write_text("a file where a folder has to be")
+    with pytest.raises(ProblemError, match=r"plots: cannot be written to"):
+        require_writable(tmp_path / "out", names)
+    (tmp_path / "out" / "plots").unlink()
+    (tmp_path / "out" / "plots").mkdir()
+    (tmp_path / "out" / "plots" / "b.json").write_text("mine")
+    with pytest.raises(ProblemError, match=r"b\.json is there already"):
+        require_writable(tmp_path / "out", names)
+
+
 @pytest.mark.parametrize("link", [os.link, os.symlink])
 def test_an_input_is_not_replaced_by_whatever_name(tmp_path, run, link):
     (tmp_path / "log.json").write_text('{"format": "consistent_id robot 1"}')
@@ -98,6 +171,20 @@ def test_several_files_appear_when_all_are_written(tmp_path):
         write_atomically(tmp_path / "out" / "b", "2")
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["a", "b"]
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+def test_what_follows_writing_waits_for_all_files_and_needs_them(tmp_path):
+    seen = []
+    when_written(lambda: seen.append("now"))
+    with together():
+        write_atomically(tmp_path / "a", "1")
+        when_written(lambda: seen.append((tmp_path / "a").exists()))
+        assert seen == ["now"]
+    assert seen == ["now", True]
+    with pytest.raises(ProblemError), together():
+        write_atomically(tmp_path / "a" / "b", "a folder that is a file")
+        when_written(lambda: seen.append("never"))
+    assert seen == ["now", True]
 
 
 def test_of_several_files_none_appears_when_the_work_fails(tmp_path):

@@ -19,12 +19,10 @@ from consistent_id import (
     ProblemError,
     RecordingError,
     large_files,
-    lint_urdf,
-    load_mjcf,
     load_problem,
-    load_urdf,
     read_recording,
 )
+from consistent_id.robot import lint_urdf, load_mjcf, load_urdf
 
 LARGE = "--large-files"
 

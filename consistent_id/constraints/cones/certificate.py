@@ -13,28 +13,45 @@ linear function gains in a ball, ``radius ||r|| - r.(centre - u)``.  The least s
 is the gap.  It holds whatever the solver did, against all ``v`` in a ball about a
 centre (the nominal robot) that is `RADIUS` times as large as the centre itself, and
 reaches `RADIUS` times as far as ``u`` is from it.
+
+`conic_optimum` proves the same of what CVXPY makes of a convex problem,
+``minimise f(y) = 1/2 y.P y + q.y  subject to  b - A y in K``.  With ``g = P y + q`` and
+multipliers in the dual cone, no feasible ``y'`` of a ball has less than
+``f(y) + g.(y' - y)``, and `lower_bound` says what ``g.y'`` is at the least.
 """
 
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
-from consistent_id.constraints.cones.free_optimum import free_optimum
 from consistent_id.constraints.cones.least_norm import (
     TOLERANCES,
     ConeSolution,
     LeastNorm,
+    free_optimum,
     solve_least_norm,
 )
-from consistent_id.constraints.cones.matrices import stacked
-from consistent_id.constraints.cones.programmes import COARSE, Ball, Multipliers
-from consistent_id.constraints.cones.row_spaces import equalities
-from consistent_id.constraints.cones.sets import ConicSet, block_rows
-from consistent_id.errors import SolverError
+from consistent_id.constraints.cones.programmes import (
+    COARSE,
+    Ball,
+    ConeKind,
+    ConeRows,
+    Multipliers,
+    lower_bound,
+)
+from consistent_id.constraints.cones.sets import (
+    ConicSet,
+    block_rows,
+    equalities,
+    lengths,
+    stacked,
+)
+from consistent_id.errors import InfeasibleError, SolverError
 
 _FINE = (1e-12, 1e-10)  # tolerances where numbers are tame, or magnified
 _FLAT = 1e-3
@@ -57,6 +74,9 @@ FEASIBILITY_TOLERANCE = 1e-7
 
 RADIUS = 10.0
 """Radius of the ball in which a proof holds, in units of one plus its centre's norm."""
+
+CLARABEL = {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10}
+"""Options of the solver."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -339,3 +359,75 @@ def unexplained(
     equal = -equalities(domain).inverse.T @ rest
     refined = Multipliers(equal, duals.at_most, duals.blocks)
     return rest + domain.A_eq.T @ equal, refined
+
+
+class ConicOptimum(NamedTuple):
+    """``minimise 1/2 y.P y + q.y`` over rows, and a point with multipliers."""
+
+    rows: tuple[ConeRows, ...] | None
+    slope: Vector
+    y: Vector
+    duals: list[Vector]
+
+    def gap(self) -> float:
+        """Return what a point of the ball could have less, at the most."""
+        within = ball_about(self.y)
+        bound = lower_bound(self.slope, self.rows or (), self.duals, within)
+        return max(float(self.slope @ self.y) - bound, 0.0)
+
+    def violation(self) -> float:
+        """Return how far the point is from the cones."""
+        return max((block.violation(self.y) for block in self.rows or ()), default=0.0)
+
+
+def conic_optimum(problem: Any) -> ConicOptimum:
+    """Solve by Clarabel; the variables of the problem get their values.
+
+    The programme has no rows where it needs other cones than ours.
+    """
+    import cvxpy as cp
+
+    try:
+        options = dict(CLARABEL)
+        data, chain, inverse = problem.get_problem_data(
+            cp.CLARABEL, solver_opts=options
+        )
+        found = chain.solve_via_data(problem, data, solver_opts=options)
+        with warnings.catch_warnings():
+            # "Solution may be inaccurate": the proof says so, with figures.
+            warnings.simplefilter("ignore", UserWarning)
+            problem.unpack_results(found, chain, inverse)
+    except (cp.error.SolverError, ValueError) as cause:
+        raise SolverError(f"CVXPY found no point: {cause}") from None
+    if "infeasible" in problem.status:
+        raise InfeasibleError(
+            "no parameters satisfy the package's constraints and your own together; "
+            "loosen your own, which CVXPY gives no names"
+        )
+    y, z = np.asarray(found.x), np.asarray(found.z)
+    if problem.status not in ("optimal", "optimal_inaccurate"):
+        raise SolverError(
+            f"CVXPY ended {problem.status!r}; is the objective bounded from below?"
+        )
+    P = data.get("P")
+    slope = data["c"] if P is None else data["c"] + P @ y
+    rows = _cone_rows(data["A"].toarray(), data["b"], data["dims"])
+    ends = np.cumsum([len(block.b) for block in rows or ()])[:-1]
+    return ConicOptimum(rows, slope, y, np.split(z, ends))
+
+
+def _cone_rows(A: Matrix, b: Vector, dims: Any) -> tuple[ConeRows, ...] | None:
+    """Return CVXPY's rows, zero cone first, as ours; None if others are among them."""
+    kinds: list[tuple[ConeKind, int, tuple[int, ...]]] = [
+        ("zero", dims.zero, ()),
+        ("nonnegative", dims.nonneg, ()),
+        *(("second order", size, ()) for size in dims.soc),
+        ("semidefinite", sum(lengths(dims.psd)), tuple(dims.psd)),
+    ]
+    ends = np.cumsum([size for _, size, _ in kinds])
+    if ends[-1] != len(b):
+        return None
+    return tuple(
+        ConeRows(kind, A[end - size : end], b[end - size : end], orders)
+        for (kind, size, orders), end in zip(kinds, ends, strict=True)
+    )

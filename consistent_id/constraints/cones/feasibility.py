@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
-from consistent_id.constraints.cones.matrices import stacked
 from consistent_id.constraints.cones.programmes import (
     ConePoint,
     ConeRows,
@@ -21,7 +20,7 @@ from consistent_id.constraints.cones.programmes import (
     set_rows,
     solve_cones,
 )
-from consistent_id.constraints.cones.sets import ConicSet, block_rows
+from consistent_id.constraints.cones.sets import ConicSet, block_rows, stacked
 from consistent_id.errors import SolverError
 
 _REACH = 1e3  # radius of the ball of proofs, at the least

@@ -1,30 +1,76 @@
-"""Least-norm problems over convex sets.
+"""Least-norm problems over convex sets, and quadratic programmes over one set.
 
 ``minimise ||G u - g||  subject to  u in a ConicSet``
 
 in dimensionless variables.  The norm itself is the objective, a second-order cone: its
 square as a quadratic objective makes interior-point solvers stop early on these
 problems.  What the solver says of its own success is not used; `certify` judges.
+
+- `free_set`: a mass from the datasheet, or a link that is known, is no unknown.  What
+  is left of the set is in the free parameters alone; semidefinite blocks of pinned ones
+  are numbers, and are left out where they hold.
+- `free_optimum`: where data are rich, links are well inside the cone of consistency,
+  and only a few inequalities hold, such as a friction that is zero or a mass at its
+  bound.  Then least squares with a few active rows is the answer, in a fraction of what
+  a cone programme takes.
+- `minimisers`: ``minimise 1/2 u.P u + q.u`` for several ``P`` and ``q``.  The set is
+  handed to Clarabel once, which keeps the order of its eliminations and the scaling.
+  With ``P = G^T G`` this is the least-norm problem with its square as the objective,
+  which takes half the time, but stops early where `P` is ill-conditioned.  So this is
+  for fits that are compared, not for those that are delivered, with a prior in `P` that
+  keeps it from being singular.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector
-from consistent_id.constraints.cones.pinned import all_multipliers, free_set
+from consistent_id._support.arrays import Array, BoolArray, IntArray, Matrix, Vector
+from consistent_id._support.executors import worker_threads
 from consistent_id.constraints.cones.programmes import (
     Ball,
     ConeRows,
     Multipliers,
+    cone_data,
+    panics_as_errors,
+    point_of,
+    set_multipliers,
+    set_rows,
+    settings,
     solve_cones,
 )
-from consistent_id.constraints.cones.sets import ConicSet
+from consistent_id.constraints.cones.sets import (
+    ConicSet,
+    block_rows,
+    equalities,
+    least_eigenvalues,
+    lengths,
+    stacked,
+)
+from consistent_id.errors import SolverError
+from consistent_id.regression.triangles import triangle
 
 _FAR = 1e3  # norm of g beyond which to rescale, and to which to magnify
 
 TOLERANCES = (1e-10, 1e-9, 1e-8)
 """Tolerances worth asking of the solver, from the tightest on."""
+
+_HOLDS = 1e-8  # by which a number may miss what a normalised set asks of it
+
+_ROUNDING = 1e-12  # by which a constraint may seem to be violated
+_FAINT = 1e-14
+"""Weight of the squared distance to the centre, where the objective is flat: its least
+value changes by as little."""
+_CHANGES = 40  # of the active rows; a few are usual, and many are for cone programmes
+_TOGETHER = 5  # changes of all rows at once, which may go round in circles
+
+_WORKERS = 2  # Clarabel frees the interpreter's lock
+# Of gap and feasibility: a few of a dozen iterations depend on it.
+_QUADRATIC_TOLERANCE = 1e-8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +141,7 @@ def solve_least_norm(
     u[free] += point.x[1:]
     rest = G @ u - problem.g
     # Duals of the scaled norm, turned into those of half the square of the unscaled.
-    multipliers = all_multipliers(
+    multipliers = _all_multipliers(
         domain, point.duals[:3], scale * float(np.linalg.norm(rest)), G.T @ rest
     )
     return ConeSolution(
@@ -105,3 +151,270 @@ def solve_least_norm(
         point.build_seconds,
         point.solve_seconds,
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FreeSet:
+    """What a set asks of the parameters that it does not pin.
+
+    Parameters
+    ----------
+    free : ndarray of bool, shape (parameters,)
+    start : ndarray, shape (parameters,)
+        Values of pinned parameters; zero for free ones.
+    rows : tuple of ConeRows
+        For the free parameters: equalities, inequalities, semidefinite blocks.
+    pins : ndarray of int, shape (pinned,)
+        Equalities that pin parameters, in the order of the parameters.
+    equal : ndarray of int
+        Equalities that are left.
+    entries : ndarray of bool
+        Which entries of the set's stacked blocks are left.
+    """
+
+    free: BoolArray
+    start: Vector
+    rows: tuple[ConeRows, ConeRows, ConeRows]
+    pins: IntArray
+    equal: IntArray
+    entries: BoolArray
+
+    def about(self, y: Vector, others: int = 0) -> list[ConeRows]:
+        """Return the rows for variables ``(others, steps of free parameters from y)``.
+
+        Parameters
+        ----------
+        y : ndarray, shape (free,)
+        others : int
+        """
+        return [
+            replace(
+                cone,
+                A=np.pad(cone.A, ((0, 0), (others, 0))),
+                b=cone.b - cone.A @ y,
+            )
+            for cone in self.rows
+        ]
+
+
+@lru_cache(maxsize=16)
+def free_set(domain: ConicSet) -> FreeSet:
+    """Return what a normalised set asks of the parameters that it does not pin."""
+    alone = np.flatnonzero(np.count_nonzero(domain.A_eq, axis=1) == 1)
+    columns = np.argmax(domain.A_eq[alone] != 0.0, axis=1)
+    pinned, first = np.unique(columns, return_index=True)
+    pins = alone[first]
+    start = np.zeros(domain.A_eq.shape[1])
+    start[pinned] = domain.b_eq[pins] / domain.A_eq[pins, pinned]
+    free = np.ones(len(start), dtype=bool)
+    free[pinned] = False
+    equal, at_most, blocks = (
+        replace(cone, A=cone.A[:, free], b=cone.b - cone.A @ start)
+        for cone in set_rows(domain)
+    )
+    # A second row that pins a parameter is either the same or a contradiction.
+    left = equal.A.any(axis=1) | (abs(equal.b) > _HOLDS)
+    left[pins] = False
+    number = np.repeat(np.arange(len(blocks.orders)), lengths(blocks.orders))
+    asks = least_eigenvalues(blocks.b, blocks.orders) < -_HOLDS
+    asks[number[blocks.A.any(axis=1)]] = True
+    entries = asks[number]
+    orders = tuple(k for k, kept in zip(blocks.orders, asks, strict=True) if kept)
+    rows = (
+        replace(equal, A=equal.A[left], b=equal.b[left]),
+        at_most,
+        ConeRows("semidefinite", blocks.A[entries], blocks.b[entries], orders),
+    )
+    return FreeSet(free, start, rows, pins, np.flatnonzero(left), entries)
+
+
+def _all_multipliers(
+    domain: ConicSet, duals: Sequence[Vector], size: float, slope: Vector
+) -> Multipliers:
+    """Return multipliers of all of a set's constraints.
+
+    Those of pins are what the others leave of the objective's gradient.
+
+    Parameters
+    ----------
+    domain : ConicSet
+    duals : sequence of ndarray
+        Of the rows of `free_set`.
+    size : float
+        By which these are multiplied.
+    slope : ndarray, shape (parameters,)
+        The gradient.
+    """
+    found = free_set(domain)
+    equal, z = np.zeros(len(domain.b_eq)), np.zeros(len(found.entries))
+    equal[found.equal], z[found.entries] = duals[0], duals[2]
+    others = set_multipliers(domain, (equal, duals[1], z)).times(size)
+    pinned = ~found.free
+    left = slope + domain.A_eq.T @ others.equal + domain.A_in.T @ others.at_most
+    left -= block_rows(domain).A.T @ stacked(others.blocks)
+    of_pins = -left[pinned] / domain.A_eq[found.pins, pinned]
+    equal = others.equal.copy()
+    equal[found.pins] = of_pins
+    return replace(others, equal=equal)
+
+
+class FreeOptimum(NamedTuple):
+    """What `free_optimum` found.
+
+    Parameters
+    ----------
+    solution : ConeSolution, optional
+        None if a block does not hold there, or no optimum was found.
+    triangle : ndarray, optional
+        Factor of ``G`` along the steps that equalities allow; None where these are more
+        than its rows.
+    """
+
+    solution: ConeSolution | None
+    triangle: Matrix | None
+
+
+class _ActiveStep(NamedTuple):
+    """A step, and multipliers of the active rows."""
+
+    d: Vector
+    prices: Vector
+
+
+def free_optimum(problem: LeastNorm, centre: Vector) -> FreeOptimum:
+    """Return the optimum over equalities and inequalities if it keeps all blocks.
+
+    Certificates judge what is returned.
+    """
+    started = perf_counter()
+    domain, known = problem.domain, equalities(problem.domain)
+    start = centre + known.inverse @ (domain.b_eq - domain.A_eq @ centre)
+    A, C = known.along(problem.G), known.along(domain.A_in)
+    R, z = _triangle(A, problem.g - problem.G @ start)
+    factor = R if len(A) >= A.shape[1] else None
+    nothing = FreeOptimum(None, factor)
+    if not np.diag(R).all():
+        return nothing
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = _with_rows(R, z, C, domain.b_in - domain.A_in @ start)
+    if found is None or not np.isfinite(found.d).all():
+        return nothing
+    u = domain.snapped(start + known.steps @ found.d)
+    if domain.blocks and block_rows(domain).margins(u).min() < -_ROUNDING:
+        return nothing
+    none = tuple(np.zeros_like(block.constant) for block in domain.blocks)
+    slope = problem.G.T @ (problem.G @ u - problem.g) + domain.A_in.T @ found.prices
+    multipliers = Multipliers(-known.inverse.T @ slope, found.prices, none)
+    seconds = perf_counter() - started
+    return FreeOptimum(ConeSolution(u, multipliers, "Free", 0.0, seconds), factor)
+
+
+def _triangle(A: Matrix, b: Vector) -> tuple[Matrix, Vector]:
+    """Return ``R, z`` with ``||R d - z||`` the misfit but for a constant."""
+    rows, n = A.shape
+    if rows < n:
+        A = np.vstack([A, np.sqrt(_FAINT) * np.eye(n)])
+        b = np.append(b, np.zeros(n))
+    R = triangle(np.asfortranarray(np.column_stack([A, b])))
+    return R[:n, :n], R[:n, n]
+
+
+def _with_rows(R: Matrix, z: Vector, C: Matrix, c: Vector) -> _ActiveStep | None:
+    """Return the least ``||R d - z||`` with ``C d <= c``, by its active rows.
+
+    Rows change sides where their price is negative or they are violated: all at once,
+    and after some changes the first alone, which comes to an end [Murty1974]_.
+    """
+    active = np.zeros(len(c), dtype=bool)
+    for change in range(_CHANGES):
+        step = _held(R, z, C, c, active)
+        if step is None:
+            return None
+        beyond = C @ step.d > c + _ROUNDING
+        wrong = np.where(active, step.prices < 0.0, beyond)
+        if not wrong.any():
+            return step
+        if change >= _TOGETHER:
+            wrong[np.argmax(wrong) + 1 :] = False
+        active ^= wrong
+    return None
+
+
+def _held(
+    R: Matrix, z: Vector, C: Matrix, c: Vector, active: BoolArray
+) -> _ActiveStep | None:
+    """Return the least ``||R d - z||`` with the active rows as equalities."""
+    from scipy.linalg import solve_triangular
+
+    prices = np.zeros(len(c))
+    B = solve_triangular(R, C[active].T, trans=1, check_finite=False)
+    if active.any():
+        T = triangle(np.array(B, order="F"))
+        if T.shape[0] < T.shape[1] or not np.diag(T).all():
+            return None  # rows that depend on each other
+        beyond = solve_triangular(T, B.T @ z - c[active], trans=1, check_finite=False)
+        prices[active] = solve_triangular(T, beyond, check_finite=False)
+    d = solve_triangular(R, z - B @ prices[active], check_finite=False)
+    return _ActiveStep(np.asarray(d), prices)
+
+
+def minimisers(P: Array, q: Matrix, domain: ConicSet) -> Matrix:
+    """Return the minimiser of each programme.
+
+    Parameters
+    ----------
+    P : ndarray, shape (programmes, variables, variables)
+        Symmetric positive definite; entries around one.
+    q : ndarray, shape (programmes, variables)
+    domain : ConicSet
+        Normalised.
+
+    Returns
+    -------
+    ndarray, shape (programmes, variables)
+
+    Raises
+    ------
+    SolverError
+        If the solver returns no finite point.
+    """
+    if not (np.isfinite(P).all() and np.isfinite(q).all()):
+        raise SolverError("the programme has entries that are not finite numbers")
+    shares = [slice(k, None, _WORKERS) for k in range(min(_WORKERS, len(q)))]
+    points = np.empty_like(q)
+    with worker_threads(_WORKERS) as pool:
+        found = pool.map(lambda share: _minimiser(P[share], q[share], domain), shares)
+        for share, solutions in zip(shares, found, strict=True):
+            points[share] = solutions
+    return points
+
+
+def _minimiser(P: Array, q: Matrix, domain: ConicSet) -> Matrix:
+    """Return the minimisers, one after another by one solver."""
+    import clarabel
+    from scipy.sparse import csc_matrix
+
+    reduced = free_set(domain)
+    free, start = reduced.free, reduced.start
+    q = q[:, free] + start @ P[:, :, free]
+    P = P[:, free][:, :, free]
+    size = P.shape[1]
+    column, row = np.tril_indices(size)  # the upper triangle, column by column
+    ends = np.cumsum(np.arange(size + 1))
+    data, chosen = (
+        cone_data(reduced.rows),
+        settings(_QUADRATIC_TOLERANCE, refined=False),
+    )
+    chosen.presolve_enable = chosen.chordal_decomposition_enable = False
+    points, solver = [], None
+    with panics_as_errors():
+        for values, slope in zip(P[:, row, column], q, strict=True):
+            if solver is None:
+                quadratic = csc_matrix((values, row, ends), shape=(size, size))
+                solver = clarabel.DefaultSolver(quadratic, slope, *data, chosen)
+            else:
+                solver.update(P=values, q=slope)
+            points.append(solver.solve())
+    found = np.tile(start, (len(points), 1))
+    found[:, free] = [point_of(solution) for solution in points]
+    return found

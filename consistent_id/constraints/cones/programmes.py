@@ -16,14 +16,15 @@ from typing import Any, Literal
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
-from consistent_id._support.interrupts import Terminated
-from consistent_id.constraints.cones.matrices import (
+from consistent_id._support.run import Terminated
+from consistent_id.constraints.cones.sets import (
+    ConicSet,
+    block_rows,
     least_eigenvalues,
     matrices,
     positive_part,
     stacked,
 )
-from consistent_id.constraints.cones.sets import ConicSet, block_rows
 from consistent_id.errors import SolverError
 
 ConeKind = Literal["zero", "nonnegative", "second order", "semidefinite"]

@@ -1,19 +1,24 @@
 """Convex sets of parameters: equalities, inequalities, semidefinite blocks.
 
-Every physical constraint lowers to one of these, which the solver's model and the
+Every physical constraint lowers to one of these, which the model of the solver and the
 certificate then read alike, each for itself.
+
+A symmetric matrix is stacked by `svec`, so that inner products are kept.  Several
+matrices, whatever their orders, are one long vector; what is done with it is done for
+all matrices of one order at once.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, reduce
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
-from consistent_id.constraints.cones.matrices import least_eigenvalues, lengths, svec
+from consistent_id._support.arrays import Array, IntArray, Matrix, Vector, freeze_arrays
 from consistent_id.errors import ProblemError
+
+_NULL = 1e-12  # singular values below this, relative to the largest, are zero
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -231,6 +236,41 @@ def _outer(scale: Vector) -> Matrix:
     return np.outer(scale, scale)
 
 
+class Equalities(NamedTuple):
+    """What a set's equalities are: ``A^+``, and a basis of the steps that keep them."""
+
+    inverse: Matrix
+    steps: Matrix
+    kept: IntArray | None = None
+    """Parameters that the rest leaves free, where each row has one parameter alone."""
+
+    def along(self, rows: Matrix) -> Matrix:
+        """Return ``rows @ steps``."""
+        return rows @ self.steps if self.kept is None else rows[:, self.kept]
+
+
+@lru_cache(maxsize=16)
+def equalities(domain: ConicSet) -> Equalities:
+    """Return pseudo-inverse and null space of a set's equalities."""
+    return row_spaces(domain.A_eq)
+
+
+def row_spaces(A: Matrix, tolerance: float = _NULL) -> Equalities:
+    """Return the pseudo-inverse of a matrix and an orthonormal basis of its null space.
+
+    Singular values up to the tolerance, relative to the largest, count as zero.
+    """
+    alone = np.count_nonzero(A, axis=1) == 1
+    fixed = A.any(axis=0)
+    if alone.all() and fixed.sum() == len(A):  # such as masses of a datasheet
+        kept = np.flatnonzero(~fixed)
+        inverse = np.divide(1.0, A.T, where=A.T != 0.0, out=np.zeros(A.T.shape))
+        return Equalities(inverse, np.eye(A.shape[1])[:, kept], kept)
+    U, s, Vt = np.linalg.svd(A)
+    rank = int((s > tolerance * s.max(initial=0.0)).sum())
+    return Equalities((Vt[:rank].T / s[:rank]) @ U[:, :rank].T, Vt[rank:].T)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockRows:
     """All semidefinite blocks of a set, each divided by its scale: ``A x + b``.
@@ -273,3 +313,74 @@ def block_rows(domain: ConicSet) -> BlockRows:
     ]
     none = np.zeros((0, domain.A_eq.shape[1]))
     return BlockRows(np.vstack([none, *A]), np.concatenate([np.zeros(0), *b]), orders)
+
+
+def svec(F: Array) -> Array:
+    """Stack symmetric matrices, shape (..., k, k), so that inner products are kept.
+
+    Upper triangle, column by column, off-diagonals times sqrt(2); (..., k (k + 1) / 2).
+    """
+    i, j, weight = _triangle(F.shape[-1])
+    return np.asarray(F[..., i, j] * weight)
+
+
+def smat(v: Array) -> Array:
+    """Return the symmetric matrices that `svec` has stacked, shape (..., k, k)."""
+    k = int((np.sqrt(8 * v.shape[-1] + 1) - 1) / 2)
+    i, j, weight = _triangle(k)
+    F = np.zeros((*v.shape[:-1], k, k))
+    F[..., i, j] = F[..., j, i] = v / weight
+    return F
+
+
+def matrices(z: Vector, orders: Sequence[int]) -> tuple[Matrix, ...]:
+    """Return the matrices of the given orders that are stacked in a vector."""
+    found: list[Matrix] = [np.zeros((0, 0))] * len(orders)
+    for which, places in _by_order(tuple(orders)):
+        for index, F in zip(which, smat(z[places]), strict=True):
+            found[index] = F
+    return tuple(found)
+
+
+def stacked(blocks: Sequence[Matrix]) -> Vector:
+    """Return matrices as one vector."""
+    return np.concatenate([svec(F) for F in blocks]) if blocks else np.zeros(0)
+
+
+def lengths(orders: Sequence[int]) -> list[int]:
+    """Return how many entries of a vector each of the stacked matrices takes."""
+    return [k * (k + 1) // 2 for k in orders]
+
+
+def positive_part(z: Vector, orders: Sequence[int]) -> Vector:
+    """Return the nearest stack of positive semidefinite matrices."""
+    found = z.copy()
+    for _, places in _by_order(tuple(orders)):
+        values, vectors = np.linalg.eigh(smat(z[places]))
+        roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
+        found[places] = svec(roots @ np.swapaxes(roots, 1, 2))
+    return found
+
+
+def least_eigenvalues(z: Vector, orders: Sequence[int]) -> Vector:
+    """Return the least eigenvalue of each matrix of a stack."""
+    found = np.zeros(len(orders))
+    for which, places in _by_order(tuple(orders)):
+        found[which] = np.linalg.eigvalsh(smat(z[places]))[:, 0]
+    return found
+
+
+@lru_cache(maxsize=64)
+def _by_order(orders: tuple[int, ...]) -> tuple[tuple[IntArray, IntArray], ...]:
+    """Return, per order, which matrices have it, and their places in the vector."""
+    sizes = np.array(lengths(orders), dtype=np.intp)
+    starts = np.cumsum(sizes) - sizes
+    groups = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
+    return tuple((g, starts[g][:, None] + np.arange(sizes[g[0]])) for g in groups)
+
+
+@lru_cache(maxsize=32)
+def _triangle(k: int) -> tuple[IntArray, IntArray, Vector]:
+    # Rows of the lower triangle are columns of the upper one.
+    j, i = np.tril_indices(k)
+    return i, j, np.where(i == j, 1.0, np.sqrt(2.0))

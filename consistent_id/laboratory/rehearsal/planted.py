@@ -1,15 +1,30 @@
-"""Robots of planted parameters: near the nominal one, with friction that it lacks."""
+"""Robots of planted parameters: near the nominal one, with friction that it lacks.
 
-from dataclasses import dataclass
+They have rigid bodies, viscous and Coulomb friction and rotors, whatever the problem's
+``[drive]`` says; what else it has is left out, and named.  In MuJoCo their friction is
+dry, they have no shapes, and each joint has one torque.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector, freeze_arrays
-from consistent_id.errors import ModelError
+from consistent_id._support.arrays import Array, IntArray, Matrix, Vector, freeze_arrays
+from consistent_id.errors import ModelError, ProblemError
+from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.excitation.interest import is_named, parameters_named
+from consistent_id.export.mjcf_bodies import require_mujoco
+from consistent_id.export.mjcf_export import mujoco_spec
 from consistent_id.motion.limits import MotionLimits
+from consistent_id.regression.base import base_parameters
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.robot.inertia import inertial_vector, pseudo_inertia
+from consistent_id.robot.inertia import (
+    InertialParameters,
+    inertial_vector,
+    pseudo_inertia,
+)
 from consistent_id.robot.model import RobotModel
 
 DRIVE = DriveTerms(
@@ -171,3 +186,171 @@ def _strength(model: TorqueModel, nominal: Vector, limits: MotionLimits) -> Vect
     needed = 2.0 * abs(torque).max(axis=0)
     known = np.isfinite(limits.effort)
     return np.where(known, limits.effort, np.maximum(needed, needed.max() / 3.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MujocoRobot:
+    """A compiled MuJoCo model, and where the joints of a robot are in it.
+
+    Parameters
+    ----------
+    positions, velocities : ndarray, shape (joints,)
+        Places in ``qpos`` and ``qvel``.
+    """
+
+    model: Any
+    positions: IntArray
+    velocities: IntArray
+
+    @property
+    def step(self) -> float:
+        """Of the integrator [s]."""
+        return float(self.model.opt.timestep)
+
+    def at(self, q: Vector, dq: Vector) -> Any:
+        """Return ``mujoco.MjData`` in a state."""
+        mujoco = require_mujoco()
+        data = mujoco.MjData(self.model)
+        data.qpos[self.positions], data.qvel[self.velocities] = q, dq
+        mujoco.mj_forward(self.model, data)
+        return data
+
+    def advance(self, data: Any, torque: Vector, steps: int) -> None:
+        """Let it move under torques that hold for some steps."""
+        data.qfrc_applied[self.velocities] = torque
+        require_mujoco().mj_step(self.model, data, steps)
+
+
+def mujoco_robot(robot: PlantedRobot, step: float) -> MujocoRobot:
+    """Return a planted robot in MuJoCo.
+
+    Parameters
+    ----------
+    step : float, [s]
+        Of the integrator.
+
+    Raises
+    ------
+    ModelError
+        If MuJoCo is not installed, refuses the robot, or joints follow others.
+    """
+    mujoco, arm = require_mujoco(), robot.model.robot
+    if len(arm.joints) != len(arm.driven):
+        raise ModelError(
+            f"robot {arm.name!r}: joints that follow others cannot be rehearsed; lock "
+            "them in the model"
+        )
+    spec = mujoco_spec(_as_estimate(robot), allow_refused=True).spec
+    spec.option.timestep = step
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    try:
+        model = spec.compile()
+    except ValueError as cause:
+        raise ModelError(f"MuJoCo refuses the planted robot: {cause}") from None
+    # A design is to be judged by what it asks, not by what MuJoCo would cut off.
+    model.jnt_limited[:] = 0
+    model.jnt_actfrclimited[:] = 0
+    joints = [model.joint(name) for name in arm.joint_names]
+    return MujocoRobot(
+        model,
+        np.array([joint.qposadr[0] for joint in joints]),
+        np.array([joint.dofadr[0] for joint in joints]),
+    )
+
+
+def _as_estimate(robot: PlantedRobot) -> Estimate:
+    """Return the truth as an estimate, which is what exporters take."""
+    base, size = base_parameters(robot.model), len(robot.model.layout)
+    noise: Array = np.zeros(len(robot.model.torque_joints))
+    unproven = Certificate("uncertified", "planted, not estimated")
+    return Estimate(
+        "planted", robot.model, base, robot.parameters, None, ("data",) * size, (),
+        noise, unproven,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rehearsed:
+    """A problem's torque model as rehearsed robots have it.
+
+    Parameters
+    ----------
+    model : TorqueModel
+        Its robot is that of the first estimate, if there is one.
+    parameters : ndarray, shape (members, parameters), optional
+        Of the estimates, by which torque limits are kept.
+    notes : tuple of str
+        On what is left out.
+    """
+
+    model: TorqueModel
+    interest: tuple[str, ...]
+    parameters: Matrix | None
+    notes: tuple[str, ...]
+
+
+def as_rehearsed(
+    model: TorqueModel, interest: tuple[str, ...], parameters: Matrix | None = None
+) -> Rehearsed:
+    """Return a problem's torque model, interest and estimates for a rehearsal.
+
+    Parameters
+    ----------
+    model : TorqueModel
+        The problem's.
+    parameters : ndarray, shape (members, parameters), optional
+        Estimates of `model`.
+
+    Raises
+    ------
+    ProblemError
+        If a word names nothing, no interest is left, or the first estimate's bodies are
+        not physically consistent, so that no robot has them.
+    """
+    robot = model.robot
+    if parameters is not None:
+        robot = _with_bodies(robot, parameters[0])
+    played = TorqueModel(robot, DRIVE)
+    kept = tuple(w for w in interest if is_named(played.layout, w))
+    others = tuple(w for w in interest if w not in kept)
+    parameters_named(model.layout, others)
+    if interest and not kept:
+        raise ProblemError(
+            f"interest in {', '.join(others)}: rehearsed robots have rigid bodies, "
+            "viscous and Coulomb friction and rotors only; name some of theirs"
+        )
+    notes = _left_out("interest", others)
+    if parameters is None:
+        return Rehearsed(played, kept, None, notes)
+    missing = [name for name in model.layout.names if name not in played.layout.names]
+    carried = [n for n in missing if parameters[:, model.layout.index(n)].any()]
+    common = [name for name in played.layout.names if name in model.layout.names]
+    known = np.zeros((len(parameters), len(played.layout)))
+    places = [[one.index(n) for n in common] for one in (played.layout, model.layout)]
+    known[:, places[0]] = parameters[:, places[1]]
+    return Rehearsed(played, kept, known, (*notes, *_left_out("torque", carried)))
+
+
+def _left_out(what: str, names: tuple[str, ...] | list[str]) -> tuple[str, ...]:
+    if not names:
+        return ()
+    return (
+        f"{what}: rehearsed robots have no {', '.join(names)}; the design that excite "
+        "would make counts them",
+    )
+
+
+def _with_bodies(robot: RobotModel, parameters: Matrix) -> RobotModel:
+    """Return the robot with an estimate's bodies for nominal ones."""
+    bodies = parameters[: 10 * len(robot.links)].reshape(-1, 10)
+    links = tuple(
+        replace(link, nominal=InertialParameters(body))
+        for link, body in zip(robot.links, bodies, strict=True)
+    )
+    for link in links:
+        if link.nominal is not None and not link.nominal.is_consistent():
+            raise ProblemError(
+                f"the estimate's body of {link.name!r} is not physically consistent: "
+                "no robot has it. Give an estimate with the constraint of consistency"
+            )
+    return replace(robot, links=links)

@@ -1,30 +1,170 @@
 """Error analyses along a paper's tasks: found, predicted, assumptions varied."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
+import msgspec
 import numpy as np
 
-from consistent_id._support.arrays import Array
-from consistent_id.laboratory.from_problem import laboratory_of
-from consistent_id.laboratory.reproduction.assumptions import (
-    VariedAssumptions,
-    varied_friction_scatter,
-    vary_assumptions,
-)
+from consistent_id._support.arrays import Array, Matrix
+from consistent_id.errors import PathError
+from consistent_id.laboratory.experiment import Laboratory
+from consistent_id.laboratory.from_problem import laboratory_of, task_path
 from consistent_id.laboratory.reproduction.budget import (
     ErrorBudget,
+    Tempo,
     budget_of,
     error_budget,
+    tempo_of,
 )
 from consistent_id.laboratory.reproduction.experiments import Reproduction
-from consistent_id.laboratory.reproduction.tempo import Tempo, tempo_of
+from consistent_id.problems.laboratory_tables import PointsTable, TaskTable
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
 
-_ENOUGH = 200.0  # Hz, enough for the error analysis of a smooth motion
+PLACE = 0.05  # m, by which a task is moved along each axis, at most
+SIZE = 1.25  # factor by which its sizes grow or shrink, at most
+TIME = 1.25  # the same of its duration
+FRICTION = 2.0  # the same of each joint's viscous and Coulomb friction
+_RATE = 200.0  # Hz; enough for the error analysis of a smooth motion
+_TRIES = 50  # at drawing a task that the robot can write
+
 _DRAWS = 400  # of friction
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VariedAssumptions:
+    """Scatter over the experiments, for many guesses at what a paper does not say.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the paper's combinations.
+    friction : ndarray, shape (draws, combinations)
+        With the file's tasks and friction drawn.
+    both : ndarray, shape (draws, combinations)
+        With tasks and friction drawn.
+    tasks : ndarray, shape (task draws, combinations)
+        With tasks drawn and the file's friction.
+    noise : ndarray, shape (task draws, combinations)
+        Of the sensors' noise alone, with tasks drawn.
+    refused : int
+        Tasks drawn that the robot cannot write; others were drawn in their place.
+    """
+
+    names: tuple[str, ...]
+    friction: Matrix
+    both: Matrix
+    tasks: Matrix
+    noise: Matrix
+    refused: int
+
+
+def vary_assumptions(
+    problem: Problem,
+    laboratory: Laboratory,
+    planned: ErrorBudget,
+    *,
+    cell_rate: float,
+    draws: int = 12,
+    frictions: int = 50,
+    seed: int = 0,
+) -> VariedAssumptions:
+    """Repeat the error analysis for tasks and friction drawn at random.
+
+    Places move by up to `PLACE`; sizes, durations and friction are multiplied by
+    factors whose logarithms are uniform, up to `SIZE`, `TIME` and `FRICTION`.
+
+    Parameters
+    ----------
+    planned : ErrorBudget
+        Of the file's own tasks, whose experiments are drawn.
+    cell_rate : float, [Hz]
+    draws, frictions : int
+        Of the tasks, and of friction for each of them.
+    """
+    rng = np.random.default_rng(seed)
+    budgets, refused = [], 0
+    for _ in range(draws):
+        motions = {}
+        for name in planned.experiments:
+            motions[name], tries = _writable(problem, name, rng)
+            refused += tries
+        budgets.append(error_budget(problem, laboratory, motions, cell_rate=cell_rate))
+    rest = [varied_friction_scatter(budget, frictions, rng) for budget in budgets]
+    empty = np.zeros((0, len(planned.names)))
+    return VariedAssumptions(
+        names=planned.names,
+        friction=varied_friction_scatter(planned, frictions * max(draws, 1), rng),
+        both=np.vstack([empty, *rest]),
+        tasks=np.vstack([empty, *(budget.scatter() for budget in budgets)]),
+        noise=np.vstack([empty, *(budget.noise_scatter for budget in budgets)]),
+        refused=refused,
+    )
+
+
+def varied_friction_scatter(
+    budget: ErrorBudget, count: int, rng: np.random.Generator
+) -> Array:
+    """Return the scatter for friction drawn joint by joint; offsets stay.
+
+    Generators of one seed draw one friction, whatever the motions.
+
+    Returns
+    -------
+    ndarray, shape (count, combinations)
+    """
+    shape = (count, len(budget.causes), len(budget.joints))
+    factors = FRICTION ** rng.uniform(-1.0, 1.0, shape)
+    factors[:, budget.causes.index("offset")] = 1.0
+    errors = np.einsum("ncj,ecja->nea", factors, budget.parts, optimize=True)
+    return np.asarray(errors.std(axis=1, ddof=1))
+
+
+def _writable(
+    problem: Problem, name: str, rng: np.random.Generator
+) -> tuple[Recording, int]:
+    """Return a task drawn at random, sampled, and how many were refused before."""
+    for tries in range(_TRIES):
+        table = _varied(problem.table.tasks[name], rng)
+        tasks = {**problem.table.tasks, name: table}
+        varied = replace(
+            problem, table=msgspec.structs.replace(problem.table, tasks=tasks)
+        )
+        try:
+            return task_path(varied, name).recording(_RATE, name), tries
+        except PathError:
+            continue
+    return task_path(problem, name).recording(_RATE, name), _TRIES
+
+
+def _varied(table: TaskTable, rng: np.random.Generator) -> TaskTable:
+    """Return a task elsewhere, of another size and another speed."""
+    shift = rng.uniform(-PLACE, PLACE, 3)
+    size = SIZE ** rng.uniform(-1.0, 1.0)
+    changed: dict[str, Any] = {"duration": table.duration * _factor(TIME, rng)}
+    if isinstance(table, PointsTable):
+        points = np.array(table.points)
+        middle = points.mean(axis=0)
+        changed["points"] = (middle + shift + size * (points - middle)).tolist()
+    else:
+        changed["centre"] = (np.array(table.centre) + shift).tolist()
+        for field in ("radius", "height", "semi_axes"):
+            if hasattr(table, field):
+                changed[field] = _scaled(getattr(table, field), size)
+    return msgspec.structs.replace(table, **changed)
+
+
+def _factor(most: float, rng: np.random.Generator) -> float:
+    return float(most ** rng.uniform(-1.0, 1.0))
+
+
+def _scaled(sizes: float | list[float], factor: float) -> float | list[float]:
+    if isinstance(sizes, list):
+        return [factor * size for size in sizes]
+    return factor * sizes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,4 +241,4 @@ def _times_smaller(planned: ErrorBudget, instead: ErrorBudget, seed: int) -> Arr
 
 
 def _downsampled(motion: Recording) -> Recording:
-    return motion.samples(slice(None, None, max(1, int(motion.rate // _ENOUGH))))
+    return motion.samples(slice(None, None, max(1, int(motion.rate // _RATE))))

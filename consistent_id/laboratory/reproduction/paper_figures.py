@@ -6,7 +6,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array
 from consistent_id.laboratory.reproduction.paper_study import TASKS, PaperStudy
-from consistent_id.laboratory.reproduction.section_tables import (
+from consistent_id.laboratory.reproduction.paper_tables import (
     free_places,
     printed_deviation,
 )

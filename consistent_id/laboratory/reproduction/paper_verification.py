@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
-from consistent_id.laboratory import Laboratory, perform, synchronised
+from consistent_id.laboratory.experiment import Laboratory, perform, synchronised
 from consistent_id.laboratory.from_problem import laboratory_table
 from consistent_id.laboratory.reproduction.experiments import Reproduction
 from consistent_id.problems.problem import Problem

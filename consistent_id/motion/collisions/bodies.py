@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, Matrix, Vector, freeze, frozen
+from consistent_id._support.arrays import Array, Matrix, Vector, chunks, freeze, frozen
 from consistent_id.errors import ProblemError
 
 _ORTHONORMAL = 1e-9  # entries of R^T R - 1
@@ -156,8 +156,7 @@ class Hull:
     def farthest(self, directions: Array) -> Array:
         """Return the farthest point in each direction, one of the corners."""
         farthest = np.empty((len(directions), 3))
-        for first in range(0, len(directions), _CHUNK):
-            part = slice(first, first + _CHUNK)
+        for part in chunks(len(directions), _CHUNK):
             heights = directions[part] @ self.points.T
             farthest[part] = self.points[heights.argmax(axis=1)]
         return farthest

@@ -14,10 +14,9 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, IntArray, Vector
 from consistent_id.errors import InfeasibleError, ProblemError
-from consistent_id.motion.collisions.reach import largest_change
-from consistent_id.motion.collisions.scene import Scene, body_places
+from consistent_id.motion.collisions.scene import Scene, body_places, largest_change
 from consistent_id.motion.collisions.separation import balls_apart, separation
-from consistent_id.recordings.paths import JointPath
+from consistent_id.recordings.joint_paths import JointPath
 from consistent_id.robot.kinematics import link_places
 
 _FIRST = 0.1  # [s]; intervals to begin with are no longer
@@ -127,8 +126,9 @@ def prove_clearance(
 
     Examples
     --------
-    >>> from consistent_id import Body, DHRow, Sphere, build_scene, from_modified_dh
-    >>> from consistent_id.recordings.trajectory import FourierTrajectory
+    >>> from consistent_id import DHRow, from_modified_dh
+    >>> from consistent_id.motion import Body, Sphere, build_scene
+    >>> from consistent_id.recordings.joint_paths import FourierTrajectory
     >>> arm = from_modified_dh("arm", [DHRow(0, 0)])
     >>> tip = Body("tip", Sphere(0.1), "link1", translation=[1.0, 0.0, 0.0])
     >>> post = Body("post", Sphere(0.2), translation=[0.0, 2.0, 0.0])

@@ -1,18 +1,25 @@
-"""Which bodies of a scene can touch, and are to be kept apart."""
+"""Scenes from bodies, or from a robot's file: which bodies are to be kept apart."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array
-from consistent_id.errors import ProblemError
-from consistent_id.motion.collisions.bodies import Body
-from consistent_id.motion.collisions.reach import joints_between
-from consistent_id.motion.collisions.scene import Pair, PairNote, Scene, place_of
+from consistent_id.errors import ModelError, ProblemError
+from consistent_id.motion.collisions.bodies import Body, plane
+from consistent_id.motion.collisions.scene import (
+    Pair,
+    PairNote,
+    Scene,
+    joints_between,
+    place_of,
+)
 from consistent_id.motion.collisions.separation import nearest
+from consistent_id.motion.collisions.urdf_bodies import Elements, urdf_bodies
 from consistent_id.robot.model import Joint, RobotModel
 from consistent_id.robot.parameters import did_you_mean
 
@@ -75,10 +82,84 @@ def build_scene(
     return _sifted(scene, random_poses(robot, poses, seed)) if pairs else scene
 
 
+def scene_from_urdf(
+    path: str | Path,
+    robot: RobotModel,
+    *,
+    package_dirs: Iterable[str | Path] = (),
+    elements: Elements = "collision",
+    pieces: int = 4,
+    ground: float | None = None,
+    added: Iterable[Body] = (),
+    clearance: float = 0.0,
+    extra: Mapping[str, float] | None = None,
+    allowed: Sequence[tuple[str, str]] = (),
+) -> Scene:
+    """Return a robot's bodies, as its URDF shapes them, and what stands around it.
+
+    A body has the name of its link; if a link has several shapes, they are
+    ``link:1``, ``link:2``, ...  Meshes become convex hulls, which are never smaller.
+
+    Parameters
+    ----------
+    path : str or Path
+    robot : RobotModel
+        Of the same file, or a part of it; joints that it locks stay where they are.
+    package_dirs : iterable of str or Path
+        Folders in which ``package://name/...`` is looked for as ``name/...``; so are
+        the folders above the file.
+    elements : {"collision", "visual"}
+        Which shapes to take; of a link that has none of these, the others.
+    pieces : int
+        Into how many convex pieces a mesh may be cut where its hull is too large; 1
+        for hulls as they are.
+    ground : float, optional, [m]
+        Height of a level floor above the robot's base frame.
+    added : iterable of Body
+        Boxes and other obstacles; a tool that the file does not have.
+    clearance, extra, allowed
+        See `build_scene`.
+
+    Raises
+    ------
+    ModelError
+        If the file or a mesh cannot be read, or no shape is of a link of the robot.
+    ProblemError
+        If a name is unknown, or an obstacle touches the robot at every random pose.
+    """
+    path = Path(path)
+    found = urdf_bodies(path, package_dirs, elements, pieces)
+    bodies = [body for body in found if _has(robot, body)]
+    if not bodies:
+        raise ModelError(
+            f"{path}: {len(found)} shapes, none of a link of robot {robot.name!r}; "
+            "load the robot from the same file, or build the scene by hand"
+        )
+    known = {body.name for body in bodies}
+    dropped = tuple(body.name for body in found if body.name not in known)
+    floor = [] if ground is None else [plane(ground)]
+    scene = build_scene(
+        robot,
+        [*floor, *added, *bodies],
+        clearance=clearance,
+        extra=extra,
+        allowed=allowed,
+    )
+    return replace(scene, dropped=dropped)
+
+
 def random_poses(robot: RobotModel, poses: int, seed: int) -> Array:
     """Return poses within the joints' limits, shape (poses, joints), [rad or m]."""
     low, high = np.array([_range(joint) for joint in robot.joints]).T
     return np.random.default_rng(seed).uniform(low, high, (poses, len(robot)))
+
+
+def _has(robot: RobotModel, body: Body) -> bool:
+    try:
+        place_of(robot, body)
+    except ModelError:
+        return False
+    return True
 
 
 def _range(joint: Joint) -> tuple[float, float]:

@@ -43,7 +43,7 @@ class Separation:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Nearest:
+class NearestPoints:
     """Distances of all pairs of a scene, and how they change with the joints.
 
     Attributes
@@ -77,7 +77,7 @@ def nearest(
     pairs: tuple[Pair, ...] | None = None,
     *,
     within: float = np.inf,
-) -> Nearest:
+) -> NearestPoints:
     """Return how far apart the bodies of each pair are, and the gradient of it.
 
     ``d distance / dq = n^T (J_b - J_a)`` with the Jacobians of the nearest points.
@@ -93,7 +93,8 @@ def nearest(
 
     Examples
     --------
-    >>> from consistent_id import Body, DHRow, Sphere, build_scene, from_modified_dh
+    >>> from consistent_id import DHRow, from_modified_dh
+    >>> from consistent_id.motion import Body, Sphere, build_scene
     >>> arm = from_modified_dh("arm", [DHRow(0, 0)])
     >>> tip = Body("tip", Sphere(0.1), "link1", translation=[1.0, 0.0, 0.0])
     >>> post = Body("post", Sphere(0.2), translation=[0.0, 2.0, 0.0])
@@ -107,7 +108,7 @@ def nearest(
     sample, which = (index.ravel() for index in np.indices((n, m)))
     found = separation(scene, places, chosen, sample, which, within)
     gradient = separation_slopes(places, chosen, found, sample, which)
-    return Nearest(
+    return NearestPoints(
         chosen,
         found.distance.reshape(n, m),
         gradient.reshape(n, m, len(scene.robot)),

@@ -1,20 +1,35 @@
-"""Trajectories to files and back; the ending says which form."""
+"""Trajectories to files and back; the ending says which form.
+
+Messages for ROS 2 have few points, which a controller joins: given positions,
+velocities and accelerations, it joins two points, ``h`` seconds apart, by the quintic
+that has them at both ends.  The quintic is off by no more than
+``h^6 max |q^(6)| / 46080``, Hermite's remainder with both ends thrice.
+"""
 
 from pathlib import Path
 from typing import Literal
 
 import msgspec
+import numpy as np
 
+from consistent_id._support.arrays import Vector, number
 from consistent_id._support.files import write_atomically
 from consistent_id.errors import ProblemError
-from consistent_id.motion.files.content import content_of, require_names, require_rest
-from consistent_id.motion.files.controller_tables import CYCLES, franka_of, rsi_of
+from consistent_id.motion.files.controller_targets import (
+    CYCLES,
+    franka_of,
+    rsi_of,
+    urscript_of,
+)
 from consistent_id.motion.files.document import (
     ExactPath,
+    content_of,
     json_of,
     npz_of,
     path_of_json,
     path_of_npz,
+    require_names,
+    require_rest,
 )
 from consistent_id.motion.files.ros import message_of, samples_of_message
 from consistent_id.motion.files.sample_tables import (
@@ -23,9 +38,8 @@ from consistent_id.motion.files.sample_tables import (
     parquet_of,
     samples_of_table,
 )
-from consistent_id.motion.files.thinning import thinned
-from consistent_id.motion.files.urscript import urscript_of
-from consistent_id.recordings.paths import sampled
+from consistent_id.motion.proofs.extremes import smooth_pieces
+from consistent_id.recordings.joint_paths import JointPath, sampled
 from consistent_id.recordings.recording import Recording
 
 Format = Literal["json", "npz", "csv", "parquet", "ros", "urscript", "rsi", "franka"]
@@ -44,6 +58,10 @@ FORMAT_OF_ENDING: dict[str, Format] = {
 """Which form an ending says."""
 
 _OF_CONTROLLERS = {"urscript": urscript_of, "rsi": rsi_of, "franka": franka_of}
+
+_REMAINDER = 720.0 * 2.0**6
+"""Of ``((t - a) (b - t))^3 / 6!``, at most ``(h / 2)^6 / 6!``."""
+_LEAST = 1e-6  # rad or m; messages round times to nanoseconds
 
 
 class _Probe(msgspec.Struct):
@@ -93,7 +111,7 @@ def write_trajectory(
     Examples
     --------
     >>> from tempfile import TemporaryDirectory
-    >>> from consistent_id import FourierTrajectory
+    >>> from consistent_id.recordings import FourierTrajectory
     >>> path = FourierTrajectory(("elbow",), [0.5], [0.1], [[0.2]], [[0.0]], 2.0)
     >>> with TemporaryDirectory() as folder:
     ...     file = write_trajectory(path, f"{folder}/path.json")
@@ -187,3 +205,47 @@ def _format_of(file: Path) -> Format:
             f"{', '.join(FORMAT_OF_ENDING)}"
         )
     return FORMAT_OF_ENDING[file.suffix.lower()]
+
+
+def thinned(path: JointPath, tolerance: float, name: str = "trajectory") -> Recording:
+    """Return points between which quintics follow a path within a tolerance.
+
+    In each smooth piece they are at equal steps; where pieces meet is one, too.  A
+    quintic, such as a run-in, needs its two ends alone.
+
+    Parameters
+    ----------
+    tolerance : float, [rad or m]
+        Which no joint is off by at any time, proven by a bound of the path's sixth
+        derivative.
+
+    Raises
+    ------
+    ProblemError
+        If the tolerance is below a millionth.
+
+    Examples
+    --------
+    >>> from consistent_id.motion.polynomial_path import PolynomialPath
+    >>> quintic = [[0.0], [0.0], [0.0], [1.0], [1.0], [1.0]]
+    >>> thinned(PolynomialPath(("elbow",), quintic, duration=2.0), 1e-4).time.tolist()
+    [0.0, 2.0]
+    """
+    if not _LEAST <= number(tolerance, "tolerance") < np.inf:
+        raise ProblemError(
+            f"tolerance is {tolerance} rad or m, expected {_LEAST:g} or more"
+        )
+    times = [np.array([path.start])]
+    for piece in smooth_pieces(path):
+        times.append(piece.start + _steps(piece, tolerance))
+    time = np.concatenate(times)
+    q, dq, ddq = path.evaluate(time)
+    return Recording(path.joints, time, q, dq, ddq, name=name)
+
+
+def _steps(piece: JointPath, tolerance: float) -> Vector:
+    """Return the times of the points after the first, since the piece's start."""
+    bend = float(piece.derivative_bound(6).max())
+    longest = (_REMAINDER * tolerance / bend) ** (1.0 / 6.0) if bend > 0.0 else np.inf
+    count = max(1, int(np.ceil(piece.duration / longest)))
+    return np.asarray(piece.duration * np.arange(1, count + 1) / count)

@@ -14,9 +14,8 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.motion.proofs.extremes import path_interval
 from consistent_id.motion.proofs.interval import Interval
-from consistent_id.recordings.paths import JointPath
+from consistent_id.recordings.joint_paths import JointPath
 from consistent_id.regression.drive.term import JointSamples, term_columns
-from consistent_id.regression.drive_entries import drive_entries
 from consistent_id.regression.regressor import TorqueModel
 
 _ROUNDING = 64.0 * np.finfo(float).eps  # of motion and columns, relative
@@ -97,7 +96,7 @@ class DirectedFriction:
             j: loads[j] for j, joint in enumerate(model.terms) if joint.needs_load
         }
         q, dq, ddq = motion
-        for j, column, values in drive_entries(model, q, dq, ddq, needed):
+        for j, column, values in model.drive_entries(q, dq, ddq, needed):
             if column >= start and not terms[column - skip].polynomial:
                 values = _interval(values)
                 values = _widened(values, 1.0 + values.size)

@@ -11,12 +11,13 @@ from consistent_id._support.tables import Table
 from consistent_id.errors import ProblemError
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.motion.proofs.extremes import Extremes, extremes
-from consistent_id.motion.proofs.torque_bounds import TorqueBounds, torque_bounds
-from consistent_id.motion.proofs.torque_over_time import (
+from consistent_id.motion.proofs.torque_bounds import (
+    TorqueBounds,
+    torque_bounds,
     torque_rate_bounds,
     torque_rms_bound,
 )
-from consistent_id.recordings.paths import JointPath
+from consistent_id.recordings.joint_paths import JointPath
 from consistent_id.regression.regressor import TorqueModel
 
 _RATES = ("velocity", "acceleration", "jerk")
@@ -173,9 +174,10 @@ def motion_margins(
 
     Examples
     --------
-    >>> from consistent_id import DHRow, JointLimits, from_modified_dh
+    >>> from consistent_id import DHRow, from_modified_dh
+    >>> from consistent_id.robot import JointLimits
     >>> from consistent_id.motion.limits import motion_limits
-    >>> from consistent_id.recordings.trajectory import FourierTrajectory
+    >>> from consistent_id.recordings.joint_paths import FourierTrajectory
     >>> arm = from_modified_dh("arm", [DHRow(0, 0, limits=JointLimits(-1, 1, 2.0))])
     >>> path = FourierTrajectory(("joint1",), [0.5], [0.1], [[0.5]], [[0.0]], 2.0)
     >>> margins = motion_margins(path, motion_limits(arm))

@@ -1,9 +1,12 @@
-"""Proof that a path asks no joint for more torque than it may give, at any time.
+"""Proofs of the torque along a path: its size, its rate, and its root mean square.
 
 The smooth part is bounded as a path is, by Taylor's theorem: torque and its rate at the
 middle of a stretch of time, and a bound of its second derivative.  That bound comes of
 one pass of the recursion on intervals over stretches that are not divided further:
 where time is divided, the torque is computed at instants alone.
+
+The bound of the rate is that of the smooth part: Coulomb friction jumps where a joint
+turns, and no rate bounds that.  The root mean square is what heats a motor.
 """
 
 from dataclasses import dataclass
@@ -13,12 +16,7 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, IntArray, Matrix, Vector, checked
 from consistent_id.errors import ProblemError
-from consistent_id.motion.proofs.friction_bounds import (
-    DirectedFriction,
-    directed_friction,
-)
-from consistent_id.motion.proofs.interval import Interval
-from consistent_id.motion.proofs.peaks import (
+from consistent_id.motion.proofs.extremes import (
     Enclosed,
     Enclosure,
     Peaks,
@@ -26,13 +24,21 @@ from consistent_id.motion.proofs.peaks import (
     peaks,
     smooth_pieces,
 )
+from consistent_id.motion.proofs.friction_bounds import (
+    DirectedFriction,
+    directed_friction,
+)
+from consistent_id.motion.proofs.interval import Interval
 from consistent_id.motion.proofs.torque_motion import SmoothTorque, smooth_torque
-from consistent_id.recordings.paths import JointPath
+from consistent_id.recordings.joint_paths import JointPath
 from consistent_id.regression.regressor import TorqueModel
 
 _TURN = 0.025  # no joint turns further in half a stretch at first [rad or m]
 _FEWEST, _MOST_CELLS = 32, 4096
 _ROUNDED_UP = 1.0 + 1e-9  # a bound's own rounding, of sums of far fewer terms
+
+_TOLERANCE = 0.01  # share of a limit that proven and reached rates may differ by
+_DENSITY = 400.0  # stretches per second, over which the largest torque stands for all
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,84 +67,6 @@ class TorqueBounds:
     def size(self) -> Vector:
         """Proven bound of the absolute value."""
         return np.maximum(-self.lowest, self.highest)
-
-
-def torque_bounds(
-    path: JointPath,
-    model: TorqueModel,
-    parameters: ArrayLike,
-    *,
-    effort: ArrayLike | None = None,
-    tolerance: float = 1e-3,
-) -> TorqueBounds:
-    """Enclose the torques that a path asks for, over its whole duration.
-
-    Parameters
-    ----------
-    path : JointPath
-        With four continuous derivatives, which is not checked, or with `pieces` that
-        have, as those of a `Move`; and all joints of the model's robot in order.
-    parameters : array_like, shape (parameters,) or (robots, parameters)
-        One robot's, or several: the torque is linear in them, so what holds for all
-        holds for every mixture of them.
-    effort : array_like, shape (torque joints,), optional, [N m or N]
-        What the tolerance is relative to; by default, the largest torque.
-    tolerance : float
-        What bound and reached value may differ by.
-
-    Notes
-    -----
-    Friction with a sign has, at standstill, any value between its levels: a joint that
-    rests is taken to need either.
-
-    Raises
-    ------
-    ProblemError
-        If path and model have other joints, or a shape is wrong; or if a drive term
-        cannot be computed for intervals, so that nothing can be proven of it.
-    """
-    x = _robots(parameters, model)
-    if path.joints != model.robot.joint_names:
-        raise ProblemError(
-            f"the path moves {', '.join(path.joints)}; the robot's joints are "
-            f"{', '.join(model.robot.joint_names)}; expected the same, in order"
-        )
-    if not 0.0 < tolerance < 1.0:
-        raise ProblemError(f"tolerance is {tolerance}, expected between 0 and 1")
-    wanted = None
-    if effort is not None:
-        shape = (len(model.torque_joints),)
-        wanted = checked(effort, shape, "effort", finite=False)
-    found = [
-        _of_piece(torque, wanted, tolerance) for torque in path_torques(path, model, x)
-    ]
-    return TorqueBounds(model.torque_joints, *bounds_of(found))
-
-
-def path_torques(
-    path: JointPath, model: TorqueModel, parameters: Matrix
-) -> "list[PathTorque]":
-    """Return the torques along each smooth piece of a path."""
-    names = model.robot.joint_names
-    smooth = smooth_torque(model, parameters)
-    friction = directed_friction(model, parameters)
-    rows = [names.index(name) for name in model.torque_joints]
-    return [PathTorque(piece, smooth, friction, rows) for piece in smooth_pieces(path)]
-
-
-def _of_piece(torque: "PathTorque", effort: Vector | None, tolerance: float) -> Peaks:
-    path = torque.path
-    cells = first_cells(path)
-    scale = torque.reach(cells)
-    if effort is not None:
-        scale = np.where(np.isfinite(effort), effort, scale)
-    return peaks(
-        torque.enclosure(cells),
-        path.start,
-        path.duration,
-        cells,
-        np.tile(tolerance * scale, 2),
-    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -212,6 +140,129 @@ class PathTorque:
             load = Interval(torque.low[:, -1], torque.high[:, -1])
             total = total + friction.enclosed(self.path, middle, radius, load)
         return Interval(total.low[:, :, self.rows], total.high[:, :, self.rows])
+
+
+def torque_bounds(
+    path: JointPath,
+    model: TorqueModel,
+    parameters: ArrayLike,
+    *,
+    effort: ArrayLike | None = None,
+    tolerance: float = 1e-3,
+) -> TorqueBounds:
+    """Enclose the torques that a path asks for, over its whole duration.
+
+    Parameters
+    ----------
+    path : JointPath
+        With four continuous derivatives, which is not checked, or with `pieces` that
+        have, as those of a `Move`; and all joints of the model's robot in order.
+    parameters : array_like, shape (parameters,) or (robots, parameters)
+        One robot's, or several: the torque is linear in them, so what holds for all
+        holds for every mixture of them.
+    effort : array_like, shape (torque joints,), optional, [N m or N]
+        What the tolerance is relative to; by default, the largest torque.
+    tolerance : float
+        What bound and reached value may differ by.
+
+    Notes
+    -----
+    Friction with a sign has, at standstill, any value between its levels: a joint that
+    rests is taken to need either.
+
+    Raises
+    ------
+    ProblemError
+        If path and model have other joints, or a shape is wrong; or if a drive term
+        cannot be computed for intervals, so that nothing can be proven of it.
+    """
+    x = _robots(parameters, model)
+    if path.joints != model.robot.joint_names:
+        raise ProblemError(
+            f"the path moves {', '.join(path.joints)}; the robot's joints are "
+            f"{', '.join(model.robot.joint_names)}; expected the same, in order"
+        )
+    if not 0.0 < tolerance < 1.0:
+        raise ProblemError(f"tolerance is {tolerance}, expected between 0 and 1")
+    wanted = None
+    if effort is not None:
+        shape = (len(model.torque_joints),)
+        wanted = checked(effort, shape, "effort", finite=False)
+    found = [
+        _of_piece(torque, wanted, tolerance) for torque in path_torques(path, model, x)
+    ]
+    return TorqueBounds(model.torque_joints, *bounds_of(found))
+
+
+def torque_rate_bounds(
+    path: JointPath, model: TorqueModel, parameters: Matrix, limit: Vector
+) -> TorqueBounds:
+    """Enclose the rates at which the smooth part of each torque changes, [N m/s].
+
+    Parameters
+    ----------
+    parameters : ndarray, shape (robots, parameters)
+    limit : ndarray, shape (torque joints,), [N m/s or N/s]
+        What the tolerance is relative to, where it is finite.
+    """
+    found = []
+    for torque in path_torques(path, model, parameters):
+        piece, cells = torque.path, first_cells(torque.path)
+        within = np.tile(_TOLERANCE * limit, 2)
+        found.append(
+            peaks(
+                torque.rate_enclosure(cells),
+                piece.start,
+                piece.duration,
+                cells,
+                within,
+            )
+        )
+    return TorqueBounds(model.torque_joints, *bounds_of(found))
+
+
+def torque_rms_bound(path: JointPath, model: TorqueModel, parameters: Matrix) -> Vector:
+    """Bound each torque's root mean square over a path, friction included.
+
+    Over each of 400 stretches per second, the largest torque of any robot counts.
+
+    Returns
+    -------
+    ndarray, shape (torque joints,), [N m or N]
+    """
+    total, duration = np.zeros(len(model.torque_joints)), 0.0
+    for torque in path_torques(path, model, parameters):
+        length = torque.path.duration
+        cells = max(first_cells(torque.path), int(np.ceil(_DENSITY * length)))
+        total += length * torque.mean_square(cells)
+        duration += length
+    return np.asarray(np.sqrt(total / duration))
+
+
+def path_torques(
+    path: JointPath, model: TorqueModel, parameters: Matrix
+) -> "list[PathTorque]":
+    """Return the torques along each smooth piece of a path."""
+    names = model.robot.joint_names
+    smooth = smooth_torque(model, parameters)
+    friction = directed_friction(model, parameters)
+    rows = [names.index(name) for name in model.torque_joints]
+    return [PathTorque(piece, smooth, friction, rows) for piece in smooth_pieces(path)]
+
+
+def _of_piece(torque: "PathTorque", effort: Vector | None, tolerance: float) -> Peaks:
+    path = torque.path
+    cells = first_cells(path)
+    scale = torque.reach(cells)
+    if effort is not None:
+        scale = np.where(np.isfinite(effort), effort, scale)
+    return peaks(
+        torque.enclosure(cells),
+        path.start,
+        path.duration,
+        cells,
+        np.tile(tolerance * scale, 2),
+    )
 
 
 def _both_ways(torque: Interval) -> Array:

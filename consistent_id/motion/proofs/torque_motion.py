@@ -1,31 +1,81 @@
 """Torque along a path and its derivatives in time, at instants and over stretches.
 
-What is smooth: rigid bodies, and drive terms that are polynomials of the motion.
+What is smooth: rigid bodies, and drive terms that are polynomials of the motion.  The
+recursion runs on jets, Taylor coefficients ``f, f', f''/2, ...`` of any scalar: arrays,
+for values at instants, or `Interval`, for all values that they take over stretches of
+time.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from math import factorial
+from typing import Any, ClassVar
 
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.motion.proofs.extremes import path_interval
 from consistent_id.motion.proofs.interval import Interval
-from consistent_id.motion.proofs.jets import Jet, jet, sine_and_cosine
-from consistent_id.recordings.paths import JointPath
+from consistent_id.recordings.joint_paths import JointPath
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
-from consistent_id.regression.drive_entries import drive_entries
-from consistent_id.regression.joint_geometry import (
+from consistent_id.regression.newton_euler import (
+    JointMotion,
     floats,
     joint_geometry,
     joint_motions,
+    torque_parts,
 )
-from consistent_id.regression.newton_euler import JointMotion, torque_parts
 from consistent_id.regression.regressor import TorqueModel
 
 _PIECE = 20_000  # samples times robots at once
 _DEPTH = 100.0  # roundings that one link adds, one after another, at most
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Jet:
+    """Taylor coefficients with respect to time, up to some order.
+
+    Examples
+    --------
+    >>> t = Jet((np.array([3.0]), 1.0, 0.0))
+    >>> [float(c) for c in np.ravel((t * t * 2.0 + 1.0).coefficients)]
+    [19.0, 12.0, 2.0]
+    """
+
+    coefficients: tuple[Any, ...]
+    __array_ufunc__: ClassVar[None] = None  # an array times a jet is ours
+
+    def __add__(self, other: Any) -> "Jet":
+        a = self.coefficients
+        if isinstance(other, Jet):
+            return Jet(tuple(x + y for x, y in zip(a, other.coefficients, strict=True)))
+        return Jet((a[0] + other, *a[1:]))
+
+    __radd__ = __add__
+
+    def __neg__(self) -> "Jet":
+        return Jet(tuple(-x for x in self.coefficients))
+
+    def __sub__(self, other: Any) -> "Jet":
+        return self.__add__(-other)
+
+    def __rsub__(self, other: Any) -> "Jet":
+        return self.__neg__().__add__(other)
+
+    def __mul__(self, other: Any) -> "Jet":
+        a = self.coefficients
+        if not isinstance(other, Jet):
+            return Jet(tuple(x * other for x in a))
+        b = other.coefficients
+        return Jet(tuple(_convolved(a, b, k) for k in range(len(a))))
+
+    __rmul__ = __mul__
+
+
+def jet(derivatives: Sequence[Any]) -> Jet:
+    """Return the jet of a function from its value and derivatives."""
+    return Jet(tuple(x * (1.0 / factorial(k)) for k, x in enumerate(derivatives)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,7 +166,7 @@ class SmoothTorque:
             if joint.mimic is None
         ]
         q, dq, ddq = ([m[i] for m in own] for i in (0, 3, 4))
-        for j, column, values in drive_entries(model, q, dq, ddq, {}):
+        for j, column, values in model.drive_entries(q, dq, ddq, {}):
             total[j] = values * x[:, column, None] + total[j]
         return total
 
@@ -180,3 +230,29 @@ def _stacked(torques: list[Any], order: int, shape: tuple[int, int]) -> Array:
             value = torque if order == 0 else 0.0
         parts.append(np.broadcast_to(value, shape).T)
     return np.stack(parts, axis=-1)
+
+
+def sine_and_cosine(x: Jet) -> tuple[Jet, Jet]:
+    """Return the jets of ``sin x`` and ``cos x``: ``s' = c x'`` and ``c' = -s x'``."""
+    q = x.coefficients
+    s, c = [_sine(q[0])], [_cosine(q[0])]
+    slopes = [k * q[k] for k in range(1, len(q))]
+    for k in range(1, len(q)):
+        s.append(_convolved(slopes, c, k - 1) * (1.0 / k))
+        c.append(_convolved(slopes, s, k - 1) * (-1.0 / k))
+    return Jet(tuple(s)), Jet(tuple(c))
+
+
+def _convolved(a: Sequence[Any], b: Sequence[Any], k: int) -> Any:
+    total = a[0] * b[k]
+    for i in range(1, k + 1):
+        total = total + a[i] * b[k - i]
+    return total
+
+
+def _sine(x: Any) -> Any:
+    return np.sin(x) if isinstance(x, np.ndarray) else x.sin()
+
+
+def _cosine(x: Any) -> Any:
+    return np.cos(x) if isinstance(x, np.ndarray) else x.cos()

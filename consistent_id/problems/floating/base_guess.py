@@ -1,28 +1,35 @@
-"""How the base of a robot moves, found in a log: names, quaternion order, the unit."""
+"""How the base of a robot moves, found in a log: names, quaternion order, the unit.
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+Arrays of a simulation in MuJoCo say it themselves: what of ``qpos`` is a joint, what
+the base.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import RecordingError
-from consistent_id.problems.floating.hints import BaseHints
-from consistent_id.problems.floating.mujoco_arrays import BaseFrame
-from consistent_id.recordings.base_words import BaseNames, BaseRole
-from consistent_id.recordings.column_patterns import shown
-from consistent_id.recordings.quaternion_order import quaternion_order
+from consistent_id.problems.statement import Statement
+from consistent_id.recordings.column_guess import shown
+from consistent_id.recordings.column_words import BaseNames, BaseRole
 from consistent_id.recordings.readers.beside_columns import (
     BaseColumns,
     Names,
     columns,
     names_of,
 )
+from consistent_id.recordings.signals.base_signals import quaternion_order
+from consistent_id.robot.loaders.mjcf_spec import read_spec
+from consistent_id.robot.loaders.robot_file import is_mjcf
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import did_you_mean
+
+_FREE = 7  # places in qpos of a free joint, six in qvel: position and quaternion
 
 _ROLES: tuple[BaseRole, ...] = (
     "angular_velocity",
@@ -30,10 +37,151 @@ _ROLES: tuple[BaseRole, ...] = (
     "position",
     "orientation",
 )
+_FIELDS = {
+    "position": "base_position"
+}  # of a statement, where its name is not the role
 # m/s^2, median of what a unit on a robot that stands, walks or runs feels.  Without
 # gravity it is a few m/s^2 at most, in units of g about one.
 _FELT = 5.0, 20.0
 _IN_G = 0.5, 2.0
+
+
+class BaseFrame(NamedTuple):
+    """Where a frame is on the base."""
+
+    rotation: Matrix
+    translation: Vector
+
+
+@dataclass(frozen=True, slots=True)
+class MujocoArrays:
+    """What the arrays of a log are.
+
+    Parameters
+    ----------
+    columns : dict of str to str
+        By channel of the joints; empty if the log has no ``qpos``.
+    array_joints : tuple of str
+        Joints of those arrays.
+    base : tuple of BaseNames
+        Pose, and sensors on the base.
+    imu : str, optional
+        Site of those sensors.
+    """
+
+    columns: Mapping[str, str] = field(default_factory=dict, hash=False)
+    array_joints: tuple[str, ...] = ()
+    base: tuple[BaseNames, ...] = ()
+    imu: str | None = None
+
+
+def mujoco_arrays(
+    path: Path, joints: Sequence[str], widths: Mapping[str, int]
+) -> MujocoArrays:
+    """Return what ``qpos``, ``qvel``, ``qfrc_actuator`` and ``sensordata`` hold.
+
+    Parameters
+    ----------
+    path : Path
+        Of the robot; if it is URDF, its joints are taken to stand in qpos in its order.
+    joints : sequence of str
+        The robot's.
+    widths : mapping of str to int
+        Columns of the log's arrays.
+    """
+    model = _model(path)
+    order = tuple(joints) if model is None else _joints(model)
+    n = len(order)
+    if widths.get("qpos") != _FREE + n or not set(joints) <= set(order):
+        return MujocoArrays()
+    found = {"position": f"qpos[{_FREE}:{_FREE + n}]"}
+    for channel, name in (("velocity", "qvel"), ("torque", "qfrc_actuator")):
+        if widths.get(name) == n + 6:
+            found[channel] = f"{name}[6:{6 + n}]"
+    base = [
+        BaseNames("position", "qpos[0:3]", None),
+        BaseNames("orientation", "qpos[3:7]", "wxyz"),
+    ]
+    imu = None
+    if model is not None and widths.get("sensordata") == model.nsensordata:
+        unit = dict(_unit_sensors(model))
+        if set(unit) == {"angular_velocity", "acceleration"}:
+            ((imu, *_), *_) = unit.values()
+            base += [BaseNames(role, name) for role, (_, name) in unit.items()]
+    return MujocoArrays(found, order, tuple(base), imu)
+
+
+def base_frames(path: Path) -> dict[str, BaseFrame]:
+    """Return the sites on the base of an MJCF file, by name; of a URDF none."""
+    model = _model(path)
+    if model is None:
+        return {}
+    import mujoco
+
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    root = _root(model)
+    R, origin = data.xmat[root].reshape(3, 3), data.xpos[root]
+    return {
+        model.site(site).name: BaseFrame(
+            R.T @ data.site_xmat[site].reshape(3, 3),
+            R.T @ (data.site_xpos[site] - origin),
+        )
+        for site in range(model.nsite)
+        if _on_base(model, int(model.site_bodyid[site]))
+    }
+
+
+def _model(path: Path) -> Any:
+    """Return the compiled model of an MJCF file with a free joint first, or None."""
+    if not is_mjcf(path):
+        return None
+    import mujoco
+
+    model = read_spec(path, mujoco).compile()
+    free = mujoco.mjtJoint.mjJNT_FREE
+    return model if model.njnt and model.jnt_type[0] == free else None
+
+
+def _joints(model: Any) -> tuple[str, ...]:
+    """Return the joints behind the free one, in the order of qpos."""
+    return tuple(model.joint(j).name for j in range(1, model.njnt))
+
+
+def _root(model: Any) -> int:
+    return int(model.jnt_bodyid[0])
+
+
+def _on_base(model: Any, body: int) -> bool:
+    """Return whether a body is the base, or fixed to it."""
+    while body > 0 and body != _root(model) and not model.body_jntnum[body]:
+        body = int(model.body_parentid[body])
+    return body == _root(model)
+
+
+def _unit_sensors(model: Any) -> Iterator[tuple[BaseRole, tuple[str, str]]]:
+    """Yield gyro and accelerometer on the base: their site, their part of the array."""
+    import mujoco
+
+    kinds: dict[int, BaseRole] = {
+        int(mujoco.mjtSensor.mjSENS_GYRO): "angular_velocity",
+        int(mujoco.mjtSensor.mjSENS_ACCELEROMETER): "acceleration",
+    }
+    for sensor in range(model.nsensor):
+        role = kinds.get(int(model.sensor_type[sensor]))
+        site = int(model.sensor_objid[sensor])
+        if role is not None and _on_base(model, int(model.site_bodyid[site])):
+            first = int(model.sensor_adr[sensor])
+            yield role, (model.site(site).name, f"sensordata[{first}:{first + 3}]")
+
+
+def widths_of(arrays: Mapping[str, Any]) -> dict[str, int]:
+    """Return how many columns arrays have, of those that have several."""
+    return {
+        name: int(min(np.shape(values)))
+        for name, values in arrays.items()
+        if np.ndim(values) == 2 and min(np.shape(values)) > 1
+    }
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +193,7 @@ class BaseGuess:
 
 
 def chosen_names(
-    found: Sequence[BaseNames], hints: BaseHints, log: Path, names: Sequence[str]
+    found: Sequence[BaseNames], stated: Statement, log: Path, names: Sequence[str]
 ) -> BaseGuess:
     """Return which columns are of the base, the quaternion's order still open.
 
@@ -59,7 +207,7 @@ def chosen_names(
     orders = {_key(each.names): each.order for each in found}
     for role in _ROLES:
         mine = [each for each in found if each.role == role]
-        given = getattr(hints, role)
+        given = getattr(stated, _FIELDS.get(role, role))
         taken[role] = given if given or not mine else mine[0].names
         if given is None and mine:
             note = f"{role} of the base is taken from {mine[0]}"
@@ -74,7 +222,7 @@ def chosen_names(
             "qw,qx,qy,qz; an array has one name. If the base stands still, leave "
             "--base floating out"
         )
-    order = hints.order or orders.get(_key(taken["orientation"]))
+    order = stated.quaternion or orders.get(_key(taken["orientation"]))
     found_columns = BaseColumns(
         taken["angular_velocity"] if unit else None,
         taken["acceleration"] if unit else None,
@@ -84,7 +232,7 @@ def chosen_names(
     )
     unused = ("position",) if unit else ("angular_velocity", "acceleration")
     notes = [note for role, note in said.items() if role not in unused]
-    if order is not None and hints.order is None:
+    if order is not None and stated.quaternion is None:
         notes.append(f"the quaternion is {order}, as its columns are named")
     return BaseGuess(found_columns, tuple(notes))
 
@@ -98,7 +246,7 @@ def settled(
     arrays: dict[str, NDArray[Any]],
     time: Vector,
     robot: RobotModel,
-    hints: BaseHints,
+    stated: Statement,
     *,
     frames: Mapping[str, BaseFrame],
     ordered: bool,
@@ -124,7 +272,7 @@ def settled(
     found, notes = guess.columns, list(guess.notes)
     unit: dict[str, Matrix] = {}
     if found.angular_velocity is not None and found.acceleration is not None:
-        rotation, place, note = _unit(robot, hints, frames)
+        rotation, place, note = _unit(robot, stated, frames)
         for role in ("angular_velocity", "acceleration"):
             raw = columns(arrays, getattr(found, role), (3,), len(time), where)
             unit[role] = raw @ rotation.T
@@ -154,17 +302,17 @@ def settled(
 
 
 def _unit(
-    robot: RobotModel, hints: BaseHints, frames: Mapping[str, BaseFrame]
+    robot: RobotModel, stated: Statement, frames: Mapping[str, BaseFrame]
 ) -> tuple[Matrix, Vector, str]:
     """Return the unit's rotation and place in the base, and what was assumed."""
     own = {robot.link_names[0]: BaseFrame(np.eye(3), np.zeros(3)), **frames}
     for frame in robot.links[0].merged:
         own[frame.name] = BaseFrame(frame.rotation, frame.translation)
-    if hints.imu is not None and hints.imu not in own:
-        near = did_you_mean(hints.imu, list(own))
-        raise RecordingError(f"--imu: no frame {hints.imu!r} on the base; {near}")
+    if stated.imu is not None and stated.imu not in own:
+        near = did_you_mean(stated.imu, list(own))
+        raise RecordingError(f"--imu: no frame {stated.imu!r} on the base; {near}")
     named = (
-        [hints.imu] if hints.imu else [name for name in own if "imu" in name.lower()]
+        [stated.imu] if stated.imu else [name for name in own if "imu" in name.lower()]
     )
     if len(named) == 1:
         at = own[named[0]]

@@ -1,14 +1,20 @@
-"""What is chosen of a problem: drive terms, masses, cut-offs, rows, a delay."""
+"""What may be chosen of a problem, and the ways in which a choice may be changed.
+
+Drive terms, masses, cut-offs, rows, a delay.  The superset has every drive term and
+coupling that a model may have, for one width of friction.
+"""
 
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Literal
 
 import msgspec
+import numpy as np
 
+from consistent_id._support.arrays import Vector
 from consistent_id.errors import ProblemError
-from consistent_id.problems.drive_tables import exceptions
 from consistent_id.problems.file import (
     CouplingTable,
     DataTable,
@@ -17,6 +23,13 @@ from consistent_id.problems.file import (
     LinkTable,
     ProblemTable,
 )
+from consistent_id.problems.model import DEFAULT_DRIVE, coupling_of
+from consistent_id.problems.selection.samples import Samples
+from consistent_id.problems.tables import exceptions
+from consistent_id.regression.drive.gear_coupling import GearCoupling
+from consistent_id.regression.drive.term import DriveTerm
+from consistent_id.regression.loads import unloaded_joints
+from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
 
 Masses = Literal["datasheet", "bounds", "free"]
@@ -24,6 +37,31 @@ Masses = Literal["datasheet", "bounds", "free"]
 BOUNDS = (0.5, 2.0)
 """Bounds of a bounded mass, over the model's: a factor of two either way, within which
 a designer's estimate of a casting, a motor and its cables lies."""
+
+TERMS = ("rotor_inertia", "load_friction", "drag", "spring", "friction_slope")
+"""Drive terms that are there or not."""
+
+STRIBECK = (3.0, 10.0)
+"""Velocities at which friction at rest fades, over the width of the sign's change."""
+
+LEAST_SPEEDS = (0.02, 0.05, 0.1, 0.2)
+"""Shares of top speed below which rows may be left out."""
+
+FEWEST_LEFT_OUT = 0.01
+"""Share of the rows that a mask has to leave out, to be worth trying."""
+
+LEAST_KEPT = 0.5
+"""Share of the rows that has to stay."""
+
+_WITHOUT: dict[str, dict[str, object]] = {
+    **{name: {name: False} for name in TERMS},
+    "stribeck_velocity": {"stribeck_velocity": None},
+    "asymmetric": {"asymmetric": False, "offset": True},
+}
+
+LEAST_LOAD = 0.05
+"""Share of a joint's torque that its load has to be: gears lose 3 to 20 % of the load,
+and of less than this that is less than 1 % of the torque."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,3 +191,282 @@ def _link_tables(
                 links.get(link.name, LinkTable()), mass_bounds=(low, high)
             )
     return links
+
+
+@dataclass(frozen=True, slots=True)
+class ModelMove:
+    """One change of a choice.
+
+    Parameters
+    ----------
+    kind : str
+        What is changed, such as ``"load_friction"``.
+    label : str
+        For people.
+    before, after : Choice
+    """
+
+    kind: str
+    label: str
+    before: Choice
+    after: Choice
+
+
+def stribeck_velocities(scale: float) -> tuple[float, ...]:
+    """Return velocities at which friction at rest may fade."""
+    return tuple(float(f"{ratio * scale:.2g}") for ratio in STRIBECK)
+
+
+def with_drive(
+    choice: Choice, places: Iterable[int], change: Callable[[DriveTable], DriveTable]
+) -> Choice:
+    """Return a choice with some joints' drive changed."""
+    drive = list(choice.drive)
+    for place in places:
+        drive[place] = change(drive[place])
+    return replace(choice, drive=tuple(drive))
+
+
+def setter(**values: object) -> Callable[[DriveTable], DriveTable]:
+    """Return what sets keys of a drive table."""
+
+    def change(table: DriveTable) -> DriveTable:
+        return msgspec.structs.replace(table, **values)
+
+    return change
+
+
+@dataclass(frozen=True, slots=True)
+class TermMove:
+    """A drive term that may be given to joints that lack it, all or some of them."""
+
+    kind: str
+    label: str
+    lacking: tuple[int, ...]
+    change: Callable[[DriveTable], DriveTable]
+
+
+def term_moves(
+    choice: Choice,
+    measured: Sequence[int],
+    loaded: Sequence[int],
+    sloped: Sequence[int],
+) -> Iterator[TermMove]:
+    """Yield drive terms that some joints lack.
+
+    Parameters
+    ----------
+    measured, loaded, sloped : sequence of int
+        Places of joints with torque, of those whose load is known, and of those whose
+        friction may vary with position.
+    """
+    special = {"load_friction": loaded, "friction_slope": sloped}
+    for name in TERMS:
+        able = special.get(name, measured)
+        lacking = tuple(j for j in able if not getattr(choice.drive[j], name))
+        if lacking:
+            yield TermMove(name, name, lacking, setter(**{name: True}))
+    symmetric = tuple(j for j in measured if not choice.drive[j].asymmetric)
+    if symmetric:
+        change = setter(asymmetric=True, offset=False)
+        yield TermMove("asymmetric", "asymmetric", symmetric, change)
+    plain = tuple(j for j in measured if choice.drive[j].stribeck_velocity is None)
+    for velocity in stribeck_velocities(velocity_scale(choice)) if plain else ():
+        label = f"stribeck_velocity = {velocity:g}"
+        change = setter(stribeck_velocity=velocity)
+        yield TermMove("stribeck_velocity", label, plain, change)
+
+
+def velocity_scale(choice: Choice) -> float:
+    """Return the width of friction's change of sign, [rad/s or m/s]."""
+    scales = (d.velocity_scale for d in choice.drive if d.velocity_scale is not None)
+    return float(next(scales, DEFAULT_DRIVE.velocity_scale))
+
+
+def scale_moves(choice: Choice, scales: Sequence[float]) -> Iterator[ModelMove]:
+    """Yield other widths of friction's change of sign."""
+    for scale in scales:
+        if scale == velocity_scale(choice):
+            continue
+
+        def change(table: DriveTable, scale: float = scale) -> DriveTable:
+            if table.velocity_scale is None:
+                return table
+            values: dict[str, object] = {"velocity_scale": scale}
+            if table.stribeck_velocity is not None:
+                ratio = table.stribeck_velocity / table.velocity_scale
+                values["stribeck_velocity"] = float(f"{ratio * scale:.2g}")
+            return setter(**values)(table)
+
+        after = with_drive(choice, range(len(choice.drive)), change)
+        couplings = tuple(
+            msgspec.structs.replace(c, velocity_scale=scale) for c in choice.couplings
+        )
+        yield ModelMove(
+            "velocity_scale",
+            f"velocity_scale = {scale:g}",
+            choice,
+            replace(after, couplings=couplings),
+        )
+
+
+def row_moves(choice: Choice, speed: Vector) -> Iterator[ModelMove]:
+    """Yield shares of top speed below which rows are left out.
+
+    Parameters
+    ----------
+    speed : ndarray, shape (samples,)
+        Of all rows; a mask leaves out a few of them, and not most.
+    """
+    now = choice.least_speed or 0.0
+    kept = float(np.mean(speed >= now))
+    for share in LEAST_SPEEDS:
+        left = float(np.mean(speed >= share))
+        if share > now and LEAST_KEPT <= left <= (1.0 - FEWEST_LEFT_OUT) * kept:
+            after = replace(choice, least_speed=share)
+            yield ModelMove("least_speed", f"least_speed = {share:g}", choice, after)
+
+
+def mass_move(choice: Choice, masses: Masses) -> ModelMove:
+    """Return the move to other masses."""
+    after = replace(choice, masses=masses)
+    return ModelMove("masses", f'masses = "{masses}"', choice, after)
+
+
+def coupling_moves(
+    choice: Choice, names: Sequence[str], pairs: Sequence[CouplingTable]
+) -> Iterator[ModelMove]:
+    """Yield couplings of neighbours; their joints need a rotor of their own."""
+    used = {c.first for c in choice.couplings}
+    for pair in pairs:
+        if pair.first in used:
+            continue
+        joints = [names.index(name) for name in (pair.first, pair.second)]
+        scale = velocity_scale(choice)
+        after = with_drive(choice, joints, setter(rotor_inertia=True))
+        pair = msgspec.structs.replace(pair, velocity_scale=scale)
+        after = replace(after, couplings=(*choice.couplings, pair))
+        label = f"coupling of {pair.first} and {pair.second}"
+        yield ModelMove("coupling", label, choice, after)
+
+
+def removals(choice: Choice, made: ModelMove) -> Iterator[ModelMove]:
+    """Yield the move that takes back what another one gave, if it still stands."""
+    if made.kind not in _WITHOUT:
+        return
+    was = made.before.drive
+    places = [
+        place
+        for place, (before, after) in enumerate(zip(was, made.after.drive, strict=True))
+        if before != after and choice.drive[place] != before
+    ]
+    coupled = {name for c in choice.couplings for name in (c.first, c.second)}
+    if made.kind == "rotor_inertia" and coupled:
+        return
+    after = with_drive(choice, places, setter(**_WITHOUT[made.kind]))
+    if after != choice:
+        yield ModelMove(made.kind, f"without {made.label}", choice, after)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Superset:
+    """Drive terms of each of the robot's joints, and couplings of neighbours."""
+
+    terms: tuple[tuple[DriveTerm, ...], ...]
+    couplings: tuple[GearCoupling, ...]
+
+
+def superset(
+    bodies: TorqueModel, scale: float, loaded: tuple[str, ...], sloped: tuple[str, ...]
+) -> Superset:
+    """Return all terms that joints with torque may have.
+
+    Parameters
+    ----------
+    bodies : TorqueModel
+        Without drive terms.
+    scale : float, [rad/s or m/s]
+        Width of friction's change of sign.
+    loaded, sloped : tuple of str
+        See `loaded_joints` and `sloped_joints`.
+    """
+    terms: list[tuple[DriveTerm, ...]] = []
+    for name in bodies.robot.joint_names:
+        measured = name in bodies.torque_joints
+        own = (name in loaded, name in sloped)
+        tables = _drive_tables(scale, *own) if measured else ()
+        every = (term for table in tables for term in table.terms.terms)
+        terms.append(tuple(dict.fromkeys(every)))
+    pairs = couplings_between(bodies, scale)
+    return Superset(tuple(terms), tuple(coupling_of(pair) for pair in pairs))
+
+
+def _drive_tables(scale: float, loaded: bool, sloped: bool) -> tuple[DriveTable, ...]:
+    """Return drive tables that together have every term that a joint may have."""
+    whole = DriveTable(
+        viscous=True,
+        coulomb="tanh",
+        velocity_scale=scale,
+        offset=True,
+        rotor_inertia=True,
+        spring=True,
+        drag=True,
+        load_friction=loaded,
+        friction_slope=sloped,
+    )
+    change = msgspec.structs.replace
+    return (
+        whole,
+        change(whole, asymmetric=True, offset=False, friction_slope=False),
+        *(change(whole, stribeck_velocity=v) for v in stribeck_velocities(scale)),
+    )
+
+
+def sloped_joints(bodies: TorqueModel) -> tuple[str, ...]:
+    """Return the torque joints with limits, between which friction can be a slope."""
+    limited = {
+        joint.name: joint.kind != "continuous"
+        and bool(np.isfinite([joint.limits.lower, joint.limits.upper]).all())
+        for joint in bodies.robot.driven
+    }
+    return tuple(name for name in bodies.torque_joints if limited[name])
+
+
+def couplings_between(bodies: TorqueModel, scale: float) -> tuple[CouplingTable, ...]:
+    """Return the couplings that drives of neighbouring joints may have."""
+    kinds = {joint.name: joint.kind == "prismatic" for joint in bodies.robot.driven}
+    return tuple(
+        CouplingTable(
+            first=first,
+            second=second,
+            viscous=True,
+            coulomb="tanh",
+            velocity_scale=scale,
+            rotor_inertia=True,
+        )
+        for first, second in pairwise(bodies.torque_joints)
+        if kinds[first] == kinds[second]
+    )
+
+
+def loaded_joints(bodies: TorqueModel, samples: Samples) -> tuple[str, ...]:
+    """Return the torque joints whose nominal load is a part of their torque.
+
+    Parameters
+    ----------
+    bodies : TorqueModel
+        Without drive terms.
+    samples : Samples
+        Rows of the log.
+    """
+    nominal = bodies.robot.nominal
+    if nominal is None:
+        return ()
+    idle = unloaded_joints(bodies.robot, nominal)
+    found = []
+    for row, name in enumerate(bodies.torque_joints):
+        load = np.linalg.norm(nominal @ samples.inertial[row])
+        torque = np.linalg.norm(samples.torque[:, row])
+        if name not in idle and load >= LEAST_LOAD * torque:
+            found.append(name)
+    return tuple(found)

@@ -1,24 +1,65 @@
-"""Rows of the training data: motion, torque, and the block each row belongs to."""
+"""Rows of the training data: motion, torque, and the block each row belongs to.
+
+Cross-validation leaves blocks of equal motion out in turn.  Blocks are phases where the
+motion repeats itself, else stretches of time: what is left out has no like among what
+is fitted.  The same share of every recording is left out at once, so that two
+recordings of one motion do not stand in for each other.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import lru_cache
 from typing import Literal
 
 import msgspec
 import numpy as np
 
-from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
+from consistent_id._support.arrays import Array, BoolArray, IntArray, Matrix, Vector
+from consistent_id.errors import RecordingError
 from consistent_id.problems.file import PreparationTable
 from consistent_id.problems.preparation import prepared
-from consistent_id.problems.selection.blocks import cells
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, positions_at
+from consistent_id.recordings.signals import estimated_period
+from consistent_id.recordings.signals.clocks import own_rate
 from consistent_id.recordings.signals.masks import speed_share
+from consistent_id.recordings.signals.repetitions import whole_periods
 from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.regression.regressor import TorqueModel
 
+_BAND_POWER = 0.99  # of the velocities' power, below the band's edge
+_HARMONICS = 20.0
+"""Edge of the predicted torque over that of the velocity: products of motions and the
+jumps of friction reach so far, with a twentieth of their size left."""
+
+_BAND_SHARE = 0.25  # of the sampling rate, above which nothing is predicted
+_NOISE_POWER = (
+    30.0  # times the median power of the upper half of the spectrum is no noise
+)
+_NOISE_EDGE = 0.45  # of half the sampling rate: what is faster is noise by definition
+_CUTOFF_RATIOS = (0.1, 0.14, 0.2, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
+"""Cut-offs of the motion over the band; the highest eight that the rate allows."""
+
+_CUTOFFS_TRIED = 8
+_HIGHEST_CUTOFF = 0.4  # of the sampling rate, for a cut-off of the motion
+_DENSE = 5.0  # samples in a period of the highest frequency that is kept
+
+NUMBERS = (8, 6)
+"""Numbers of blocks over which errors are averaged: one alone moves a robot's error by
+up to 30 %."""
+
+_SHORTEST_PERIOD = 0.02  # of the motion: shorter periods need no whole ones
+_WHOLE_PERIODS = 2  # periods that a motion has to hold, to be left out by phase
+
+EDGES = tuple(
+    float(edge)
+    for edge in sorted({Fraction(k, n) for n in NUMBERS for k in range(n + 1)})
+)
+"""Where a block begins or ends, as shares of a motion: the edges of all cells."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Log:
+class SampledLog:
     """A training log as it was recorded.
 
     Parameters
@@ -89,7 +130,7 @@ class Late:
 
 def samples_of(
     bodies: TorqueModel,
-    logs: Sequence[Log],
+    logs: Sequence[SampledLog],
     table: PreparationTable,
     *,
     guard: float,
@@ -132,3 +173,119 @@ def samples_of(
     )
     inertial = bodies.regressor(q, dq, ddq)
     return Samples(q, dq, ddq, torque, rate, cell, speed, inertial, tuple(late))
+
+
+@lru_cache(maxsize=1)
+def folds() -> tuple[tuple[int, tuple[int, ...]], ...]:
+    """Return the blocks: of how many each is one, and its cells.
+
+    Examples
+    --------
+    >>> folds()[0]
+    (8, (0,))
+    >>> len(folds()), folds()[8]
+    (14, (6, (0, 1)))
+    """
+    middles = (np.array(EDGES[1:]) + np.array(EDGES[:-1])) / 2
+    found = []
+    for n in NUMBERS:
+        for k in range(n):
+            inside = np.flatnonzero((middles > k / n) & (middles < (k + 1) / n))
+            found.append((n, tuple(inside.tolist())))
+    return tuple(found)
+
+
+@lru_cache(maxsize=1)
+def left_out() -> BoolArray:
+    """Return which cells each block is made of, shape (blocks, cells)."""
+    cells = np.arange(len(EDGES) - 1)
+    return np.array([np.isin(cells, out) for _, out in folds()])
+
+
+def motion_period(raw: Recording) -> float | None:
+    """Return the period [s] of a motion that repeats itself, if it does."""
+    try:
+        period = estimated_period(raw, shortest=_SHORTEST_PERIOD * raw.duration)
+    except RecordingError:
+        return None
+    step = raw.duration / (len(raw) - 1)
+    whole = whole_periods(raw.duration, period, step)
+    return period if whole >= _WHOLE_PERIODS else None
+
+
+def cells(
+    time: Vector, start: float, duration: float, period: float | None, guard: float
+) -> IntArray:
+    """Return the cell of each sample; -1 for those near an edge.
+
+    Parameters
+    ----------
+    time : ndarray, [s]
+    start, duration : float, [s]
+        Of the recording.
+    period : float, optional, [s]
+        Of a motion that repeats itself.
+    guard : float, [s]
+        Samples so near to an edge belong to no cell: filters and the correlation of
+        noise have mixed them with what lies beyond.
+    """
+    length = duration if period is None else period
+    share = np.clip((time - start) / length, 0.0, None)
+    share = np.minimum(share, 1.0 - 1e-12) if period is None else share % 1.0
+    edges = np.array(EDGES)
+    place = np.clip(np.searchsorted(edges, share, "right") - 1, 0, len(edges) - 2)
+    nearest = np.minimum(share - edges[place], edges[place + 1] - share)
+    return np.where(nearest * length < guard, -1, place)
+
+
+def velocity_edge(raw: Recording) -> float:
+    """Return the frequency [Hz] below which the velocities have their power.
+
+    Joints count alike.  From the spectrum of the position, less what its upper half
+    shows to be noise; and less lines there, which stamps that jitter in step with the
+    sampling leave.
+    """
+    n = len(raw)
+    time = np.linspace(raw.time[0], raw.time[-1], n)
+    q = positions_at(raw, time)
+    ramp = np.linspace(-1.0, 1.0, n)
+    q = q - q.mean(axis=0)
+    q = (q - np.outer(ramp, ramp @ q) / (ramp @ ramp)) * np.hanning(n)[:, None]
+    power = abs(np.fft.rfft(q, axis=0)) ** 2
+    frequency = np.fft.rfftfreq(n, float(time[1] - time[0]))
+    noise = _NOISE_POWER * np.median(power[len(power) // 2 :], axis=0)
+    moved = (power > noise) & (frequency < _NOISE_EDGE * frequency[-1])[:, None]
+    velocity = np.where(moved, power, 0.0) * frequency[:, None] ** 2
+    total = velocity.sum(axis=0)
+    moving = total > 0.0
+    if not moving.any():
+        return float(frequency[1])
+    share = np.cumsum(velocity[:, moving] / total[moving], axis=0).mean(axis=1)
+    return float(
+        frequency[min(int(np.searchsorted(share, _BAND_POWER)), len(share) - 1)]
+    )
+
+
+def prediction_band(recordings: Sequence[Recording]) -> float:
+    """Return the frequency [Hz] up to which torque is to be predicted."""
+    edge = max(velocity_edge(raw) for raw in recordings)
+    top = _BAND_SHARE * min(own_rate(raw) for raw in recordings)
+    return float(f"{min(_HARMONICS * edge, top):.2g}")
+
+
+def motion_cutoffs(band: float, rate: float) -> tuple[float, ...]:
+    """Return cut-offs of the motion to try [Hz], ascending."""
+    tried = sorted({float(f"{ratio * band:.2g}") for ratio in _CUTOFF_RATIOS})
+    return tuple(f for f in tried if f <= _HIGHEST_CUTOFF * rate)[-_CUTOFFS_TRIED:]
+
+
+def thinning(band: float, rate: float) -> int:
+    """Return of how many samples one suffices: five in a period of the band."""
+    return max(int(rate / (_DENSE * band)), 1)
+
+
+def velocity_scales(speeds: Vector) -> tuple[float, ...]:
+    """Return widths of friction's change of sign to try, from top speeds of joints."""
+    top = float(np.median(speeds))
+    series = [m * 10.0**e for e in range(-6, 4) for m in (1.0, 2.0, 5.0)]
+    return tuple(float(f"{s:.1g}") for s in series if 0.004 <= s / top <= 0.3)

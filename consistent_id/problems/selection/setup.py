@@ -11,18 +11,24 @@ from consistent_id.errors import RecordingError
 from consistent_id.problems.file import DriveTable
 from consistent_id.problems.model import DEFAULT_DRIVE
 from consistent_id.problems.problem import Problem
-from consistent_id.problems.selection.band import (
+from consistent_id.problems.selection.choice import (
+    TERMS,
+    Choice,
+    data_of,
+    loaded_joints,
+    sloped_joints,
+)
+from consistent_id.problems.selection.evaluation import Evaluated, Evaluator, Setting
+from consistent_id.problems.selection.forward_search import Scope
+from consistent_id.problems.selection.samples import (
+    NUMBERS,
+    SampledLog,
+    Samples,
     motion_cutoffs,
+    motion_period,
     thinning,
     velocity_scales,
 )
-from consistent_id.problems.selection.blocks import NUMBERS, motion_period
-from consistent_id.problems.selection.choice import Choice, data_of
-from consistent_id.problems.selection.evaluation import Evaluated, Evaluator, Setting
-from consistent_id.problems.selection.moves import TERMS
-from consistent_id.problems.selection.proposals import Scope
-from consistent_id.problems.selection.samples import Log, Samples
-from consistent_id.problems.selection.superset import loaded_joints, sloped_joints
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import own_rate
 from consistent_id.regression.base import base_parameters
@@ -111,7 +117,7 @@ def _setting(problem: Problem, raws: tuple[Recording, ...], band: float) -> Sett
         base=base_parameters(bodies),
         loaded=(),
         sloped=(),
-        logs=tuple(Log(raw, motion_period(raw)) for raw in raws),
+        logs=tuple(SampledLog(raw, motion_period(raw)) for raw in raws),
         band=band,
         thin=thin * max(-(-rows // _MOST_ROWS), 1),
         sigma=np.ones(len(bodies.torque_joints)),

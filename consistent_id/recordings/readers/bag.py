@@ -1,28 +1,47 @@
 """Joint states, and fields of other topics, from ROS bags.
 
-Bags are folders, and bare MCAP, SQLite and ROS 1 files.
+Bags are folders, and bare MCAP, SQLite and ROS 1 files.  A chunk of an MCAP file states
+the size of its records before they were compressed; whoever unpacks it asks for that
+much memory, so `_check_mcap` looks first.  A bag that may be larger than memory is
+decoded once, into a file with a row of numbers for each sample; windows are read from
+anywhere in it (`SpooledStates`).
 """
 
 import struct
 import sys
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from consistent_id._support.inputs import require_regular
+from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.inputs import require_regular, require_unpacked
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.readers.jointstate import FIELDS, JointMessage
-from consistent_id.recordings.readers.mcap_lint import check_mcap
-from consistent_id.recordings.readers.topic_fields import (
+from consistent_id.recordings.readers.columns import Columns
+from consistent_id.recordings.readers.jointstate import (
+    FIELDS,
+    LOG_TIME,
+    JointMessage,
+    joint_state_fields,
+    samples_of,
+)
+from consistent_id.recordings.readers.named_arrays import gained
+from consistent_id.recordings.readers.recording_file import reader_of
+from consistent_id.recordings.readers.topics import (
+    Merged,
     TopicField,
     TopicSignal,
+    seconds,
     signals_of,
     topic_field,
 )
+from consistent_id.recordings.recording import Recording
 from consistent_id.robot.parameters import did_you_mean
 
 _TYPE = "sensor_msgs/msg/JointState"
@@ -48,6 +67,14 @@ _STORAGE = {
     "backports.zstd": "ZstdError",
     "compression.zstd": "ZstdError",
 }
+
+_MAGIC = b"\x89MCAP0\r\n"
+_CHUNK, _DATA_END = 0x06, 0x0F
+_BEFORE_SIZE = 16  # bytes of a chunk: its first and its last time
+
+_AT_ONCE = 2**14  # messages
+_LATE = 10**9  # ns by which messages of one stamp may come after each other
+_ROWS = 2**16  # whose times are read at a time
 
 
 class BagContent(NamedTuple):
@@ -77,7 +104,7 @@ def read_messages(
         return _content(path, bag, topic, wanted)
 
 
-def each_message(path: Path, topic: str | None) -> Iterator[JointMessage]:
+def _each_message(path: Path, topic: str | None) -> Iterator[JointMessage]:
     """Yield the joint states of a topic in the order of the log, one at a time.
 
     Parameters and errors are those of `read_messages`.
@@ -102,6 +129,106 @@ def topic_kinds(path: Path) -> dict[str, str]:
         return {c.topic: c.msgtype for c in bag.connections}
 
 
+@dataclass(frozen=True)
+class SpooledStates:
+    """Joint states of a bag, of which windows are read; like `LogRows`.
+
+    Parameters
+    ----------
+    path : Path
+        Of the bag, for messages.
+    file : Path
+        Rows of time and of each channel's joints, 8 bytes each.
+    joints : tuple of str
+    channels : tuple of str
+        In the order of the columns.
+    columns : Columns
+    torque_gain : array_like, shape () or (joints,)
+    """
+
+    path: Path
+    file: Path
+    joints: tuple[str, ...]
+    channels: tuple[str, ...]
+    columns: Columns
+    torque_gain: ArrayLike = 1.0
+
+    def times(self) -> Iterator[Vector]:
+        """Yield the times of all rows, some at a time [s]."""
+        total = self.file.stat().st_size // (8 * self._width)
+        for first in range(0, total, _ROWS):
+            yield self._rows(first, min(first + _ROWS, total))[:, 0]
+
+    def windows(self, rows: Iterable[tuple[int, int]]) -> Iterator[Recording]:
+        """Yield the recording of each range of rows, ``first <= row < last``."""
+        units = self.columns.units.items()
+        for first, last in rows:
+            time, *values = np.split(self._rows(first, last), self._starts, axis=1)
+            yield gained(
+                self.joints,
+                time[:, 0],
+                dict(zip(self.channels, values, strict=True)),
+                torque_gain=self.torque_gain,
+                name=self.path.name,
+                without_torque=self.columns.without_torque(self.joints),
+                units={channel: unit for channel, unit in units if channel != "time"},
+            )
+
+    @property
+    def _starts(self) -> range:
+        return range(1, self._width, len(self.joints))
+
+    @property
+    def _width(self) -> int:
+        return 1 + len(self.channels) * len(self.joints)
+
+    def _rows(self, first: int, last: int) -> Matrix:
+        width = self._width
+        numbers = np.fromfile(
+            self.file, "<f8", count=(last - first) * width, offset=8 * first * width
+        )
+        return numbers.reshape(-1, width)
+
+
+def spooled_states(
+    path: Path,
+    joints: Sequence[str],
+    columns: Columns,
+    file: Path,
+    *,
+    torque_gain: ArrayLike = 1.0,
+    topic: str | None = None,
+) -> SpooledStates:
+    """Decode the joint states of a bag into a file.
+
+    Parameters
+    ----------
+    path, joints, columns, torque_gain, topic
+        See `read_recording`.
+    file : Path
+        To write.
+
+    Raises
+    ------
+    RecordingError
+        As `read_recording`.
+    """
+    where = str(path)
+    reader_of(path)  # it is there, and so is what reads it
+    fields = joint_state_fields(columns, joints, where)
+    in_log, names = columns.in_log(joints), tuple(fields.values())
+    messages = _each_message(path, topic)
+    start = None
+    with file.open("wb") as written:
+        for stamps, values in _pieces(messages, columns, in_log, names, where):
+            start = stamps[0] if start is None else start
+            time = (stamps - start) / 1e9
+            np.column_stack([time, *values]).astype("<f8").tofile(written)
+    if start is None:
+        raise RecordingError(f"{where}: no joint state has all joints")
+    return SpooledStates(path, file, tuple(joints), tuple(fields), columns, torque_gain)
+
+
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     """Yield a bag to read, whatever the library says of a faulty one."""
@@ -115,7 +242,7 @@ def _opened(path: Path) -> Iterator[Any]:
     for file in (path,) if path.is_file() else sorted(path.glob("*.mcap")):
         if file.suffix.lower() == ".mcap":
             require_regular(file, RecordingError)
-            check_mcap(file)
+            _check_mcap(file)
     library: Any = rosbags.rosbag1 if _is_old(path) else rosbags.rosbag2
     of_library = (library.ReaderError, SerdeError, TypesysError)
     try:
@@ -216,3 +343,95 @@ def _topic(path: Path, bag: Any, topic: str | None) -> str:
             "expected one; say which by topic"
         )
     return states[0]
+
+
+def _check_mcap(path: Path) -> None:
+    """Compare the sizes that a file states with the file.
+
+    Raises
+    ------
+    RecordingError
+        If a record ends after the file, or chunks unpack to much more than it.
+    """
+    stored = path.stat().st_size
+    with path.open("rb") as file:
+        if file.read(len(_MAGIC)) != _MAGIC:
+            raise RecordingError(f"{path}: not readable as ROS bag: no MCAP file")
+        unpacked = sum(_chunk_sizes(path, file, stored))
+    require_unpacked(path, unpacked, stored, RecordingError)
+
+
+def _chunk_sizes(path: Path, file: IO[bytes], stored: int) -> Iterator[int]:
+    """Yield the size of each chunk's records, as it states it."""
+    while len(head := file.read(9)) == 9:
+        kind, length = struct.unpack("<BQ", head)
+        begin = file.tell()
+        if begin + length > stored:
+            raise RecordingError(
+                f"{path}: not readable as ROS bag: a record at byte {begin - 9} "
+                f"states {length} bytes, the file ends before"
+            )
+        if kind == _CHUNK and length >= _BEFORE_SIZE + 8:
+            file.seek(begin + _BEFORE_SIZE)
+            yield struct.unpack("<Q", file.read(8))[0]
+        if kind == _DATA_END:
+            return
+        file.seek(begin + length)
+
+
+def _pieces(
+    messages: Iterator[JointMessage],
+    columns: Columns,
+    joints: Sequence[str],
+    fields: Sequence[str],
+    where: str,
+) -> Iterator[Merged]:
+    """Yield samples, some at a time; messages of one stamp are not torn apart."""
+    by_log_time, last = columns.time == LOG_TIME, None
+    held: list[JointMessage] = []
+    while new := list(islice(messages, _AT_ONCE)):
+        if last is None and not held:
+            by_log_time |= not any(message.stamp for message in new)
+        held += _on_its_clock(new, columns, by_log_time, where)
+        until = max(message.stamp for message in held) - _LATE
+        early = [message for message in held if message.stamp <= until]
+        held = [message for message in held if message.stamp > until]
+        if early:
+            last = yield from _samples(early, joints, fields, where, last)
+    if held:
+        yield from _samples(held, joints, fields, where, last)
+
+
+def _on_its_clock(
+    messages: list[JointMessage], columns: Columns, by_log_time: bool, where: str
+) -> list[JointMessage]:
+    """Return messages with the time of logging for a stamp, if that is their clock."""
+    if not by_log_time:
+        return messages
+    if columns.time != LOG_TIME and any(message.stamp for message in messages):
+        raise RecordingError(
+            f"{where}: the first stamps are zero, later ones are not. Repair the log, "
+            f"or take time = {LOG_TIME!r}"
+        )
+    return [message._replace(stamp=message.log_time) for message in messages]
+
+
+def _samples(
+    messages: Sequence[JointMessage],
+    joints: Sequence[str],
+    fields: Sequence[str],
+    where: str,
+    last: int | None,
+) -> Generator[Merged, None, int | None]:
+    """Yield the samples of messages, if any; return the last of all stamps."""
+    found = samples_of(messages, joints, fields, where)
+    if not len(found.stamps):
+        return last
+    if last is not None and found.stamps[0] <= last:
+        raise RecordingError(
+            f"{where}: a stamp goes from {seconds(last)} s back to "
+            f"{seconds(int(found.stamps[0]))} s. Cut the log there, or take time = "
+            f"{LOG_TIME!r}"
+        )
+    yield found
+    return int(found.stamps[-1])

@@ -18,9 +18,9 @@ from consistent_id._support.arrays import (
     freeze_arrays,
 )
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.base_motion import BaseMotion
-from consistent_id.recordings.contacts import (
+from consistent_id.recordings.beside import (
     Axes,
+    BaseMotion,
     ContactFlags,
     Wrench,
     away_from_changes,
@@ -29,9 +29,9 @@ from consistent_id.recordings.signals.base_signals import (
     QuaternionOrder,
     base_from_imu,
     base_from_pose,
+    moved_by_stretch,
     rotations,
 )
-from consistent_id.recordings.signals.base_stretches import moved_by_stretch
 
 Names = str | Sequence[str]
 """One array's name, or a name for each column."""

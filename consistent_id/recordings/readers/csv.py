@@ -24,7 +24,7 @@ _DELICATE = '"\0\x1c\x1d\x1e\x1f'  # quotes, and what is space to one way only
 
 
 @dataclass(frozen=True, slots=True)
-class _Header:
+class _CsvHeader:
     """The names, how they are separated, and where the rows begin.
 
     Parameters
@@ -146,7 +146,7 @@ def _most_fields(line: str) -> tuple[str, ...]:
     return max((header.names for header in split), key=len)
 
 
-def _header(path: Path, text: str, names: Sequence[str]) -> _Header:
+def _header(path: Path, text: str, names: Sequence[str]) -> _CsvHeader:
     """Return the header by the one separator that makes it hold all names."""
     lines, skipped, comment = io.StringIO(text, newline=""), 0, None
     start = 0
@@ -159,7 +159,7 @@ def _header(path: Path, text: str, names: Sequence[str]) -> _Header:
     if not fitting and comment is not None:
         above = [_split(io.StringIO(comment), 0, mark) for mark in _SEPARATORS]
         fitting = [
-            _Header(header.names, header.separator, 0, start)
+            _CsvHeader(header.names, header.separator, 0, start)
             for header in above
             if set(names) <= set(header.names)
         ]
@@ -180,14 +180,14 @@ def _header(path: Path, text: str, names: Sequence[str]) -> _Header:
     return replace(header, row=skipped + header.row)
 
 
-def _split(lines: io.StringIO, start: int, separator: str) -> _Header:
+def _split(lines: io.StringIO, start: int, separator: str) -> _CsvHeader:
     lines.seek(start)
     reader = csv.reader(lines, delimiter=separator, skipinitialspace=True)
     names = tuple(name.strip() for name in next(reader, []))
-    return _Header(names, separator, reader.line_num, lines.tell())
+    return _CsvHeader(names, separator, reader.line_num, lines.tell())
 
 
-def _fast(body: str, header: _Header, places: Sequence[int]) -> Matrix | None:
+def _fast(body: str, header: _CsvHeader, places: Sequence[int]) -> Matrix | None:
     """Return the columns, or None where only the exact way knows."""
     separator, width = header.separator, len(header.names)
     if width < 2 or not body.isascii() or any(c in body for c in _DELICATE):
@@ -227,7 +227,7 @@ def _line_by_line(lines: str, separator: str) -> tuple[IntArray, IntArray]:
     )
 
 
-def _exact(path: Path, text: str, header: _Header, places: Sequence[int]) -> Matrix:
+def _exact(path: Path, text: str, header: _CsvHeader, places: Sequence[int]) -> Matrix:
     lines = io.StringIO(text[header.end :], newline="")
     reader = csv.reader(lines, delimiter=header.separator, skipinitialspace=True)
     mark = "." if header.separator == "," else None
@@ -248,7 +248,9 @@ def _exact(path: Path, text: str, header: _Header, places: Sequence[int]) -> Mat
     return np.array(rows, dtype=np.float64)
 
 
-def _miscounted(place: str, fields: Sequence[str], header: _Header) -> RecordingError:
+def _miscounted(
+    place: str, fields: Sequence[str], header: _CsvHeader
+) -> RecordingError:
     fault = f"{place}: {len(fields)} fields, the header has {len(header.names)}"
     more = len(fields) > len(header.names)
     if header.separator == "," and more and not any("." in cell for cell in fields):

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.clock_words import is_time
 from consistent_id.recordings.readers.columns import Columns, require, wanted
-from consistent_id.recordings.readers.named_arrays import recording_of
+from consistent_id.recordings.readers.named_arrays import Duplicates, recording_of
+from consistent_id.recordings.readers.units import is_time
 from consistent_id.recordings.recording import Recording
 
 
@@ -27,6 +27,8 @@ def recording_from(
     *,
     torque_gain: ArrayLike = 1.0,
     name: str = "table",
+    omit: Sequence[int] = (),
+    duplicates: Duplicates = "refuse",
 ) -> Recording:
     """Return the recording in a data frame or in a mapping of arrays.
 
@@ -40,6 +42,8 @@ def recording_from(
         Factor from the torque column to torque.
     name : str
         Of the recording; used in messages.
+    omit, duplicates
+        See `read_recording`.
 
     Raises
     ------
@@ -59,7 +63,15 @@ def recording_from(
         raise _of_index(index, name)
     require(name, want.names, names)
     arrays = {column: _array(table[column], column, name) for column in want.names}
-    return recording_of(arrays, want, where=name, name=name, torque_gain=torque_gain)
+    return recording_of(
+        arrays,
+        want,
+        where=name,
+        name=name,
+        torque_gain=torque_gain,
+        omit=omit,
+        duplicates=duplicates,
+    )
 
 
 def table_names(table: ColumnTable, name: str) -> tuple[str, ...]:

@@ -11,12 +11,17 @@ from numpy.typing import ArrayLike, NDArray
 from consistent_id._support.arrays import Matrix
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import CHANNELS, Columns, at_least_one
-from consistent_id.recordings.readers.merging import Layout, Merged, merged, seconds
 from consistent_id.recordings.readers.named_arrays import gained
-from consistent_id.recordings.readers.topic_clock import JointClock, with_topics
-from consistent_id.recordings.readers.topic_fields import TopicSignal
+from consistent_id.recordings.readers.topics import (
+    JointClock,
+    Layout,
+    Merged,
+    TopicSignal,
+    merged,
+    seconds,
+    with_topics,
+)
 from consistent_id.recordings.recording import Recording
-from consistent_id.robot.parameters import did_you_mean
 
 FIELDS = ("position", "velocity", "effort")
 STAMP, LOG_TIME = "header.stamp", "log_time"
@@ -189,8 +194,12 @@ def _check_names(
     seen = sorted({name for names in layouts for name in names})
     for joint in joints:
         if joint not in seen:
-            near = did_you_mean(joint, seen)
-            raise RecordingError(f"{where}: no message names joint {joint!r}; {near}")
+            raise RecordingError(
+                f"{where}: no message names joint {joint!r}; known: {', '.join(seen)}. "
+                "Where the log has other names of joints, say which is which: --names "
+                f"NAME={joint} ... (names of [data.columns]). Joints that it lacks: "
+                "--lock JOINT ..."
+            )
         if any(list(names).count(joint) > 1 for names in layouts):
             raise RecordingError(f"{where}: a message names joint {joint!r} twice")
 

@@ -1,8 +1,13 @@
-"""Named arrays, as a file holds them, become a recording."""
+"""Named arrays, as a file holds them, become a recording.
 
+A name may be some columns of an array, counted from 0: ``qpos[7:19]``.
+"""
+
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, cast
+from pathlib import Path
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +21,11 @@ from consistent_id.recordings.recording import Recording
 
 Arrays = Mapping[str, NDArray[Any]]
 
+Duplicates = Literal["refuse", "first", "last"]
+"""Which of several rows with one time stamp counts."""
+
+_PART = re.compile(r"(?P<name>.+)\[(?P<first>\d*):(?P<end>\d*)\]")
+
 
 def recording_of(
     arrays: Arrays,
@@ -25,6 +35,7 @@ def recording_of(
     name: str,
     torque_gain: ArrayLike,
     omit: Sequence[int] = (),
+    duplicates: Duplicates = "refuse",
 ) -> Recording:
     """Return the recording that the wanted arrays make.
 
@@ -38,6 +49,8 @@ def recording_of(
     torque_gain : array_like, shape () or (joints,)
     omit : sequence of int
         Rows to leave out, counted from 1.
+    duplicates : {"refuse", "first", "last"}
+        Which of several rows in a row with one time stamp counts.
 
     Raises
     ------
@@ -59,6 +72,7 @@ def recording_of(
                 )
         channels[channel] = np.column_stack(columns)
     keep = _kept(len(time), omit, where)
+    keep[keep] = _distinct(time[keep], duplicates)
     recording = gained(
         want.joints,
         time[keep],
@@ -72,6 +86,16 @@ def recording_of(
         return recording
     rows = {n: _by_sample(arrays[n], len(time))[keep] for n in want.beside.names}
     return with_beside(recording, rows, want.beside, where)
+
+
+def _distinct(time: Vector, duplicates: Duplicates) -> BoolArray:
+    """Return which rows count where several have one stamp; all, to be refused."""
+    repeated = np.zeros(len(time), dtype=bool)
+    if duplicates == "first":
+        repeated[1:] = time[1:] == time[:-1]
+    elif duplicates == "last":
+        repeated[:-1] = time[1:] == time[:-1]
+    return ~repeated
 
 
 def _by_sample(values: NDArray[Any], samples: int) -> NDArray[Any]:
@@ -192,3 +216,66 @@ def _matrix(
         )
     values = values if values.shape == upright else values.T
     return values[:, list(want.places)]
+
+
+def stored_name(name: str) -> str:
+    """Return the name of the array that a name is, or is a part, of."""
+    part = _PART.fullmatch(name)
+    return name if part is None else part["name"]
+
+
+def read_parts(
+    reader: Any, path: Path, names: Sequence[str]
+) -> dict[str, NDArray[Any]]:
+    """Return named arrays, and parts of arrays, by the names asked for.
+
+    Parameters
+    ----------
+    reader : module
+        Of a format, see `LogFormat`.
+
+    Raises
+    ------
+    RecordingError
+        If there is no such array, or it has no such columns.
+    """
+    return parts_of(reader.read_arrays(path, stored_names(names)), names, path)
+
+
+def stored_names(names: Sequence[str]) -> list[str]:
+    """Return the names of the arrays that are asked for, or of which parts are."""
+    return list(dict.fromkeys(map(stored_name, names)))
+
+
+def parts_of(
+    arrays: Mapping[str, NDArray[Any]], names: Sequence[str], where: Path | str
+) -> dict[str, NDArray[Any]]:
+    """Return the arrays that are asked for, and the parts of arrays.
+
+    Raises
+    ------
+    RecordingError
+        If an array has no such columns.
+    """
+    found: dict[str, NDArray[Any]] = {}
+    for name in names:
+        part, whole = _PART.fullmatch(name), arrays[stored_name(name)]
+        found[name] = (
+            whole if part is None else _columns(whole, part, f"{where}: {name}")
+        )
+    return found
+
+
+def _columns(whole: NDArray[Any], part: re.Match[str], where: str) -> NDArray[Any]:
+    first, end = int(part["first"] or 0), int(part["end"] or 0)
+    if whole.ndim != 2:
+        raise RecordingError(
+            f"{where}: {part['name']} has shape {whole.shape}, expected rows and "
+            "columns"
+        )
+    end = end or whole.shape[1]
+    if not first < end <= whole.shape[1]:
+        raise RecordingError(
+            f"{where}: {part['name']} has {whole.shape[1]} columns, counted from 0"
+        )
+    return np.asarray(whole[:, first:end])

@@ -1,12 +1,20 @@
-"""Recordings from files, and the names of what a file holds."""
+"""Recordings from files, the names of what a file holds, and rows of large logs.
 
-from collections.abc import Sequence
-from dataclasses import replace
+A file may state units of its arrays, as attributes of HDF5 datasets do; they count
+where nobody else states one.  `LogRows` reads a log that may be larger than memory in
+windows, in ascending order.
+"""
+
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from consistent_id._support.arrays import Vector
 from consistent_id._support.inputs import (
     GIBIBYTE,
     memory_of_this_computer,
@@ -15,7 +23,6 @@ from consistent_id._support.inputs import (
 from consistent_id._support.run import current_run
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.log_formats import LOG_FORMATS, log_format
-from consistent_id.recordings.readers.array_parts import read_parts, stored_name
 from consistent_id.recordings.readers.columns import (
     JOINT_STATE,
     Columns,
@@ -26,10 +33,24 @@ from consistent_id.recordings.readers.jointstate import (
     joint_state_fields,
     recording_of_messages,
 )
-from consistent_id.recordings.readers.named_arrays import recording_of
-from consistent_id.recordings.readers.stated_units import in_stated_units
+from consistent_id.recordings.readers.named_arrays import (
+    Arrays,
+    Duplicates,
+    parts_of,
+    read_parts,
+    recording_of,
+    stored_name,
+    stored_names,
+    vector_of,
+)
+from consistent_id.recordings.readers.units import (
+    KNOWN,
+    factors,
+    is_other_unit,
+    standard_unit,
+)
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals.track import Channel, Track, track
+from consistent_id.recordings.signals.tracks import Channel, Track, track
 
 _COPIES = 2  # of a file's size that reading it as a whole takes, at the least
 
@@ -42,6 +63,7 @@ def read_recording(
     torque_gain: ArrayLike = 1.0,
     topic: str | None = None,
     omit: Sequence[int] = (),
+    duplicates: Duplicates = "refuse",
 ) -> Recording:
     """Read a recording from a file, or from the folder of a ROS 2 bag.
 
@@ -66,6 +88,8 @@ def read_recording(
         Of a bag; by default its only topic of joint states.
     omit : sequence of int
         Rows of samples to leave out, counted from 1: broken ones.  Not of bags.
+    duplicates : {"refuse", "first", "last"}
+        Which of several rows with one time stamp counts.  Not of bags.
 
     Raises
     ------
@@ -74,9 +98,10 @@ def read_recording(
     """
     path = Path(path)
     if log_format(path).holds == "joint states":
-        if len(omit):
+        if len(omit) or duplicates != "refuse":
             raise RecordingError(
-                f"{path}: omit counts the rows of tables; messages of bags have none"
+                f"{path}: omit and duplicates are of the rows of tables; messages of "
+                "bags have none"
             )
         columns = columns or JOINT_STATE
         joint_state_fields(columns, joints, str(path))  # before a long read
@@ -106,88 +131,8 @@ def read_recording(
         name=path.name,
         torque_gain=torque_gain,
         omit=omit,
+        duplicates=duplicates,
     )
-
-
-def wanted_of(path: Path, columns: Columns, joints: Sequence[str]) -> Wanted:
-    """Return what is wanted of a file of arrays, in the units that it states.
-
-    Raises
-    ------
-    RecordingError
-        As `wanted` and `in_stated_units`.
-    """
-    want = wanted(columns, joints, str(path))
-    if not log_format(path).states_units:
-        return want
-    stored = {name: stored_name(name) for name in want.names}
-    said = reader_of(path).array_units(path, list(dict.fromkeys(stored.values())))
-    of_names = {name: said[at] for name, at in stored.items() if at in said}
-    return in_stated_units(want, of_names, str(path))
-
-
-def does_not_fit(path: Path) -> str:
-    """Return how a log is too large to be read as a whole; empty if it is not.
-
-    Parameters
-    ----------
-    path : Path
-        A file, or the folder of a bag.
-    """
-    files = path.iterdir() if path.is_dir() else [path]
-    size = sum(file.stat().st_size for file in files if file.is_file())
-    room = memory_of_this_computer()
-    if room is None or _COPIES * size <= room or current_run().large_files:
-        return ""
-    return (
-        f"{path}: {size / GIBIBYTE:.1f} GiB, to be read as a whole into a computer "
-        f"with {room / GIBIBYTE:.1f} GiB of memory"
-    )
-
-
-def _require_room(path: Path) -> None:
-    """Refuse a log that is too large for this computer, but can be streamed."""
-    if path.exists() and (reason := does_not_fit(path)):
-        raise RecordingError(
-            f"{reason}; read it piece by piece: "
-            "consistent-id identify PROBLEM --streamed, or consistent-id compress (in "
-            "Python: stream_estimate, stream_regression); or say --large-files (in "
-            "Python: with consistent_id.large_files()) if it fits after all"
-        )
-
-
-def column_names(path: Path) -> tuple[str, ...]:
-    """Return the names of a log's columns or arrays, in the file's order.
-
-    Raises
-    ------
-    RecordingError
-        If the file cannot be read, or names cannot be listed in its format.
-    """
-    if not log_format(path).lists_names:
-        listed = ", ".join(known.name for known in LOG_FORMATS if known.lists_names)
-        raise RecordingError(
-            f"{path}: columns can be found in files of {listed} alone; say which they "
-            "are (--position, --torque; in Python, Columns)"
-        )
-    names: tuple[str, ...] = reader_of(path).array_names(path)
-    return names
-
-
-def reader_of(path: Path) -> Any:
-    """Return the module that reads a log.
-
-    Raises
-    ------
-    RecordingError
-        If there is no such file, or what reads it is not installed.
-    """
-    known = log_format(path)
-    if not path.exists():
-        raise RecordingError(f"{path}: no such file")
-    if not path.is_dir():
-        require_regular(path, RecordingError)
-    return known.reader(path)
 
 
 def read_track(
@@ -226,3 +171,248 @@ def read_track(
     columns = replace(columns, **{channel: column})  # type: ignore[arg-type]
     recording = read_recording(path, joints, columns, torque_gain=torque_gain)
     return track(recording, channel)
+
+
+def column_names(path: Path) -> tuple[str, ...]:
+    """Return the names of a log's columns or arrays, in the file's order.
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be read, or names cannot be listed in its format.
+    """
+    if not log_format(path).lists_names:
+        listed = ", ".join(known.name for known in LOG_FORMATS if known.lists_names)
+        raise RecordingError(
+            f"{path}: columns can be found in files of {listed} alone; say which they "
+            "are (--position, --torque; in Python, Columns)"
+        )
+    names: tuple[str, ...] = reader_of(path).array_names(path)
+    return names
+
+
+class RowSource(Protocol):
+    """What rows of a log are read from."""
+
+    @property
+    def path(self) -> Path:
+        """The log."""
+
+    def times(self) -> Iterator[Vector]:
+        """Yield the times of all rows, some at a time [s]."""
+
+    def windows(self, rows: Iterable[tuple[int, int]]) -> Iterator[Recording]:
+        """Yield the recording of each range of rows, ``first <= row < last``.
+
+        Neither the first nor the last rows of the ranges may decrease.
+        """
+
+
+@dataclass(frozen=True)
+class LogRows:
+    """A log on disk, and what is to be read of it.
+
+    Parameters
+    ----------
+    path : Path
+        Of a format that `LogFormat.streams`.
+    torque_gain : array_like, shape () or (joints,)
+    omit : tuple of int
+        Rows that are left out, counted from 1; other rows are counted without them.
+    """
+
+    path: Path
+    joints: tuple[str, ...]
+    columns: Columns
+    torque_gain: ArrayLike = 1.0
+    omit: tuple[int, ...] = ()
+
+    def times(self) -> Iterator[Vector]:
+        """Yield the times of all rows, some at a time [s]."""
+        name = self.columns.time
+        units = wanted_of(self.path, self.columns, self.joints).units
+        (unit,) = set(factors(units, "time", self.joints[:1]).tolist())
+        for arrays in self._batches([name], 0):
+            yield vector_of(arrays, name, str(self.path)) * unit
+
+    def windows(self, rows: Iterable[tuple[int, int]]) -> Iterator[Recording]:
+        """Yield the recording of each range of rows, ``first <= row < last``.
+
+        Neither the first nor the last rows of the ranges may decrease.
+        """
+        want = wanted_of(self.path, self.columns, self.joints)
+        held: deque[Arrays] = deque()
+        batches: Iterator[Arrays] | None = None
+        begin = end = 0
+        for first, last in rows:
+            if batches is None:
+                batches, begin, end = self._batches(want.names, first), first, first
+            while held and begin + _rows(held[0]) <= first:
+                begin += _rows(held.popleft())
+            while end < last and (batch := next(batches, None)) is not None:
+                if end + _rows(batch) > first:
+                    held.append(batch)
+                else:
+                    begin += _rows(batch)
+                end += _rows(batch)
+            part = slice(first - begin, last - begin)
+            arrays = {
+                name: np.concatenate([batch[name] for batch in held])[part]
+                for name in want.names
+            }
+            yield recording_of(
+                arrays,
+                want,
+                where=str(self.path),
+                name=self.path.name,
+                torque_gain=self.torque_gain,
+            )
+
+    def _batches(self, names: list[str], first: int) -> Iterator[Arrays]:
+        """Yield the named arrays from a row on, without the rows to omit."""
+        at = first
+        omitted = np.array(sorted(row - 1 for row in self.omit), dtype=int)
+        for row in omitted:
+            at += row <= at
+        stored = stored_names(names)
+        for batch in reader_of(self.path).read_batches(self.path, stored, at):
+            arrays = parts_of(batch, names, self.path)
+            rows = _rows(arrays)
+            if len(omitted):
+                keep = ~np.isin(np.arange(at, at + rows), omitted)
+                arrays = {name: values[keep] for name, values in arrays.items()}
+            at += rows
+            if _rows(arrays):
+                yield arrays
+        if len(omitted) and omitted[-1] >= at:
+            raise RecordingError(
+                f"{self.path}: omit names row {omitted[-1] + 1}, but there are {at}, "
+                "counted from 1"
+            )
+
+
+def reader_of(path: Path) -> Any:
+    """Return the module that reads a log.
+
+    Raises
+    ------
+    RecordingError
+        If there is no such file, or what reads it is not installed.
+    """
+    known = log_format(path)
+    if not path.exists():
+        raise RecordingError(f"{path}: no such file")
+    if not path.is_dir():
+        require_regular(path, RecordingError)
+    return known.reader(path)
+
+
+def wanted_of(path: Path, columns: Columns, joints: Sequence[str]) -> Wanted:
+    """Return what is wanted of a file of arrays, in the units that it states.
+
+    Raises
+    ------
+    RecordingError
+        As `wanted` and `_in_stated_units`.
+    """
+    want = wanted(columns, joints, str(path))
+    if not log_format(path).states_units:
+        return want
+    stored = {name: stored_name(name) for name in want.names}
+    said = reader_of(path).array_units(path, list(dict.fromkeys(stored.values())))
+    of_names = {name: said[at] for name, at in stored.items() if at in said}
+    return _in_stated_units(want, of_names, str(path))
+
+
+def does_not_fit(path: Path) -> str:
+    """Return how a log is too large to be read as a whole; empty if it is not.
+
+    Parameters
+    ----------
+    path : Path
+        A file, or the folder of a bag.
+    """
+    files = path.iterdir() if path.is_dir() else [path]
+    size = sum(file.stat().st_size for file in files if file.is_file())
+    room = memory_of_this_computer()
+    if room is None or _COPIES * size <= room or current_run().large_files:
+        return ""
+    return (
+        f"{path}: {size / GIBIBYTE:.1f} GiB, to be read as a whole into a computer "
+        f"with {room / GIBIBYTE:.1f} GiB of memory"
+    )
+
+
+def _require_room(path: Path) -> None:
+    """Refuse a log that is too large for this computer, but can be streamed."""
+    if path.exists() and (reason := does_not_fit(path)):
+        raise RecordingError(
+            f"{reason}; read it piece by piece: "
+            "consistent-id identify PROBLEM --streamed, or consistent-id compress (in "
+            "Python: stream_estimate, stream_regression); or say --large-files (in "
+            "Python: with consistent_id.large_files()) if it fits after all"
+        )
+
+
+def _in_stated_units(want: Wanted, said: Mapping[str, str], where: str) -> Wanted:
+    """Return what is wanted, in the units that the file states where no one else does.
+
+    Parameters
+    ----------
+    said : mapping of str to str
+        Unit by name of an array; words that are no unit are passed over.
+    where : str
+        The file.
+
+    Raises
+    ------
+    RecordingError
+        If an array is in a unit that its channel cannot have, or in another one than
+        its reader states.
+    """
+    units = dict(want.units)
+    for channel, names in _names(want).items():
+        found = [_unit(channel, name, said, where) for name in names]
+        if not any(found):
+            continue
+        alone = channel == "time" or channel in want.arrays
+        if channel not in units:
+            units[channel] = found[0] if alone else tuple(found)
+            continue
+        given = units[channel]
+        each = [given] * len(names) if isinstance(given, str) else list(given)
+        for name, own, other in zip(names, found, each, strict=False):
+            if own and own != other:
+                raise RecordingError(
+                    f"{where}: column {name!r} is in {own!r}, says the file, and in "
+                    f"{other!r}, say the units of {channel}: leave one of them out"
+                )
+    for name in want.beside.names:
+        if is_other_unit(said.get(name, "")):
+            raise RecordingError(
+                f"{where}: column {name!r} is in {said[name]!r}, says the file; motion "
+                "of a base, contacts and forces are read in SI units. Convert them "
+                "first: recording_from takes arrays"
+            )
+    return replace(want, units=units)
+
+
+def _names(want: Wanted) -> dict[str, Sequence[str]]:
+    arrays = {channel: (name,) for channel, name in want.arrays.items()}
+    channels = {"time": (want.time,), **arrays, **want.columns}
+    return {c: names for c, names in channels.items() if c in KNOWN}
+
+
+def _unit(channel: str, name: str, said: Mapping[str, str], where: str) -> str:
+    """Return an array's unit as `KNOWN` spells it; empty if none is stated."""
+    text = said.get(name, "").strip()
+    try:
+        return standard_unit(channel, text) if text else ""
+    except RecordingError as cause:
+        if is_other_unit(text):
+            raise RecordingError(f"{where}: column {name!r}: {cause}") from None
+        return ""
+
+
+def _rows(arrays: Arrays) -> int:
+    return len(next(iter(arrays.values())))

@@ -1,4 +1,4 @@
-"""Units of a log: what a name gives away, and the factors to s, rad, m, N m and N."""
+"""What a column name says of its unit, and the factors to s, rad, m, N m and N."""
 
 import math
 import re
@@ -77,6 +77,18 @@ _LAST = re.compile(rf"[\[(_ ]\s*({_UNIT.pattern})\s*[\])]?$", re.IGNORECASE)
 _LAST_TORQUE = re.compile(
     r"[\[(_ ]\s*(%|pct|percent|permille|‰|m ?Nm|k ?Nm|Ncm|Nmm|mA)\s*[\])]?$"
 )
+
+_CLOCKS: tuple[str, ...] = (
+    "time",
+    "t",
+    "timestamp",
+    "stamp",
+    "seconds",
+    "sec",
+    "time_s",
+    "t_s",
+)
+_CLOCKS += ("sim_time", "zeitinsec", "elapsed", "elapsed_time")
 
 
 def standard_unit(channel: str, unit: str) -> str:
@@ -195,3 +207,17 @@ def refuse_units_of_a_name(where: str, channel: str, pattern: str) -> None:
 def is_other_unit(text: str) -> bool:
     """Return whether a text is a unit of time or motion that is not SI."""
     return _UNIT.fullmatch(text.strip()) is not None
+
+
+def is_time(name: str) -> bool:
+    """Return whether a name is that of the clock, its unit aside.
+
+    Examples
+    --------
+    >>> is_time("Time [ms]"), is_time("state.time"), is_time("time_left")
+    (True, True, False)
+    """
+    last = re.split(r"[./]", name.strip().lower())[-1].lstrip("_")
+    unit = re.compile(r"[\s_]*[\[(]?\b(ms|us|ns|s|sec|seconds)[\])]?$")
+    bare = unit.sub("", last.replace("_", " ")).replace(" ", "_")
+    return last in _CLOCKS or bare in _CLOCKS

@@ -3,51 +3,66 @@
 Each function takes a `Recording` and returns a new one, or a small value.
 """
 
-from consistent_id.recordings.signals.alignment import aligned
-from consistent_id.recordings.signals.clocks import resampled, uniform_rate
-from consistent_id.recordings.signals.commanded import PDGains, commanded
-from consistent_id.recordings.signals.cuts import (
-    faster,
-    split_at_gaps,
-    trim_standstill,
-    trimmed,
-    without,
+from consistent_id.recordings.signals.base_signals import (
+    base_from_imu,
+    base_from_pose,
+    rotations,
 )
-from consistent_id.recordings.signals.delay import Delay, estimate_delay
-from consistent_id.recordings.signals.differences import differentiated
-from consistent_id.recordings.signals.drive_calibration import (
+from consistent_id.recordings.signals.clocks import resampled, uniform_rate
+from consistent_id.recordings.signals.derivatives import (
+    differentiated,
+    savitzky_golay_differentiated,
+)
+from consistent_id.recordings.signals.drive_torque import (
     DriveCalibration,
+    PDGains,
     calibrated,
+    commanded,
 )
 from consistent_id.recordings.signals.filters import decimated, low_passed
-from consistent_id.recordings.signals.folds import Fold, blocked_folds
 from consistent_id.recordings.signals.fourier import (
     FourierFit,
     fit_trajectory,
     fourier_differentiated,
     fourier_fit,
 )
-from consistent_id.recordings.signals.impacts import impact_guard, without_impacts
 from consistent_id.recordings.signals.masks import (
+    encoder_resolution,
+    impact_guard,
     mask_onto,
+    rest_guard,
     row_weights,
     saturated,
     speed_share,
     standstill,
+    without_impacts,
+    without_rests,
 )
-from consistent_id.recordings.signals.period import estimated_period
-from consistent_id.recordings.signals.resolution import encoder_resolution
-from consistent_id.recordings.signals.rests import rest_guard, without_rests
-from consistent_id.recordings.signals.savitzky_golay import (
-    savitzky_golay_differentiated,
+from consistent_id.recordings.signals.parts import (
+    Fold,
+    blocked_folds,
+    faster,
+    split_at_gaps,
+    trim_standstill,
+    trimmed,
+    without,
+)
+from consistent_id.recordings.signals.repetitions import (
+    estimated_period,
+    there_and_back,
 )
 from consistent_id.recordings.signals.smoother import (
     MotionNoise,
     kalman_differentiated,
     motion_noise,
 )
-from consistent_id.recordings.signals.there_and_back import there_and_back
-from consistent_id.recordings.signals.track import Track, track
+from consistent_id.recordings.signals.tracks import (
+    Delay,
+    Track,
+    aligned,
+    estimate_delay,
+    track,
+)
 
 __all__ = [
     "Delay",
@@ -58,6 +73,8 @@ __all__ = [
     "PDGains",
     "Track",
     "aligned",
+    "base_from_imu",
+    "base_from_pose",
     "blocked_folds",
     "calibrated",
     "commanded",
@@ -77,6 +94,7 @@ __all__ = [
     "motion_noise",
     "resampled",
     "rest_guard",
+    "rotations",
     "row_weights",
     "saturated",
     "savitzky_golay_differentiated",

@@ -1,25 +1,48 @@
-"""The motion of a floating base from what is measured of it: an IMU, or its pose."""
+"""The motion of a floating base from what is measured of it: an IMU, or its pose.
 
-from typing import Literal
+Derivatives do not bridge gaps in the log.  `quaternion_order` finds from the data
+whether the real part of a quaternion stands first or last.  Both orders have norm one;
+with the right one, the accelerometer points upwards on average and the rate of turning
+is that of the gyroscope.  Without an inertial unit, the base is taken to be more or
+less upright.
+"""
+
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Matrix, Vector, checked
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.base_motion import BaseMotion
+from consistent_id.recordings.beside import BaseMotion
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals.beside import interpolated_rotations
-from consistent_id.recordings.signals.clocks import is_uniform, own_rate, resampled
-from consistent_id.recordings.signals.differences import differentiated
+from consistent_id.recordings.signals.clocks import (
+    cubic_spline,
+    interpolated_rotations,
+    is_uniform,
+    own_rate,
+    resampled,
+)
+from consistent_id.recordings.signals.derivatives import differentiated
 from consistent_id.recordings.signals.filters import low_passed
-from consistent_id.recordings.signals.spline import cubic_spline
 
 QuaternionOrder = Literal["xyzw", "wxyz"]
 """Where the real part stands: last, as in ROS and Pinocchio, or first, as in MuJoCo."""
 
 _UNIT = 0.01  # deviation of a quaternion's norm from one that rounding does not explain
 _AXES = ("x", "y", "z")
+
+SHORTEST = 4
+"""Samples from which a second derivative can be taken, ends and all."""
+
+_GAP = 10.0  # usual steps without a sample
+
+# How far off the better order may be, in the worse one's, to be called the right one.
+_CLEAR = 0.5
+# rad; a base that tilts more on average is not upright, and says nothing of the order.
+_TILT = 0.5
 
 
 def rotations(quaternions: ArrayLike, order: QuaternionOrder) -> Array:
@@ -135,7 +158,7 @@ def base_from_pose(
     R = rotations(quaternions, order)
     x = checked(position, (len(R), 3), "position", RecordingError)
     g = checked(gravity, (3,), "gravity")
-    place = _recording(time, x)
+    place = _as_recording(time, x)
     if is_uniform(place):
         return _of_poses(place, R, cutoff, g)
     even = resampled(place, own_rate(place))
@@ -144,19 +167,129 @@ def base_from_pose(
     return BaseMotion(w, dw, felt, R)
 
 
+def stretches(time: Vector) -> list[slice]:
+    """Return the samples between gaps: steps longer than ten usual ones.
+
+    Examples
+    --------
+    >>> stretches(np.array([0.0, 0.1, 0.2, 5.0, 5.1]))
+    [slice(0, 3, None), slice(3, 5, None)]
+    """
+    if len(time) < 2:
+        return [slice(0, len(time))] if len(time) else []
+    steps = np.diff(time)
+    cuts = np.flatnonzero(steps > _GAP * np.median(steps)) + 1
+    ends = [0, *cuts.tolist(), len(time)]
+    return [slice(a, b) for a, b in pairwise(ends)]
+
+
+def moved_by_stretch(
+    motion: Callable[[slice], BaseMotion], time: Vector, where: str
+) -> BaseMotion:
+    """Return a base's motion, each stretch between gaps by itself.
+
+    Parameters
+    ----------
+    motion : callable
+        From samples of the log to how the base moves in them.
+    time : ndarray, shape (samples,), [s]
+
+    Raises
+    ------
+    RecordingError
+        If a stretch is too short for derivatives.
+    """
+    parts = []
+    for stretch in stretches(time):
+        if stretch.stop - stretch.start < SHORTEST:
+            raise RecordingError(
+                f"{where}: rows {stretch.start + 1} to {stretch.stop} stand between "
+                f"gaps, too few for the base's motion; leave them out: omit = "
+                f"{list(range(stretch.start + 1, stretch.stop + 1))}"
+            )
+        parts.append(motion(stretch))
+    if len(parts) == 1:
+        return parts[0]
+    w, dw, felt = np.split(np.vstack([part.stacked for part in parts]), 3, axis=1)
+    turned = [part.rotation for part in parts if part.rotation is not None]
+    return BaseMotion(w, dw, felt, np.concatenate(turned) if turned else None)
+
+
+class FoundOrder(NamedTuple):
+    """An order, and what shows it."""
+
+    order: QuaternionOrder
+    reason: str
+
+
+def quaternion_order(
+    time: Vector,
+    quaternions: Matrix,
+    gyroscope: Matrix | None = None,
+    accelerometer: Matrix | None = None,
+) -> FoundOrder | None:
+    """Return the order of unit quaternions; None if the data do not tell.
+
+    Parameters
+    ----------
+    time : ndarray, shape (samples,), [s]
+    quaternions : ndarray, shape (samples, 4)
+    gyroscope : ndarray, shape (samples, 3), optional, [rad/s]
+        In the axes of the base.
+    accelerometer : ndarray, shape (samples, 3), optional, [m/s^2]
+
+    Raises
+    ------
+    RecordingError
+        If norms are not one.
+    """
+    turned: dict[QuaternionOrder, Array] = {
+        "xyzw": rotations(quaternions, "xyzw"),
+        "wxyz": rotations(quaternions, "wxyz"),
+    }
+    if gyroscope is not None:
+        norm = float(np.linalg.norm(gyroscope - gyroscope.mean(axis=0)))
+        rates = {k: _measured_rates(time, R) - gyroscope for k, R in turned.items()}
+        off = {k: float(np.linalg.norm(r - r.mean(axis=0))) for k, r in rates.items()}
+        best = min(off, key=off.__getitem__)
+        if norm > 0.0 and off[best] < _CLEAR * min(norm, max(off.values())):
+            return FoundOrder(best, "as the gyroscope turns")
+    if accelerometer is not None:
+        mean = accelerometer / np.linalg.norm(accelerometer.mean(axis=0))
+        up = {
+            k: np.einsum("nij,nj->ni", R, mean).mean(axis=0) for k, R in turned.items()
+        }
+        off = {k: float(np.linalg.norm(v - [0, 0, 1])) for k, v in up.items()}
+        best = min(off, key=off.__getitem__)
+        if off[best] < _CLEAR * max(off.values()):
+            return FoundOrder(best, "as gravity is felt")
+    tilt = {
+        k: float(np.arccos(np.clip(R[:, 2, 2].mean(), -1, 1)))
+        for k, R in turned.items()
+    }
+    best = min(tilt, key=tilt.__getitem__)
+    if tilt[best] < _TILT and tilt[best] < _CLEAR * max(tilt.values()) > _CLEAR * _TILT:
+        return FoundOrder(best, "as the base is then upright")
+    return None
+
+
+def _measured_rates(time: Vector, rotation: Array) -> Matrix:
+    return _body_rates(rotation) / float(np.median(np.diff(time)))
+
+
 def _of_poses(
     place: Recording, R: Array, cutoff: float | None, gravity: Vector
 ) -> BaseMotion:
     """Return the motion of uniformly sampled poses."""
     step = float(np.mean(np.diff(place.time)))
-    w, dw = _with_derivative(place.time, body_rates(R) / step, cutoff)
+    w, dw = _with_derivative(place.time, _body_rates(R) / step, cutoff)
     if cutoff is not None:
         place = low_passed(place, motion_cutoff=cutoff)
     felt = np.asarray(differentiated(place).acceleration) - gravity
     return BaseMotion(w, dw, (np.swapaxes(R, 1, 2) @ felt[..., None])[..., 0], R)
 
 
-def body_rates(R: Array) -> Matrix:
+def _body_rates(R: Array) -> Matrix:
     """Return rotation vectors per sample, in body axes, by central differences."""
     before = np.concatenate([R[:1], R[:-1]])
     after = np.concatenate([R[1:], R[-1:]])
@@ -188,9 +321,9 @@ def _with_derivative(
     """Return three signals and their derivatives, filtered first."""
     if cutoff is None:
         return values, np.gradient(values, time, axis=0, edge_order=2)
-    signal = low_passed(_recording(time, values), motion_cutoff=cutoff)
+    signal = low_passed(_as_recording(time, values), motion_cutoff=cutoff)
     return signal.position, np.asarray(differentiated(signal).velocity)
 
 
-def _recording(time: Vector, values: Matrix) -> Recording:
+def _as_recording(time: Vector, values: Matrix) -> Recording:
     return Recording(_AXES, time, values, name="base")

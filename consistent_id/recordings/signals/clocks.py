@@ -1,14 +1,17 @@
-"""Clocks: jittered stamps brought to uniform ones, and the rate of those."""
+"""Clocks: the rate of stamps, and recordings brought to other times.
+
+The cubic spline is our own: scipy.interpolate imports much that no command needs.
+"""
 
 from dataclasses import replace
+from typing import TypedDict
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.errors import RecordingError
+from consistent_id.recordings.beside import BaseMotion, ContactFlags, Wrench
 from consistent_id.recordings.recording import COMMANDS, Recording
-from consistent_id.recordings.signals.beside import resampled_beside
-from consistent_id.recordings.signals.spline import cubic_spline
 
 _SLOWEST = 0.8  # new rate over old, below which resampling needs a filter first
 _FASTEST = 1.25  # new rate over old, above which samples are invented
@@ -56,6 +59,46 @@ def resampled(
     clock = time[0] + np.arange(count) / rate
     clock[-1] = min(clock[-1], time[-1])
     return onto_clock(recording, clock)
+
+
+def uniform_rate(recording: Recording) -> float:
+    """Return the sampling rate [Hz] of a uniform clock.
+
+    Raises
+    ------
+    RecordingError
+        If steps differ by more than a thousandth of their mean.
+    """
+    worst = _worst_step(recording)
+    if worst is not None:
+        step = recording.time[worst + 1] - recording.time[worst]
+        raise RecordingError(
+            f"{recording.name}: the step after sample {worst} is {step:.6g} s, "
+            f"their mean {1.0 / recording.rate:.6g} s; the clock is not uniform. Call "
+            "signals.resampled(recording, rate) first"
+        )
+    return float(1.0 / np.diff(recording.time).mean())
+
+
+def is_uniform(recording: Recording) -> bool:
+    """Return whether `uniform_rate` would take the clock."""
+    return _worst_step(recording) is None
+
+
+def own_rate(recording: Recording) -> float:
+    """Return the rate [Hz] at which samples were meant to be written.
+
+    Stamps dropped now and then, and gaps, do not lower it as they do the mean rate.
+    """
+    return max(recording.rate, 1.0 / float(np.median(np.diff(recording.time))))
+
+
+def jitter(mean: float, latest: float) -> float:
+    """Return by how much steps of a uniform clock may differ from their mean [s].
+
+    Stamps that count from long ago are themselves rounded.
+    """
+    return _JITTER * mean + 4.0 * float(np.finfo(np.float64).eps) * latest
 
 
 def require_rate(
@@ -110,7 +153,7 @@ def onto_clock(recording: Recording, clock: Vector) -> Recording:
         velocity=onto(recording.velocity),
         acceleration=onto(recording.acceleration),
         torque=onto(recording.torque),
-        **resampled_beside(recording, clock),
+        **_resampled_beside(recording, clock),
         **held_commands(recording, clock),  # type: ignore[arg-type]
     )
 
@@ -125,36 +168,93 @@ def held_commands(recording: Recording, clock: Vector) -> dict[str, Matrix]:
     }
 
 
-def uniform_rate(recording: Recording) -> float:
-    """Return the sampling rate [Hz] of a uniform clock.
+class Beside(TypedDict):
+    """The fields of a recording that are not of joints."""
 
-    Raises
-    ------
-    RecordingError
-        If steps differ by more than a thousandth of their mean.
-    """
-    worst = _worst_step(recording)
-    if worst is not None:
-        step = recording.time[worst + 1] - recording.time[worst]
-        raise RecordingError(
-            f"{recording.name}: the step after sample {worst} is {step:.6g} s, "
-            f"their mean {1.0 / recording.rate:.6g} s; the clock is not uniform. Call "
-            "signals.resampled(recording, rate) first"
+    base: BaseMotion | None
+    wrenches: tuple[Wrench, ...]
+    contacts: tuple[ContactFlags, ...]
+
+
+def _resampled_beside(recording: Recording, clock: Vector) -> Beside:
+    """Return it at other times; contacts are certain where both neighbours agree."""
+    time, base = recording.time, recording.base
+    if base is not None:
+        w, dw, felt = np.split(cubic_spline(time, base.stacked, clock), 3, axis=1)
+        rotation = base.rotation
+        if rotation is not None:
+            rotation = interpolated_rotations(time, rotation, clock)
+        base = BaseMotion(w, dw, felt, rotation)
+    wrenches = (
+        replace(w, values=cubic_spline(time, w.values, clock))
+        for w in recording.wrenches
+    )
+    before = np.maximum(np.searchsorted(time, clock, side="right") - 1, 0)
+    after = np.minimum(before + 1, len(time) - 1)
+    contacts = (
+        replace(
+            flags,
+            closed=flags.closed[before],
+            certain=flags.certain[before]
+            & flags.certain[after]
+            & (flags.closed[before] == flags.closed[after]),
         )
-    return float(1.0 / np.diff(recording.time).mean())
+        for flags in recording.contacts
+    )
+    return Beside(base=base, wrenches=tuple(wrenches), contacts=tuple(contacts))
 
 
-def is_uniform(recording: Recording) -> bool:
-    """Return whether `uniform_rate` would take the clock."""
-    return _worst_step(recording) is None
+def interpolated_rotations(time: Vector, rotation: Array, clock: Vector) -> Array:
+    """Return rotations at other times: those nearest to interpolated matrices."""
+    matrices = cubic_spline(time, rotation.reshape(-1, 9), clock).reshape(-1, 3, 3)
+    U, _, Vt = np.linalg.svd(matrices)
+    return np.asarray(U @ Vt)
 
 
-def own_rate(recording: Recording) -> float:
-    """Return the rate [Hz] at which samples were meant to be written.
+def cubic_spline(time: Vector, values: Matrix, clock: Vector) -> Matrix:
+    """Return values between their stamps, with two continuous derivatives.
 
-    Stamps dropped now and then, and gaps, do not lower it as they do the mean rate.
+    As ``scipy.interpolate.CubicSpline(time, values)(clock)``: next to either end, the
+    third derivative is continuous as well.
+
+    Parameters
+    ----------
+    time : ndarray, shape (samples,)
+        Increasing, two samples or more.
+    values : ndarray, shape (samples, columns)
+    clock : ndarray, shape (instants,)
+        Between the first stamp and the last.
     """
-    return max(recording.rate, 1.0 / float(np.median(np.diff(recording.time))))
+    if len(time) < 4:  # one polynomial through all
+        powers = np.vander(time - time[0], increasing=True)
+        at = np.vander(clock - time[0], len(time), increasing=True)
+        return np.asarray(at @ np.linalg.solve(powers, values))
+    steps = np.diff(time)[:, None]
+    chords = np.diff(values, axis=0) / steps
+    slopes = _spline_slopes(steps, chords)
+    k = np.clip(np.searchsorted(time, clock, side="right") - 1, 0, len(steps) - 1)
+    h, t = steps[k], (clock - time[k])[:, None]
+    bend = slopes[k] + slopes[k + 1] - 2.0 * chords[k]
+    square = (chords[k] - slopes[k] - bend) / h
+    return np.asarray(values[k] + t * (slopes[k] + t * (square + t * bend / h**2)))
+
+
+def _spline_slopes(steps: Matrix, chords: Matrix) -> Matrix:
+    """Return the slopes at the stamps, from a tridiagonal system."""
+    from scipy.linalg import solve_banded
+
+    h = steps[:, 0]
+    bands = np.zeros((3, len(h) + 1))  # above the diagonal, on it, below it
+    first, last = h[0] + h[1], h[-1] + h[-2]
+    bands[0, 2:], bands[2, :-2] = h[:-1], h[1:]
+    bands[0, 1], bands[2, -2] = first, last
+    bands[1] = [h[1], *(2.0 * (h[:-1] + h[1:])), h[-2]]
+    rise = np.empty((len(h) + 1, chords.shape[1]))
+    rise[1:-1] = 3.0 * (steps[1:] * chords[:-1] + steps[:-1] * chords[1:])
+    rise[0] = (h[0] + 2 * first) * h[1] * chords[0] + h[0] ** 2 * chords[1]
+    rise[-1] = (h[-1] + 2 * last) * h[-2] * chords[-1] + h[-1] ** 2 * chords[-2]
+    rise[[0, -1]] /= [[first], [last]]
+    return np.asarray(solve_banded((1, 1), bands, rise))
 
 
 def _worst_step(recording: Recording) -> int | None:
@@ -165,14 +265,6 @@ def _worst_step(recording: Recording) -> int | None:
     if abs(steps[worst] - mean) > jitter(mean, abs(recording.time).max()):
         return worst
     return None
-
-
-def jitter(mean: float, latest: float) -> float:
-    """Return by how much steps of a uniform clock may differ from their mean [s].
-
-    Stamps that count from long ago are themselves rounded.
-    """
-    return _JITTER * mean + 4.0 * float(np.finfo(np.float64).eps) * latest
 
 
 def _positive(value: float, name: str) -> None:

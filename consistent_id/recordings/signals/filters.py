@@ -1,18 +1,29 @@
-"""Zero-phase filters, on motion and torque alike."""
+"""Zero-phase filters, on motion and torque alike.
 
+The Butterworth filter is our own: the import of all of scipy.signal takes longer than
+most commands take for their own work.
+"""
+
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 
-from consistent_id._support.arrays import Matrix
-from consistent_id.errors import RecordingError
-from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals.beside import filtered_beside
-from consistent_id.recordings.signals.butterworth import zero_phase
-from consistent_id.recordings.signals.clocks import uniform_rate
+import numpy as np
 
+from consistent_id._support.arrays import Array, Matrix
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.beside import BaseMotion
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.clocks import Beside, uniform_rate
+
+_Filter = Callable[[Matrix], Matrix]
 _FILTERED = ("position", "velocity", "acceleration", "torque")
 DECIMATION_ORDER = 8  # of the filter against aliasing
 _LOWEST = 1e-5  # cut-off over sampling rate
+
+_FORGOTTEN = 1e-22
+"""Of a filter's start, relative.  Digits of a float end at 1e-16; the rest is margin
+for sections in series (up to 1e4 for an order of 8), whatever the cut-off."""
 
 
 def low_passed(
@@ -63,7 +74,7 @@ def low_passed(
         for channel, own in zip(_FILTERED, filters, strict=True)
         if own is not None and (values := getattr(recording, channel)) is not None
     }
-    beside = filtered_beside(recording, motion, torque)
+    beside = _filtered_beside(recording, motion, torque)
     return replace(recording, **channels, **beside)  # type: ignore[arg-type]
 
 
@@ -94,3 +105,97 @@ def anti_aliased(recording: Recording, factor: int) -> Recording:
 def decimation_cutoff(rate: float, factor: int) -> float:
     """Return the cut-off [Hz] of the filter against aliasing."""
     return 0.8 * rate / (2 * factor)
+
+
+def settling(*, cutoff: float, rate: float, order: int) -> int:
+    """Return the samples after which the filter has forgotten where it began.
+
+    What is left then of any start is `_FORGOTTEN` of it: the slowest pole ``p`` fades
+    as ``|p|^n``.  Sections in series fade more slowly by a factor that the margin of
+    `_FORGOTTEN` to the digits of a float covers.
+
+    Examples
+    --------
+    >>> settling(cutoff=5.0, rate=1000.0, order=4)
+    4216
+    """
+    damping = np.sin(np.pi / (2 * order)) if order > 1 else 1.0
+    w = np.tan(np.pi * cutoff / rate)
+    # Of z^2 (1 + d w + w^2) + ... + (1 - d w + w^2): the product of both poles.
+    d = 2.0 * damping
+    squared = (1.0 - d * w + w**2) / (1.0 + d * w + w**2)
+    return int(np.ceil(np.log(_FORGOTTEN) / (0.5 * np.log(squared)))) + 1
+
+
+def _filtered_beside(
+    recording: Recording, motion: _Filter | None, torque: _Filter | None
+) -> Beside:
+    """Return it filtered: the base as motion is, wrenches as torque is.
+
+    Channels of the base are filtered in its own axes.  Neither its rotation, of which
+    only the direction of forces is taken, nor contacts are.
+    """
+    base, wrenches = recording.base, recording.wrenches
+    if base is not None and motion is not None:
+        w, dw, felt = np.split(motion(base.stacked), 3, axis=1)
+        base = BaseMotion(w, dw, felt, base.rotation)
+    if torque is not None:
+        wrenches = tuple(replace(w, values=torque(w.values)) for w in wrenches)
+    return Beside(base=base, wrenches=wrenches, contacts=recording.contacts)
+
+
+def zero_phase(
+    values: Array, *, cutoff: float, rate: float, order: int, pad: int
+) -> Matrix:
+    """Return columns filtered forwards and backwards by a low-pass Butterworth filter.
+
+    As ``scipy.signal.sosfiltfilt`` does: ends are continued oddly, and the filter
+    starts as if its first input had been there for ever.
+
+    Parameters
+    ----------
+    values : ndarray, shape (samples, columns)
+    cutoff, rate : float, [Hz]
+        Cut-off, at which the attenuation is 6 dB, and rate of sampling.
+    order : int
+        Of the one-way filter.
+    pad : int
+        Samples by which either end is continued, fewer than there are.
+    """
+    before = 2.0 * values[0] - values[pad:0:-1]
+    after = 2.0 * values[-1] - values[-2 : -pad - 2 : -1]
+    padded = np.concatenate([before, values, after])
+    sections = list(_sections(order, np.tan(np.pi * cutoff / rate)))
+    for _ in range(2):  # forwards, then backwards
+        padded = _one_pass(padded, sections)[::-1]
+    return padded[pad : len(padded) - pad]
+
+
+def _sections(order: int, w: float) -> Iterator[tuple[float, Array, Array]]:
+    """Yield gain, numerator and denominator of each section, in powers of 1/z.
+
+    ``w^2 / (s^2 + d w s + w^2)`` for each pair of poles, and ``w / (s + w)`` for the
+    last pole of an odd order, with ``s = (z - 1) / (z + 1)``.
+    """
+    for pair in range(order // 2):
+        d = 2.0 * np.sin(np.pi * (2 * pair + 1) / (2 * order))
+        a = np.array([1.0 + d * w + w**2, 2.0 * (w**2 - 1.0), 1.0 - d * w + w**2])
+        yield w**2 / a[0], np.array([1.0, 2.0, 1.0]), a / a[0]
+    if order % 2:
+        yield w / (1.0 + w), np.array([1.0, 1.0]), np.array([1.0, (w - 1) / (1 + w)])
+
+
+def _one_pass(values: Matrix, sections: list[tuple[float, Array, Array]]) -> Matrix:
+    """Return one pass; each section's recursion is a banded triangular system."""
+    from scipy.linalg.lapack import dtbtrs
+
+    first = values[0]
+    y = np.asfortranarray(values - first)
+    for gain, b, a in sections:
+        x = gain * y
+        y = b[0] * x
+        for lag in range(1, len(b)):
+            y[lag:] += b[lag] * x[:-lag]
+        band = np.repeat(a[:, None], len(y), axis=1)
+        y, _ = dtbtrs(band, y, uplo="L", diag="U", overwrite_b=1)
+    return np.asarray(y + first)

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Matrix, Vector, freeze_arrays, frozen
 from consistent_id.errors import RecordingError
+from consistent_id.recordings.joint_paths import FourierTrajectory
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import own_rate
-from consistent_id.recordings.trajectory import FourierTrajectory
 
 _MISSED = 0.1  # of the root-mean-square motion: no such series
 _MOST = 50  # harmonics tried

@@ -1,18 +1,50 @@
-"""Samples whose torque holds little information, or is wrong."""
+"""Samples whose torque holds little information or is wrong: at rest, at a limit, held.
+
+Around touch-down, lift-off and stops, a filter mixes samples before and after; those
+are left out by `without_impacts` and `without_rests`.
+"""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector, frozen
 from consistent_id.errors import RecordingError
+from consistent_id.recordings.beside import away_from_changes
 from consistent_id.recordings.recording import Recording, velocities
-from consistent_id.recordings.signals.resolution import held_samples, quantum
 
 _AT_LIMIT = 1e-3  # of the limit, within which a torque is at it
 STILL = 0.01  # of the fastest joint's largest speed
 _RUN, _PILE = 3, 10.0  # consecutive readings at the extreme; their number over others'
+
+SPEED_WINDOW = 0.25  # s, in which a joint that turns back is not at rest
+
+# Half a period after friction has jumped, its filtered value is still 7 % of the jump
+# off, after one period 2 %, after one and a half 0.6 %.  In simulation
+# (benchmarks/quadruped.py --first 100 --logs 4 --reaches 0.5 1 1.5 2) the trunk's
+# errors fall until then.
+_REST_PERIODS = 1.5
+
+# The response of `low_passed` to an impact has fallen to 0.4 % of its peak, after half
+# a period to 13 %.  In simulation misfits have fallen after half a period, and up to
+# four the trunk is found as well (benchmarks/quadruped.py --first 10 --logs 2 --guards
+# 0 0.5 1 2 3 4); foot switches may be late, too.
+_IMPACT_PERIODS = 2.0
+
+# Of `quantum` and `held_samples`:
+_LEVELS = 12  # fewest steps between levels that show a quantum
+_REACHES = (3, 30, 300, 3000)  # multiples over which the quantum is refined in turn
+_DIVISORS = 12  # of the smallest step that are tried
+_OFF = 0.1  # of the quantum, by which a step may miss a multiple,
+_EXACT = 1e-3  # and where there are few different multiples
+_KINDS = 6  # fewest different ones
+_MOST = 0.98  # of the steps that must be multiples
+_ROUNDING = 1e-12  # of the largest value: steps below are rounding
+
+_ALIKE = 0.8  # share of runs of about one length, which rounding does not make
+_NEARLY = 0.1  # of that length, and a sample at least: clocks drift and jitter
 
 
 def standstill(recording: Recording, velocity: float | None = None) -> BoolArray:
@@ -34,9 +66,6 @@ def standstill(recording: Recording, velocity: float | None = None) -> BoolArray
     if not limit >= 0.0:
         raise RecordingError(f"velocity is {velocity}, expected zero or more")
     return np.asarray((abs(speed) < limit) | (speed == 0.0))
-
-
-SPEED_WINDOW = 0.25  # s, in which a joint that turns back is not at rest
 
 
 def speed_share(
@@ -198,6 +227,192 @@ def as_mask(recording: Recording, mask: ArrayLike) -> BoolArray:
     return np.broadcast_to(columns, shape)
 
 
+def rest_guard(cutoff: float) -> float:
+    """Return for how long a filter spreads the jump of friction to either side, [s].
+
+    Dry friction jumps when a joint stops, starts or turns back.  The jump counts as
+    over where the filtered torque is within 1 % of it of what it was, or will be.
+
+    Parameters
+    ----------
+    cutoff : float, [Hz]
+        Of `low_passed`; of motion and torque the lower one.  The higher it is, the
+        fewer samples are lost.
+
+    Raises
+    ------
+    RecordingError
+        If it is not a positive number.
+
+    Examples
+    --------
+    >>> rest_guard(60.0)
+    0.025
+    """
+    return spread(_REST_PERIODS, cutoff)
+
+
+def without_rests(
+    recording: Recording, velocity: float, *, reach: float = 0.0
+) -> Recording:
+    """Return a recording in which the torque of joints at rest is not known.
+
+    Parameters
+    ----------
+    recording : Recording
+    velocity : float, [rad/s or m/s]
+        Below which a joint rests; see `standstill`.
+    reach : float, [s]
+        Before and after, for which its torque is not known either; see `rest_guard`.
+        With it a joint that turns back rests, too, however fast it does.
+    """
+    rests = standstill(recording, velocity)
+    if reach > 0.0:
+        rests = rests | _turning(recording)
+    known = ~mask_onto(recording, rests, recording, reach=reach)
+    if recording.torque_known is not None:
+        known &= recording.torque_known
+    return replace(recording, torque_known=known)
+
+
+def impact_guard(cutoff: float) -> float:
+    """Return for how long a filter spreads an impact to either side, [s].
+
+    Parameters
+    ----------
+    cutoff : float, [Hz]
+        Of `low_passed`; of motion and torque the lower one.
+
+    Raises
+    ------
+    RecordingError
+        If it is not a positive number.
+
+    Examples
+    --------
+    >>> impact_guard(20.0)
+    0.1
+    """
+    return spread(_IMPACT_PERIODS, cutoff)
+
+
+def without_impacts(recording: Recording, guard: float) -> Recording:
+    """Return a recording whose contacts are not certain around each change of theirs.
+
+    Touch-down is an impact, shorter than a sample; a filter spreads it, and mixes
+    forces of different contacts.
+
+    Parameters
+    ----------
+    recording : Recording
+        With contacts.
+    guard : float, [s]
+        Before and after touch-down and lift-off; see `impact_guard`.
+
+    Returns
+    -------
+    Recording
+        The same but for `ContactFlags.certain`: those samples have no rows.
+
+    Raises
+    ------
+    RecordingError
+        If there are no contacts, or the guard is negative or not a number.
+
+    Examples
+    --------
+    >>> from consistent_id.recordings import ContactFlags
+    >>> closed = [False, False, True, True, True]
+    >>> time, q = np.linspace(0.0, 0.4, 5), np.zeros((5, 1))
+    >>> log = Recording(("knee",), time, q, contacts=[ContactFlags("foot", closed)])
+    >>> without_impacts(log, 0.1).contacts[0].certain
+    array([ True, False, False,  True,  True])
+    """
+    if not recording.contacts:
+        raise RecordingError(
+            f"{recording.name}: there are no contacts that could change; give "
+            "Recording(..., contacts=...)"
+        )
+    if not 0.0 <= guard < np.inf:
+        raise RecordingError(f"guard is {guard} s, expected zero or more")
+    contacts = tuple(
+        replace(
+            flags,
+            certain=flags.certain
+            & away_from_changes(flags.closed, recording.time, guard),
+        )
+        for flags in recording.contacts
+    )
+    return replace(recording, contacts=contacts)
+
+
+def spread(periods: float, cutoff: float) -> float:
+    """Return how long so many periods of a cut-off [Hz] are, [s]."""
+    if not (np.isfinite(cutoff) and cutoff > 0.0):
+        raise RecordingError(f"cut-off is {cutoff} Hz, expected a positive number")
+    return periods / cutoff
+
+
+def encoder_resolution(recording: Recording) -> Vector:
+    """Return the step of each joint's position, shape (joints,), [rad or m].
+
+    It is the largest number of which all steps between positions are multiples; 0 where
+    there is none, as in positions that were computed, and where a joint did not move.
+    A reading that is off by up to half a step has the variance ``step**2 / 12``.
+
+    Examples
+    --------
+    >>> time = np.arange(500) / 100.0
+    >>> read = np.round(np.sin(time) / 0.0025) * 0.0025
+    >>> log = Recording(("elbow",), time, read[:, None])
+    >>> encoder_resolution(log).round(12).tolist()
+    [0.0025]
+    """
+    return np.array([quantum(values) for values in recording.position.T])
+
+
+def quantum(values: Vector) -> float:
+    """Return the largest number of which all differences are multiples, or 0.
+
+    Between neighbouring levels steps are small multiples, so that neither rounding of
+    the quantum nor of the values adds up.
+    """
+    levels = np.unique(values)
+    gaps = np.diff(levels)
+    gaps = gaps[gaps > _ROUNDING * abs(levels).max()]
+    if len(gaps) < _LEVELS:
+        return 0.0
+    # A few odd values, as an interpolating logger writes, may lie between levels.
+    for smallest in (gaps.min(), np.quantile(gaps, 0.01, method="lower")):
+        for divisor in range(1, _DIVISORS + 1):
+            step = _refined_quantum(gaps, float(smallest) / divisor)
+            if step > 0.0:
+                return step
+    return 0.0
+
+
+def held_samples(values: Vector) -> int:
+    """Return for how many samples a channel holds each of its readings; 1 if it is new.
+
+    Runs of one value are about as long as each other where a slower channel is sampled
+    and held, and of any length where readings are rounded or clipped.
+
+    Examples
+    --------
+    >>> held_samples(np.repeat(np.sin(np.arange(50.0)), 4))
+    4
+    >>> held_samples(np.round(3.0 * np.sin(0.02 * np.arange(1000.0))))
+    1
+    """
+    edges = np.flatnonzero(np.diff(values) != 0.0)
+    runs = np.diff(edges)  # whole ones, between two changes
+    if len(runs) == 0:
+        return 1
+    usual = int(np.median(runs))
+    alike = abs(runs - usual) <= max(_NEARLY * usual, 1.0)
+    return usual if usual > 1 and alike.mean() >= _ALIKE else 1
+
+
 def _top(tau: Vector) -> BoolArray:
     """Return where a torque is at its largest value, if that looks like a limit."""
     span = float(np.ptp(tau))
@@ -210,3 +425,32 @@ def _top(tau: Vector) -> BoolArray:
     is_run = longest >= _RUN * held_samples(tau)
     is_limit = span > 0.0 and is_run and at.sum() >= _PILE * others / 5.0
     return at if is_limit else np.zeros(len(tau), dtype=np.bool_)
+
+
+def _turning(recording: Recording) -> BoolArray:
+    """Return the samples before and after each change of a velocity's sign."""
+    speed = recording.velocity
+    if speed is None:
+        speed = np.gradient(recording.position, recording.time, axis=0)
+    turns = speed[1:] * speed[:-1] < 0.0
+    found = np.zeros(speed.shape, dtype=np.bool_)
+    found[1:] |= turns
+    found[:-1] |= turns
+    return found
+
+
+def _refined_quantum(gaps: Vector, step: float) -> float:
+    """Return a step near the given one of which the gaps are multiples, or 0."""
+    for reach in _REACHES:
+        near = gaps[gaps < (reach + 0.5) * step]
+        multiples = np.round(near / step)
+        if not multiples.any():
+            return 0.0
+        step = float((multiples * near).sum() / (multiples**2).sum())
+    near = gaps[gaps < (_REACHES[-1] + 0.5) * step]
+    multiples = np.round(near / step)
+    off = abs(near / step - multiples)
+    known = len(near) >= max(_LEVELS, len(gaps) / 2)
+    # Steps of a motion at even speed are all alike, though not exactly.
+    nearly = _OFF if len(np.unique(multiples)) >= _KINDS else _EXACT
+    return step if known and (off <= nearly).mean() >= _MOST else 0.0

@@ -1,18 +1,29 @@
-"""Velocity and acceleration by a Kalman smoother whose noise levels the data choose."""
+"""Velocity and acceleration by a Kalman smoother whose noise levels the data choose.
+
+Each joint's position and its first derivatives are a chain of integrators; white noise
+enters the last one, the jerk or its rate, and each reading of the position has an error
+of its own:
+
+    x[k+1] = F x[k] + w[k],       cov w = drive M
+    z[k]   = first of x[k] + v[k],  var v = noise^2
+
+The time step is taken as unit of time and the noise as unit of position, so that only
+the ratio ``drive step^(2 order - 1) / noise^2`` remains.  All joints run side by side.
+"""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from math import factorial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Matrix, Vector, freeze, frozen
+from consistent_id._support.arrays import Array, Matrix, Vector, freeze, frozen
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
-from consistent_id.recordings.signals.kalman import Gains, gains, innovations, smoothed
-from consistent_id.recordings.signals.resolution import encoder_resolution
+from consistent_id.recordings.signals.masks import encoder_resolution
 
 ORDERS = (3, 4, 5, 6)
 """Numbers of integrations tried: from white jerk to its third derivative."""
@@ -21,6 +32,10 @@ ORDERS = (3, 4, 5, 6)
 _COARSE = np.arange(-3.25, 0.6, 0.25)
 _ROUGHLY = 1e-4  # steady enough to compare likelihoods
 _FINE = np.arange(-0.25, 0.26, 0.0625)  # about the best of them
+
+_DIFFUSE = 1e6  # variance of what is not known at the start
+_STEADY = 1e-9
+"""Relative change of covariances in a step, below which gains are kept."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,7 +147,15 @@ def kalman_differentiated(
     )
 
 
-class _Fit(NamedTuple):
+def _enough(recording: Recording) -> None:
+    if len(recording) < 8 * ORDERS[-1]:
+        raise RecordingError(
+            f"{recording.name}: {len(recording)} samples, expected {8 * ORDERS[-1]} or "
+            "more for a smoother"
+        )
+
+
+class _LikeliestNoise(NamedTuple):
     """``-2 log`` likelihood, and the noise levels of each joint that attain it."""
 
     order: int
@@ -141,7 +164,20 @@ class _Fit(NamedTuple):
     variance: Vector
 
 
-def _likeliest(z: Matrix, order: int, floor: Vector) -> _Fit:
+class Gains(NamedTuple):
+    """Filter gains until they settle, then the last for ever.
+
+    Shapes: gain (steps, order, columns), variance (steps, columns) of the innovations,
+    covariance (steps, order, order, columns) of the predicted state,
+    or the last alone.
+    """
+
+    gain: Array
+    variance: Matrix
+    covariance: Array
+
+
+def _likeliest(z: Matrix, order: int, floor: Vector) -> _LikeliestNoise:
     """Return the noise levels of largest likelihood for one order."""
     tried = np.tile(_COARSE[:, None], z.shape[1])
     for finer in (_FINE, None):
@@ -150,7 +186,7 @@ def _likeliest(z: Matrix, order: int, floor: Vector) -> _Fit:
         near = np.take_along_axis(tried, best, axis=0)[0]
         if finer is not None:
             tried = near + finer[:, None]
-    return _Fit(
+    return _LikeliestNoise(
         order=order,
         cost=float(cost.min(axis=0).sum()),
         ratio=10.0 ** (2 * order * near),
@@ -169,7 +205,7 @@ def _costs(
         found.variance[..., where.ravel()],
         found.covariance,
     )
-    innovation = innovations(np.tile(z, len(ratios)), found)
+    innovation = _innovations(np.tile(z, len(ratios)), found)
     last = np.minimum(np.arange(len(z)), len(found.variance) - 1)
     # The first innovations depend on the start alone; of as many for every order.
     S = found.variance[last[ORDERS[-1] :]]
@@ -185,9 +221,114 @@ def _rough_gains(ratios: tuple[float, ...], order: int, samples: int) -> Gains:
     return gains(np.array(ratios), order, samples, steady=_ROUGHLY, covariances=False)
 
 
-def _enough(recording: Recording) -> None:
-    if len(recording) < 8 * ORDERS[-1]:
-        raise RecordingError(
-            f"{recording.name}: {len(recording)} samples, expected {8 * ORDERS[-1]} or "
-            "more for a smoother"
-        )
+def transition(order: int) -> Matrix:
+    """Return ``F`` of unit step: a Taylor series in each row."""
+    return np.array(
+        [
+            [1.0 / factorial(j - i) if j >= i else 0.0 for j in range(order)]
+            for i in range(order)
+        ]
+    )
+
+
+def drive_covariance(order: int) -> Matrix:
+    """Return ``M`` of unit step: what white noise gives after 1, 2, ... integrals."""
+    top = order - 1
+    return np.array(
+        [
+            [
+                1.0 / (factorial(top - i) * factorial(top - j) * (2 * top + 1 - i - j))
+                for j in range(order)
+            ]
+            for i in range(order)
+        ]
+    )
+
+
+def gains(
+    ratio: Vector,
+    order: int,
+    samples: int,
+    *,
+    steady: float = _STEADY,
+    covariances: bool = True,
+) -> Gains:
+    """Run the covariances, which do not depend on data, until they settle.
+
+    Only `smoothed` needs them afterwards; they take memory.
+    """
+    F, M, one = transition(order), drive_covariance(order), np.eye(order)
+    P = np.tile(_DIFFUSE * one, (len(ratio), 1, 1))
+    gain, variance, covariance = [], [], []
+    for _ in range(samples):
+        S = P[:, 0, 0] + 1.0
+        K = P[:, :, 0] / S[:, None]
+        gain.append(K)
+        variance.append(S)
+        if covariances:
+            covariance.append(P)
+        kept = one - K[:, :, None] * one[0]
+        # Joseph's form keeps covariances positive.
+        updated = kept @ P @ kept.transpose(0, 2, 1) + K[:, :, None] * K[:, None, :]
+        new = F @ updated @ F.T + ratio[:, None, None] * M
+        new = 0.5 * (new + new.transpose(0, 2, 1))
+        change = abs(new - P) <= steady * abs(new)
+        P = new
+        if change.all():
+            break
+    return Gains(
+        gain=np.array(gain).transpose(0, 2, 1),
+        variance=np.array(variance),
+        covariance=np.moveaxis(np.array(covariance), 1, -1)
+        if covariances
+        else np.empty(0),
+    )
+
+
+def _innovations(z: Matrix, found: Gains, states: Array | None = None) -> Matrix:
+    """Return each reading less its prediction, shape (samples, columns).
+
+    Readings are in units of the noise; predicted states are written to `states`, if
+    given, shape (samples, order, columns).
+    """
+    order = found.gain.shape[1]
+    F, steady = transition(order), len(found.gain) - 1
+    innovation = np.empty(z.shape)
+    x = _first_state(z, order)
+    for k in range(len(z)):
+        if states is not None:
+            states[k] = x
+        e = innovation[k] = z[k] - x[0]
+        x = F @ (x + found.gain[min(k, steady)] * e)
+    return innovation
+
+
+def smoothed(z: Matrix, ratio: Vector, order: int) -> Array:
+    """Return states given all readings, shape (samples, order, columns).
+
+    The backward pass is that of Bryson and Frazier [Bierman1973]_: no inverse.
+    """
+    found = gains(ratio, order, len(z))
+    P = found.covariance
+    steady = len(found.gain) - 1
+    states = np.empty((len(z), order, z.shape[1]))
+    innovation = _innovations(z, found, states)
+    back = transition(order).T
+    adjoint = np.empty(states.shape)
+    a = np.zeros(states.shape[1:])
+    for k in range(len(z) - 1, -1, -1):
+        i = min(k, steady)
+        a[0] -= (found.gain[i] * a).sum(axis=0) + innovation[k] / found.variance[i]
+        adjoint[k] = a
+        a = back @ a
+    states[:steady] -= np.einsum("kijc,kjc->kic", P[:steady], adjoint[:steady])
+    states[steady:] -= np.einsum("ijc,kjc->kic", P[-1], adjoint[steady:])
+    return states
+
+
+def _first_state(z: Matrix, order: int) -> Matrix:
+    """Return the state before the first reading, from a polynomial through a few."""
+    few = min(4 * order, len(z))
+    powers = np.vander(np.arange(few, dtype=np.float64), order, increasing=True)
+    coefficients = np.linalg.lstsq(powers, z[:few], rcond=None)[0]
+    return np.asarray(coefficients * [[factorial(i)] for i in range(order)])

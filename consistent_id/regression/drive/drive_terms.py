@@ -7,21 +7,24 @@ from typing import Any, Literal, TypedDict, Unpack, get_args
 import numpy as np
 
 from consistent_id.errors import ProblemError
-from consistent_id.regression.drive.coulomb import AsymmetricCoulomb, Coulomb
-from consistent_id.regression.drive.drag import Drag
-from consistent_id.regression.drive.friction_slope import FrictionSlope
-from consistent_id.regression.drive.load_friction import LoadFriction
-from consistent_id.regression.drive.offset import Offset
-from consistent_id.regression.drive.rotor_inertia import RotorInertia
-from consistent_id.regression.drive.spring import Spring
-from consistent_id.regression.drive.stribeck import Stribeck
+from consistent_id.regression.drive.laws import (
+    AsymmetricCoulomb,
+    Coulomb,
+    Drag,
+    FrictionSlope,
+    LoadFriction,
+    Offset,
+    RotorInertia,
+    Spring,
+    Stribeck,
+    Viscous,
+)
 from consistent_id.regression.drive.term import (
     DriveTerm,
     JointSamples,
     require_sound,
     term_columns,
 )
-from consistent_id.regression.drive.viscous import Viscous
 from consistent_id.robot.parameters import require_known
 
 CoulombShape = Literal["sign", "tanh", "none"]

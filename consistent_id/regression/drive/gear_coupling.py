@@ -5,9 +5,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from consistent_id.errors import ProblemError
-from consistent_id.regression.drive.coulomb import Coulomb
 from consistent_id.regression.drive.drive_terms import CoulombShape, DriveTerms
+from consistent_id.regression.drive.laws import Coulomb
 from consistent_id.regression.drive.term import DriveTerm, JointSamples, term_columns
+from consistent_id.robot.model import RobotModel
+from consistent_id.robot.parameters import require_known
 
 COUPLING_NAMES = ("coupling_viscous", "coupling_coulomb", "coupling_rotor_inertia")
 
@@ -110,3 +112,25 @@ class GearCoupling:
         if self.coulomb != "sign":
             return self
         return replace(self, coulomb="tanh", velocity_scale=velocity)
+
+
+def coupled_joints(robot: RobotModel, coupling: GearCoupling) -> tuple[int, int]:
+    """Return the places of the two joints of a coupling.
+
+    Raises
+    ------
+    ProblemError
+        If there is no such joint, or one turns and the other slides.
+    """
+    places = []
+    for name in (coupling.first, coupling.second):
+        require_known([name], robot.joint_names, f"coupling {coupling.label}: no joint")
+        places.append(robot.joint_names.index(name))
+    first, second = places
+    slide = [robot.driven[j].kind == "prismatic" for j in places]
+    if slide[0] != slide[1]:
+        raise ProblemError(
+            f"coupling {coupling.label}: one joint turns, the other slides; the sum of "
+            "their rates means nothing"
+        )
+    return first, second

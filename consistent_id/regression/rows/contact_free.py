@@ -1,4 +1,10 @@
-"""The regression of a robot that stands or walks, without force sensors in its feet."""
+"""The regression of a robot that stands or walks, without force sensors in its feet.
+
+The regressor of a motion is the same whatever torque is known, and wherever contacts
+are.  `masked_factors` computes it once for several of these, for some combinations of
+parameters: of a robot whose bodies are known those that are free are few, and
+compression is that much cheaper.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -15,28 +21,33 @@ from consistent_id._support.arrays import (
     Matrix,
     Vector,
     checked,
+    chunks,
 )
-from consistent_id._support.threads import single_threaded, worker_threads
+from consistent_id._support.executors import single_threaded, worker_threads
 from consistent_id.errors import NotExcitedError, ProblemError
-from consistent_id.recordings.contacts import ContactFlags
+from consistent_id.recordings.beside import ContactFlags
 from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.base import BaseParameters, base_parameters, column_kinds
 from consistent_id.regression.independent_columns import split_at_gap
 from consistent_id.regression.motion_arrays import Motion, motion_of
-from consistent_id.regression.random_rows import random_regressor, random_states
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_names import CONTACT_FREE, row_names
-from consistent_id.regression.row_structure import row_structure
-from consistent_id.regression.rows.contact_maps import RowMap, contact_maps
-from consistent_id.regression.rows.contact_mixing import unmeasured_contacts
-
-CHUNK = 512
-"""Samples per chunk: of 18 rows and 130 columns, 10 MB."""
+from consistent_id.regression.row_structure import (
+    random_regressor,
+    random_states,
+    row_structure,
+)
+from consistent_id.regression.rows.contact_maps import (
+    CHUNK,
+    RowMap,
+    contact_maps,
+    unmeasured_contacts,
+)
 
 WORKERS = 2
-
 _EVERY = np.ones(0, dtype=bool)  # no flags: every sample is certain
+_NONE = 1e-12  # part of a parameter in a combination that is rounding
 
 
 @single_threaded
@@ -75,10 +86,10 @@ def contact_free_regression(
     levels = _levels(sigma, rows)
     kept, expand = row_structure(whole, mixed=True)[0]
     pieces = [
-        (recording.contacts, motion.samples(start, start + CHUNK), start)
+        (recording.contacts, motion.samples(part.start, part.stop), part.start)
         for recording in several(recordings)
         for motion in [motion_of(whole, replace(recording, contacts=()), None)]
-        for start in range(0, len(motion.q), CHUNK)
+        for part in chunks(len(motion.q), CHUNK)
     ]
 
     def compressed(piece: tuple[Sequence[ContactFlags], Motion, int]) -> MappedRows:
@@ -246,3 +257,73 @@ def contact_free_base(
     ]
     split, _ = split_at_gap(np.vstack(rows), column_kinds(model.layout))
     return BaseParameters(model.layout, *split, fingerprint=model.fingerprint)
+
+
+def masked_factors(
+    model: TorqueModel,
+    recordings: Sequence[Recording],
+    combinations: Matrix,
+) -> list[MappedRows]:
+    """Return a triangular factor for each recording, of combinations of parameters.
+
+    Parameters
+    ----------
+    model : TorqueModel
+        With the rows `CONTACT_FREE`, see `contact_free_model`.
+    recordings : sequence of Recording
+        Of the same motion; other torques are known, or contacts are elsewhere.
+    combinations : ndarray, shape (parameters, k)
+
+    Returns
+    -------
+    list of MappedRows
+        Of the columns ``Y combinations``, and last the torque.
+    """
+    whole = every_row(model)
+    motions = [motion_of(whole, replace(log, contacts=()), None) for log in recordings]
+    used = np.flatnonzero((abs(combinations) > _NONE).any(axis=1))
+    levels = np.ones(len(whole.torque_joints))
+
+    def compressed(span: slice) -> list[MappedRows]:
+        parts = [motion.samples(span.start, span.stop) for motion in motions]
+        rows = _combined(whole, parts[0], used, combinations[used])
+        turned = None if parts[0].base is None else parts[0].base.rotation
+        found = []
+        for log, part in zip(recordings, parts, strict=True):
+            flags = [contact.samples(span) for contact in log.contacts]
+            unknown = None if part.weights is None else part.weights == 0.0
+            known = rows if unknown is None else _without(rows, unknown)
+            where = whole.robot, part.q, flags, levels, turned
+            maps = contact_maps(*where, unknown=unknown)
+            found.append(mapped_rows(known, maps, unknown))
+        return found
+
+    with worker_threads(WORKERS) as pool:
+        spans = chunks(len(recordings[0]), CHUNK)
+        found = list(pool.map(compressed, spans))
+    return [_joined(parts) for parts in zip(*found, strict=True)]
+
+
+def _combined(
+    whole: TorqueModel, motion: Motion, used: IntArray, combinations: Matrix
+) -> Array:
+    """Return rows of combinations of the columns in use, and the torque."""
+    n = len(motion.q)
+    state = motion.q, motion.dq, motion.ddq
+    ((_, Y),) = whole.chunks(*state, size=n, base=motion.base)
+    rows = np.empty((n, Y.shape[0], combinations.shape[1] + 1))
+    np.matmul(np.moveaxis(Y[:, used], 2, 0), combinations, out=rows[:, :, :-1])
+    rows[:, :, -1] = motion.torque
+    return rows
+
+
+def _without(rows: Array, unknown: BoolArray) -> Array:
+    left = rows.copy()
+    left[unknown] = 0.0
+    return left
+
+
+def _joined(parts: Sequence[MappedRows]) -> MappedRows:
+    factor = triangle(np.asfortranarray(np.vstack([part.factor for part in parts])))
+    peak = max(part.peak for part in parts)
+    return MappedRows(factor, sum(part.rows for part in parts), peak)

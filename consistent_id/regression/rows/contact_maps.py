@@ -1,4 +1,4 @@
-"""Row maps that no contact force passes: null spaces of contact Jacobians.
+"""Row maps that no contact force passes, and contacts that slip.
 
 With contacts closed whose forces are not measured,
 ``[Y_b; Y_j] x = [0; tau] + J_c^T f_c`` is multiplied, sample by sample, by
@@ -6,21 +6,39 @@ With contacts closed whose forces are not measured,
 span all that is perpendicular to ``S^-1 J_c^T``.  White noise of these levels stays
 white, of variance one.  ``n + 6 - rank J_c`` rows are left, as many as the contacts
 leave.
+
+These row maps ``L_t`` leave rows that have no names, and other ones at every sample.
+`ContactMixing` turns them back, ``L_t^T L_t`` with all levels one: the part of each row
+that no contact force enters.  There are as many rows as before, so noise, residuals and
+weights keep their meaning row by row; together they hold what the fewer rows hold.
+
+Of all points at rest on the ground ``J_i [v; w; dq] = 0``.  The rate ``w`` of the base
+is measured, its velocity ``v`` is not; but it is the same for all of them, so that two
+contacts or more show whether one slips.
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, BoolArray, IntArray, Matrix, Vector
+from consistent_id._support.arrays import (
+    Array,
+    BoolArray,
+    IntArray,
+    Matrix,
+    Vector,
+    chunks,
+)
 from consistent_id.errors import ProblemError, RecordingError
-from consistent_id.recordings.contacts import ContactFlags
+from consistent_id.recordings.beside import ContactFlags
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.row_names import row_names
+from consistent_id.regression.row_names import CONTACT_FREE, row_names
 from consistent_id.regression.rows.generalised_forces import (
     contact_jacobian,
+    joint_positions,
     measured_forces,
 )
 from consistent_id.robot.model import RobotModel
@@ -28,6 +46,12 @@ from consistent_id.robot.model import RobotModel
 _DEPENDENT = 1e-8
 """Size of a Jacobian's row beyond those before it, relative to the largest, that is
 none: two points of one foot on a line push alike along it, to rounding."""
+
+CHUNK = 512
+"""Samples per chunk: of 18 rows and 130 columns, 10 MB."""
+
+_MOST = 2**27
+"""Bytes of maps that are held of a recording: 50 000 samples of 18 rows."""
 
 
 class RowMap(NamedTuple):
@@ -182,8 +206,8 @@ def contact_force_left(model: TorqueModel, recording: Recording) -> float:
     """
     if not recording.wrenches:
         raise RecordingError(
-            f"{recording.name}: no wrench was measured, so that nothing tells whether "
-            "the contacts are right; give Recording(..., wrenches=...)"
+            f"{recording.name}: no wrench was measured, so that the contacts cannot "
+            "be checked; give Recording(..., wrenches=...)"
         )
     robot, names = model.robot, row_names(model.robot)
     quiet = Recording(
@@ -229,3 +253,174 @@ def row_levels(
             "expected positive numbers"
         )
     return np.array([force] * 3 + [moment] * 3 + [joints] * len(robot))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ContactMixing:
+    """How rows are mixed so that no contact force is left in them.
+
+    Parameters
+    ----------
+    rows : ndarray of int
+        Which of `row_names` there are.
+    q : ndarray, shape (samples, joints), [rad or m]
+    contacts : tuple of ContactFlags
+        Those whose forces are not measured.
+    rotation : ndarray, shape (samples, 3, 3), optional
+        Of the base in the world.
+    unknown : ndarray of bool, shape (samples, rows), optional
+        Rows that hold something else that is not known, such as the friction of a joint
+        at rest: nothing of them gets into the others.
+    held : ndarray, shape (samples, rows, rows), optional
+        The `maps`, if they are found already; see `holding`.
+    """
+
+    robot: RobotModel
+    rows: IntArray
+    q: Matrix
+    contacts: tuple[ContactFlags, ...]
+    rotation: Array | None
+    unknown: BoolArray | None = None
+    held: Array | None = None
+
+    def samples(self, part: slice) -> "ContactMixing":
+        """Return a run of samples."""
+        return replace(
+            self,
+            q=self.q[part],
+            contacts=tuple(flags.samples(part) for flags in self.contacts),
+            rotation=None if self.rotation is None else self.rotation[part],
+            unknown=None if self.unknown is None else self.unknown[part],
+            held=None if self.held is None else self.held[part],
+        )
+
+    def holding(self) -> "ContactMixing":
+        """Return the mixing with its maps found, for work that takes many passes.
+
+        Unless they take more than `_MOST` bytes: then each pass finds them anew.
+        """
+        if 8 * len(self.q) * len(self.rows) ** 2 > _MOST:
+            return self
+        parts = [maps for _, maps in self.chunks()]
+        return replace(self, held=np.concatenate(parts)) if parts else self
+
+    @property
+    def maps(self) -> Array:
+        """Projections onto what is free of contact forces, (samples, rows, rows).
+
+        Zero where a contact is not certain.
+        """
+        if self.held is not None:
+            return self.held
+        n = len(self.rows)
+        found = np.zeros((len(self.q), n, n))
+        levels = np.ones(n)
+        state = self.robot, self.q, self.contacts, levels, self.rotation
+        for group in contact_maps(*state, rows=self.rows, unknown=self.unknown):
+            maps = group.maps
+            found[group.samples] = np.swapaxes(maps, 1, 2) @ maps
+        if self.unknown is not None:
+            found *= ~self.unknown[:, :, None] & ~self.unknown[:, None]
+        return found
+
+    def chunks(self) -> Iterator[tuple[slice, Array]]:
+        """Yield samples and their `maps`, in constant memory."""
+        for part in chunks(len(self.q), CHUNK):
+            yield part, self.samples(part).maps
+
+    def mixed(self, values: Matrix) -> Matrix:
+        """Return what is left of torques, shape (samples, rows)."""
+        parts = [(M @ values[part, :, None])[:, :, 0] for part, M in self.chunks()]
+        return np.concatenate(parts)
+
+
+def unmeasured_contacts(recording: Recording) -> tuple[ContactFlags, ...]:
+    """Return the contacts at whose frames no wrench was measured."""
+    measured = {wrench.frame for wrench in recording.wrenches}
+    return tuple(c for c in recording.contacts if c.frame not in measured)
+
+
+def contact_mixing(
+    robot: RobotModel,
+    rows: tuple[str, ...],
+    recording: Recording,
+    unknown: BoolArray | None = None,
+) -> ContactMixing | None:
+    """Return how a recording's rows are mixed; None if no contact force is unknown.
+
+    See `ContactMixing.unknown`.
+    """
+    contacts = unmeasured_contacts(recording) if robot.floating else ()
+    if not contacts:
+        return None
+    if rows == (CONTACT_FREE,):
+        raise ProblemError(
+            f"rows {CONTACT_FREE!r} have no residuals of their own; use the robot's "
+            "model with all its rows, of which build_regression takes contact forces"
+        )
+    every = row_names(robot)
+    return ContactMixing(
+        robot,
+        np.array([every.index(name) for name in rows]),
+        joint_positions(robot, recording),
+        contacts,
+        None if recording.base is None else recording.base.rotation,
+        unknown,
+    )
+
+
+def contact_slip(robot: RobotModel, recording: Recording) -> Matrix:
+    """Return how fast each closed contact moves against the mean of all closed ones.
+
+    Parameters
+    ----------
+    robot : RobotModel
+        Whose base floats.
+    recording : Recording
+        With velocity, base motion and contacts.
+
+    Returns
+    -------
+    ndarray, shape (samples, contacts), [m/s]
+        Zero for open contacts, and where one alone is closed.
+
+    Raises
+    ------
+    RecordingError
+        If velocity, base motion or contacts are missing.
+    """
+    log, base, contacts = (
+        recording.of(robot.joint_names),
+        recording.base,
+        recording.contacts,
+    )
+    if log.velocity is None or base is None or not contacts:
+        raise RecordingError(
+            f"{recording.name}: slip shows in velocity, base motion and contacts, of "
+            "which one is missing"
+        )
+    moving = np.hstack([base.angular_velocity, log.velocity])
+    pushes = contact_pushes(robot, log.position, contacts, base.rotation)
+    speeds = np.stack(
+        [np.einsum("nri,nr->ni", P[:, 3:, :3], moving) for P in pushes], 1
+    )
+    closed = np.stack([flags.closed for flags in contacts], axis=1)[..., None]
+    mean = (speeds * closed).sum(axis=1) / np.maximum(closed.sum(axis=1), 1)
+    return np.asarray(np.linalg.norm((speeds - mean[:, None]) * closed, axis=2))
+
+
+def without_slip(robot: RobotModel, recording: Recording, speed: float) -> Recording:
+    """Return a recording whose contacts are not certain while one of them slips.
+
+    Parameters
+    ----------
+    robot, recording
+        See `contact_slip`.
+    speed : float, [m/s]
+        From which on a contact slips; noise of velocities should be well below.
+    """
+    if not speed > 0.0:
+        raise ProblemError(f"speed of slip is {speed} m/s, expected a positive number")
+    slow = (contact_slip(robot, recording) < speed).all(axis=1)
+    contacts = tuple(replace(c, certain=c.certain & slow) for c in recording.contacts)
+    return replace(recording, contacts=contacts)

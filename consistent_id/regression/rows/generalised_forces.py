@@ -9,11 +9,11 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Matrix
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.contacts import Wrench
+from consistent_id.recordings.beside import Wrench
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_names import CONTACT_FREE, row_names
-from consistent_id.robot.frame_motion import frame_motion
+from consistent_id.robot.kinematics import frame_motion
 from consistent_id.robot.model import RobotModel
 
 

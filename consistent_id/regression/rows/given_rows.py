@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import checked
-from consistent_id._support.threads import single_threaded
+from consistent_id._support.executors import single_threaded
 from consistent_id.errors import ProblemError
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.independent_columns import independent_columns

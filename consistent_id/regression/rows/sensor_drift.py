@@ -17,11 +17,12 @@ from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.correlated_noise import (
     CorrelatedNoise,
+    JointFit,
     joined_noise,
+    joint_fit,
     spectral_noise,
     white_noise,
 )
-from consistent_id.regression.joint_fit import JointFit, joint_fit
 from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
@@ -90,7 +91,7 @@ def driftless_segments(
     parts = [_rows_without_drift(model, log, drift) for log in recordings]
     length = max(sum(part.rows.shape[1] for part in parts) / count, 2.0)
     pieces = [
-        _Rows(part.rows[:, start:stop], 0 if start else part.lost)
+        _DriftingRows(part.rows[:, start:stop], 0 if start else part.lost)
         for part in parts
         for start, stop in segment_cuts(part.rows.shape[1], length)
     ]
@@ -113,7 +114,7 @@ def _require_no_bias(model: TorqueModel, drift: Drift) -> None:
 
 
 def _compressed(
-    model: TorqueModel, parts: "Sequence[_Rows]", *, noise: bool = True
+    model: TorqueModel, parts: "Sequence[_DriftingRows]", *, noise: bool = True
 ) -> Regression:
     """Compress rows, shape (6, samples, parameters + 1) each."""
     of_rows = zip(*(part.rows for part in parts), strict=True)
@@ -159,14 +160,16 @@ def bias_along(
     return SensorBias(found[0], rate)
 
 
-class _Rows(NamedTuple):
+class _DriftingRows(NamedTuple):
     """Rows of a recording, shape (6, samples, parameters + 1), and how many it lost."""
 
     rows: Array
     lost: int
 
 
-def _rows_without_drift(model: TorqueModel, log: Recording, drift: Drift) -> _Rows:
+def _rows_without_drift(
+    model: TorqueModel, log: Recording, drift: Drift
+) -> _DriftingRows:
     motion = motion_of(model, log, None)
     n = len(log)
     rows = np.empty((len(model.torque_joints), n, len(model.layout) + 1))
@@ -181,7 +184,7 @@ def _rows_without_drift(model: TorqueModel, log: Recording, drift: Drift) -> _Ro
             f"{log.name} has {n} samples, of which its bias takes {lost}; join short "
             "recordings, or take drift='none'"
         )
-    return _Rows(rows - Q @ (Q.T @ rows), lost)
+    return _DriftingRows(rows - Q @ (Q.T @ rows), lost)
 
 
 def _noise(rows: Array, fit: JointFit) -> CorrelatedNoise:

@@ -9,20 +9,20 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, IntArray, Matrix
 from consistent_id.errors import ProblemError
-from consistent_id.recordings.base_motion import BaseMotion
-from consistent_id.regression.casadi_regressor import fill_bodies
+from consistent_id.recordings.beside import BaseMotion
+from consistent_id.regression.casadi_rows import fill_bodies
 from consistent_id.regression.drive.drive_terms import DriveTerms
-from consistent_id.regression.joint_geometry import (
+from consistent_id.regression.newton_euler import (
+    FramePlace,
     floats,
+    frame_as_base,
     joint_geometry,
     joint_motions,
     matrix_rows,
 )
-from consistent_id.regression.model_rows import biased_rows
-from consistent_id.regression.newton_euler import FramePlace, frame_as_base
 from consistent_id.regression.regressor import CHUNK, TorqueModel
 from consistent_id.regression.rows.wrench_sensor import carried_base
-from consistent_id.robot.frame_motion import frame_in_link
+from consistent_id.robot.kinematics import frame_in_link
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import ParameterLayout
 
@@ -52,7 +52,8 @@ class SensorRows:
 
     Examples
     --------
-    >>> from consistent_id import DHRow, from_modified_dh, tool_model
+    >>> from consistent_id import DHRow, from_modified_dh
+    >>> from consistent_id.regression import tool_model
     >>> arm = from_modified_dh("arm", [DHRow(0, 0), DHRow(-np.pi / 2, 0)])
     >>> rows = SensorRows(tool_model("gripper"), arm, "link2")
     >>> rows.regressor([[0.1, 0.2]], [[0, 0]], [[0, 0]]).shape
@@ -160,6 +161,6 @@ class SensorRows:
         moved = frame_as_base(joint_geometry(arm), floats(arm.gravity), motion, place)
         Y = ca.SX(len(self.torque_joints), len(self.layout))
         fill_bodies(Y, tool, [moved])
-        for column, name in enumerate(biased_rows(tool), start=-6):
+        for column, name in enumerate(tool.biased_rows, start=-6):
             Y[self.torque_joints.index(name), len(self.layout) + column] = 1.0
         return ca.Function("rows", [q, dq, ddq], [Y], ["q", "dq", "ddq"], ["Y"])

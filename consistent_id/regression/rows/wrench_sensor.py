@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Matrix, checked
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.base_motion import BaseMotion
-from consistent_id.recordings.contacts import Wrench
+from consistent_id.recordings.beside import BaseMotion, Wrench
 from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
@@ -24,8 +23,8 @@ from consistent_id.regression.rows.sensor_drift import (
     bias_along,
     driftless_regression,
 )
-from consistent_id.robot.frame_motion import frame_motion
 from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.kinematics import frame_motion
 from consistent_id.robot.model import Datasheet, Joint, Link, RobotModel
 
 _TIME_STEP = 0.01  # s, of samples that have no time: poses at rest

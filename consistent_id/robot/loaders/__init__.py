@@ -4,8 +4,7 @@ from consistent_id.robot.loaders.dh import DHRow, from_classical_dh, from_modifi
 from consistent_id.robot.loaders.mjcf import load_mjcf
 from consistent_id.robot.loaders.robot_file import load_robot
 from consistent_id.robot.loaders.urdf import load_urdf
-from consistent_id.robot.loaders.urdf_finding import Finding
-from consistent_id.robot.loaders.urdf_lint import lint_urdf
+from consistent_id.robot.loaders.urdf_lint import Finding, lint_urdf
 
 __all__ = [
     "DHRow",

@@ -1,9 +1,12 @@
-"""Robots from MJCF, as MuJoCo compiles them."""
+"""Robots from MJCF, as MuJoCo compiles them.
+
+Joints that follow others are given by ``<equality><joint polycoef>``.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,13 +16,14 @@ from consistent_id._support.inputs import LARGEST_TREE, require_count
 from consistent_id.errors import ModelError
 from consistent_id.robot.chains import Selection, selected
 from consistent_id.robot.inertia import InertialParameters
-from consistent_id.robot.loaders.mjcf_assets import read_spec
-from consistent_id.robot.loaders.mjcf_checks import joint_name, refuse_unsupported
-from consistent_id.robot.loaders.mjcf_equality import Bindings, bindings
-from consistent_id.robot.loaders.mjcf_floating import floating_body, free_joint
+from consistent_id.robot.kinematics import FixedPlace, snapped, turn
+from consistent_id.robot.loaders.mjcf_spec import (
+    joint_name,
+    read_spec,
+    refuse_unsupported,
+)
 from consistent_id.robot.loaders.urdf_lint import read_bytes
 from consistent_id.robot.loaders.xml import XmlFault, parse
-from consistent_id.robot.mimic import Mimic
 from consistent_id.robot.model import (
     Datasheet,
     FixedFrame,
@@ -27,10 +31,10 @@ from consistent_id.robot.model import (
     JointKind,
     JointLimits,
     Link,
+    Mimic,
     RobotModel,
 )
 from consistent_id.robot.parameters import did_you_mean
-from consistent_id.robot.places import Place, snapped, turn
 
 
 def load_mjcf(
@@ -84,7 +88,7 @@ def load_mjcf(
         moving = {j for j in chosen if selection.moves(joint_name(model, j))}
         root = -1
         if selection.floating(_body_names(model)):
-            root = floating_body(model, path)
+            root = _floating_body(model, path)
             moving -= set(_joints_of(model, root))
             selection = replace(selection, base=None)
         refuse_unsupported(model, moving, path)
@@ -96,11 +100,80 @@ def load_mjcf(
     return selected(robot, selection.with_locked(bound.still))
 
 
-def _bindings(model: Any, path: Path) -> Bindings:
+class _Bindings(NamedTuple):
+    """What equality constraints make of joints, by their names.
+
+    `mimics` of joints that follow one that moves by itself, chains of them resolved;
+    `still`, the positions of joints that are bound to stand still.
+    """
+
+    mimics: dict[str, Mimic]
+    still: dict[str, float]
+
+
+def _bindings(model: Any, path: Path) -> _Bindings:
     try:
         return bindings(model)
     except ModelError as fault:
         raise ModelError(f"{path}: {fault}") from None
+
+
+def bindings(model: Any) -> _Bindings:
+    """Return the joints that active equality constraints bind in a straight line.
+
+    MuJoCo counts from the joints' ``ref``: ``q1 - ref1 = b + k (q2 - ref2)``.
+
+    Raises
+    ------
+    ModelError
+        If joints follow one another, or two constraints bind the same one.
+    """
+    lines = _lines(model)
+    mimics: dict[str, Mimic] = {}
+    still: dict[str, float] = {}
+    for joint in lines:
+        ratio, offset, leader, seen = 1.0, 0.0, joint, {joint}
+        while leader in lines:
+            multiplier, shift, leader = lines[leader]
+            ratio, offset = ratio * multiplier, offset + ratio * shift
+            if leader in seen:
+                name = joint_name(model, joint)
+                raise ModelError(f"joint {name!r} follows one that follows it")
+            seen.add(leader)
+        if leader < 0 or ratio == 0.0:
+            still[joint_name(model, joint)] = offset
+        else:
+            mimics[joint_name(model, joint)] = Mimic(
+                joint_name(model, leader), ratio, offset
+            )
+    return _Bindings(mimics, still)
+
+
+def _lines(model: Any) -> dict[int, tuple[float, float, int]]:
+    """Return ``(k, b, leader)`` of joints with ``q = k q_leader + b``; -1 for none."""
+    import mujoco
+
+    lines: dict[int, tuple[float, float, int]] = {}
+    for e in range(model.neq):
+        joints = mujoco.mjtEq(int(model.eq_type[e])) == mujoco.mjtEq.mjEQ_JOINT
+        if not (joints and model.eq_active0[e]) or model.eq_data[e, 2:5].any():
+            continue
+        follower, leader = int(model.eq_obj1id[e]), int(model.eq_obj2id[e])
+        if follower in lines:
+            name = joint_name(model, follower)
+            raise ModelError(
+                f"two equality constraints bind joint {name!r}; remove one of them"
+            )
+        shift, ratio = model.eq_data[e, :2].tolist()
+        shift += _reference(model, follower)
+        if leader >= 0:
+            shift -= ratio * _reference(model, leader)
+        lines[follower] = (ratio if leader >= 0 else 0.0, shift, leader)
+    return lines
+
+
+def _reference(model: Any, j: int) -> float:
+    return float(model.qpos0[model.jnt_qposadr[j]])
 
 
 def _check(path: Path) -> None:
@@ -136,6 +209,41 @@ def _compiled(path: Path) -> Any:
     return model
 
 
+def _floating_body(model: Any, path: Path) -> int:
+    """Return the body of the world that moves, or carries what moves.
+
+    Raises
+    ------
+    ModelError
+        If there is none, if there are several, or if it has other joints than a free
+        one.
+    """
+    import mujoco
+
+    roots = {
+        int(model.body_rootid[body])
+        for body in range(1, model.nbody)
+        if model.body_jntnum[body]
+    }
+    names = [model.body(body).name for body in sorted(roots)]
+    if len(roots) != 1:
+        raise ModelError(
+            f"{path}: the base is to float, but the world carries "
+            f"{', '.join(names) or 'no body with joints'}; expected one robot. Remove "
+            "the others from the file"
+        )
+    (root,) = roots
+    free = mujoco.mjtJoint.mjJNT_FREE
+    first = int(model.body_jntadr[root])
+    for j in range(first, first + int(model.body_jntnum[root])):
+        if mujoco.mjtJoint(int(model.jnt_type[j])) != free:
+            raise ModelError(
+                f"{path}: the base is to float, but body {names[0]!r} hangs on the "
+                f"world by joint {joint_name(model, j)!r}; leave base out"
+            )
+    return root
+
+
 def _joints_between(model: Any, selection: Selection, path: Path) -> set[int]:
     """Joints from the base to the tip, or to all that the base carries."""
     names = _body_names(model)
@@ -166,17 +274,17 @@ def _robot(
     links: list[str] = []
     bodies: list[list[InertialParameters]] = []
     frames: list[list[FixedFrame]] = [[FixedFrame("world", np.eye(3), np.zeros(3))]]
-    places = {0: Place(-1, np.eye(3), np.zeros(3))}
+    places = {0: FixedPlace(-1, np.eye(3), np.zeros(3))}
     for b in range(1, model.nbody):
         parent = places[int(model.body_parentid[b])]
         place = parent.beyond(quaternion_matrix(model.body_quat[b]), model.body_pos[b])
         own = [j for j in _joints_of(model, b) if _kind(model, j) is not None]
         if b == root:
-            joints.append(free_joint(model, b))
+            joints.append(_free_joint(model, b))
             links.append(_body_name(model, b))
             bodies.append([])
             frames.append([])
-            place = Place(0, np.eye(3), np.zeros(3))
+            place = FixedPlace(0, np.eye(3), np.zeros(3))
         for j in own:
             mimic = mimics.get(joint_name(model, j))
             joints.append(replace(_joint(model, j, place), mimic=mimic))
@@ -185,7 +293,7 @@ def _robot(
             links.append(body if last else f"{body}/{joint_name(model, j)}")
             bodies.append([])
             frames.append([])
-            place = Place(len(joints) - 1, np.eye(3), -_anchor(model, j))
+            place = FixedPlace(len(joints) - 1, np.eye(3), -_anchor(model, j))
         places[b] = place
         if not own and b != root:
             where = (snapped(place.rotation), place.translation)
@@ -199,6 +307,13 @@ def _robot(
     return RobotModel(
         name, tuple(joints), tuple(merged), np.asarray(gravity), tuple(frames[0])
     )
+
+
+def _free_joint(model: Any, body: int) -> Joint:
+    """Return the free joint of a body, at which it is at rest where the world is."""
+    has_own = bool(model.body_jntnum[body])
+    name = joint_name(model, int(model.body_jntadr[body])) if has_own else "root_joint"
+    return Joint(name, "free", -1, np.eye(3), np.zeros(3), np.array([0.0, 0.0, 1.0]))
 
 
 def _link(
@@ -221,7 +336,7 @@ def compiled_body(model: Any, b: int) -> InertialParameters:
     )
 
 
-def _joint(model: Any, j: int, place: Place) -> Joint:
+def _joint(model: Any, j: int, place: FixedPlace) -> Joint:
     """Return a joint of a body that, at the joint's ``ref``, is in `place`."""
     kind = _kind(model, j)
     if kind is None:

@@ -14,12 +14,15 @@ from consistent_id._support.inputs import LARGEST_TREE, require_count
 from consistent_id.errors import ModelError
 from consistent_id.robot.chains import Selection, selected
 from consistent_id.robot.inertia import InertialParameters
-from consistent_id.robot.loaders.urdf_finding import Finding
-from consistent_id.robot.loaders.urdf_lint import read_bytes, urdf_findings
-from consistent_id.robot.loaders.urdf_mimic import followers_of
-from consistent_id.robot.loaders.urdf_tree import joints_between
+from consistent_id.robot.kinematics import snapped
+from consistent_id.robot.loaders.urdf_lint import (
+    Finding,
+    followers_of,
+    joints_between,
+    read_bytes,
+    urdf_findings,
+)
 from consistent_id.robot.loaders.xml import XmlFault, parse
-from consistent_id.robot.mimic import Mimic
 from consistent_id.robot.model import (
     STANDARD_GRAVITY,
     Datasheet,
@@ -28,9 +31,9 @@ from consistent_id.robot.model import (
     JointKind,
     JointLimits,
     Link,
+    Mimic,
     RobotModel,
 )
-from consistent_id.robot.places import snapped
 
 _log = logging.getLogger(__name__)
 _LIMIT = re.compile(r"<limit\b([^>]*?)(\s*/?)>")

@@ -7,7 +7,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders.splice import Document, Edit
-from consistent_id.robot.loaders.urdf_parts import INERTIA_ENTRIES
+from consistent_id.robot.loaders.urdf_lint import INERTIA_ENTRIES
 from consistent_id.robot.loaders.xml import Element
 
 _PLACES = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # of `INERTIA_ENTRIES`

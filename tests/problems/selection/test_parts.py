@@ -8,12 +8,18 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from consistent_id import ProblemError, Recording, draft_problem
-from consistent_id.problems.selection.band import prediction_band, velocity_edge
-from consistent_id.problems.selection.blocks import EDGES, NUMBERS, cells, folds
-from consistent_id.problems.selection.held_out import Gain, HeldOut, gain
-from consistent_id.problems.selection.moves import Move, scale_moves
-from consistent_id.problems.selection.screening import _drive, torque_delay
-from consistent_id.problems.selection.search import _enough
+from consistent_id.problems.selection.choice import ModelMove, scale_moves
+from consistent_id.problems.selection.evaluation import _drive, torque_delay
+from consistent_id.problems.selection.fits import Gain, HeldOut, gain
+from consistent_id.problems.selection.forward_search import _enough
+from consistent_id.problems.selection.samples import (
+    EDGES,
+    NUMBERS,
+    cells,
+    folds,
+    prediction_band,
+    velocity_edge,
+)
 from consistent_id.problems.selection.setup import beginning
 from tests.helpers.logged import write_arm
 
@@ -173,7 +179,7 @@ def test_another_value_needs_half_of_the_blocks_and_another_term_more(begun):
     choice = begun.plain.choice
     brought = Gain(share=0.2, error=0.15, won=8 / 14)
     width = next(scale_moves(choice, (0.5,)))
-    rotor = Move("rotor_inertia", "rotor_inertia", choice, choice)
+    rotor = ModelMove("rotor_inertia", "rotor_inertia", choice, choice)
     assert _enough(width, brought)
     assert not _enough(rotor, brought)
     assert not _enough(width, replace(brought, won=6 / 14))

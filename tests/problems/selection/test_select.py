@@ -9,13 +9,13 @@ from consistent_id import (
     TorqueModel,
     draft_problem,
     load_problem,
-    load_urdf,
-    select_model,
     simulate_torque,
 )
 from consistent_id.cli.tool import main
+from consistent_id.problems import select_model
 from consistent_id.problems.file import problem_table
 from consistent_id.problems.selection import select as select_module
+from consistent_id.robot import load_urdf
 from tests.helpers.logged import URDF, moved
 
 PLAIN = {"viscous": True, "coulomb": "tanh", "velocity_scale": 0.02, "offset": True}
@@ -203,8 +203,14 @@ def test_the_command_writes_the_file_and_overwrites_none(tmp_path, capsys):
     chosen = load_problem(tmp_path / "problem-selected.toml")
     assert chosen.table.drive.rotor_inertia
     assert "rotor_inertia of all joints" in capsys.readouterr().out
+    selected = tmp_path / "problem-selected.toml"
+    first = selected.read_text()
+    assert main(["select", str(file)]) == 0  # nobody has edited what it wrote
+    assert selected.read_text() == first
+    selected.write_text(first.replace("name = ", "# mine\nname = "))
     assert main(["select", str(file)]) == 2
-    assert "is there already" in capsys.readouterr().err
+    assert "was edited since" in capsys.readouterr().err
+    assert "# mine" in selected.read_text()
     elsewhere = tmp_path / "other" / "problem.toml"
     assert main(["select", str(file), "--output", str(elsewhere)]) == 2
     assert "is not in the folder of" in capsys.readouterr().err

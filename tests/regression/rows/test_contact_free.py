@@ -9,26 +9,27 @@ from published_robots import FILES
 from quadrupeds import FEET, FOOT, quadruped_text, standing
 
 from consistent_id import (
-    BASE_ROWS,
-    ContactFlags,
     NotExcitedError,
     ProblemError,
     RecordingError,
     TorqueModel,
-    base_parameters,
     build_regression,
     constrained_least_squares,
+    least_squares,
+)
+from consistent_id.recordings import ContactFlags
+from consistent_id.regression import (
+    BASE_ROWS,
+    base_parameters,
     contact_force_left,
     contact_free_base,
     contact_free_model,
     contact_free_regression,
     contact_jacobian,
-    least_squares,
-    load_mjcf,
-    load_urdf,
     row_levels,
 )
 from consistent_id.regression.row_structure import row_structure
+from consistent_id.robot import load_mjcf, load_urdf
 
 EVERY = [[True] * 4]
 THREE = [[i != j for j in range(4)] for i in range(4)]  # one foot is always lifted

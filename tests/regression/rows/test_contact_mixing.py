@@ -16,7 +16,7 @@ THREE = [[i != j for j in range(4)] for i in range(4)]
 def robot(tmp_path_factory):
     path = tmp_path_factory.mktemp("robot") / "quadruped.xml"
     path.write_text(quadruped_text())
-    return ci.load_mjcf(path, base="floating")
+    return ci.robot.load_mjcf(path, base="floating")
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,9 @@ def log(robot):
 def test_they_hold_what_the_fewer_rows_without_names_hold(robot, log):
     model = ci.TorqueModel(robot)
     named = ci.build_regression(model, log).stacked()
-    few = ci.contact_free_regression(ci.contact_free_model(model), log).stacked()
+    few = ci.regression.contact_free_regression(
+        ci.regression.contact_free_model(model), log
+    ).stacked()
     squares = [R.T @ R for R in (named, few)]
     assert np.allclose(*squares, rtol=0, atol=1e-11 * abs(squares[1]).max())
 
@@ -40,7 +42,7 @@ def test_contact_forces_leave_no_trace(robot, log):
     mixing = motion_of(model, log, None).mixing
     acting = np.zeros((len(log), 18))
     for flags in log.contacts:
-        J = ci.contact_jacobian(
+        J = ci.regression.contact_jacobian(
             robot, log.position, frame=flags.frame, point=flags.point
         )
         push = 50.0 * rng.normal(size=(len(log), 3)) * flags.closed[:, None]
@@ -57,7 +59,7 @@ def test_contacts_whose_wrenches_are_measured_are_no_unknowns(robot):
 def test_predictions_are_of_the_same_rows_as_torque(robot, log):
     model = ci.TorqueModel(robot)
     exact = replace(standing(robot, np.array(THREE * 20)), wrenches=())
-    base = ci.contact_free_base(model, exact.contacts)
+    base = ci.regression.contact_free_base(model, exact.contacts)
     found = ci.least_squares(model, ci.build_regression(model, exact), base=base)
     rest = motion_of(model, exact, None).torque - found.predict(exact)
     assert abs(rest).max() < 1e-8
@@ -82,7 +84,7 @@ def test_torque_that_is_not_known_gets_into_no_row(robot, log):
     squares = [R.T @ R for R in factors]
     assert np.allclose(*squares, rtol=0, atol=1e-9 * abs(squares[0]).max())
     rows = model.torque_joints
-    weights = ci.row_weights(log, ~known, rows, others=ci.BASE_ROWS)
+    weights = ci.signals.row_weights(log, ~known, rows, others=ci.regression.BASE_ROWS)
     R = ci.build_regression(model, log, row_weights=[weights]).stacked()
     assert np.allclose(R.T @ R, squares[0], rtol=0, atol=1e-9 * abs(squares[0]).max())
 
@@ -105,7 +107,7 @@ def test_joints_at_rest_have_no_known_torque():
     time = 0.01 * np.arange(400)
     position = np.column_stack([np.sin(3 * time), np.where(time < 2, 0.0, time - 2)])
     log = ci.Recording(("a", "b"), time, position)
-    found = ci.without_rests(log, 0.1, reach=0.05)
+    found = ci.signals.without_rests(log, 0.1, reach=0.05)
     assert not found.torque_known[:190, 1].any() and found.torque_known[220:, 1].all()
     # The first joint turns back every pi / 3 seconds.
     slow = abs(3 * np.cos(3 * time)) < 0.09
@@ -115,7 +117,9 @@ def test_joints_at_rest_have_no_known_torque():
 def test_the_fewer_rows_hold_no_unknown_torque_either(robot, log):
     rng, model = np.random.default_rng(3), ci.TorqueModel(robot)
     part = replace(log, torque_known=rng.uniform(size=log.position.shape) > 0.2)
-    one = ci.contact_free_regression(ci.contact_free_model(model), part)
+    one = ci.regression.contact_free_regression(
+        ci.regression.contact_free_model(model), part
+    )
     named = ci.build_regression(model, part)
     squares = [R.T @ R for R in (one.stacked(), named.stacked())]
     assert np.allclose(*squares, rtol=0, atol=1e-9 * abs(squares[0]).max())

@@ -7,7 +7,7 @@ import pytest
 from quadrupeds import quadruped_text, standing
 
 import consistent_id as ci
-from consistent_id.regression.rows.masked_rows import masked_factors
+from consistent_id.regression.rows.contact_free import masked_factors
 
 PATTERNS = np.array([[i != j for j in range(4)] for i in range(4)] * 20)
 
@@ -16,12 +16,12 @@ PATTERNS = np.array([[i != j for j in range(4)] for i in range(4)] * 20)
 def robot(tmp_path_factory):
     path = tmp_path_factory.mktemp("robot") / "quadruped.xml"
     path.write_text(quadruped_text())
-    return ci.load_mjcf(path, base="floating")
+    return ci.robot.load_mjcf(path, base="floating")
 
 
 def test_factors_are_those_of_each_recording_alone(robot):
     rng = np.random.default_rng(0)
-    model = ci.contact_free_model(ci.TorqueModel(robot))
+    model = ci.regression.contact_free_model(ci.TorqueModel(robot))
     whole = standing(robot, PATTERNS, noise=0.1)
     logs = [
         replace(whole, torque_known=rng.uniform(size=whole.position.shape) < share)
@@ -31,7 +31,7 @@ def test_factors_are_those_of_each_recording_alone(robot):
     combinations[:12] = rng.normal(size=(12, 4))
     found = masked_factors(model, [*logs, whole], combinations)
     for part, log in zip(found, [*logs, whole], strict=True):
-        alone = ci.contact_free_regression(model, log)
+        alone = ci.regression.contact_free_regression(model, log)
         R = alone.stacked()
         R = np.column_stack([R[:, :-1] @ combinations, R[:, -1]])
         squares = part.factor.T @ part.factor

@@ -9,13 +9,11 @@ from consistent_id import (
     InertialParameters,
     ModelError,
     ProblemError,
-    SensorRows,
     TorqueModel,
-    base_parameters,
     from_modified_dh,
-    load_urdf,
-    tool_model,
 )
+from consistent_id.regression import SensorRows, base_parameters, tool_model
+from consistent_id.robot import load_urdf
 
 TOOL = InertialParameters.from_central(
     1.3, [0.02, -0.01, 0.08], [[4e-3, 1e-4, 0], [1e-4, 3e-3, 2e-4], [0, 2e-4, 2e-3]]

@@ -41,12 +41,12 @@ def test_the_trunk_is_found_without_force_sensors(name, monkeypatch):
     raw = simulated(robot, seconds=8, dry_friction=False)
     log = prepared(raw, robot.cutoff)
     drive = ci.DriveTerms(rotor_inertia=True, viscous=True)
-    model = ci.contact_free_model(ci.TorqueModel(robot.nominal, drive))
+    model = ci.regression.contact_free_model(ci.TorqueModel(robot.nominal, drive))
     found = ci.constrained_least_squares(
         model,
-        ci.contact_free_regression(model, log),
-        constraints=[*quadruped.SIGNS, ci.FixedParameters(robot.known())],
-        base=ci.contact_free_base(model, log.contacts),
+        ci.regression.contact_free_regression(model, log),
+        constraints=[*quadruped.SIGNS, ci.constraints.FixedParameters(robot.known())],
+        base=ci.regression.contact_free_base(model, log.contacts),
     )
     assert found.certificate.verdict == "certified"
     errors = quadruped.trunk_errors(found.links[robot.number], robot)

@@ -15,7 +15,7 @@ SAMPLES = 40
 def robot(tmp_path_factory):
     path = tmp_path_factory.mktemp("robot") / "quadruped.xml"
     path.write_text(quadruped_text(hips=CORNERS))
-    return ci.load_mjcf(path, base="floating")
+    return ci.robot.load_mjcf(path, base="floating")
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,7 @@ def held(robot):
     dq = np.zeros((SAMPLES, 12))
     for leg, foot in enumerate(FEET):
         own = slice(3 * leg, 3 * leg + 3)
-        J = ci.contact_jacobian(robot, q, frame=foot, point=FOOT)[:, :3]
+        J = ci.regression.contact_jacobian(robot, q, frame=foot, point=FOOT)[:, :3]
         carried = np.einsum("nij,nj->ni", J[:, :, :6], np.hstack([v, w]))
         legs = J[:, :, 6:][:, :, own]
         dq[:, own] = -np.linalg.solve(legs, carried[..., None])[..., 0]
@@ -37,25 +37,28 @@ def held(robot):
         0.01 * np.arange(SAMPLES),
         q,
         dq,
-        base=ci.BaseMotion(w, still, still + np.array([0, 0, 9.81])),
-        contacts=[ci.ContactFlags(foot, np.ones(SAMPLES, bool), FOOT) for foot in FEET],
+        base=ci.recordings.BaseMotion(w, still, still + np.array([0, 0, 9.81])),
+        contacts=[
+            ci.recordings.ContactFlags(foot, np.ones(SAMPLES, bool), FOOT)
+            for foot in FEET
+        ],
     )
 
 
 def test_feet_that_are_held_do_not_slip(robot, held):
-    assert ci.contact_slip(robot, held).max() < 1e-10
+    assert ci.regression.contact_slip(robot, held).max() < 1e-10
 
 
 def test_a_foot_that_slips_is_seen_and_left_out(robot, held):
     faster = held.velocity.copy()
     faster[10:20, 2] += 1.0  # the knee of the first leg, 0.2 m above its foot
     slipping = replace(held, velocity=faster)
-    slip = ci.contact_slip(robot, slipping)
+    slip = ci.regression.contact_slip(robot, slipping)
     # Against the mean of four, of which it is one: three quarters of 0.2 m/s.
     assert slip[10:20, 0] == pytest.approx(0.15)
     assert slip[10:20, 1:] == pytest.approx(0.05)
     assert slip[:10].max() < 1e-10
-    certain = ci.without_slip(robot, slipping, 0.1).contacts[2].certain
+    certain = ci.regression.without_slip(robot, slipping, 0.1).contacts[2].certain
     assert np.flatnonzero(~certain).tolist() == list(range(10, 20))
 
 
@@ -64,11 +67,11 @@ def test_an_open_contact_may_move(robot, held):
     faster[:, 2] += 1.0
     lifted = replace(held.contacts[0], closed=np.zeros(SAMPLES, bool))
     log = replace(held, velocity=faster, contacts=(lifted, *held.contacts[1:]))
-    assert ci.contact_slip(robot, log).max() < 1e-10
+    assert ci.regression.contact_slip(robot, log).max() < 1e-10
 
 
 def test_what_is_missing_is_named(robot, held):
     with pytest.raises(ci.RecordingError, match="velocity, base motion and contacts"):
-        ci.contact_slip(robot, replace(held, velocity=None))
+        ci.regression.contact_slip(robot, replace(held, velocity=None))
     with pytest.raises(ci.ProblemError, match="positive"):
-        ci.without_slip(robot, held, 0.0)
+        ci.regression.without_slip(robot, held, 0.0)

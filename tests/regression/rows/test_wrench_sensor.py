@@ -14,18 +14,20 @@ from consistent_id import (
     Recording,
     RecordingError,
     TorqueModel,
-    Wrench,
-    base_parameters,
     constrained_least_squares,
     from_modified_dh,
     least_squares,
+)
+from consistent_id.constraints import NonNegativeDrive, PhysicalConsistency
+from consistent_id.recordings import Wrench
+from consistent_id.regression import (
+    base_parameters,
     sensor_bias,
     sensor_motion,
     sensor_regression,
     static_poses,
     tool_model,
 )
-from consistent_id.constraints import NonNegativeDrive, PhysicalConsistency
 
 TOOL = InertialParameters.from_central(
     1.3, [0.02, -0.01, 0.08], [[4e-3, 1e-4, 0], [1e-4, 3e-3, 2e-4], [0, 2e-4, 2e-3]]

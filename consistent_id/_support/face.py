@@ -1,0 +1,102 @@
+"""Public names of a package, imported when they are first asked for.
+
+They are listed once, with their modules, in the package's ``__init__.pyi``, as [SPEC1]_
+proposes.  No module has the name of something public in its package: once imported, it
+would stand in its place.
+"""
+
+import ast
+import warnings
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+from pkgutil import get_data
+
+ROOMS = (
+    "robot",
+    "recordings",
+    "signals",
+    "regression",
+    "constraints",
+    "motion",
+    "estimation",
+    "export",
+    "comparison",
+    "diagnosis",
+    "problems",
+    "report",
+    "excitation",
+    "rollout",
+    "fleet",
+    "standing",
+    "repair",
+    "laboratory",
+)
+"""Submodules of the package that have public names of their own."""
+
+
+@cache
+def homes(package: str) -> dict[str, str]:
+    """Return the module of each public name of a package.
+
+    Examples
+    --------
+    >>> homes("consistent_id")["compare"]
+    'consistent_id.comparison.comparison'
+    """
+    stub = ast.parse(get_data(package, "__init__.pyi") or b"")
+    return {
+        alias.name: node.module
+        for node in stub.body
+        if isinstance(node, ast.ImportFrom) and node.module not in (None, package)
+        for alias in node.names
+        if node.module is not None
+    }
+
+
+def public_value(package: str, name: str) -> object:
+    """Return what a public name of a package stands for.
+
+    Raises
+    ------
+    AttributeError
+        If there is no such name.
+    """
+    if name == "__all__":
+        return sorted(homes(package))
+    if name.startswith("__") or name not in homes(package):
+        raise AttributeError(f"module {package!r} has no attribute {name!r}", name=name)
+    return getattr(import_module(homes(package)[name]), name)
+
+
+def face(package: str) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
+    """Return ``__getattr__`` and ``__dir__`` of a package with public names."""
+    module = import_module(package)
+
+    def get(name: str) -> object:
+        value = public_value(package, name)
+        setattr(module, name, value)
+        return value
+
+    return get, lambda: sorted({*vars(module), *homes(package)})
+
+
+def moved_value(package: str, name: str) -> object:
+    """Return what was a public name of the package and is one of a submodule now.
+
+    Raises
+    ------
+    AttributeError
+        If no submodule has it.
+    """
+    for room in ROOMS:
+        module = import_module(f"{package}.{room}")
+        if name in module.__all__:
+            warnings.warn(
+                f"{package}.{name} is {package}.{room}.{name} now; the old name works "
+                "until the next release",
+                DeprecationWarning,
+                stacklevel=3,
+            )
+            return getattr(module, name)
+    return public_value(package, name)  # which says that there is none

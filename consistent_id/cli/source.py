@@ -1,0 +1,280 @@
+"""What commands work on: a problem, a robot and its logs, or results in a folder.
+
+The options are those of `Statement`; no command types them again.
+"""
+
+import argparse
+import shlex
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from consistent_id.cli.answers import Answer, answered, show, shows_progress
+from consistent_id.cli.options import Group, Option
+from consistent_id.problems.statement import Declaration, Part, declarations
+
+if TYPE_CHECKING:
+    from consistent_id._support.tables import Table
+    from consistent_id.estimation.verdict import Verdict
+    from consistent_id.problems.opening import Opened
+    from consistent_id.problems.statement import Statement
+    from consistent_id.problems.study import Study
+    from consistent_id.report.results import Results
+
+
+_TITLES: dict[Part, tuple[str, str]] = {
+    "robot": ("the robot", ""),
+    "log": ("logs", "found in the logs unless given"),
+    "base": (
+        "a base that floats (--base floating)",
+        "found in the log unless given",
+    ),
+    "model": ("the model", "chosen by the training data unless given"),
+    "selection": ("the choice of the model", ""),
+}
+
+
+def _option(name: str, declared: Declaration) -> Option:
+    """Return the option of a field of `Statement`."""
+    return Option(
+        declared.usage,
+        declared.text,
+        choices=declared.choices or None,
+        dest=name,
+        const=True if declared.usage == "--no-select" else None,
+    )
+
+
+def _group(*parts: Part) -> tuple[Group, ...]:
+    """Return the options of some parts of a statement, a group each."""
+    return tuple(
+        Group(
+            _TITLES[part][0],
+            tuple(
+                _option(name, declared)
+                for name, declared in declarations().items()
+                if declared.part == part
+            ),
+            _TITLES[part][1] or None,
+        )
+        for part in parts
+    )
+
+
+ROBOT = _group("robot")
+"""Options that state which part of a robot moves."""
+
+STATED = _group("robot", "log", "base", "model", "selection")
+"""Options that state what is known of robot and logs."""
+
+PROBLEM = Option(
+    "problem",
+    "folder with a problem.toml, the file, a folder of several or of results; or, with "
+    "logs, a URDF or MJCF file",
+    Path,
+)
+LOGS = Option(
+    "log [...]", "logs to learn from, if PROBLEM is a URDF or MJCF file", Path
+)
+SOURCE = (PROBLEM, LOGS)
+"""Arguments of commands that work on a problem."""
+
+
+def statement(options: argparse.Namespace, *parts: Part) -> "Statement":
+    """Return what the options state; by default of all parts."""
+    from consistent_id.problems.statement import statement_of_words
+
+    words = vars(options)
+    if parts:
+        known = (n for n, d in declarations().items() if d.part in parts)
+        words = {name: words[name] for name in known}
+    return statement_of_words(words)
+
+
+def opened(options: argparse.Namespace) -> "Opened":
+    """Open the problem that the options name, with what they state."""
+    from consistent_id.problems.opening import open_problem
+
+    return open_problem(
+        options.problem,
+        options.log,
+        statement(options),
+        progress=shows_progress(options),
+    )
+
+
+def each(
+    options: argparse.Namespace,
+    answer_to: Callable[[argparse.Namespace], Answer],
+) -> int:
+    """Answer for the robot and logs, or for every problem, that the options name."""
+    from consistent_id.problems.folder import is_results
+
+    if options.log or is_results(options.problem):
+        return show(options, answer_to(options))
+    return answered(options, answer_to)
+
+
+@dataclass(frozen=True)
+class Computed:
+    """A study that is computed in this run, part by part.
+
+    Parameters
+    ----------
+    opened : Opened
+    study : Study
+    command : str
+        By which it is computed again.
+    """
+
+    opened: "Opened"
+    study: "Study"
+    command: str = ""
+
+    @property
+    def name(self) -> str:
+        """The problem's name."""
+        return self.study.problem.name
+
+    @property
+    def verdict(self) -> "Verdict":
+        """Whether the recommended estimate may be used, and why."""
+        return self.study.verdict
+
+    def tables(self, name: str) -> list["Table"]:
+        """Return the tables of a command: ``identify``, ``compare``, ..."""
+        from consistent_id.report.results import tables_of
+
+        if name not in self._printed:
+            self._printed[name] = tables_of(name, self.opened, self.study)
+        return list(self._printed[name])
+
+    @property
+    def answer(self) -> dict[str, Any]:
+        """Verdict, reasons, recommended estimate."""
+        return self.study.answer()
+
+    @cached_property
+    def record(self) -> dict[str, Any]:
+        """The study as plain numbers and text."""
+        from consistent_id.report.study_record import study_record
+
+        return study_record(self.study)
+
+    @cached_property
+    def page(self) -> str:
+        """The report."""
+        from consistent_id.report.html import report_html
+        from consistent_id.report.page import kept_sections
+        from consistent_id.rollout.rollout_page import rollout_section
+
+        return report_html(
+            self.study,
+            uncertainty=self.study.uncertainty,
+            further=kept_sections("rollouts", rollout_section, self.study),
+            seed=self.study.seed,
+            command=self.command,
+        )
+
+    def write(self, folder: Path) -> list[Path]:
+        """Write the study to a folder."""
+        from consistent_id.report.results import PRINTED, write_results
+
+        tables = {name: self.tables(name) for name in PRINTED}
+        return write_results(
+            self.opened, self.study, folder, page=self.page, tables=tables
+        )
+
+    @cached_property
+    def _printed(self) -> dict[str, list["Table"]]:
+        """Tables that were made already."""
+        return {}
+
+
+def studied(
+    options: argparse.Namespace,
+    folder: Path | None = None,
+    before: Callable[[str], None] | None = None,
+    *,
+    costs: bool = False,
+) -> "Computed | Results":
+    """Return the study that the options name; one that was written is not computed.
+
+    Parameters
+    ----------
+    folder : Path, optional
+        To which it is to be written.
+    before : callable, optional
+        What to do with the problem's name before anything is computed, such as to ask
+        whether files can be written.
+    costs : bool
+        Whether what constraints cost is computed among the stages, as it is printed.
+    """
+    found = stored(options, folder)
+    if found is not None:
+        return found
+    source = opened(options)
+    if before is not None:
+        before(source.problem.name)
+    return Computed(
+        source, study_of(options, source).run(costs=costs), command_of(options)
+    )
+
+
+def study_of(options: argparse.Namespace, source: "Opened") -> "Study":
+    """Return the study of what was opened, of which nothing is computed yet."""
+    from consistent_id.problems.study import Study
+
+    return Study(
+        source.problem,
+        seed=getattr(options, "seed", 0),
+        progress=shows_progress(options),
+        accepted=tuple(options.accept),
+    )
+
+
+def stored(options: argparse.Namespace, folder: Path | None = None) -> "Results | None":
+    """Return the results in a folder, if they are those that the options ask for."""
+    from consistent_id.problems.folder import is_results
+
+    if options.log or not is_results(options.problem):
+        return None
+    from consistent_id._support.run import note_input
+    from consistent_id.report.results import INDEX, REPORT, open_results
+
+    results = open_results(options.problem)
+    index = results.index
+    why = results.changes()
+    if given := statement(options).given:
+        why.append(f"{declarations()[given[0]].option} is stated beside it")
+    if sorted(index.accepted) != sorted(getattr(options, "accept", index.accepted)):
+        why.append(f"it accepts {', '.join(index.accepted) or 'nothing'}")
+    if index.seed != getattr(options, "seed", index.seed):
+        why.append(f"it has the seed {index.seed}")
+    if folder is not None and folder.resolve() != options.problem.resolve():
+        why.append(f"to be written to {folder}, too")
+    if not why:
+        for name in {INDEX, *index.files} - {REPORT}:  # no other file of it is replaced
+            note_input((results.folder / name).stat())
+        return results
+    if not options.quiet:
+        print(f"{options.problem}: {'; '.join(why)}: computed again", file=sys.stderr)
+    return None
+
+
+def command_of(options: argparse.Namespace) -> str:
+    """Return the command that writes the report of the same study again."""
+    words = [options.problem, *options.log]
+    text = "consistent-id report " + " ".join(shlex.quote(str(word)) for word in words)
+    for kind in options.accept:
+        text += f" --accept {shlex.quote(kind)}"
+    text += f" --seed {getattr(options, 'seed', 0)}"
+    for name, declared in declarations().items():
+        given: Any = getattr(options, name, None)
+        if given not in (None, (), []):
+            values = given if isinstance(given, list) else [given] * (given is not True)
+            text += " " + shlex.join([declared.option, *map(str, values)])
+    return text

@@ -1,0 +1,32 @@
+from consistent_id.comparison.comparison import Comparison, compare
+from consistent_id.comparison.constraint_prices import (
+    ShadowPrice,
+    constraint_costs,
+    shadow_prices,
+)
+from consistent_id.comparison.feasibility import base_feasibility
+from consistent_id.comparison.fit_cross_check import CrossCheck, cross_check
+from consistent_id.comparison.intervals import ConsistentIntervals, consistent_intervals
+from consistent_id.comparison.parameter_uncertainty import (
+    Bootstrap,
+    Uncertainty,
+    bootstrap,
+    uncertainty,
+)
+
+__all__ = [
+    "Bootstrap",
+    "Comparison",
+    "ConsistentIntervals",
+    "CrossCheck",
+    "ShadowPrice",
+    "Uncertainty",
+    "base_feasibility",
+    "bootstrap",
+    "compare",
+    "consistent_intervals",
+    "constraint_costs",
+    "cross_check",
+    "shadow_prices",
+    "uncertainty",
+]

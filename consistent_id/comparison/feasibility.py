@@ -1,0 +1,464 @@
+"""Whether data contradict physical consistency, or only least squares' point does.
+
+Least squares determines base parameters only; infinitely many standard parameters share
+them.  It contradicts physics when none of those is physically consistent:
+`base_feasibility`.
+
+Least squares falls outside the set of consistent robots as soon as the truth is near
+its boundary: that is noise, not a contradiction.  What tells is how much worse the best
+consistent robot fits: `consistency_test`.  With noise of unit level its increase of the
+squared misfit,
+
+``T = min_{u in C} ||M u - z||^2 - min_u ||M u - z||^2``,
+
+has a chi-bar-square distribution where the truth is on the boundary: a mixture of
+``chi^2`` of different orders [Shapiro1988]_.  Its weights have no closed form for cones
+of matrices, so it is simulated: noise is added to what the best consistent robot
+predicts, and the constrained fit is solved anew.  Two things save work.  That robot
+itself satisfies the constraints, so ``T`` of simulated data is at most the noise's
+square: where ``T`` of the data is larger still, no fit is needed to know that it is not
+reached.  And simulation ends when `REACHED` draws have reached it, which shows that it
+is not rare; their share is a p-value as exact as that of all draws [Besag1991]_.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain
+from typing import NamedTuple
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, Matrix, Vector, frozen
+from consistent_id._support.executors import Executor, single_threaded, worker_threads
+from consistent_id.constraints import Constraint, PhysicalConsistency, lowered
+from consistent_id.constraints.cones.certificate import OptimumVerdict, solve_certified
+from consistent_id.constraints.cones.feasibility import Interior, find_interior
+from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_norm
+from consistent_id.constraints.cones.programmes import COARSE
+from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock, block_rows
+from consistent_id.constraints.priors import nominal_point
+from consistent_id.errors import ProblemError, SolverError
+from consistent_id.estimation.best_fit import BestFit, best_fit
+from consistent_id.regression.base import BaseParameters, base_parameters
+from consistent_id.regression.regression import Regression
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import joint_noise, residual_noise
+from consistent_id.regression.row_structure import random_rows
+from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.scaling import link_scales
+
+_BACK_OFF = 0.01  # share of the margin given up for smaller, more readable numbers
+_SMALL = 5e-7  # half the squared torque change, relative, that is as good as none
+_UNDECIDED = 1e-9  # margins nearer to zero than this are neither proof nor witness
+
+DRAWS = 199
+"""Simulated data sets: a p-value of 0.05 is then known to 0.03 (two standard errors).
+"""
+
+REACHED = 10
+"""Draws with the data's ``T`` or more after which no further ones are simulated: more
+than `DRAWS` admits where data contradict, so that all are simulated before that is
+said."""
+
+SIGNIFICANT = 0.05
+"""p-value below which data are said to contradict the constraints."""
+
+_WORKERS = 2  # Clarabel frees the interpreter's lock
+_AT_ONCE = 10  # draws simulated before they are counted
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkViolation:
+    """What is wrong with a link, whatever the other links are.
+
+    Parameters
+    ----------
+    margin : float
+        Largest least eigenvalue of the link's pseudo-inertia, divided by its typical
+        mass and length, over all parameters with the given base parameters; negative.
+    statement : str
+        The violated inequality and by how much, at the least violating parameters.
+    """
+
+    link: str
+    margin: float
+    statement: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NearestRobot:
+    """The robot that satisfies the constraints and whose torque differs least.
+
+    Parameters
+    ----------
+    parameters : ndarray, shape (parameters,)
+    torque_change : float
+        Root-mean-square difference of the torque along random motions, relative to
+        the torque that the given base parameters predict.
+    verdict : {"certified", "uncertified"}
+        Whether no nearer one exists.
+    """
+
+    parameters: Vector
+    torque_change: float
+    verdict: OptimumVerdict
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BaseFeasibility:
+    """Answer to "is there a consistent robot with these base parameters?".
+
+    Parameters
+    ----------
+    answer : {"consistent", "impossible", "undecided"}
+        ``"consistent"`` with `parameters` as a witness; ``"impossible"`` with
+        multipliers as a proof (`proof.bound` is negative); ``"undecided"`` very
+        near the boundary, or when the solver fails.
+    proof : Interior
+        In dimensionless parameters.
+    parameters : ndarray
+        The least violating parameters, in original units.
+    violations : tuple of LinkViolation
+        Links that cannot be consistent even alone.
+    nearest : NearestRobot, optional
+        If the answer is ``"impossible"`` and one was found.
+    """
+
+    answer: str
+    proof: Interior
+    parameters: Vector
+    violations: tuple[LinkViolation, ...]
+    nearest: NearestRobot | None = None
+
+    @property
+    def summary(self) -> str:
+        """The answer in one sentence."""
+        if self.answer == "consistent":
+            return "a consistent robot with these base parameters exists"
+        if self.answer == "undecided":
+            return "neither a consistent robot nor a proof that there is none was found"
+        within = (
+            f"(proven among parameters up to {self.proof.reach:.0f} times the typical)"
+        )
+        if self.violations:
+            said = "; ".join(v.statement for v in self.violations)
+            return f"impossible: {said} {within}"
+        blamed = ", ".join(self.proof.to_blame)
+        return f"impossible: {blamed} contradict each other {within}"
+
+
+@single_threaded
+def base_feasibility(
+    model: TorqueModel,
+    base: BaseParameters,
+    base_values: Vector,
+    *,
+    constraints: Sequence[Constraint] = (PhysicalConsistency(margin=0.0),),
+    witness: Vector | None = None,
+) -> BaseFeasibility:
+    """Ask whether any parameters with these base parameters satisfy the constraints.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    base : BaseParameters
+    base_values : ndarray, shape (base,)
+    constraints : sequence of Constraint
+        By default physical consistency of all links.
+    witness : ndarray, shape (parameters,), optional
+        Parameters that may be the answer, such as an estimate's own; tried first.
+    """
+    layout = model.layout
+    inertial_units = link_scales(model.robot).units
+    unit = np.concatenate([inertial_units, np.ones(len(layout) - layout.inertial_size)])
+    base_values = frozen(base_values, (len(base),), "base values")
+    if base.layout != layout or base.fingerprint not in ("", model.fingerprint):
+        raise ProblemError("the base parameters are of another torque model")
+    same_torque = ConicSet.equal(base.projection, base_values, base.groupings)
+    domain = (same_torque & lowered(constraints, model)).normalised(unit)
+    if witness is not None:
+        known = _witnessed(domain, frozen(witness, (len(layout),), "witness") / unit)
+        if known is not None:
+            return BaseFeasibility("consistent", known, known.u * unit, ())
+    try:
+        proof = find_interior(domain)
+    except SolverError:
+        nothing = Interior(-np.inf, np.inf, np.zeros(len(layout)), (), ())
+        return BaseFeasibility("undecided", nothing, np.zeros(len(layout)), ())
+    violations, nearest = [], None
+    if proof.bound < -_UNDECIDED:
+        answer = "impossible"
+        violations = _violations(domain, unit, layout.links)
+        possible = lowered(constraints, model).normalised(unit)
+        nearest = _nearest(model, base, base_values, possible, unit)
+    else:
+        # A witness must be consistent and have these very base parameters.
+        missed = _relative_miss(domain, proof.u)
+        is_one = proof.margin >= -_UNDECIDED and missed <= _UNDECIDED
+        answer = "consistent" if is_one else "undecided"
+    return BaseFeasibility(answer, proof, proof.u * unit, tuple(violations), nearest)
+
+
+def _nearest(
+    model: TorqueModel,
+    base: BaseParameters,
+    base_values: Vector,
+    possible: ConicSet,
+    unit: Vector,
+) -> NearestRobot | None:
+    """Return the possible robot whose torque along random motions differs least."""
+    rows = random_rows(model).stacked()[:, list(base.independent)]
+    R = np.linalg.qr(rows, mode="r")
+    size = float(np.linalg.norm(R @ base_values))
+    if size == 0.0:
+        return None
+    problem = LeastNorm(
+        R @ (base.projection * unit) / size, R @ base_values / size, possible
+    )
+    centre = nominal_point(model, unit)
+    try:
+        # Half a thousandth of the torque, squared, is what a gap is measured against.
+        solution, optimality = solve_certified(problem, centre, reference=_SMALL)
+    except SolverError:
+        return None
+    change = float(np.linalg.norm(problem.G @ solution.u - problem.g))
+    return NearestRobot(solution.u * unit, change, optimality.verdict)
+
+
+def _witnessed(domain: ConicSet, u: Vector) -> Interior | None:
+    """Return a point as the answer if it satisfies everything, up to rounding."""
+    if _relative_miss(domain, u) > _UNDECIDED or domain.violation(u) > _UNDECIDED:
+        return None
+    margin = float(block_rows(domain).margins(u).min(initial=1.0))
+    return Interior(margin, np.inf, u, (), ())
+
+
+def _relative_miss(domain: ConicSet, u: Vector) -> float:
+    """Largest residual of the equalities, relative to their values."""
+    residual = abs(domain.A_eq @ u - domain.b_eq)
+    return float(residual.max(initial=0.0) / (1.0 + abs(domain.b_eq).max(initial=0.0)))
+
+
+def _violations(
+    domain: ConicSet, unit: Vector, links: tuple[str, ...]
+) -> list[LinkViolation]:
+    """Ask the question for each link alone."""
+    found = []
+    for block in domain.blocks:
+        if block.label not in links:
+            continue
+        try:
+            alone = find_interior(_only(domain, block))
+        except SolverError:
+            continue  # nothing is known of this link alone
+        if alone.bound >= -_UNDECIDED:
+            continue
+        k = links.index(block.label)
+        body = (_smallest(domain, block, alone) * unit)[10 * k : 10 * k + 10]
+        words = f"{block.label}: {in_words(body)}"
+        found.append(LinkViolation(block.label, alone.margin, words))
+    return found
+
+
+def _smallest(domain: ConicSet, block: SemidefiniteBlock, alone: Interior) -> Vector:
+    """Return the smallest of the least violating parameters, to speak of."""
+    size = len(alone.u)
+    margin = alone.margin - _BACK_OFF * abs(alone.margin)
+    lowered_block = replace(block, constant=block.constant - margin * np.eye(4))
+    problem = LeastNorm(np.eye(size), np.zeros(size), _only(domain, lowered_block))
+    try:
+        return solve_least_norm(problem, tolerance=1e-8).u
+    except SolverError:
+        return alone.u
+
+
+def _only(domain: ConicSet, block: SemidefiniteBlock) -> ConicSet:
+    return ConicSet(
+        domain.A_eq,
+        domain.b_eq,
+        domain.eq_labels,
+        domain.A_in,
+        domain.b_in,
+        domain.in_labels,
+        (block,),
+    )
+
+
+def in_words(vector: Array) -> str:
+    """Say what makes ten inertial parameters inconsistent, and by how much."""
+    body = InertialParameters(vector)
+    if body.mass <= 0.0:
+        return f"mass {body.mass:.4g} kg is not positive"
+    central = body.central_inertia
+    values, axes = np.linalg.eigh(central)
+    if values[0] < 0.0:
+        return f"the least moment of inertia, {values[0]:.4g} kg m^2, is negative"
+    excess = values[2] - values[0] - values[1]
+    if excess > 0.0:
+        axis = np.array2string(axes[:, 2], precision=2, suppress_small=True)
+        return (
+            f"the moment of inertia {values[2]:.4g} kg m^2 about {axis} exceeds the "
+            f"sum of the other two, {values[0] + values[1]:.4g}, by {excess:.4g}"
+        )
+    return "these parameters are physically consistent"
+
+
+@dataclass(frozen=True, slots=True)
+class ConsistencyTest:
+    """How much worse the best robot that satisfies constraints fits, and if by chance.
+
+    Parameters
+    ----------
+    increase : float
+        Of the squared misfit over that of least squares, each joint divided by its
+        noise level and samples counted by their correlation: an effective chi^2.
+    p_value : float
+        Share of simulated data, of the best robot itself, that raise it as much.
+    draws : int
+        Simulated data sets that gave an answer.
+    white : bool
+        Whether noise was taken to be white, for want of residuals.
+    """
+
+    increase: float
+    p_value: float
+    draws: int
+    white: bool
+
+    @property
+    def significant(self) -> bool:
+        """Whether the data contradict the constraints."""
+        return self.p_value < SIGNIFICANT
+
+    @property
+    def sentence(self) -> str:
+        """The answer in words, of an estimate that is impossible."""
+        if self.significant:
+            return f"nor does a consistent robot fit as well ({self._figures})"
+        return (
+            f"impossible as a point; a consistent robot fits as well ({self._figures})"
+        )
+
+    @property
+    def contradiction(self) -> str:
+        """What a contradiction says of consistent estimates; empty if there is none."""
+        if not self.significant:
+            return ""
+        return (
+            f"no consistent robot fits as well as least squares ({self._figures}): the "
+            "model lacks something, perhaps of friction"
+        )
+
+    @property
+    def _figures(self) -> str:
+        figures = f"chi^2 rises by {self.increase:.3g}, p = {self.p_value:.2g}"
+        return f"{figures}, for white noise" if self.white else figures
+
+
+@single_threaded
+def consistency_test(
+    model: TorqueModel,
+    regression: Regression,
+    *,
+    constraints: Sequence[Constraint] = (PhysicalConsistency(margin=0.0),),
+    base: BaseParameters | None = None,
+    draws: int = DRAWS,
+    enough: int = REACHED,
+    seed: int = 0,
+    executor: str | Executor | None = None,
+) -> ConsistencyTest:
+    """Test whether data contradict constraints, by default physical consistency.
+
+    Each joint is weighted by its own noise, whatever the regression's weights.  At most
+    `draws` data sets are simulated, fewer if `enough` of them reach the increase.  The
+    executor says where, see `bootstrap`; the result is the same.
+
+    Raises
+    ------
+    ProblemError
+        If no draws are asked for.
+    InfeasibleError, NotExcitedError, SolverError
+        See `constrained_least_squares`; also if no simulated data give a fit.
+    """
+    if draws < 1 or enough < 1:
+        raise ProblemError(
+            f"draws is {draws} and enough is {enough}, expected 1 or more"
+        )
+    base = base_parameters(model) if base is None else base
+    weighted = regression.weighted(joint_noise(model, regression, base=base))
+    noise = residual_noise(weighted, base)
+    best = best_fit(model, weighted.weighted(noise.level), constraints, base=base)
+    increase = _squared_distance(best, best.scaled.z)
+    rng = np.random.default_rng(seed)
+    shaken = rng.normal(size=(draws, len(best.scaled.z)))
+    reached, answers = _simulated(
+        best, increase, shaken, enough, Executor.chosen(executor)
+    )
+    early = reached == enough
+    return ConsistencyTest(
+        increase=increase,
+        p_value=reached / answers if early else (1 + reached) / (1 + answers),
+        draws=answers,
+        white=not noise.measured,
+    )
+
+
+class _Count(NamedTuple):
+    """How many draws reached the data's ``T``, of how many that gave an answer."""
+
+    reached: int
+    answers: int
+
+
+def _simulated(
+    best: BestFit,
+    increase: float,
+    noise: Matrix,
+    enough: int,
+    executor: Executor | None,
+) -> _Count:
+    """Count simulated data sets until enough have reached an increase."""
+    each = partial(_reaching, best, increase)
+    some = (noise[k : k + _AT_ONCE] for k in range(0, len(noise), _AT_ONCE))
+    count = _Count(0, 0)
+    with worker_threads(_WORKERS) as pool:
+        alone = (list(pool.map(lambda e: each([e])[0], part)) for part in some)
+        answers = alone if executor is None else executor.map(each, some)
+        for answer in chain.from_iterable(answers):
+            if answer is not None:
+                count = _Count(count.reached + answer, count.answers + 1)
+            if count.reached == enough:
+                break
+    if not count.answers:
+        raise SolverError("none of the simulated data gave a constrained fit")
+    return count
+
+
+@single_threaded
+def _reaching(
+    best: BestFit, increase: float, noise: Sequence[Vector]
+) -> list[bool | None]:
+    """Return which simulated data reach an increase; None where there is no fit."""
+    predicted, found = best.scaled.M @ best.solution.u, list[bool | None]()
+    for e in noise:
+        if e @ e < increase:
+            found.append(False)
+            continue
+        try:
+            T = _squared_distance(best, predicted + e / best.scaled.size)
+        except SolverError:
+            found.append(None)
+        else:
+            found.append(T >= increase)
+    return found
+
+
+def _squared_distance(best: BestFit, z: Vector) -> float:
+    """Return ``T`` for other data, in the units of the rows."""
+    scaled = best.scaled
+    problem = LeastNorm(scaled.M, z, scaled.domain)
+    u = solve_least_norm(problem, tolerance=COARSE, origin=best.solution.u).u
+    free = np.linalg.lstsq(scaled.M, z, rcond=None)[0]
+    misfit, least = (float(np.sum((scaled.M @ v - z) ** 2)) for v in (u, free))
+    return max(misfit - least, 0.0) * scaled.size**2

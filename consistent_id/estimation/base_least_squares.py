@@ -1,0 +1,188 @@
+"""Least squares on base parameters: the paper's eq. (6), without forming Y^T Y.
+
+With ``Y = Q R``, ``(Y^T Y)^-1 Y^T tau = R^-1 Q^T tau`` for full rank.  Where
+combinations are not identifiable from the data, that inverse does not exist.  The
+answer is then the smallest base vector among all that fit best, and says so.
+"""
+
+from dataclasses import replace
+from time import perf_counter
+
+import numpy as np
+
+from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.executors import single_threaded
+from consistent_id.estimation.determination import (
+    determinations,
+    linear_errors,
+    stated_errors,
+)
+from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.fit import fit_of
+from consistent_id.estimation.method import Method
+from consistent_id.regression.base import (
+    BaseParameters,
+    base_parameters,
+    open_combinations,
+    require_match,
+)
+from consistent_id.regression.linear import LinearSolution, solve_linear
+from consistent_id.regression.regression import Regression
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import (
+    ResidualNoise,
+    joint_noise,
+    residual_noise,
+    residual_sigma,
+)
+from consistent_id.regression.row_names import in_newton
+
+_STATIONARITY = 1e-9
+
+
+@single_threaded
+def least_squares(
+    model: TorqueModel,
+    regression: Regression,
+    *,
+    base: BaseParameters | None = None,
+    method: str = Method.LEAST_SQUARES,
+) -> Estimate:
+    """Estimate base parameters by least squares; weighted if the regression is.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    regression : Regression
+        Its `sigma` are the weights.
+    base : BaseParameters, optional
+        By default `base_parameters(model)`.
+    method : str
+        Name under which the estimate appears.
+
+    Returns
+    -------
+    Estimate
+        The standard parameters are the smallest vector with the estimated base
+        parameters; only the latter mean something.
+
+    Raises
+    ------
+    NotExcitedError
+        If the data excite nothing.
+    """
+    started = perf_counter()
+    base = base_parameters(model) if base is None else base
+    require_match(model, regression, base)
+    R = regression.stacked()
+    A, b = R[:, list(base.independent)], R[:, -1]
+    solution = solve_linear(A, b)
+    parameters = base.lift(solution.x)
+    sigma = residual_sigma(regression, parameters, solution.rank)
+    redundant = sum(regression.counts) > solution.rank
+    noise = residual_noise(regression, base)
+    covariance = _covariance(noise, solution) if redundant else None
+    known = np.zeros((0, len(model.layout)))
+    errors = linear_errors(base, noise, known)
+    origins = determinations(
+        model,
+        regression,
+        base,
+        errors,
+        parameters,
+        known=known,
+        elsewhere="convention",
+    )
+    undetermined = open_combinations(solution, base.names)
+    return Estimate(
+        method=method,
+        model=model,
+        base=base,
+        parameters=parameters,
+        base_covariance=covariance,
+        origins=origins,
+        undetermined=undetermined,
+        sigma=sigma,
+        certificate=stationarity_certificate(A, b, solution),
+        notes=_notes(model, regression, base, solution, noise),
+        seconds=perf_counter() - started,
+        fit=fit_of(model, regression, parameters, base),
+        parameter_errors=stated_errors(errors, origins) if redundant else None,
+    )
+
+
+@single_threaded
+def weighted_least_squares(
+    model: TorqueModel,
+    regression: Regression,
+    *,
+    base: BaseParameters | None = None,
+) -> Estimate:
+    """Estimate with each joint weighted by its own noise level, found by iteration.
+
+    See `joint_noise` and `least_squares`.
+    """
+    started = perf_counter()
+    base = base_parameters(model) if base is None else base
+    weighted = regression.weighted(joint_noise(model, regression, base=base))
+    estimate = least_squares(
+        model, weighted, base=base, method=Method.WEIGHTED_LEAST_SQUARES
+    )
+    return replace(estimate, seconds=perf_counter() - started)
+
+
+def _notes(
+    model: TorqueModel,
+    regression: Regression,
+    base: BaseParameters,
+    solution: LinearSolution,
+    noise: ResidualNoise,
+) -> tuple[str, ...]:
+    """Say under which conditions values and errors hold."""
+    notes = ["no more rows than parameters: the noise is unknown, so are errors"]
+    if sum(regression.counts) > solution.rank:
+        notes = [noise.sentence]
+        if _of_two_kinds(model) and np.ptp(regression.sigma) == 0.0:
+            notes.append(
+                "rows in N m and in N count alike, whatever their sizes; "
+                "weighted_least_squares divides each joint's by its noise"
+            )
+    notes += base.near
+    if solution.null_space.size:
+        notes.append(
+            f"the data determine {solution.rank} of {len(base)} base parameters; this "
+            "is the smallest of all vectors that fit best"
+        )
+    return tuple(notes)
+
+
+def _of_two_kinds(model: TorqueModel) -> bool:
+    """Return whether there are rows in N m and rows in N."""
+    kinds = {in_newton(model.robot, name) for name in model.torque_joints}
+    return len(kinds) > 1
+
+
+def _covariance(noise: ResidualNoise, solution: LinearSolution) -> Matrix:
+    """Covariance of the estimate; infinite where the data leave it open."""
+    covariance = np.asarray(noise.steps @ noise.inflation @ noise.steps.T)
+    open_ended = (abs(solution.null_space) > 1e-9).any(axis=1)
+    covariance[open_ended, :] = covariance[:, open_ended] = np.nan
+    covariance[open_ended, open_ended] = np.inf
+    return covariance
+
+
+def stationarity_certificate(
+    A: Matrix, b: Vector, solution: LinearSolution
+) -> Certificate:
+    """Certify a least-squares solution by its vanishing gradient."""
+    gradient = A.T @ (A @ solution.x - b)
+    scale = np.linalg.norm(A, axis=0) * np.linalg.norm(b)
+    left = float((abs(gradient) / np.where(scale > 0, scale, 1.0)).max())
+    figures = {"stationarity": left, "rank": float(solution.rank)}
+    if left <= _STATIONARITY:
+        return Certificate(
+            "certified",
+            "the gradient vanishes: no parameters fit these data better",
+            figures,
+        )
+    return Certificate("uncertified", "the gradient does not vanish", figures)

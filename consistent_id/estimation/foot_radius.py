@@ -1,0 +1,126 @@
+"""How far below their centres round feet touch: found in the log, like a parameter.
+
+Rubber gives way, and a sole wears.  A foot that touches a few tenths of a millimetre
+higher than said turns its forces into moments that the trunk's inertia excuses.  Rows
+free of contact forces know better: moved by an offset of all radii, the least misfit is
+a parabola, of which three values tell the vertex.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from consistent_id._support.arrays import Matrix
+from consistent_id._support.executors import single_threaded
+from consistent_id.constraints import Constraint
+from consistent_id.errors import RecordingError
+from consistent_id.estimation.equalities import FreeParameters, least_squares
+from consistent_id.recordings.recording import Recording, several
+from consistent_id.recordings.signals.parts import blocks_of
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.rows.contact_free import masked_factors
+
+BLOCKS = 6
+"""Blocks of the motion, each left out once to see how sure the offset is."""
+
+_STEP = 0.05  # of the smallest radius, by which feet are moved; soft rubber gives less
+_PASSES = 4  # until the vertex is within a step
+_SAID = 0.1  # of a radius, by which what is said of it is a standard error off
+
+
+@dataclass(frozen=True, slots=True)
+class ContactRadius:
+    """What is added to the radius of each round foot.
+
+    Parameters
+    ----------
+    offset : float, [m]
+        Drawn towards zero where the log tells less than what was said of the radius,
+        which is taken to be a tenth of it off.
+    standard_error : float, [m]
+        By leaving out blocks of the motion, a jackknife [Efron1982]_.
+    """
+
+    offset: float
+    standard_error: float
+
+
+@single_threaded
+def contact_radius(
+    model: TorqueModel,
+    recordings: Recording | Sequence[Recording],
+    *,
+    constraints: Sequence[Constraint] = (),
+) -> ContactRadius:
+    """Find what is to be added to the radius of all round feet.
+
+    Parameters
+    ----------
+    model : TorqueModel
+        With rows free of contact forces, see `contact_free_model`.
+    recordings : Recording or sequence of Recording
+        With velocity, acceleration, torque, base motion and contacts; without rests
+        and impacts, which err more.
+    constraints : sequence of Constraint
+        Of these the equalities count, such as known bodies.
+
+    Raises
+    ------
+    RecordingError
+        If no contact has a radius.
+    NotExcitedError
+        If the motion is too short.
+    """
+    logs = several(recordings)
+    radii = [flags.radius for log in logs for flags in log.contacts if flags.radius]
+    if not radii:
+        raise RecordingError("no contact has a radius; give ContactFlags(radius=...)")
+    step = _STEP * min(radii)
+    free = FreeParameters.of(constraints, model)
+    combinations = np.column_stack([free.directions, free.start])
+    pieces, offset = blocks_of(logs, BLOCKS), 0.0
+    for _ in range(_PASSES):
+        blocks = []
+        for piece in pieces:
+            moved = [with_radii(piece, offset + k * step) for k in (-1, 0, 1)]
+            parts = masked_factors(model, moved, combinations)
+            blocks.append([part.factor for part in parts])
+        vertex = _vertex(blocks)
+        offset += step * vertex
+        if not abs(vertex) > 1.0:  # within what was tried, or nowhere
+            break
+    count = len(blocks)
+    left = [_vertex(blocks[:k] + blocks[k + 1 :]) for k in range(count)]
+    variance = step**2 * (count - 1) * float(np.var(left))
+    said = (_SAID * min(radii)) ** 2
+    if not np.isfinite(offset + variance):
+        return ContactRadius(0.0, float(np.sqrt(said)))
+    share = said / (said + variance)
+    return ContactRadius(share * offset, float(np.sqrt(share * variance)))
+
+
+def with_radii(recording: Recording, offset: float) -> Recording:
+    """Return a recording whose round feet have a radius larger by an offset [m]."""
+    contacts = tuple(
+        replace(flags, radius=flags.radius + offset) if flags.radius else flags
+        for flags in recording.contacts
+    )
+    return replace(recording, contacts=contacts)
+
+
+def _vertex(blocks: Sequence[Sequence[Matrix]]) -> float:
+    """Return where misfits at -1, 0 and 1 have their least, by a parabola.
+
+    Not a number, if they have none: no force turns about feet.
+    """
+    low, middle, high = (_misfit(parts) for parts in zip(*blocks, strict=True))
+    bend = low + high - 2.0 * middle
+    return 0.5 * (low - high) / bend if bend > 0.0 else np.nan
+
+
+def _misfit(parts: Sequence[Matrix]) -> float:
+    """Return the least squared misfit of factors; the last two columns are given."""
+    R = np.vstack(parts)
+    A, rest = R[:, :-2], R[:, -1] - R[:, -2]
+    return float(((rest - A @ least_squares(A, rest)) ** 2).sum())

@@ -1,1 +1,0 @@
-"""A robot and the load that it carries."""

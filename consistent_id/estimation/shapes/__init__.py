@@ -1,1 +1,0 @@
-"""Parameters of friction in which the torque is not linear."""

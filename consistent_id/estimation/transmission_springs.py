@@ -1,0 +1,209 @@
+"""Which joints have a spring between motor and link, and how stiff it is.
+
+The torque of springs depends on their stiffness, not linearly; all else in the fit is
+linear.  So stiffness is scanned, and for each the other parameters are solved for
+(variable projection).  Motors of a group have the same spring.  The group whose spring
+lowers the misfit most has it; then the others are asked again.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id._support.arrays import Vector, freeze_arrays
+from consistent_id._support.tables import Table
+from consistent_id.constraints import Constraint
+from consistent_id.estimation.equalities import FreeParameters
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.drive_torque import stiffness_of
+from consistent_id.regression.elastic_joints import as_rigid, link_inertias
+from consistent_id.regression.regression import build_regression
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import joint_noise
+
+FREQUENCIES = (20.0, 14.0, 10.0, 7.0, 5.0)
+"""At which links vibrate on the springs that are tried [Hz].  A stiffer one changes
+motion below 4 Hz by a twentieth at most; a joint on a softer one has a spring by
+design, whose stiffness is known."""
+
+WORTH = 0.025
+"""Relative fall of the squared misfit that a spring must bring: the floor that was
+found for other terms of a model.  To a leg with a spring of 7 Hz it brings 0.65; with
+stiff gears every spring that is tried makes the misfit larger."""
+
+_HALVINGS = 4  # of the factor between frequencies, each with two more
+_FACTOR = 2.0**0.5  # between frequencies
+_AROUND = 0.05  # of the compliance, to either side, where the bend of the misfit is
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointSprings:
+    """Springs between motors and links, and how sure they are.
+
+    Parameters
+    ----------
+    joints : tuple of str
+    compliance : array_like, shape (joints,), [rad/(N m) or m/N]
+        Zero for a rigid joint.
+    standard_errors : array_like, shape (joints,)
+        Of the compliance, from the bend of the misfit, with as many samples as noise
+        that is correlated leaves; zero for a rigid joint.
+    misfit : float
+        Least weighted squared misfit, over that of a rigid robot.
+    """
+
+    joints: tuple[str, ...]
+    compliance: Vector
+    standard_errors: Vector
+    misfit: float
+
+    def __post_init__(self) -> None:
+        shape = (len(self.joints),)
+        shapes = {"compliance": shape, "standard_errors": shape}
+        freeze_arrays(self, shapes, "springs of joints", finite=False)
+
+    @property
+    def stiffness(self) -> Vector:
+        """What springs have, infinite for a rigid joint, [N m/rad or N/m]."""
+        return stiffness_of(self.compliance)
+
+    def table(self) -> Table:
+        """Return the springs, for people."""
+        rows = [
+            (joint, f"{1.0 / c:.4g} +- {e / c**2:.2g}" if c > 0.0 else "rigid")
+            for joint, c, e in zip(
+                self.joints, self.compliance, self.standard_errors, strict=True
+            )
+        ]
+        return Table(
+            f"Springs between motors and links: squared misfit {self.misfit:.3f} of a "
+            "rigid robot's",
+            ("joint", "stiffness [N m/rad, N/m]"),
+            tuple(rows),
+            (
+                "+- 1 standard error, of this model of bodies and friction; rigid: no "
+                f"spring at which links vibrate below {FREQUENCIES[0]:g} Hz lowers "
+                f"the squared misfit by {100 * WORTH:g} %",
+            ),
+        )
+
+
+def joint_springs(
+    model: TorqueModel,
+    recordings: Sequence[Recording],
+    *,
+    groups: Sequence[Sequence[str]] = (),
+    constraints: Sequence[Constraint] = (),
+) -> JointSprings:
+    """Find springs between motors and links.
+
+    Parameters
+    ----------
+    model : TorqueModel
+        With nominal bodies: they say what springs carry.
+    recordings : sequence of Recording
+        Prepared, with torque as it was recorded; on uniform clocks.
+    groups : sequence of sequence of str
+        Joints of equal motors; every other joint is a group of its own.
+    constraints : sequence of Constraint
+        Of these the equalities count, such as known bodies and equal motors.
+
+    Raises
+    ------
+    ModelError
+        If bodies of the robot are not known.
+    RecordingError
+        If the recordings cannot be used.
+    """
+    search = _search(model, recordings, groups, constraints)
+    names = model.robot.joint_names
+    soft, errors = np.zeros(len(names)), np.zeros(len(names))
+    stiff, found = search.misfit(soft), []
+    left = list(search.units)
+    while left:
+        candidates = [search.softened(soft, unit) for unit in left]
+        place = int(np.argmin([search.misfit(c) for c in candidates]))
+        if search.misfit(candidates[place]) > (1.0 - WORTH) * search.misfit(soft):
+            break
+        soft = candidates[place]
+        found.append(left.pop(place))
+    for unit in found:
+        soft = search.finer(soft, unit)
+    for unit in found:
+        errors[unit > 0.0] = search.standard_error(soft, unit)
+    return JointSprings(names, soft, errors, search.misfit(soft) / stiff)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _SpringSearch:
+    """What is tried.
+
+    A unit is the compliance of a group's joints on which their links vibrate at 1 Hz,
+    zero elsewhere.  Samples that noise leaves are those beside springs: what a rigid
+    robot does not explain is as correlated as the motion.
+    """
+
+    units: tuple[Vector, ...]
+    misfit: Callable[[Vector], float]
+    effective: Callable[[Vector], float]
+
+    def softened(self, soft: Vector, unit: Vector) -> Vector:
+        """Return the compliances with the best spring of a group, of those tried."""
+        return min((soft + unit / f**2 for f in FREQUENCIES), key=self.misfit)
+
+    def finer(self, soft: Vector, unit: Vector) -> Vector:
+        """Return the compliances with a group's spring between those tried."""
+        own, factor = unit > 0.0, _FACTOR
+        for _ in range(_HALVINGS):
+            factor **= 0.5
+            near = (np.where(own, soft * f, soft) for f in (factor**2, factor**-2))
+            soft = min((soft, *near), key=self.misfit)
+        return soft
+
+    def standard_error(self, soft: Vector, unit: Vector) -> float:
+        """Return the standard error of a group's compliance."""
+        own = unit > 0.0
+        step = _AROUND * float(soft[own][0])
+        low, high = (self.misfit(soft + sign * step * own) for sign in (-1.0, 1.0))
+        least = self.misfit(soft)
+        bend = (low - 2.0 * least + high) / step**2
+        # The misfit over its noise is a chi-square in as many samples as independent.
+        curvature = bend / least * self.effective(soft)
+        return float(np.sqrt(2.0 / curvature)) if curvature > 0.0 else np.inf
+
+
+def _search(
+    model: TorqueModel,
+    recordings: Sequence[Recording],
+    groups: Sequence[Sequence[str]],
+    constraints: Sequence[Constraint],
+) -> _SpringSearch:
+    robot = model.robot
+    names = robot.joint_names
+    first = build_regression(model, recordings)
+    sigma = joint_noise(model, first)
+    free = FreeParameters.of(constraints, model)
+    known: dict[bytes, float] = {}
+
+    def rigid(soft: Vector) -> list[Recording]:
+        return [as_rigid(robot, log, soft) for log in recordings]
+
+    def misfit(soft: Vector) -> float:
+        if (key := soft.tobytes()) not in known:
+            regression = build_regression(model, rigid(soft), noise=False)
+            known[key] = free.misfit(regression.weighted(sigma))
+        return known[key]
+
+    def effective(soft: Vector) -> float:
+        return float(build_regression(model, rigid(soft)).effective.sum())
+
+    q = np.vstack([log.of(names).position for log in recordings])
+    unit = 1.0 / (link_inertias(robot, q.mean(axis=0)) * (2.0 * np.pi) ** 2)
+    grouped = {name for group in groups for name in group}
+    alone = [(name,) for name in names if name not in grouped]
+    units = []
+    for group in (*groups, *alone):
+        own = np.array([name in group for name in names])
+        units.append(np.where(own, unit[own].mean(), 0.0))
+    return _SpringSearch(tuple(units), misfit, effective)

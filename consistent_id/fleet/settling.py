@@ -1,0 +1,254 @@
+"""The shared problem of a fleet, solved until nothing of single robots changes.
+
+Robots' own parameters have been taken out of their rows as if nothing held them.  Where
+constraints hold them, the rows that they then fail to explain go back to the shared
+problem, and it is solved again: until no bound of friction or offsets changes, and the
+loads that robots carry explain as much as was thought.  That is the optimum of all
+robots together.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+
+from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.executors import tree_reduced
+from consistent_id.errors import ProblemError
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.fleet.fleet_model import (
+    FleetModel,
+    OwnFit,
+    OwnSet,
+    bound_rows,
+    own_fit,
+    read_share,
+)
+from consistent_id.fleet.payloads import (
+    FREE,
+    LoadFit,
+    PlacedBody,
+    load_fit,
+    without_load,
+)
+from consistent_id.regression.correlated_noise import CorrelatedNoise
+from consistent_id.regression.regression import Regression, triangle
+
+_ROUNDS = 30  # of the shared problem, until nothing changes
+_SAME = 1e-8  # relative squared misfit up to which loads explain what was thought
+
+
+@dataclass(frozen=True, eq=False)
+class StoredRobot:
+    """What memory holds of a robot.
+
+    Parameters
+    ----------
+    file : Path
+        Of its share; see `share_files`.
+    own : tuple of ndarray
+        See `RobotShare.own`.
+    sigma : ndarray, shape (joints,), [N m or N]
+        Its noise.
+    torque, alone : float, [N m or N]
+        See `RobotShare`.
+    place : PlacedBody, optional
+        Of what it carries.
+    """
+
+    name: str
+    file: Path
+    own: tuple[Matrix, ...]
+    sigma: Vector
+    torque: float
+    alone: float
+    samples: int
+    place: PlacedBody | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """The shared estimate, and what it was found from.
+
+    Parameters
+    ----------
+    shared : Regression
+        Of the shared parameters, what is robots' own taken out.
+    settled : bool
+        Whether nothing changed in the end.
+    """
+
+    bodies: Estimate
+    shared: Regression
+    settled: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Own:
+    """What is a robot's own, beside given shared parameters.
+
+    `surprise` is by how much its squared misfit, relatively, is not what it was thought
+    to be when the shared parameters were found.
+    """
+
+    fits: tuple[OwnFit, ...]
+    load: LoadFit = FREE
+    surprise: float = 0.0
+
+    def follows(self, before: "_Own") -> bool:
+        """Return whether it is what the shared parameters were found with."""
+        pairs = zip(before.fits, self.fits, strict=True)
+        return self.surprise <= _SAME and all(a.bound == b.bound for a, b in pairs)
+
+
+def settle(
+    fleet: FleetModel,
+    robots: Sequence[StoredRobot],
+    limits: Sequence[OwnSet],
+    solved: Callable[[Regression], Estimate],
+) -> Settled:
+    """Solve the shared problem until nothing of the robots' own changes.
+
+    Parameters
+    ----------
+    robots : sequence of StoredRobot
+        Whose bodies are alike.
+    limits : sequence of OwnSet
+        On own parameters, by joint.
+    solved : callable
+        From a regression of the shared parameters to their estimate.
+
+    Raises
+    ------
+    ProblemError
+        If there is no robot.
+    """
+    if not robots:
+        raise ProblemError("no robot is left to share bodies with others; give more")
+    plain = [robot for robot in robots if robot.place is None]
+    loaded = [(robot, robot.place) for robot in robots if robot.place is not None]
+    reference = robots[0].sigma
+    read = (_scaled(read_share(robot.file, fleet), reference) for robot in plain)
+    start = tree_reduced(read, Regression.__add__)  # read once, whatever the rounds
+    nothing = _Own((OwnFit(np.zeros(0), ()),) * len(limits))
+    of_plain, of_loaded = [nothing] * len(plain), [nothing] * len(loaded)
+    for _ in range(_ROUNDS):
+        first = [] if start is None else [_with_held(start, plain, of_plain, limits)]
+        others = (
+            _scaled(
+                without_load(_held(fleet, robot, own, limits), place, own.load),
+                reference,
+            )
+            for (robot, place), own in zip(loaded, of_loaded, strict=True)
+        )
+        shared = reduce(Regression.__add__, chain(first, others))
+        bodies = solved(shared)
+        x, before = bodies.parameters, [*of_plain, *of_loaded]
+        of_plain = [_Own(own_fits(robot, x, limits)) for robot in plain]
+        of_loaded = [
+            _loaded(_held(fleet, robot, own, limits), robot, place, own, x, limits)
+            for (robot, place), own in zip(loaded, of_loaded, strict=True)
+        ]
+        after = [*of_plain, *of_loaded]
+        if all(b.follows(a) for a, b in zip(before, after, strict=True)):
+            return Settled(bodies, shared, True)
+    return Settled(bodies, shared, False)
+
+
+def own_fits(
+    robot: StoredRobot, shared: Vector, limits: Sequence[OwnSet]
+) -> tuple[OwnFit, ...]:
+    """Return a robot's friction and offsets, joint by joint.
+
+    Parameters
+    ----------
+    shared : ndarray
+        Shared parameters, its load in its carrier.
+    """
+    pairs = zip(robot.own, limits, strict=True)
+    return tuple(own_fit(rows, shared, limit) for rows, limit in pairs)
+
+
+def _scaled(regression: Regression, reference: Vector) -> Regression:
+    """Return a robot's regression in the noise of a reference."""
+    scale, noise = reference / regression.sigma, regression.noise
+    if noise is not None:
+        scores = zip(noise.scores, scale, strict=True)
+        noise = CorrelatedNoise(noise.effective, tuple(N * c**2 for N, c in scores))
+    factors = tuple(F * c for F, c in zip(regression.factors, scale, strict=True))
+    return replace(
+        regression,
+        factors=factors,
+        noise=noise,
+        sigma=reference,
+        peaks=regression.peaks * scale,
+    )
+
+
+def _with_held(
+    shared: Regression,
+    robots: Sequence[StoredRobot],
+    own: Sequence[_Own],
+    limits: Sequence[OwnSet],
+) -> Regression:
+    """Return a regression with the rows that robots' held parameters do not explain."""
+    factors = []
+    for j, limit in enumerate(limits):
+        extra = [
+            bound_rows(robot.own[j], len(shared.layout), limit, mine.fits[j])
+            * (shared.sigma[j] / robot.sigma[j])
+            for robot, mine in zip(robots, own, strict=True)
+            if mine.fits[j].bound or len(limit.b_eq)
+        ]
+        rows = np.vstack([shared.factors[j], *extra])
+        factors.append(triangle(np.asfortranarray(rows)))
+    return replace(shared, factors=tuple(factors))
+
+
+def held_rows(
+    fleet: FleetModel,
+    robot: StoredRobot,
+    place: PlacedBody,
+    shared: Vector,
+    limits: Sequence[OwnSet],
+) -> Regression:
+    """Return a robot's regression with what friction at its bounds does not explain.
+
+    Beside given shared parameters, whatever it carries fitting best.
+    """
+    own = _Own((OwnFit(np.zeros(0), ()),) * len(limits))
+    for _ in range(_ROUNDS):
+        held = _held(fleet, robot, own, limits)
+        load = load_fit(held, place, shared)
+        before = own
+        own = _Own(own_fits(robot, place.added(shared, load.body), limits))
+        if own.follows(before):
+            break
+    return held
+
+
+def _held(
+    fleet: FleetModel, robot: StoredRobot, own: _Own, limits: Sequence[OwnSet]
+) -> Regression:
+    """Return a robot's own regression, with what its held parameters do not explain."""
+    return _with_held(read_share(robot.file, fleet), [robot], [own], limits)
+
+
+def _loaded(
+    held: Regression,
+    robot: StoredRobot,
+    place: PlacedBody,
+    own: _Own,
+    shared: Vector,
+    limits: Sequence[OwnSet],
+) -> _Own:
+    """Return what is the own of a robot that carries something."""
+    thought = without_load(held, place, own.load)
+    rows = thought.residual_rms(shared) / thought.sigma
+    expected = float(np.sum(rows**2 * thought.counts))
+    load = load_fit(held, place, shared)
+    fits = own_fits(robot, place.added(shared, load.body), limits)
+    return _Own(fits, load, abs(load.misfit / expected - 1.0))

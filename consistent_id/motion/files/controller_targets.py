@@ -1,0 +1,153 @@
+"""Joint positions for controllers, which take one target in every cycle.
+
+Tables for KUKA RSI and libfranka, and programs for Universal Robots.
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.errors import ProblemError
+from consistent_id.recordings.joint_paths import JointPath
+
+_JOINTS = {"rsi": 6, "franka": 7, "urscript": 6}
+_DIGITS = 12  # of rad or degrees; rounding is felt as jerk, 1e9 times as large at 1 kHz
+
+CYCLES: dict[str, tuple[float, ...]] = {
+    "urscript": (125.0, 500.0),
+    "rsi": (250.0, 1000.0 / 12.0),
+    "franka": (1000.0,),
+}
+"""Rates of formats [Hz]: of CB and e-Series, of RSI in 4 and in 12 ms, of libfranka."""
+
+_EQUAL = 1e-3  # of a rate, such as 83.3 for 1000 / 12
+
+_TO_START = "a=0.5, v=0.25"  # rad/s^2, rad/s: slow, since this way is not checked
+_TRACKING = "0.1, 300"  # lookahead time [s] and gain, the controller's own defaults
+
+
+class Targets(NamedTuple):
+    """Positions, shape (targets, joints), and seconds since the start."""
+
+    since: Vector
+    position: Matrix
+
+
+def urscript_of(path: JointPath, rate: float, where: Path) -> str:
+    """Return a program that goes to the start, and then follows a path by ``servoj``.
+
+    Each target holds for one cycle; the last one is the end of the path, at most a
+    cycle after the one before.  Targets are rounded to 1e-9 rad.
+
+    Raises
+    ------
+    ProblemError
+        If the robot has not six joints, or the rate is not 125 or 500 Hz.
+    """
+    if len(path.joints) != _JOINTS["urscript"]:
+        raise ProblemError(
+            f"{where}: {len(path.joints)} joints, expected 6: URScript is the "
+            "language of arms with six"
+        )
+    cycle = cycle_of("urscript", rate)
+    if cycle is None:
+        raise ProblemError(
+            f"{where}: rate is {rate:g} Hz, expected the controller's cycle: 125 "
+            "(CB series) or 500 (e-Series)"
+        )
+    rate = cycle
+    since, targets = targets_of(path, rate)
+    lines = [
+        "def consistent_id_motion():",
+        "  # consistent-id: motion",
+        f"  # joints {', '.join(path.joints)}",
+        f"  # {len(since)} targets, one every {1.0 / rate:g} s; time in seconds behind",
+        f"  movej({_list(targets[0])}, {_TO_START})",
+    ]
+    for time, target in zip(since, targets, strict=True):
+        command = f"servoj({_list(target)}, 0, 0, {1.0 / rate:g}, {_TRACKING})"
+        lines.append(f"  {command}  # {time:.3f}")
+    return "\n".join([*lines, "  stopj(1.0)", "end", ""])
+
+
+def rsi_of(path: JointPath, rate: float, where: Path) -> str:
+    """Return axis angles [degrees] for KUKA's Robot Sensor Interface, ``A1;...;A6``.
+
+    Raises
+    ------
+    ProblemError
+        If the robot has not six joints, or the rate is not 250 or 83.3 Hz.
+    """
+    rate = _required(path, rate, where, "rsi", "250 (4 ms) or 83.3 (12 ms)")
+    rows = np.degrees(targets_of(path, rate).position)
+    head = ";".join(f"A{k}" for k in range(1, len(path.joints) + 1))
+    what = "axis angles in degrees for KUKA RSI, in the signs of the robot's file"
+    return _table(path, rate, what, [head], rows, ";")
+
+
+def franka_of(path: JointPath, rate: float, where: Path) -> str:
+    """Return joint positions [rad] for libfranka's ``JointPositions``, by commas.
+
+    Raises
+    ------
+    ProblemError
+        If the robot has not seven joints, or the rate is not 1000 Hz.
+    """
+    rate = _required(path, rate, where, "franka", "1000")
+    what = "joint positions in rad for libfranka"
+    return _table(path, rate, what, [], targets_of(path, rate).position, ",")
+
+
+def _required(
+    path: JointPath, rate: float, where: Path, format: str, known: str
+) -> float:
+    if len(path.joints) != _JOINTS[format]:
+        raise ProblemError(
+            f"{where}: {len(path.joints)} joints, expected {_JOINTS[format]}, as "
+            "robots that read this format have"
+        )
+    cycle = cycle_of(format, rate)
+    if cycle is None:
+        raise ProblemError(
+            f"{where}: rate is {rate:g} Hz, expected the controller's cycle: {known}"
+        )
+    return cycle
+
+
+def _table(
+    path: JointPath, rate: float, what: str, head: list[str], rows: Matrix, comma: str
+) -> str:
+    # Adding zero turns -0.0 into 0.0.
+    lines = [
+        comma.join(f"{value:.{_DIGITS}f}" for value in row)
+        for row in np.round(rows, _DIGITS) + 0.0
+    ]
+    comments = [
+        f"# consistent-id: motion; {what}",
+        f"# joints {', '.join(path.joints)}; one row every {1e3 / rate:g} ms",
+    ]
+    return "\n".join([*comments, *head, *lines, ""])
+
+
+def cycle_of(format: str, rate: float) -> float | None:
+    """Return the controller's rate that is meant, or None if it has no such."""
+    near = (own for own in CYCLES[format] if abs(rate - own) <= _EQUAL * own)
+    return next(near, None)
+
+
+def targets_of(path: JointPath, rate: float) -> Targets:
+    """Return one target for each cycle.
+
+    The last one is the end of the path, at most a cycle after the one before.
+    """
+    cycles = int(np.ceil(path.duration * rate * (1.0 - 1e-12)))
+    since = np.minimum(np.arange(cycles + 1) / rate, path.duration)
+    (position,) = path.evaluate(path.start + since, derivatives=0)
+    return Targets(since, position)
+
+
+def _list(target: Matrix) -> str:
+    # Adding zero turns -0.0 into 0.0.
+    return f"[{', '.join(f'{value:.9f}' for value in np.round(target, 9) + 0.0)}]"

@@ -1,0 +1,323 @@
+"""Run-in and run-out: what makes a trajectory one that a robot can play.
+
+Both lead from rest, in a pose that suits, to a state of motion, or back.  For a given
+duration, the coefficients of their polynomial are linear in the pose at rest; so each
+limit leaves an interval of poses, known without a search.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id._support.arrays import Array, Vector, checked
+from consistent_id.errors import ProblemError
+from consistent_id.motion import bernstein
+from consistent_id.motion.limits import MotionLimits
+from consistent_id.motion.move import Move, end_of
+from consistent_id.motion.polynomial_path import PolynomialPath
+from consistent_id.motion.transfers import (
+    MATCHED,
+    MotionState,
+    allowed_by,
+    limits_of,
+    shortest,
+    transfer,
+)
+from consistent_id.recordings.joint_paths import FourierTrajectory
+from consistent_id.robot.parameters import did_you_mean
+
+_SAME = 1e-9  # difference, over the trajectory's bound, that is rounding
+
+_FACTORS = (1.0, 2.0, 8.0)  # of the trajectory's own bounds, where no limit is given
+
+_ROUNDING = 1e-10  # share of a limit that is left when a pose is chosen
+
+Pose = ArrayLike | Mapping[str, float]
+
+
+def move_along(
+    trajectory: FourierTrajectory,
+    limits: MotionLimits,
+    *,
+    from_pose: Pose | None = None,
+    to_pose: Pose | None = None,
+    from_via: ArrayLike | None = None,
+    to_via: ArrayLike | None = None,
+    periods: int | None = None,
+    smooth: bool = False,
+) -> Move:
+    """Return a move from rest through a trajectory to rest, within limits on the way.
+
+    A run-in is one polynomial where that stays within the limits; else a point-to-point
+    one, and a swing from a pose nearby.  Where acceleration or jerk has no limit, the
+    trajectory's own bound is that of run-in and run-out, or a multiple of it where no
+    way is within that.  The trajectory itself is not checked; torque and collisions on
+    the way are not either.
+
+    Parameters
+    ----------
+    trajectory : FourierTrajectory
+        Periodic, or at rest at its ends.
+    limits : MotionLimits
+    from_pose, to_pose : array_like, shape (joints,), or mapping by joint, optional
+        Where the robot rests before and after [rad or m]; by default the nearest poses
+        from which and to which it can swing.
+    from_via, to_via : array_like, shape (poses, joints), optional
+        Poses in which it rests on the way from `from_pose` and to `to_pose`, in order.
+    periods : int, optional
+        How often the trajectory is repeated; by default as its duration says.
+    smooth : bool
+        Whether ways between poses at rest begin and end without jerk; a swing from a
+        pose nearby into a motion does not.
+
+    Raises
+    ------
+    ProblemError
+        If a pose or a state is outside the limits, or no way is within them.
+
+    Examples
+    --------
+    >>> swing = FourierTrajectory(("joint1",), [0.5], [0.0], [[0.0]], [[0.1]], 4.0)
+    >>> from consistent_id import DHRow, from_modified_dh, motion_limits
+    >>> from consistent_id.robot import JointLimits
+    >>> arm = from_modified_dh("arm", [DHRow(0, 0, limits=JointLimits(-1, 2))])
+    >>> limits = motion_limits(arm, velocity=1.0)
+    >>> move = move_along(swing, limits, from_pose=[0.5], to_pose=[0.5])
+    >>> [len(move.run_in), len(move.run_out)]
+    [1, 1]
+    >>> move.evaluate([0.0, move.duration])[:2, :, 0].round(9).tolist()
+    [[0.5, 0.5], [0.0, 0.0]]
+    """
+    limits = limits_of(limits, trajectory.joints)
+    if periods is not None:
+        trajectory = _repeated(trajectory, periods)
+    first = _pose(from_pose, trajectory.joints, "from_pose")
+    last = _pose(to_pose, trajectory.joints, "to_pose")
+    stops = [_stops(via, trajectory.joints) for via in (from_via, to_via)]
+    if (first is None and stops[0]) or (last is None and stops[1]):
+        raise ProblemError("via poses lead from or to a pose; give from_pose, to_pose")
+    ends = [first, *stops[0]], [*stops[1], last]
+    matched = MATCHED + smooth
+    unlimited = np.isinf([limits.acceleration, limits.jerk]).any()
+    *tight, widest = _FACTORS if unlimited else _FACTORS[:1]
+    for factor in tight:
+        own = _with_own_bounds(limits, trajectory, factor)
+        try:
+            return _moved(trajectory, own, *ends, matched)
+        except ProblemError:
+            continue  # no limit of the user's is in the way, perhaps
+    own = _with_own_bounds(limits, trajectory, widest)
+    return _moved(trajectory, own, *ends, matched)
+
+
+def _moved(
+    trajectory: FourierTrajectory,
+    limits: MotionLimits,
+    before: list[MotionState | None],
+    after: list[MotionState | None],
+    matched: int,
+) -> Move:
+    """Return the move between poses, or from and to the nearest ones."""
+    begin = MotionState.of(trajectory, trajectory.start)
+    end = MotionState.of(trajectory, end_of(trajectory))
+    run_in, run_out = (_between(ends, limits, matched) for ends in (before, after))
+    first, last = before[-1], after[0]
+    if not _resting(begin, trajectory, first):
+        run_in += (
+            (approach(begin, limits),)
+            if first is None
+            else _way(first, begin, limits, matched)
+        )
+    if not _resting(end, trajectory, last):
+        run_out = (
+            (departure(end, limits),)
+            if last is None
+            else _way(end, last, limits, matched)
+        ) + run_out
+    return _in_sequence(run_in, trajectory, run_out)
+
+
+def _between(
+    poses: list[MotionState | None], limits: MotionLimits, matched: int
+) -> tuple[PolynomialPath, ...]:
+    """Return the ways between poses at rest, one after another."""
+    return tuple(
+        transfer(one, other, limits, matched=matched)
+        for one, other in pairwise(poses)
+        if one is not None and other is not None
+    )
+
+
+def _way(
+    begin: MotionState, end: MotionState, limits: MotionLimits, matched: int
+) -> tuple[PolynomialPath, ...]:
+    """Return one piece, or where none is within limits, two that meet at rest."""
+    try:
+        return (transfer(begin, end, limits, matched=matched),)
+    except ProblemError:
+        if not (begin.values[1:].any() or end.values[1:].any()):
+            raise
+    if end.values[1:].any():
+        near = begin.values[0]
+        swing = approach(end, limits, near=near)
+        meet = MotionState.at_rest(end.joints, swing.control[0])
+        return transfer(begin, meet, limits, matched=matched), swing
+    near = end.values[0]
+    swing = departure(begin, limits, near=near)
+    meet = MotionState.at_rest(end.joints, swing.control[-1])
+    return swing, transfer(meet, end, limits, matched=matched)
+
+
+def _resting(
+    state: MotionState, trajectory: FourierTrajectory, pose: MotionState | None
+) -> bool:
+    """Return whether a state of the trajectory is at rest, and in the pose if given."""
+    wanted = np.zeros((3, len(state.joints)))
+    wanted[0] = (state if pose is None else pose).values[0]
+    bounds = [trajectory.derivative_bound(k) for k in range(3)]
+    small = _SAME * np.array(bounds) + np.finfo(float).tiny
+    return bool((abs(state.values[:3] - wanted) <= small).all())
+
+
+def _stops(via: ArrayLike | None, joints: tuple[str, ...]) -> list[MotionState]:
+    if via is None:
+        return []
+    poses = checked(via, (None, len(joints)), "via poses")
+    return [MotionState.at_rest(joints, pose) for pose in poses]
+
+
+def _pose(pose: Pose | None, joints: tuple[str, ...], name: str) -> MotionState | None:
+    if pose is None:
+        return None
+    if not isinstance(pose, Mapping):
+        return MotionState.at_rest(joints, checked(pose, (len(joints),), name))
+    for joint in (*pose, *joints):
+        if joint not in pose or joint not in joints:
+            near = did_you_mean(joint, joints)
+            what = "says nothing of" if joint not in pose else "names"
+            raise ProblemError(f"{name} {what} joint {joint!r}; {near}")
+    return MotionState.at_rest(joints, [pose[joint] for joint in joints])
+
+
+def _repeated(trajectory: FourierTrajectory, periods: int) -> FourierTrajectory:
+    if trajectory.period is None or periods < 1:
+        raise ProblemError(
+            f"{periods} periods of a trajectory whose period is {trajectory.period} s; "
+            "expected at least one, and frequencies that share a base"
+        )
+    return replace(trajectory, duration=periods * trajectory.period)
+
+
+def _with_own_bounds(
+    limits: MotionLimits, trajectory: FourierTrajectory, factor: float
+) -> MotionLimits:
+    """Return limits that bound what the trajectory's own bounds, times `factor`, do."""
+
+    def bound(order: int) -> Vector:
+        own = factor * trajectory.derivative_bound(order)
+        given = limits.derivative(order)
+        return np.where(np.isinf(given) & (own > 0.0), own, given)
+
+    return replace(limits, acceleration=bound(2), jerk=bound(3))
+
+
+def _in_sequence(
+    run_in: tuple[PolynomialPath, ...],
+    trajectory: FourierTrajectory,
+    run_out: tuple[PolynomialPath, ...],
+) -> Move:
+    """Return the move whose pieces follow each other from time 0."""
+    before, time = [], 0.0
+    for piece in run_in:
+        before.append(replace(piece, start=time))
+        time = end_of(before[-1])
+    middle = replace(trajectory, start=time)
+    after, time = [], end_of(middle)
+    for piece in run_out:
+        after.append(replace(piece, start=time))
+        time = end_of(after[-1])
+    return Move(tuple(before), middle, tuple(after))
+
+
+def approach(
+    end: MotionState,
+    limits: MotionLimits,
+    *,
+    near: ArrayLike | None = None,
+) -> PolynomialPath:
+    """Return the shortest polynomial path within limits from rest to a state.
+
+    Parameters
+    ----------
+    near : array_like, shape (joints,), optional, [rad or m]
+        Of the poses at rest from which it can be done in this time, the nearest to this
+        one is taken; by default the middle one.
+
+    Raises
+    ------
+    ProblemError
+        As `transfer`.
+    """
+    limits = limits_of(limits, end.joints)
+    allowed = allowed_by((end,), limits) * (1.0 - _ROUNDING)
+    wanted = None if near is None else checked(near, (len(end.joints),), "near")
+
+    def family(duration: Vector) -> Array:
+        still = np.zeros((MATCHED, len(end.joints)))
+        control = bernstein.hermite(still, end.values[:MATCHED], duration)
+        low, high = _poses(control, duration, limits, allowed)
+        pose = (low + high) / 2.0
+        if wanted is not None:
+            pose = np.where(low <= high, np.clip(wanted, low, high), pose)
+        control[:MATCHED] += pose
+        return control
+
+    return shortest(family, (end,), limits)
+
+
+def departure(
+    begin: MotionState,
+    limits: MotionLimits,
+    *,
+    near: ArrayLike | None = None,
+) -> PolynomialPath:
+    """Return the shortest polynomial path within limits from a state to rest.
+
+    It is the `approach` of the same state, seen in a mirror of time.
+    """
+    mirror = np.array([[1.0], [-1.0], [1.0], [-1.0]])
+    mirrored = replace(begin, values=mirror * begin.values)
+    path = approach(mirrored, limits, near=near)
+    return replace(path, control=path.control[::-1])
+
+
+def _poses(
+    control: Array, duration: Vector, limits: MotionLimits, allowed: Array
+) -> Array:
+    """Return the least and the greatest pose that limits leave, (2, durations, joints).
+
+    Parameters
+    ----------
+    control : ndarray, shape (degree + 1, durations, joints)
+        Coefficients of the path from pose 0.
+    allowed : ndarray, shape (4, joints)
+    """
+    unit = np.zeros((len(control), len(duration), 1))
+    unit[:MATCHED] = 1.0
+    low = np.full(control.shape[1:], -np.inf)
+    high = np.full(control.shape[1:], np.inf)
+    for k in range(4):
+        fixed = control - limits.middle if k == 0 else control
+        a = bernstein.finer(bernstein.derivative(fixed, duration, k))
+        b = bernstein.finer(bernstein.derivative(unit, duration, k))
+        # |a + b pose| <= allowed; where b is 0 it is no matter of the pose.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            one, other = (-allowed[k] - a) / b, (allowed[k] - a) / b
+        counts = b != 0.0
+        least = np.where(counts, np.minimum(one, other), -np.inf)
+        most = np.where(counts, np.maximum(one, other), np.inf)
+        low, high = np.fmax(low, least.max(axis=0)), np.fmin(high, most.min(axis=0))
+    return np.array([low, high])

@@ -1,1 +1,0 @@
-"""Robots of one type, identified together: their bodies are shared."""

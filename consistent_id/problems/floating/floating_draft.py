@@ -1,0 +1,338 @@
+"""What a draft says of a floating base: its columns, contacts, legs, rotors, slip."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from consistent_id.problems.file import DriveTable
+from consistent_id.problems.floating.base_guess import (
+    BaseGuess,
+    MujocoArrays,
+    base_frames,
+    chosen_names,
+    mujoco_arrays,
+    settled,
+    widths_of,
+)
+from consistent_id.problems.floating.contact_guess import (
+    SLIP,
+    ContactGuess,
+    feet_of,
+    guessed_contacts,
+    require_standing,
+    share_at_rest,
+    stated_contacts,
+)
+from consistent_id.problems.statement import Statement
+from consistent_id.recordings.column_words import BaseNames, BaseRole, base_names
+from consistent_id.recordings.log_formats import log_format
+from consistent_id.recordings.readers.beside_columns import BaseColumns, BesideColumns
+from consistent_id.recordings.readers.named_arrays import read_parts, stored_name
+from consistent_id.recordings.readers.recording_file import column_names, reader_of
+from consistent_id.recordings.readers.units import is_time
+from consistent_id.recordings.recording import Recording
+from consistent_id.robot.loaders.mjcf_spec import read_spec
+from consistent_id.robot.loaders.robot_file import is_mjcf
+from consistent_id.robot.model import RobotModel
+
+_TOPICS: Mapping[str, tuple[tuple[BaseRole, str], ...]] = {
+    "sensor_msgs/msg/Imu": (
+        ("angular_velocity", "angular_velocity"),
+        ("acceleration", "linear_acceleration"),
+    ),
+    "nav_msgs/msg/Odometry": (
+        ("position", "pose.pose.position"),
+        ("orientation", "pose.pose.orientation"),
+    ),
+    "geometry_msgs/msg/PoseStamped": (
+        ("position", "pose.position"),
+        ("orientation", "pose.orientation"),
+    ),
+}
+_ARRAYS = ("NPZ", "Parquet", "Feather")  # formats whose columns may be arrays
+
+# Share of the samples that must keep rows, for slipping feet to go.
+_ENOUGH = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class FloatingColumns:
+    """What a log has beside the joints, and what that says of the joints' columns.
+
+    Parameters
+    ----------
+    joints : MujocoArrays
+        Columns of the joints, if the log is of arrays of MuJoCo.
+    taken : tuple of str
+        Names that are of no joint.
+    standing : bool
+        Whether feet are taken to stand all the time, which is to be looked at.
+    names : tuple of str
+        The log's, for messages.
+    """
+
+    beside: BesideColumns
+    joints: MujocoArrays
+    taken: tuple[str, ...]
+    notes: tuple[str, ...]
+    standing: bool
+    names: tuple[str, ...]
+
+
+def floating_columns(
+    log: Path, robot: RobotModel, model: Path, stated: Statement
+) -> FloatingColumns:
+    """Find columns of the base and of contacts in a log.
+
+    Parameters
+    ----------
+    robot : RobotModel
+        Whose base floats.
+    model : Path
+        Its file.
+    stated : Statement
+        What is known.
+
+    Raises
+    ------
+    RecordingError
+        If the base's motion cannot be found, or its quaternion's order; with the
+        option that says it.
+    """
+    names, widths, found = _named(log)
+    arrays = MujocoArrays()
+    if "qpos" in widths:
+        arrays = mujoco_arrays(model, robot.joint_names, widths)
+        found = (*arrays.base, *found)
+    guess = chosen_names(found, stated, log, names)
+    said = stated.quaternion is not None or _is_bag(log)
+    ordered = said or guess.columns.orientation in {b.names for b in found if b.order}
+    frames = base_frames(model)
+    imu = stated.imu or (arrays.imu if _from_simulation(guess, arrays) else None)
+    guess = _settled(log, guess, robot, replace(stated, imu=imu), frames, ordered)
+    contacts = _contacts(stated, names, robot, model, guess.columns)
+    return FloatingColumns(
+        BesideColumns(guess.columns, contacts.columns),
+        arrays,
+        tuple(stored_name(name) for each in found for name in _listed(each)),
+        (*guess.notes, *contacts.notes),
+        contacts.assumed,
+        names,
+    )
+
+
+def base_in_log(log: Path) -> tuple[BaseNames, ...]:
+    """Return what a log has that may be of a moving base; () if it names nothing."""
+    if not log_format(log).lists_names and not _is_bag(log):
+        return ()
+    return _named(log)[2]
+
+
+def _named(log: Path) -> tuple[tuple[str, ...], dict[str, int], tuple[BaseNames, ...]]:
+    """Return a log's names, the widths of its arrays, and which are of the base."""
+    if _is_bag(log):
+        kinds: dict[str, str] = reader_of(log).topic_kinds(log)
+        found = [
+            BaseNames(
+                role, f"{topic}.{name}", "xyzw" if role == "orientation" else None
+            )
+            for topic, kind in kinds.items()
+            for role, name in _TOPICS.get(kind, ())
+        ]
+        return tuple(kinds), {}, tuple(found)
+    if not log_format(log).lists_names:
+        return (), {}, ()
+    names = column_names(log)
+    widths = {}
+    if log_format(log).name in _ARRAYS:
+        widths = widths_of(reader_of(log).read_arrays(log, names))
+    return names, widths, base_names(names, widths)
+
+
+def _is_bag(log: Path) -> bool:
+    return log_format(log).holds == "joint states"
+
+
+def _from_simulation(guess: BaseGuess, arrays: MujocoArrays) -> bool:
+    return guess.columns.acceleration in {each.names for each in arrays.base}
+
+
+def _settled(
+    log: Path,
+    guess: BaseGuess,
+    robot: RobotModel,
+    stated: Statement,
+    frames: Mapping[str, Any],
+    ordered: bool,
+) -> BaseGuess:
+    """Return the guess with what the data say: order, gravity, the unit's place."""
+    if _is_bag(log):
+        arrays, time = _of_topics(log, guess.columns)
+    else:
+        wanted = guess.columns.names
+        names = column_names(log) if log_format(log).lists_names else ()
+        clock = next((name for name in names if is_time(name)), None)
+        arrays = read_parts(reader_of(log), log, [*wanted, *([clock] if clock else [])])
+        time = np.asarray(arrays[clock] if clock else (), dtype=np.float64).reshape(-1)
+    rows = len(time) or max(max(np.shape(a)) for a in arrays.values())
+    time = time if len(time) else np.arange(rows, dtype=np.float64)
+    return settled(
+        guess,
+        arrays,
+        time,
+        robot,
+        stated,
+        frames=frames,
+        ordered=ordered,
+        where=str(log),
+    )
+
+
+def _of_topics(
+    log: Path, columns: BaseColumns
+) -> tuple[dict[str, NDArray[Any]], NDArray[np.float64]]:
+    """Return what topics say, each by itself cut to the shortest."""
+    signals = reader_of(log).read_messages(log, None, columns.names).signals
+    rows = min(len(signal.values) for signal in signals.values())
+    arrays = {name: signal.values[:rows] for name, signal in signals.items()}
+    times = next(iter(signals.values())).log_times[:rows]
+    return arrays, (times - times[0]) / 1e9
+
+
+def _contacts(
+    stated: Statement,
+    names: Sequence[str],
+    robot: RobotModel,
+    model: Path,
+    base: BaseColumns,
+) -> ContactGuess:
+    feet = feet_of(robot, model)
+    if stated.contacts is None:
+        found = guessed_contacts(names, feet)
+    else:
+        found = stated_contacts(dict(stated.contacts), feet, robot)
+    if base.orientation is not None:
+        return found
+    rolling = [contact for contact in found.columns if contact.radius > 0.0]
+    if not rolling:
+        return found
+    note = "feet are taken for points: how balls roll needs the base's orientation"
+    points = tuple(replace(contact, radius=0.0) for contact in found.columns)
+    return replace(found, columns=points, notes=(*found.notes, note))
+
+
+def _listed(found: BaseNames) -> tuple[str, ...]:
+    return (found.names,) if isinstance(found.names, str) else found.names
+
+
+@dataclass(frozen=True, slots=True)
+class StandingDraft:
+    """What is written into a draft for a floating base.
+
+    Parameters
+    ----------
+    known_links : tuple of str
+        Bodies that are taken from the model's file: all but the base.
+    rotors : dict of str to float
+        Rotor inertias of the model's file, by parameter [kg m^2].
+    most_slip : float, optional, [m/s]
+        Of feet that stand on the ground.
+    rests : bool
+        Whether torque of joints at rest is declared unknown.
+    round_feet : bool
+        Whether feet are balls, whose radius is found in the log.
+    """
+
+    known_links: tuple[str, ...]
+    rotors: dict[str, float] = field(hash=False)
+    most_slip: float | None
+    rests: bool
+    round_feet: bool
+
+    @property
+    def preparation(self) -> dict[str, Any]:
+        """Keys of the table of preparation."""
+        keys: dict[str, Any] = {"most_slip": self.most_slip}
+        if self.rests:
+            keys["least_joint_speed"] = "estimated"
+        if self.round_feet:
+            keys["contact_radius"] = "estimated"
+        return keys
+
+    @property
+    def comments(self) -> dict[str, str]:
+        """What to say of it in a problem file, by key."""
+        found = {
+            "constraints.known_links": "GUESS: as the file has them; on the ground "
+            "they cannot be told from the base",
+            "data.base": "GUESS: which columns they are, and where the unit is.",
+            "data.contacts": "GUESS: where feet touch; samples within guard [s] of a "
+            "change are left out.",
+            "data.preparation.most_slip": "m/s; feet that move faster slip",
+            "data.preparation.least_joint_speed": "at rest, friction is whatever "
+            "balances the joint",
+            "data.preparation.contact_radius": "feet give way: where they touch is "
+            "found in the log",
+        }
+        if self.rotors:
+            found["constraints.fixed"] = "GUESS: armatures of the file"
+        return found
+
+
+def standing_draft(
+    found: FloatingColumns,
+    robot: RobotModel,
+    raws: Sequence[Recording],
+    model: Path,
+    drive: DriveTable,
+) -> StandingDraft:
+    """Return what a draft says of a floating base.
+
+    Parameters
+    ----------
+    found : FloatingColumns
+        Columns of the robot's logs.
+    raws : sequence of Recording
+        As they were read.
+    model : Path
+        The robot's file.
+    drive : DriveTable
+        Terms of all joints.
+
+    Raises
+    ------
+    RecordingError
+        If feet are taken to stand all the time, and do not.
+    """
+    if found.standing:
+        require_standing(robot, raws, found.names, model)
+    contacts = len(found.beside.contacts)
+    return StandingDraft(
+        robot.link_names[1:],
+        _armatures(robot, model) if drive.rotor_inertia else {},
+        SLIP if contacts > 1 and share_at_rest(robot, raws) > _ENOUGH else None,
+        contacts > 0,
+        any(contact.radius > 0.0 for contact in found.beside.contacts),
+    )
+
+
+def _armatures(robot: RobotModel, model: Path) -> dict[str, float]:
+    """Return the rotor inertias that an MJCF file states; a URDF states none."""
+    if not is_mjcf(model):
+        return {}
+    import mujoco
+
+    compiled = read_spec(model, mujoco).compile()
+    stated = {
+        compiled.joint(j).name: float(compiled.dof_armature[compiled.jnt_dofadr[j]])
+        for j in range(compiled.njnt)
+    }
+    return {
+        f"{joint}.rotor_inertia": stated[joint]
+        for joint in robot.joint_names
+        if stated.get(joint, 0.0) > 0.0
+    }

@@ -1,0 +1,267 @@
+"""What a user states beside a problem file takes the place of what the file states."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+
+from consistent_id._support.files import relative_path
+from consistent_id.errors import ProblemError
+from consistent_id.problems.base_tables import BaseTable, ContactTable
+from consistent_id.problems.excitation_tables import SceneTable
+from consistent_id.problems.file import (
+    ColumnsTable,
+    DataTable,
+    ProblemTable,
+    RecordingTable,
+)
+from consistent_id.problems.floating.contact_guess import ALWAYS
+from consistent_id.problems.log_entries import columns_of, gains_table
+from consistent_id.problems.model import robot_of
+from consistent_id.problems.paths import as_named
+from consistent_id.problems.stated_drive import stated_drive
+from consistent_id.problems.statement import Statement, declarations
+from consistent_id.problems.tables import JointTable, Table
+
+_MADE: dict[str, Callable[[], Table]] = {
+    "columns": ColumnsTable,
+    "base": BaseTable,
+    "scene": SceneTable,
+}
+"""Tables that a file may lack, by their keys."""
+
+
+class Stated(NamedTuple):
+    """A problem file's content with what is stated beside it, and notes on that."""
+
+    table: ProblemTable
+    notes: tuple[str, ...] = ()
+
+
+def overridden(table: ProblemTable, stated: Statement, file: Path) -> Stated:
+    """Return a problem file's content with what is stated in place of its own.
+
+    Parameters
+    ----------
+    file : Path
+        From whose folder names of files count.
+
+    Raises
+    ------
+    ProblemError
+        If something is stated that a problem file cannot leave open, or that goes
+        without what the file lacks; with a command that works.
+    """
+    notes = []
+    for name in stated.given:
+        declared = declarations()[name]
+        if not declared.key:
+            raise ProblemError(_refusal(name, stated, file))
+        if declared.key.startswith("data.") and table.data is None:
+            raise ProblemError(
+                f"{declared.option} is of logs, but {file} names none; add a [data] "
+                "table, or give robot and log: consistent-id identify ROBOT.urdf LOG"
+            )
+        before = _shown(table, declared.key)
+        table = (
+            _WHOLE[name](table, stated, file)
+            if name in _WHOLE
+            else _put(table, declared.key.split("."), _value(name, table, stated, file))
+        )
+        now = _shown(table, declared.key)
+        instead = f" in place of {before}" if before and before != now else ""
+        instead = ", as the file has it" if before == now else instead
+        notes.append(f"stated: {declared.key} = {now}{instead}")
+    return Stated(table, tuple(notes))
+
+
+def _refusal(name: str, stated: Statement, file: Path) -> str:
+    """Say why something cannot be stated beside a problem file, and what to do."""
+    declared = declarations()[name]
+    if name == "imu":
+        return (
+            f"{declared.option} is for a log without a problem file; {file} states "
+            "where the unit is: imu_position and imu_orientation of [data.base]"
+        )
+    if name == "select":
+        return (
+            f"{declared.option} is for a log without a problem file; {file} states the "
+            "model. Leave it out"
+        )
+    value = getattr(stated, name)
+    words = f"{value:g}" if isinstance(value, float) else " ".join(value)
+    return (
+        f"{declared.option} is of the choice of a model, and {file} states the model. "
+        f"To choose again: consistent-id select {file} {declared.option} {words}"
+    )
+
+
+def _put(table: Any, path: list[str], value: object) -> Any:
+    """Return a table with a value at a path of keys; missing tables are made."""
+    key, *inner = path
+    if inner:
+        own = getattr(table, key)
+        value = _put(_MADE[key]() if own is None else own, inner, value)
+    return msgspec.structs.replace(table, **{key: value})
+
+
+def _shown(table: Any, key: str) -> str:
+    """Return what stands at a key, for people; nothing where it is missing."""
+    while key:
+        if isinstance(table, list):
+            return "; ".join(filter(None, (_shown(member, key) for member in table)))
+        part, _, key = key.partition(".")
+        table = getattr(table, part, None)
+    if isinstance(table, Table):
+        values = msgspec.structs.asdict(table)
+        return ", ".join(f"{k} {v}" for k, v in values.items() if v)
+    if isinstance(table, list) and table and isinstance(table[0], Table):
+        return f"{len(table)} tables"
+    if table is None or table in ([], {}):
+        return ""
+    return f"{table:g}" if isinstance(table, float) else str(table)
+
+
+def _value(name: str, table: ProblemTable, stated: Statement, file: Path) -> object:
+    """Return what is stated, as the file has it."""
+    value: Any = getattr(stated, name)
+    data, folder = table.data, file.parent
+    if data is not None and name in _OF_DATA:
+        return _OF_DATA[name](value, data, folder)
+    if name == "package_dirs":
+        return [as_named(Path(package), folder) for package in value]
+    if name == "gravity":
+        return tuple(map(float, value))
+    if name == "contacts":
+        pairs = (
+            (f, True if column == ALWAYS else column) for f, column in value.items()
+        )
+        return [ContactTable(frame=frame, closed=closed) for frame, closed in pairs]
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _units(value: Any, data: DataTable, folder: Path) -> object:
+    given = {
+        c: unit if isinstance(unit, str) else list(unit) for c, unit in value.items()
+    }
+    return data.units | given
+
+
+def _gains(value: Any, data: DataTable, folder: Path) -> object:
+    """Return gains beside the delay and the calibration that the file states."""
+    given = gains_table(value)
+    keys = ("kp", "kd", "torque_limit")
+    own = given if data.gains is None else data.gains
+    return msgspec.structs.replace(own, **{key: getattr(given, key) for key in keys})
+
+
+def _validation(value: Any, data: DataTable, folder: Path) -> object:
+    """Return the recordings with others to judge by, of which all rows count."""
+    where = folder / data.folder
+    others = [
+        RecordingTable(file=relative_path(Path(log), where), role="validation")
+        for log in value
+    ]
+    return [*(e for e in data.recordings if e.role == "training"), *others]
+
+
+_OF_DATA: dict[str, Callable[[Any, DataTable, Path], object]] = {
+    "units": _units,
+    "gains": _gains,
+    "validation": _validation,
+    "torque_gain": lambda gain, *_: list(gain) if len(gain) > 1 else gain[0],
+}
+
+
+def _rows(table: ProblemTable, stated: Statement, file: Path) -> ProblemTable:
+    """State the rows that count, and those to leave out, of logs by their names."""
+    data = table.data
+    entries = []
+    recordings = () if data is None else data.recordings
+    stated.require_logs(Path(entry.file) for entry in recordings)
+    for entry in recordings:
+        log = Path(entry.file)
+        rows, omit = stated.rows_of(log), stated.omitted_of(log)
+        kept = entry.rows if rows is None else list(rows)
+        parts = [other for other in recordings if other.file == entry.file]
+        if rows is not None and entry.rows and len(parts) > 1:
+            # Else training and validation of one log would have the same rows.
+            kept = [max(rows[0], entry.rows[0]), min(rows[1], entry.rows[1])]
+            if kept[0] >= kept[1]:
+                raise ProblemError(
+                    f"--rows {rows[0]},{rows[1]} leaves none of rows {entry.rows[0]} "
+                    f"to {entry.rows[1]} of {entry.file}, which are for {entry.role}; "
+                    f"change rows of [[data.recordings]] in {file}"
+                )
+        left = list(omit) or entry.omit
+        entries.append(msgspec.structs.replace(entry, rows=kept, omit=left))
+    found: ProblemTable = _put(table, ["data", "recordings"], entries)
+    return found
+
+
+def _column(name: str) -> "_Put":
+    """Return what names a column; a log's format says how others are called."""
+
+    def put(table: ProblemTable, stated: Statement, file: Path) -> ProblemTable:
+        data = table.data
+        if data is not None and data.columns is None:
+            usual = columns_of(data, Path(data.recordings[0].file))
+            named: dict[str, Any] = {
+                key: getattr(usual, key) for key in ColumnsTable.__struct_fields__
+            }
+            named |= {"array_joints": list(usual.array_joints)}
+            table = _put(table, ["data", "columns"], ColumnsTable(**named))
+        key = declarations()[name].key
+        found: ProblemTable = _put(table, key.split("."), getattr(stated, name))
+        return found
+
+    return put
+
+
+def _drive(table: ProblemTable, stated: Statement, file: Path) -> ProblemTable:
+    """State drive terms; what a datasheet says of a motor stays."""
+    joints = robot_of(table, file.parent).joint_names
+    width = stated.friction_velocity or table.drive.velocity_scale
+    drive = stated_drive(stated.drive or (), joints, width=width)
+    own = {}
+    for joint in {**table.joints, **drive.joints}:
+        before = table.joints.get(joint, JointTable())
+        new = drive.joints.get(joint, JointTable())
+        own[joint] = msgspec.structs.replace(
+            new, gear_ratio=before.gear_ratio, motor_inertia=before.motor_inertia
+        )
+    return msgspec.structs.replace(table, drive=drive.common, joints=own)
+
+
+def _width(table: ProblemTable, stated: Statement, file: Path) -> ProblemTable:
+    """State the width of friction's change of sign, of joints that have one."""
+    width = stated.friction_velocity
+    own = {
+        joint: msgspec.structs.replace(each, velocity_scale=width)
+        if each.stated.get("velocity_scale")
+        else each
+        for joint, each in table.joints.items()
+    }
+    if table.drive.coulomb != "tanh" and own == table.joints:
+        raise ProblemError(
+            '--friction-velocity is of Coulomb friction, coulomb = "tanh", which '
+            f"{file} does not have; state it: --drive viscous coulomb offset"
+        )
+    table = msgspec.structs.replace(table, joints=own)
+    if table.drive.coulomb != "tanh":
+        return table
+    found: ProblemTable = _put(table, ["drive", "velocity_scale"], width)
+    return found
+
+
+_Put = Callable[[ProblemTable, Statement, Path], ProblemTable]
+_COLUMNS = ("time", "position", "velocity", "torque", "names", "position_command")
+_WHOLE: dict[str, _Put] = {
+    **{name: _column(name) for name in _COLUMNS},
+    "rows": _rows,
+    "omit": _rows,
+    "drive": _drive,
+    "friction_velocity": _width,
+}
+"""What more than one key follows from."""

@@ -1,0 +1,441 @@
+"""A choice fitted to any fold, from triangular factors of all columns, block by block.
+
+A fit's torque errors are those on the blocks that were left out.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, BoolArray, IntArray, Matrix, Vector
+from consistent_id.constraints import lowered
+from consistent_id.constraints.cones.least_norm import minimisers
+from consistent_id.constraints.cones.sets import ConicSet
+from consistent_id.constraints.priors import nominal_distance
+from consistent_id.problems.constraints import constraints_of
+from consistent_id.problems.file import ProblemTable
+from consistent_id.problems.model import described, drive_of
+from consistent_id.problems.selection.choice import Choice, applied
+from consistent_id.problems.selection.samples import (
+    EDGES,
+    NUMBERS,
+    Samples,
+    folds,
+    left_out,
+)
+from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.drive.gear_coupling import GearCoupling, coupled_joints
+from consistent_id.regression.drive.laws import direction
+from consistent_id.regression.drive.term import DriveTerm, JointSamples, term_columns
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.row_structure import row_structure
+from consistent_id.regression.triangles import extended, triangle
+from consistent_id.robot.scaling import link_scales
+
+_WEIGHT = 1e-4
+"""Of the squared distance to nominal, in units of the residual: a distance of one costs
+about one unit of chi squared with some ten thousand rows, or a tenth with a thousand.
+It settles what data leave open and moves nothing else."""
+
+RATES = (-3, -2)
+"""Columns of `candidate_columns`: the rates of Coulomb friction and of the torque."""
+
+_TIED = 1e-5
+"""Share of the squared error by which a block has to differ to be won or lost: less is
+the solver's rounding, or the block has no rows."""
+
+
+class Key(NamedTuple):
+    """A drive column: of a joint or a coupling, a coefficient, its law with shapes."""
+
+    owner: str
+    name: str
+    term: DriveTerm
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointFactors:
+    """The rows of one joint: bodies' and drive columns, rates, torque.
+
+    Rates are those of Coulomb friction and of the torque, [1/s] and [N m/s or N/s].
+
+    Parameters
+    ----------
+    expand : ndarray, shape (bodies' columns, 10 links)
+        How all inertial columns follow from those that are kept.
+    places : mapping of Key to int
+        Of drive columns.
+    cells : ndarray, shape (cells, rows, columns)
+        Triangular factor of each cell; below short ones, zeros.
+    training : ndarray, shape (folds, rows, columns)
+        Of what is left when a fold is left out, for each fold.
+    """
+
+    expand: Matrix
+    places: Mapping[Key, int]
+    cells: Array
+    training: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Factors:
+    """Factors of all torque joints, and rows behind each cell."""
+
+    joints: tuple[JointFactors, ...]
+    counts: IntArray
+
+
+def factors_of(
+    bodies: TorqueModel,
+    samples: Samples,
+    terms: Sequence[Sequence[DriveTerm]],
+    couplings: Sequence[GearCoupling],
+    *,
+    width: float,
+    band: float,
+    least_speed: float | None = None,
+    load: Vector | None = None,
+) -> Factors:
+    """Compress rows to triangular factors.
+
+    Parameters
+    ----------
+    bodies : TorqueModel
+        Without drive terms.
+    terms : sequence of sequence of DriveTerm
+        Of each of the robot's joints.
+    width : float, [rad/s or m/s]
+        Of friction's change of sign.
+    band : float, [Hz]
+        In which torque is predicted.
+    least_speed : float, optional
+        Share of top speed below which rows are left out.
+    load : ndarray, shape (10 links,), optional
+        Inertial parameters that loads are computed from.
+    """
+    kept = samples.speed >= (0.0 if least_speed is None else least_speed)
+    cell = samples.cell[kept]
+    number = len(EDGES) - 1
+    coupled = _coupling_columns(bodies, samples, couplings)
+    rates = samples.torque_rate
+    joints = []
+    for row, (name, (places, expand)) in enumerate(
+        zip(bodies.torque_joints, row_structure(bodies), strict=True)
+    ):
+        inertial = samples.inertial[row]
+        columns = dict(coupled.get(name, {}))
+        columns |= _drive_columns(bodies, samples, name, terms, load, inertial)
+        ends = [_friction_rate(bodies, samples, name, width, band)]
+        ends += [rates[:, row], samples.torque[:, row]]
+        rows = np.column_stack([inertial[places].T, *columns.values(), *ends])[kept]
+        joints.append(_joint_factors(rows, cell, number, expand, tuple(columns)))
+    return Factors(tuple(joints), np.bincount(cell, minlength=number))
+
+
+def _joint_factors(
+    rows: Matrix, cell: IntArray, number: int, expand: Matrix, keys: tuple[Key, ...]
+) -> JointFactors:
+    width = rows.shape[1]
+    cells = np.zeros((number, width, width))
+    for place in range(number):
+        R = triangle(np.asfortranarray(rows[cell == place]))
+        cells[place, : len(R)] = R
+    before, after = _cumulated(cells), _cumulated(cells[::-1])[::-1]
+    training = [_joined(before[out[0]], after[out[-1] + 1]) for _, out in folds()]
+    places = {key: len(expand) + i for i, key in enumerate(keys)}
+    return JointFactors(expand, places, cells, np.array(training))
+
+
+def _cumulated(cells: Array) -> list[Matrix]:
+    """Return the factor of no cell, of the first, of the first two, and so on."""
+    return list(accumulate(cells, _joined, initial=np.zeros(cells.shape[1:])))
+
+
+def _joined(first: Matrix, second: Matrix) -> Matrix:
+    return extended(np.array(first, order="F"), np.array(second, order="F"))
+
+
+def _drive_columns(
+    bodies: TorqueModel,
+    samples: Samples,
+    name: str,
+    terms: Sequence[Sequence[DriveTerm]],
+    load: Vector | None,
+    inertial: Matrix,
+) -> dict[Key, Vector]:
+    j = bodies.robot.joint_names.index(name)
+    carried = None if load is None else load @ inertial
+    motion = JointSamples(samples.q[:, j], samples.dq[:, j], samples.ddq[:, j], carried)
+    found = {}
+    for term in terms[j]:
+        values = term_columns(term, motion)
+        for coefficient, column in zip(term.names, values, strict=True):
+            full = np.broadcast_to(column, (len(samples.q),))
+            found[Key(name, coefficient, term)] = full
+    return found
+
+
+def _friction_rate(
+    bodies: TorqueModel, samples: Samples, name: str, width: float, band: float
+) -> Vector:
+    """Return how fast a joint's Coulomb friction changes within the band, [1/s]."""
+    j, half = bodies.robot.joint_names.index(name), 0.25 / band
+    dq, ddq = samples.dq[:, j], samples.ddq[:, j]
+    ahead, behind = (direction(dq + step * ddq, width) for step in (half, -half))
+    return np.asarray((ahead - behind) / (2.0 * half))
+
+
+def _coupling_columns(
+    bodies: TorqueModel, samples: Samples, couplings: Sequence[GearCoupling]
+) -> dict[str, dict[Key, Vector]]:
+    found: dict[str, dict[Key, Vector]] = {}
+    names = bodies.robot.joint_names
+    for coupling in couplings:
+        pair = coupled_joints(bodies.robot, coupling)
+        rates = [samples.dq[:, j] for j in pair], [samples.ddq[:, j] for j in pair]
+        columns = coupling.columns(*rates)
+        terms = [term for term in coupling.terms for _ in term.names]
+        for label, term, both in zip(coupling.names, terms, columns, strict=True):
+            key = Key(coupling.label, label, term)
+            for j, column in zip(pair, both, strict=True):
+                found.setdefault(names[j], {})[key] = column
+    return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CandidateModel:
+    """A torque model and the set that its parameters lie in.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    keys : tuple of Key
+        Of the drive parameters, in the layout's order.
+    domain : ConicSet
+        In original units.
+    nonnegative : ndarray of bool, shape (drive parameters,)
+        Which of them the constraints keep from being negative.
+    """
+
+    model: TorqueModel
+    keys: tuple[Key, ...]
+    domain: ConicSet
+    nonnegative: BoolArray
+
+
+def candidate_of(
+    choice: Choice, table: ProblemTable, folder: Path, bodies: TorqueModel
+) -> CandidateModel:
+    """Return a choice as a torque model with constraints.
+
+    Raises
+    ------
+    ProblemError
+        If the choice contradicts itself or the file's constraints.
+    """
+    table = applied(table, choice, bodies.robot)
+    model = drive_of(table, described(bodies.robot, table))
+    domain = lowered(constraints_of(table.constraints, folder, table.joints), model)
+    size = model.layout.inertial_size
+    owners_names = model.layout.drive
+    keys = tuple(
+        Key(owner, name, term)
+        for (owner, name), term in zip(owners_names, model.column_terms, strict=True)
+    )
+    low, _ = domain.box
+    return CandidateModel(model, keys, domain, low[size:] >= 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoldFits:
+    """A candidate fitted to what is left when each fold is left out.
+
+    Parameters
+    ----------
+    candidate : CandidateModel
+    parameters : ndarray, shape (folds, parameters)
+    """
+
+    candidate: CandidateModel
+    parameters: Matrix
+
+
+def fitted(
+    candidate: CandidateModel, factors: Factors, sigma: Vector, size: float
+) -> FoldFits:
+    """Fit a candidate under its constraints, one fold after another left out.
+
+    Parameters
+    ----------
+    candidate : CandidateModel
+    factors : Factors
+    sigma : ndarray, shape (torque joints,), [N m or N]
+        By which joints' rows are divided.
+    size : float
+        Misfit that counts as one, for the prior's sake.
+
+    Raises
+    ------
+    SolverError
+        If the solver returns no point.
+    """
+    unit = _units(candidate, factors, sigma)
+    distance = nominal_distance(candidate.model, "pullback", unit)
+    origin, scales = distance.nominal, np.append(unit, 1.0)
+    # About the nominal robot torque is what that leaves, and the prior asks for zero.
+    squares = np.zeros((len(factors.joints[0].training), len(scales), len(scales)))
+    for joint, s in zip(factors.joints, sigma, strict=True):
+        rows = _all_columns(candidate, joint) * (scales / (s * size))
+        rows[:, :, -1] -= rows[:, :, :-1] @ origin
+        squares += rows.transpose(0, 2, 1) @ rows
+    G = distance.local(origin).G
+    P = squares[:, :-1, :-1] + _WEIGHT * G.T @ G
+    domain = candidate.domain.normalised(unit).moved(origin)
+    steps = minimisers(P, -squares[:, :-1, -1], domain)
+    return FoldFits(candidate, (origin + steps) * unit)
+
+
+def _units(candidate: CandidateModel, factors: Factors, sigma: Vector) -> Vector:
+    """Return typical sizes: of bodies, and of what alone would give the torque."""
+    squares = np.zeros(len(candidate.keys))
+    torque = 0.0
+    for joint, s in zip(factors.joints, sigma, strict=True):
+        own = [joint.places.get(key, -2) for key in candidate.keys]
+        for R in joint.cells:
+            norms = np.sum(R**2, axis=0) / s**2
+            torque += float(norms[-1])
+            squares += [norms[place] if place >= 0 else 0.0 for place in own]
+    norms = np.sqrt(squares)
+    drive = np.where(norms > 0.0, np.sqrt(torque) / np.where(norms > 0, norms, 1), 1.0)
+    return np.concatenate([link_scales(candidate.model.robot).units, drive])
+
+
+def _all_columns(candidate: CandidateModel, joint: JointFactors) -> Array:
+    """Return all parameters' columns and torque, without each fold in turn."""
+    R, kept = joint.training, len(joint.expand)
+    first = candidate.model.layout.inertial_size
+    own = np.zeros((*R.shape[:2], len(candidate.model.layout) + 1))
+    own[:, :, :first] = R[:, :, :kept] @ joint.expand
+    for i, key in enumerate(candidate.keys, start=first):
+        if key in joint.places:
+            own[:, :, i] = R[:, :, joint.places[key]]
+    own[:, :, -1] = R[:, :, -1]
+    return own
+
+
+def candidate_columns(
+    candidate: CandidateModel, joint: JointFactors, R: Matrix, base: BaseParameters
+) -> Matrix:
+    """Return base columns, drive columns, rates and torque of rows.
+
+    Parameters
+    ----------
+    candidate : CandidateModel
+    joint : JointFactors
+    R : ndarray
+        A factor of the joint's.
+    base : BaseParameters
+        Of the bodies.
+    """
+    independent, kept = list(base.independent), len(joint.expand)
+    first = len(independent)
+    own = np.zeros((len(R), first + len(candidate.keys) + 3))
+    own[:, :first] = R[:, :kept] @ joint.expand[:, independent]
+    for i, key in enumerate(candidate.keys, start=first):
+        if key in joint.places:
+            own[:, i] = R[:, joint.places[key]]
+    own[:, -3:] = R[:, -3:]
+    return own
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldOut:
+    """Squared torque errors of each fold and joint, each joint's in its own unit.
+
+    Parameters
+    ----------
+    squares : ndarray, shape (folds, torque joints)
+    """
+
+    squares: Matrix
+
+    @property
+    def blocks(self) -> Vector:
+        """Squared error on each block."""
+        return np.asarray(self.squares.sum(axis=1))
+
+    @property
+    def total(self) -> float:
+        """Squared error over all blocks, averaged over the numbers of blocks."""
+        return float(self.squares.sum()) / len(NUMBERS)
+
+
+@dataclass(frozen=True, slots=True)
+class Gain:
+    """What one choice brings over another.
+
+    Parameters
+    ----------
+    share : float
+        Part of the squared error that is gone.
+    error : float
+        Its standard error, from the blocks.
+    won : float
+        Share of the blocks on which the error is less, of those on which it differs.
+    """
+
+    share: float
+    error: float
+    won: float
+
+
+def gain(before: HeldOut, after: HeldOut) -> Gain:
+    """Return what the second brings over the first, on the same rows."""
+    less = before.blocks - after.blocks
+    starts = np.cumsum((0, *NUMBERS))
+    variances = [
+        n * float(np.var(less[a : a + n], ddof=1))
+        for n, a in zip(NUMBERS, starts[:-1], strict=True)
+    ]
+    error = float(np.mean(np.sqrt(variances)))
+    total = max(before.total, 1e-300)
+    share = float(less.sum()) / len(NUMBERS) / total
+    decided = less[abs(less) > _TIED * total]
+    won = float(np.mean(decided > 0.0)) if len(decided) else 0.0
+    return Gain(share, error / total, won)
+
+
+def held_out(fits: FoldFits, factors: Factors, sigma: Vector) -> HeldOut:
+    """Return the errors of fits on the folds that each of them was left out of."""
+    return HeldOut(
+        np.column_stack(
+            [
+                joint_errors(fits.candidate, fits.parameters, joint) / s**2
+                for joint, s in zip(factors.joints, sigma, strict=True)
+            ]
+        )
+    )
+
+
+def joint_errors(candidate: CandidateModel, x: Matrix, joint: JointFactors) -> Vector:
+    """Return a joint's squared error on each fold, `x` of shape (folds, parameters)."""
+    z = own_parameters(candidate, x, joint)
+    squares = np.sum((joint.cells @ z.T) ** 2, axis=1)
+    return np.asarray(np.sum(squares.T, axis=1, where=left_out()))
+
+
+def own_parameters(candidate: CandidateModel, x: Matrix, joint: JointFactors) -> Array:
+    """Return ``[x, -1]`` of each fold in the columns of a joint's factors."""
+    size = candidate.model.layout.inertial_size
+    kept = len(joint.expand)
+    z = np.zeros((len(x), joint.cells[0].shape[1]))
+    z[:, :kept] = x[:, :size] @ joint.expand.T
+    for i, key in enumerate(candidate.keys):
+        if key in joint.places:
+            z[:, joint.places[key]] = x[:, size + i]
+    z[:, -1] = -1.0
+    return z

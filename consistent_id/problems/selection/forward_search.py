@@ -1,0 +1,363 @@
+"""Forward selection: the move that brings most is made, until none brings enough."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from consistent_id.errors import ConsistentIdError
+from consistent_id.problems.selection.choice import (
+    ModelMove,
+    coupling_moves,
+    couplings_between,
+    mass_move,
+    removals,
+    row_moves,
+    scale_moves,
+    term_moves,
+    velocity_scale,
+    with_drive,
+)
+from consistent_id.problems.selection.evaluation import (
+    Evaluated,
+    Evaluator,
+    torque_delay,
+)
+from consistent_id.problems.selection.fits import Gain, HeldOut, gain
+
+LEAST_HELP = 0.025
+"""Share of a joint's own squared error that a term takes away where it helps."""
+
+_DELAYS = 4  # first-order steps of a delay, at the most
+
+LEAST_GAIN = 0.025
+"""Share of the squared error that a move has to take away."""
+
+SMALL_GAIN = 0.05
+"""A gain below this has to exceed its standard error as well.  A larger one need not:
+with few blocks, true terms whose gain is uneven would be thrown out."""
+
+LEAST_ROW_GAIN = 0.10
+"""Minimum gain of a row mask.  It is higher, because the masked rows are no longer
+predicted."""
+
+LEAST_COUPLING_GAIN = 0.10
+"""Minimum gain of a coupling.  It says how the robot is built, and adds three terms."""
+
+LEAST_WON = 0.6
+"""Share of the blocks on which a move has to lower the error."""
+
+LEAST_WON_BY_VALUES = 0.5
+"""The same of another value of what the model has already, such as a cut-off: it makes
+the model no larger, and the value before it has no better claim."""
+
+CONTRADICTION = 3.0
+"""Standard errors by which data have to contradict the masses that a model states: they
+are knowledge, unlike a friction law, and free ones stand in for springs and zeros."""
+
+LEAST_COST = 0.0125
+"""Share of the squared error that a term has to be worth to stay, beside later ones."""
+
+_LEAST = {"least_speed": LEAST_ROW_GAIN, "coupling": LEAST_COUPLING_GAIN}
+
+_TRIED = 4  # moves, of those that screening ranks first, that are fitted in full
+_HOPELESS = 0.3  # of the gain that is needed: what screening promises less is not tried
+_HOPEFUL_MASK = 0.5  # of a mask's gain that screening has to promise
+_ALIKE = 0.8  # share of the best gain at which the simpler of two moves is preferred
+_REPLACED = 0.5  # of its gain that a rival keeps beside the move, if it says more
+_ROUNDS = 20
+
+_Tried = tuple[ModelMove, Gain, Evaluated]
+
+_VALUES = ("velocity_scale", "motion_cutoff", "delay")
+_EVERYWHERE = ("rotor_inertia", "load_friction", "drag", "stribeck_velocity")
+
+
+@dataclass(frozen=True, slots=True)
+class Scope:
+    """What may be chosen: kinds of moves, and the values to try.
+
+    Parameters
+    ----------
+    fixed : frozenset of str
+        Kinds that are not to be changed, such as ``"masses"``.
+    scales : tuple of float
+        Widths of friction's change of sign.
+    cutoffs : tuple of float, [Hz]
+        Of the motion, ascending.
+    """
+
+    fixed: frozenset[str]
+    scales: tuple[float, ...]
+    cutoffs: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """A move, and the gain that screening promises; None where it cannot tell."""
+
+    move: ModelMove
+    hoped: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A move that was made.
+
+    Parameters
+    ----------
+    gain : Gain
+        Of a term that was taken back, negative: what that costs.
+    error : float
+        Root-mean-square error on the blocks after it, in units of the plain model's.
+    rivals : mapping of str to Gain
+        Other moves that were fitted in full instead, by their labels.
+    stands_for : tuple of str
+        Rivals that brought half as much or more, and bring little beside it: data do
+        not tell them apart well.
+    """
+
+    move: ModelMove
+    gain: Gain
+    error: float
+    rivals: dict[str, Gain]
+    stands_for: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """How far a search has come."""
+
+    current: Evaluated
+    steps: tuple[Step, ...] = ()
+
+
+def search(evaluator: Evaluator, start: Evaluated, scope: Scope) -> Iterator[State]:
+    """Yield better and better choices, from the start on."""
+    state = State(start)
+    yield state
+    for _ in range(_ROUNDS):
+        offered = list(proposals(evaluator, state.current, scope))
+        state = replace(state, steps=_with_stand_ins(state.steps, offered))
+        found = _best_move(evaluator, state.current, offered)
+        if found is None:
+            break
+        step, current = found
+        state = State(current, (*state.steps, step))
+        yield state
+    yield from _pruned(evaluator, state)
+
+
+def _best_move(
+    evaluator: Evaluator, current: Evaluated, offered: Sequence[Proposal]
+) -> tuple[Step, Evaluated] | None:
+    """Return the move that brings most, if one brings enough."""
+    tried = _tried(evaluator, current, _worth_trying(offered))
+    if any(t[0].kind == "masses" and _enough(t[0], t[1]) for t in tried):
+        bounded = mass_move(current.choice, "bounds")
+        tried = _without_tight_bounds(tried, _tried(evaluator, current, [bounded]))
+    enough = [t for t in tried if _enough(t[0], t[1])]
+    if not enough:
+        return None
+    # Rows first: what other moves bring can be compared on the rows that stay.
+    enough = [t for t in enough if t[0].kind == "least_speed"] or enough
+    best = max(brought.share for _, brought, _ in enough)
+    alike = [t for t in enough if t[1].share >= _ALIKE * best]
+    move, brought, after = min(alike, key=lambda t: _size(t[0], current))
+    rivals = {m.label: g for m, g, _ in tried if m != move}
+    return Step(move, brought, after.error, rivals), after
+
+
+def _without_tight_bounds(tried: list[_Tried], bounded: list[_Tried]) -> list[_Tried]:
+    """Return moves with bounded masses in place of free ones, or without them.
+
+    Bounds that cost as much as a move has to bring exclude what the masses are.
+    """
+    free = next(t for t in tried if t[0].kind == "masses")
+    for move in bounded:
+        if gain(move[2].errors, free[2].errors).share < LEAST_GAIN:
+            return [*(t for t in tried if t is not free), move]
+    return tried
+
+
+def _tried(
+    evaluator: Evaluator, current: Evaluated, moves: Sequence[ModelMove]
+) -> list[_Tried]:
+    """Fit moves in full; a model that cannot be fitted is none."""
+    found: list[_Tried] = []
+    evaluator.evaluate_ahead([move.after for move in moves])
+    for move in moves:
+        try:
+            after = evaluator.evaluated(move.after)
+        except ConsistentIdError:
+            continue
+        before = evaluator.seen_on(current, move.after)
+        found.append((move, gain(before, after.errors), after))
+    return found
+
+
+def _worth_trying(offered: Sequence[Proposal]) -> list[ModelMove]:
+    """Return moves that screening ranks first, hopeful masks, and other masses."""
+    told = [(p.hoped, p.move) for p in offered if p.hoped is not None]
+    masks = [
+        move
+        for hoped, move in told
+        if move.kind == "least_speed" and hoped >= _HOPEFUL_MASK * LEAST_ROW_GAIN
+    ]
+    others = [pair for pair in told if pair[1].kind != "least_speed"]
+    ranked = sorted(others, key=lambda pair: pair[0], reverse=True)[:_TRIED]
+    hopeful = [move for hoped, move in ranked if hoped >= _HOPELESS * LEAST_GAIN]
+    return hopeful + masks + [p.move for p in offered if p.hoped is None]
+
+
+def _enough(move: ModelMove, brought: Gain) -> bool:
+    least = _LEAST.get(move.kind, LEAST_GAIN)
+    least = max(least, min(brought.error, SMALL_GAIN))
+    if move.kind == "masses":
+        least = max(least, CONTRADICTION * brought.error)
+    won = LEAST_WON_BY_VALUES if move.kind in _VALUES else LEAST_WON
+    return brought.share >= least and brought.won >= won
+
+
+def _size(move: ModelMove, current: Evaluated) -> float:
+    """Return how much a move changes: of like gains the smallest change is made.
+
+    What every drive has is simplest for all joints; a spring, where there is one.
+    """
+    if move.kind == "masses":
+        return {"bounds": 100.0, "free": 200.0}[move.after.masses]
+    if move.kind in ("spring", "asymmetric", "coupling", *_EVERYWHERE):
+        pairs = zip(current.choice.drive, move.after.drive, strict=True)
+        changed = sum(a != b for a, b in pairs)
+        return float(-changed if move.kind in _EVERYWHERE else changed)
+    if move.kind == "least_speed":
+        return move.after.least_speed or 0.0
+    return -100.0  # another value of what is there already
+
+
+def _with_stand_ins(
+    steps: tuple[Step, ...], offered: Sequence[Proposal]
+) -> tuple[Step, ...]:
+    """Say of the last step which of its rivals bring little beside it."""
+    if not steps:
+        return steps
+    last = steps[-1]
+    left = {p.move.label: p.hoped for p in offered if p.hoped is not None}
+    alike = tuple(
+        label
+        for label, brought in last.rivals.items()
+        if brought.share >= 0.5 * last.gain.share
+        and left.get(label, brought.share) < _REPLACED * LEAST_GAIN
+    )
+    return (*steps[:-1], replace(last, stands_for=alike))
+
+
+def _pruned(evaluator: Evaluator, state: State) -> Iterator[State]:
+    """Yield states with terms taken back that later ones have made needless."""
+    for step in state.steps[:-1]:
+        for move in removals(state.current.choice, step.move):
+            try:
+                after = evaluator.evaluated(move.after)
+            except ConsistentIdError:
+                continue
+            cost = gain(state.current.errors, after.errors)
+            if cost.share > -LEAST_COST:
+                taken = Step(move, cost, after.error, {})
+                state = State(after, (*state.steps, taken))
+                yield state
+
+
+def proposals(
+    evaluator: Evaluator, current: Evaluated, scope: Scope
+) -> Iterator[Proposal]:
+    """Yield moves with the gain that screening promises."""
+    choice = current.choice
+    baseline = evaluator.screened(choice, current)
+    yield from _of_terms(evaluator, current, baseline, scope)
+    if "masses" not in scope.fixed:
+        if choice.masses != "free":
+            yield Proposal(mass_move(choice, "free"), None)
+    if "least_speed" not in scope.fixed:
+        speed = evaluator.samples(choice.motion_cutoff).speed
+        for move in row_moves(choice, speed):
+            before = evaluator.seen_on(current, move.after)
+            after = evaluator.screened(move.after, current)
+            yield Proposal(move, gain(before, after).share)
+    for move in _other_moves(evaluator, current, scope):
+        try:
+            after = evaluator.screened(move.after, current)
+        except ConsistentIdError:
+            continue
+        yield Proposal(move, gain(baseline, after).share)
+
+
+def _other_moves(
+    evaluator: Evaluator, current: Evaluated, scope: Scope
+) -> Iterator[ModelMove]:
+    """Yield the moves other than drive terms, masses and rows."""
+    choice, setting = current.choice, evaluator.setting
+    if "velocity_scale" not in scope.fixed:
+        yield from scale_moves(choice, scope.scales)
+    if "coupling" not in scope.fixed:
+        names = setting.bodies.robot.joint_names
+        pairs = couplings_between(setting.bodies, velocity_scale(choice))
+        yield from coupling_moves(choice, names, pairs)
+    if "motion_cutoff" not in scope.fixed:
+        for cutoff in scope.cutoffs:
+            if cutoff != choice.motion_cutoff:
+                after = replace(choice, motion_cutoff=cutoff)
+                yield ModelMove(
+                    "motion_cutoff", f"motion_cutoff = {cutoff:g}", choice, after
+                )
+    if "delay" not in scope.fixed:
+        delay = _delay(evaluator, current)
+        if delay != choice.delay:
+            after = replace(choice, delay=delay)
+            yield ModelMove(
+                "delay", f"torque late by {1e3 * delay:.3g} ms", choice, after
+            )
+
+
+def _delay(evaluator: Evaluator, current: Evaluated) -> float:
+    """Return the delay at which torque seems to be late no more [s], to two digits."""
+    setting, candidate = evaluator.setting, current.fits.candidate
+    choice = current.choice
+    for _ in range(_DELAYS):
+        factors = evaluator.factors(choice)
+        late = torque_delay(candidate, factors, setting.base, setting.sigma)
+        delay = float(f"{choice.delay + late:.2g}")
+        if delay == choice.delay:
+            break
+        choice = replace(choice, delay=delay)
+    return choice.delay
+
+
+def _of_terms(
+    evaluator: Evaluator, current: Evaluated, baseline: HeldOut, scope: Scope
+) -> Iterator[Proposal]:
+    """Yield drive terms: for all joints, for those that they help, for the best."""
+    choice, bodies = current.choice, evaluator.setting.bodies
+    names = bodies.robot.joint_names
+    measured = [names.index(name) for name in bodies.torque_joints]
+    loaded = [names.index(name) for name in evaluator.setting.loaded]
+    sloped = [names.index(name) for name in evaluator.setting.sloped]
+    before = baseline.squares.sum(axis=0)
+    total = max(float(before.sum()), 1e-300)
+    for term in term_moves(choice, measured, loaded, sloped):
+        if term.kind in scope.fixed:
+            continue
+        everywhere = with_drive(choice, term.lacking, term.change)
+        after = evaluator.screened(everywhere, current).squares.sum(axis=0)
+        brought = dict(zip(measured, before - after, strict=True))
+        own = dict(zip(measured, before, strict=True))
+        helped = tuple(j for j in term.lacking if brought[j] > LEAST_HELP * own[j])
+        best = max(term.lacking, key=lambda j: brought[j])
+        for joints in dict.fromkeys((term.lacking, helped, (best,))):
+            if joints:
+                everyone = joints == tuple(measured)
+                where = ", ".join(names[j] for j in joints)
+                move = ModelMove(
+                    term.kind,
+                    f"{term.label} of {'all joints' if everyone else where}",
+                    choice,
+                    with_drive(choice, joints, term.change),
+                )
+                yield Proposal(move, sum(brought[j] for j in joints) / total)

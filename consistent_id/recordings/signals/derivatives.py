@@ -1,0 +1,176 @@
+"""Velocity and acceleration by differences or sliding polynomials, and their noise.
+
+`fourier_differentiated` and `kalman_differentiated` have files of their own.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, Matrix
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.clocks import uniform_rate
+
+_BUMP = 1e-4  # rad or m: as linear for a filter as any, small for one that adapts
+
+
+def differentiated(recording: Recording) -> Recording:
+    """Fill in what is missing of velocity and acceleration by central differences.
+
+    A measured velocity is kept and differentiated once; without it, position is
+    differentiated twice, the second time by the three-point second difference.  Filter
+    first: differences amplify noise.
+
+    Raises
+    ------
+    RecordingError
+        If the clock is not uniform or there are fewer than four samples.
+    """
+    step = 1.0 / uniform_rate(recording)
+    if len(recording) < 4:
+        raise RecordingError(
+            f"{recording.name}: {len(recording)} samples, expected 4 or more to "
+            "differentiate"
+        )
+    velocity, acceleration = recording.velocity, recording.acceleration
+    if acceleration is None:
+        acceleration = (
+            _second_difference(recording.position, step)
+            if velocity is None
+            else np.gradient(velocity, step, axis=0, edge_order=2)
+        )
+    if velocity is None:
+        velocity = np.gradient(recording.position, step, axis=0, edge_order=2)
+    return replace(recording, velocity=velocity, acceleration=acceleration)
+
+
+def savitzky_golay_differentiated(
+    recording: Recording, window: float, *, degree: int = 4
+) -> Recording:
+    """Fit a polynomial around each sample; take its value and derivatives there.
+
+    Position, velocity and acceleration all come of the recorded position
+    [SavitzkyGolay1964]_.  At both ends the polynomial of the last whole window is
+    continued.
+
+    Parameters
+    ----------
+    recording : Recording
+        Uniformly sampled.
+    window : float, [s]
+        Over which each polynomial is fitted; rounded to an odd number of samples.
+    degree : int
+        Of the polynomials, 2 or more.
+
+    Raises
+    ------
+    RecordingError
+        If the window holds too few samples for the degree, or too many for the
+        recording.
+    """
+    from scipy.signal import savgol_filter
+
+    rate = uniform_rate(recording)
+    if not isinstance(degree, int) or degree < 2:
+        raise RecordingError(f"degree is {degree!r}, expected 2, 3, 4, ...")
+    if not 0.0 < window <= len(recording) / rate:
+        raise RecordingError(
+            f"{recording.name}: a window of {window} s, expected more than zero and at "
+            f"most the recording's {len(recording) / rate:.6g} s"
+        )
+    samples = 2 * int(window * rate / 2.0) + 1
+    if samples > len(recording):
+        samples -= 2
+    if samples <= degree:
+        raise RecordingError(
+            f"{recording.name}: a window of {window:g} s holds {samples} samples, "
+            f"expected more than the degree {degree}. Widen the window"
+        )
+    q, dq, ddq = (
+        np.asarray(
+            savgol_filter(
+                recording.position,
+                samples,
+                degree,
+                deriv=order,
+                delta=1.0 / rate,
+                axis=0,
+            )
+        )
+        for order in range(3)
+    )
+    return replace(recording, position=q, velocity=dq, acceleration=ddq)
+
+
+def noise_gain(
+    recording: Recording,
+    prepare: Callable[[Recording], Recording],
+    *,
+    prepared: Recording | None = None,
+) -> Array:
+    """Return the covariance of prepared motion for readings of unit variance.
+
+    Of a measured velocity nothing is said: its noise is another.
+
+    By the preparation's own answer ``h`` to a reading that is off,
+    ``cov(x, y) = sum_k h_x[k] h_y[k]``, whatever the preparation is: a filter and
+    differences, sliding polynomials, a smoother.  By Parseval's theorem that is the
+    integral over its frequency responses.
+
+    Parameters
+    ----------
+    recording : Recording
+        As recorded.
+    prepare : callable
+        Returns it with velocity and acceleration, from the positions.
+    prepared : Recording, optional
+        What `prepare` makes of `recording`, if that is known.
+
+    Returns
+    -------
+    ndarray, shape (joints, 3, 3)
+        Of position [1], velocity [1/s] and acceleration [1/s^2]; noise is white where
+        the reading's is.
+
+    Raises
+    ------
+    RecordingError
+        If the preparation returns no derivatives.
+
+    Examples
+    --------
+    >>> from consistent_id import differentiated
+    >>> log = Recording(("a",), np.arange(100) / 100.0, np.zeros((100, 1)))
+    >>> gain = noise_gain(log, differentiated)[0]  # of differences at 100 Hz
+    >>> np.diag(gain).round(6).tolist()  # 1, 1 / (2 h^2), 6 / h^4
+    [1.0, 5000.0, 600000000.0]
+    """
+    position = recording.position.copy()
+    position[len(recording) // 2] += _BUMP
+    without = prepare(recording) if prepared is None else prepared
+    moved = prepare(replace(recording, position=position)).of(without.joints)
+    # Trimming may keep other samples at the ends once a reading is off.
+    _, first, second = np.intersect1d(moved.time, without.time, return_indices=True)
+    answer = (
+        _stacked_motion(moved)[:, first] - _stacked_motion(without)[:, second]
+    ) / _BUMP
+    # Where every d-th sample is kept, so is a d-th of the answer.
+    kept = recording.rate / without.rate
+    return np.asarray(kept * np.einsum("anj,bnj->jab", answer, answer))
+
+
+def _second_difference(position: Matrix, step: float) -> Matrix:
+    inner = (position[2:] - 2.0 * position[1:-1] + position[:-2]) / step**2
+    first = 2.0 * inner[:1] - inner[1:2]
+    last = 2.0 * inner[-1:] - inner[-2:-1]
+    return np.vstack([first, inner, last])
+
+
+def _stacked_motion(motion: Recording) -> Array:
+    if motion.velocity is None or motion.acceleration is None:
+        raise RecordingError(
+            f"{motion.name} has no velocity or no acceleration after its preparation"
+        )
+    return np.stack([motion.position, motion.velocity, motion.acceleration])

@@ -1,0 +1,265 @@
+"""Torque that PD-controlled drives make of commands, and what they get wrong."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from consistent_id._support.arrays import Matrix, Vector, array_default, freeze, frozen
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.recording import Recording, velocities
+
+_GAINS = ("kp", "kd", "torque_limit", "stiffness")
+
+_BY_JOINT = ("scale", "encoder_bias", "compliance")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PDGains:
+    """Gains of drives that follow commands of position.
+
+    ``tau = kp (q_command - q) + kd (dq_command - dq) + tau_command``
+
+    Parameters
+    ----------
+    kp : array_like, shape () or (joints,), [N m/rad or N/m]
+    kd : array_like, shape () or (joints,), [N m s/rad or N s/m]
+    torque_limit : array_like, shape () or (joints,), [N m or N]
+        Where the drive clips the torque; infinite if it does not.
+    stiffness : array_like, shape () or (joints,), [N m/rad or N/m]
+        Of the spring between motor and link, the encoder being the motor's; infinite
+        for a rigid joint.
+
+    Raises
+    ------
+    RecordingError
+        If a gain is negative or not finite, or a limit or stiffness is not positive.
+
+    Examples
+    --------
+    >>> PDGains(20.0, 1.5).of(2).kp
+    array([20., 20.])
+    """
+
+    kp: Vector
+    kd: Vector
+    torque_limit: Vector = array_default(np.inf)
+    stiffness: Vector = array_default(np.inf)
+
+    def __post_init__(self) -> None:
+        for name in _GAINS:
+            value, positive = getattr(self, name), name not in ("kp", "kd")
+            shape = (None,) if np.ndim(value) else ()
+            array = frozen(value, shape, name, RecordingError, finite=not positive)
+            least = np.nextafter(0.0, 1.0) if positive else 0.0
+            if not (array >= least).all():
+                expected = "positive" if positive else "0 or more"
+                raise RecordingError(f"{name} is {array}, expected {expected}")
+            freeze(self, **{name: array})
+
+    def of(self, joints: int) -> "PDGains":
+        """Return the gains of so many joints, one each.
+
+        Raises
+        ------
+        RecordingError
+            If there are gains for another number of joints.
+        """
+        return PDGains(**by_joint(self, _GAINS, joints))
+
+
+def commanded(recording: Recording, gains: PDGains, *, delay: float = 0.0) -> Recording:
+    """Return a recording with the torque that its commands and gains make.
+
+    A command holds from its sample to the next, so that in the mean it is half a step
+    late: at the instant of a sample the command before counts as much as its own.
+
+    Parameters
+    ----------
+    recording : Recording
+        With position and the command of it.  Without a command of velocity the drive's
+        is zero; without a measured velocity central differences stand in.
+    gains : PDGains
+    delay : float, [s]
+        By which commands reach the drives late, besides: they are read at an earlier
+        time, between samples by linear interpolation.  What the drives measure is not
+        late.
+
+    Raises
+    ------
+    RecordingError
+        If there is no command of position, or the delay is negative.
+
+    Examples
+    --------
+    >>> time = np.arange(4) / 100.0
+    >>> still, target = np.zeros((4, 1)), np.ones((4, 1))
+    >>> log = Recording(("hip",), time, still, still, position_command=target)
+    >>> commanded(log, PDGains(20.0, 1.5)).torque[0]
+    array([20.])
+    """
+    if recording.position_command is None:
+        raise RecordingError(
+            f"{recording.name}: gains make torque of commands, but there is no "
+            "position_command; name its columns"
+        )
+    if not 0.0 <= delay < np.inf:
+        raise RecordingError(f"delay of commands is {delay} s, expected 0 or more")
+    gains = gains.of(len(recording.joints))
+    velocity = velocities(recording)
+    late = delay + 0.5 * float(np.median(np.diff(recording.time)))
+    commands = (
+        None if values is None else _late(recording.time, values, late)
+        for values in (
+            recording.position_command,
+            recording.velocity_command,
+            recording.torque_command,
+        )
+    )
+    q, dq, feed_forward = (0.0 if values is None else values for values in commands)
+    torque = gains.kp * (q - recording.position) + gains.kd * (dq - velocity)
+    torque = np.clip(torque + feed_forward, -gains.torque_limit, gains.torque_limit)
+    return replace(recording, torque=torque)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DriveCalibration:
+    """Delay of commands, torque scales, biases of encoders, and springs of joints.
+
+    The drive of a joint makes ``scale`` times the torque that its gains state, from
+    commands that reach it late; and its encoder reads the joint's position plus
+    ``encoder_bias``.  A drive compares command and reading, so its torque does not feel
+    the bias; gravity does.  Between motor, where the encoder is, and link there may be
+    a spring of ``compliance``; see `as_rigid`.
+
+    Parameters
+    ----------
+    delay : float, [s]
+    scale : array_like, shape () or (joints,)
+    encoder_bias : array_like, shape () or (joints,), [rad or m]
+    compliance : array_like, shape () or (joints,), [rad/(N m) or m/N]
+        Zero for a rigid joint.
+
+    Raises
+    ------
+    RecordingError
+        If the delay or a compliance is negative, a scale is not positive, or a bias
+        not finite.
+    """
+
+    delay: float = 0.0
+    scale: Vector = array_default(1.0)
+    encoder_bias: Vector = array_default(0.0)
+    compliance: Vector = array_default(0.0)
+
+    def __post_init__(self) -> None:
+        for name in _BY_JOINT:
+            value = getattr(self, name)
+            shape = (None,) if np.ndim(value) else ()
+            freeze(self, **{name: frozen(value, shape, name, RecordingError)})
+        if not (np.asarray(self.scale) > 0.0).all():
+            raise RecordingError(f"scale is {self.scale}, expected positive numbers")
+        if not (np.asarray(self.compliance) >= 0.0).all():
+            raise RecordingError(f"compliance is {self.compliance}, expected 0 or more")
+        if not 0.0 <= self.delay < np.inf:
+            raise RecordingError(
+                f"delay of commands is {self.delay} s, expected 0 or more"
+            )
+
+    def of(self, joints: int) -> "DriveCalibration":
+        """Return the calibration of so many joints, one value each.
+
+        Raises
+        ------
+        RecordingError
+            If there are values for another number of joints.
+        """
+        return DriveCalibration(self.delay, **by_joint(self, _BY_JOINT, joints))
+
+    def gains(self, gains: PDGains) -> PDGains:
+        """Return what stated gains really are; torque limits are in the same units.
+
+        A spring comes behind the one that is stated.
+        """
+        scale = self.scale
+        limit = gains.torque_limit * scale
+        stiff = stiffness_of(self.compliance + 1.0 / gains.stiffness)
+        return PDGains(gains.kp * scale, gains.kd * scale, limit, stiff)
+
+    def log(self, recording: Recording) -> Recording:
+        """Return a log in true positions, with what feed-forward torque really is.
+
+        Its commands stay as early as they were given.
+        """
+        known = self.of(len(recording.joints))
+        bias, scale = known.encoder_bias, known.scale
+        command, forward = recording.position_command, recording.torque_command
+        return replace(
+            recording,
+            position=recording.position - bias,
+            position_command=None if command is None else command - bias,
+            torque_command=None if forward is None else forward * scale,
+        )
+
+
+def calibrated(
+    recording: Recording, gains: PDGains, calibration: DriveCalibration
+) -> Recording:
+    """Return a log in true positions, with the torque that its commands really make.
+
+    Parameters
+    ----------
+    recording : Recording
+        With position and the command of it, as they were logged.
+    gains : PDGains
+        As they are stated.
+    calibration : DriveCalibration
+
+    Raises
+    ------
+    RecordingError
+        If there is no command of position.
+
+    Examples
+    --------
+    >>> time = np.arange(4) / 100.0
+    >>> still, told = np.zeros((4, 1)), np.ones((4, 1))
+    >>> log = Recording(("hip",), time, still, still, position_command=told)
+    >>> weak = DriveCalibration(scale=0.9)
+    >>> calibrated(log, PDGains(20.0, 1.5), weak).torque[0]
+    array([18.])
+    """
+    true = calibration.log(recording)
+    return commanded(true, calibration.gains(gains), delay=calibration.delay)
+
+
+def stiffness_of(compliance: Vector) -> Vector:
+    """Return the stiffness of springs, infinite for a rigid joint, [N m/rad or N/m]."""
+    rigid = np.full(np.shape(compliance), np.inf)
+    return np.asarray(np.divide(1.0, compliance, out=rigid, where=compliance > 0.0))
+
+
+def by_joint(holder: object, names: Sequence[str], joints: int) -> dict[str, Vector]:
+    """Return arrays of a value by name, one number for each joint.
+
+    Raises
+    ------
+    RecordingError
+        If there are values for another number of joints.
+    """
+    values = {}
+    for name in names:
+        array = getattr(holder, name)
+        if array.ndim and len(array) != joints:
+            raise RecordingError(
+                f"{name} has {len(array)} values for {joints} joints; give one for "
+                "all, or one each in the robot's order"
+            )
+        values[name] = np.broadcast_to(array, (joints,))
+    return values
+
+
+def _late(time: Vector, values: Matrix, delay: float) -> Matrix:
+    """Return the commands of a delay ago."""
+    columns = (np.interp(time - delay, time, column) for column in values.T)
+    return np.column_stack(list(columns))

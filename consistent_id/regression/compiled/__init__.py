@@ -1,1 +1,0 @@
-"""The recursion as straight-line machine code, where a C compiler is at hand."""

@@ -1,0 +1,226 @@
+"""What MuJoCo reads of an MJCF file: files that may be missing, and what is refused.
+
+Meshes and textures that are only looked at need not be there.  A model may hold what a
+tree of hinges and slides cannot; `refuse_unsupported` says what.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from consistent_id.errors import ModelError
+
+# A tetrahedron; it stands in for a mesh that only would be looked at.
+_CORNERS = (0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1)
+_FACES = (0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3)
+_GREY = (0.5, 0.5, 0.5)
+
+# What a tendon may do to the joints along its way, by the arrays of MuJoCo's model.
+_PULLS = (
+    "stiffness",
+    "stiffnesspoly",
+    "damping",
+    "dampingpoly",
+    "frictionloss",
+    "armature",
+    "limited",
+    "actfrclimited",
+)
+
+
+def read_spec(path: Path, mujoco: Any) -> Any:
+    """Return a file's ``mujoco.MjSpec``, with stand-ins for meshes that are missing.
+
+    Raises
+    ------
+    ModelError
+        If MuJoCo refuses the file, or the inertia of a body comes from a mesh that is
+        not there.
+    """
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except (ValueError, mujoco.FatalError) as cause:
+        raise ModelError(f"{path}: MuJoCo refuses it: {cause}") from None
+    stand_in(spec, path, mujoco)
+    return spec
+
+
+def stand_in(spec: Any, path: Path, mujoco: Any) -> tuple[str, ...]:
+    """Replace meshes and textures whose files are missing; return their names.
+
+    The file is said to be at `path`.  What a link weighs does not depend on a mesh if
+    its inertial is explicit; then the shape is only for looking at, and for contact.
+    """
+    missing = {
+        mesh.name: mesh.file
+        for mesh in spec.meshes
+        if mesh.file and not _exists(path, spec.meshdir, mesh.file, spec)
+    }
+    for body in spec.bodies:
+        for geom in body.geoms:
+            if geom.meshname in missing and _weighs(spec, body, geom, mujoco):
+                raise ModelError(
+                    f"{path}: mesh file {missing[geom.meshname]!r} is not there, and "
+                    f"the inertia of body {body.name!r} comes from it; give the body "
+                    "an <inertial>, or put the file where the model looks for it"
+                )
+    for mesh in spec.meshes:
+        if mesh.name in missing:
+            mesh.file, mesh.uservert, mesh.userface = "", _CORNERS, _FACES
+    textures = [t for t in spec.textures if _lacks(path, spec, t)]
+    for texture in textures:
+        texture.file = ""
+        texture.cubefiles = [""] * len(texture.cubefiles)
+        texture.builtin = mujoco.mjtBuiltin.mjBUILTIN_FLAT
+        texture.rgb1, texture.width, texture.height = _GREY, 1, 1
+        cube = texture.type != mujoco.mjtTexture.mjTEXTURE_2D
+        texture.height = 6 if cube else 1
+    return (*missing, *(texture.name for texture in textures))
+
+
+def refuse_unsupported(model: Any, moving: set[int], path: Path) -> None:
+    """Raise a `ModelError` if a joint of `moving` is not free to move by itself."""
+    for sentence in _faults(model, moving):
+        raise ModelError(f"{path}: {sentence}")
+
+
+def joint_name(model: Any, j: int) -> str:
+    """Return a joint's name, or one after its number."""
+    return model.jnt(j).name or f"joint{j}"
+
+
+def _lacks(path: Path, spec: Any, texture: Any) -> bool:
+    files = [file for file in (texture.file, *texture.cubefiles) if file]
+    return any(not _exists(path, spec.texturedir, file, spec) for file in files)
+
+
+def _exists(path: Path, folder: str, file: str, spec: Any) -> bool:
+    """Return whether a file is where MuJoCo looks for it."""
+    if file in (spec.assets or {}):
+        return True
+    return (path.parent / folder / file).is_file() or (path.parent / file).is_file()
+
+
+def _weighs(spec: Any, body: Any, geom: Any, mujoco: Any) -> bool:
+    """Return whether a shape counts in its body's inertia."""
+    low, high = spec.compiler.inertiagrouprange
+    kinds = mujoco.mjtInertiaFromGeom
+    rule = spec.compiler.inertiafromgeom
+    explicit = rule == kinds.mjINERTIAFROMGEOM_FALSE or (
+        body.explicitinertial and rule != kinds.mjINERTIAFROMGEOM_TRUE
+    )
+    in_world = body.name == "world"
+    empty = geom.mass == 0.0 or geom.density == 0.0
+    return not (explicit or in_world or empty) and bool(low <= geom.group <= high)
+
+
+def _faults(model: Any, moving: set[int]) -> Iterator[str]:
+    import mujoco
+
+    words = {mujoco.mjtJoint.mjJNT_FREE: "free", mujoco.mjtJoint.mjJNT_BALL: "ball"}
+    for j in sorted(moving):
+        word = words.get(mujoco.mjtJoint(int(model.jnt_type[j])))
+        if word is not None:
+            body = model.body(model.jnt_bodyid[j]).name
+            yield (
+                f"body {body!r} hangs on a {word} joint; only hinge and slide joints "
+                "are supported, and a free one where the base is said to be "
+                "'floating'. Remove the joint, or choose a base beyond it or a tip "
+                "that it does not carry"
+            )
+    yield from _equalities(model, moving)
+    for t in range(model.ntendon):
+        pulled = _pulled(model, t, moving)
+        if pulled and _pulls(model, t):
+            yield (
+                f"tendon {_name(model.tendon(t), t)!r} pulls at joint {pulled!r}; "
+                "tendons are not supported. Remove it, or lock the joint"
+            )
+
+
+def _equalities(model: Any, moving: set[int]) -> Iterator[str]:
+    import mujoco
+
+    for e in range(model.neq):
+        if not model.eq_active0[e]:
+            continue
+        kind = mujoco.mjtEq(int(model.eq_type[e]))
+        name = _name(model.equality(e), e)
+        first, second = int(model.eq_obj1id[e]), int(model.eq_obj2id[e])
+        if kind == mujoco.mjtEq.mjEQ_JOINT:
+            if first in moving and model.eq_data[e, 2:5].any():
+                yield (
+                    f"equality {name!r}: joint {joint_name(model, first)!r} follows a "
+                    "polynomial of degree 2 or more; only straight lines are "
+                    "supported. Lock the joint, or change polycoef"
+                )
+        elif kind == mujoco.mjtEq.mjEQ_TENDON:
+            for t in (first, second):
+                pulled = _pulled(model, t, moving) if t >= 0 else ""
+                if pulled:
+                    yield f"equality {name!r} binds joint {pulled!r} by a tendon"
+        elif kind in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
+            yield from _tied(model, e, moving)
+
+
+def _tied(model: Any, e: int, moving: set[int]) -> Iterator[str]:
+    """Find bodies that move against each other, but are tied together."""
+    import mujoco
+
+    ends = [int(model.eq_obj1id[e]), int(model.eq_obj2id[e])]
+    if mujoco.mjtObj(int(model.eq_objtype[e])) == mujoco.mjtObj.mjOBJ_SITE:
+        ends = [int(model.site_bodyid[site]) for site in ends]
+    carried = [_carrying(model, body, moving) for body in ends]
+    if carried[0] != carried[1]:
+        first, second = (model.body(body).name for body in ends)
+        yield (
+            f"equality {_name(model.equality(e), e)!r} ties bodies {first!r} and "
+            f"{second!r}; closed loops are not supported. Remove the constraint, or "
+            "choose a tip before it"
+        )
+
+
+def _pulled(model: Any, t: int, moving: set[int]) -> str:
+    """Name of a moving joint that a tendon passes, if there is one."""
+    import mujoco
+
+    first = int(model.tendon_adr[t])
+    passed: set[int] = set()
+    fixed: set[int] | None = None  # joints that carry all of a spatial tendon
+    for w in range(first, first + int(model.tendon_num[t])):
+        kind = mujoco.mjtWrap(int(model.wrap_type[w]))
+        place = int(model.wrap_objid[w])
+        if kind == mujoco.mjtWrap.mjWRAP_JOINT:
+            passed |= {place} & moving
+        elif kind not in (mujoco.mjtWrap.mjWRAP_PULLEY, mujoco.mjtWrap.mjWRAP_NONE):
+            sites = kind == mujoco.mjtWrap.mjWRAP_SITE
+            body = model.site_bodyid[place] if sites else model.geom_bodyid[place]
+            carrying = _carrying(model, int(body), moving)
+            passed |= carrying
+            fixed = carrying if fixed is None else fixed & carrying
+    passed -= fixed or set()
+    return joint_name(model, min(passed)) if passed else ""
+
+
+def _pulls(model: Any, t: int) -> bool:
+    import mujoco
+
+    actuated = (model.actuator_trntype == mujoco.mjtTrn.mjTRN_TENDON) & (
+        model.actuator_trnid[:, 0] == t
+    )
+    acts = [getattr(model, f"tendon_{what}", None) for what in _PULLS]
+    return bool(actuated.any() or any(a is not None and a[t].any() for a in acts))
+
+
+def _carrying(model: Any, body: int, moving: set[int]) -> set[int]:
+    """Joints of `moving` that carry a body."""
+    joints: set[int] = set()
+    while body > 0:
+        first = int(model.body_jntadr[body])
+        joints |= set(range(first, first + int(model.body_jntnum[body]))) & moving
+        body = int(model.body_parentid[body])
+    return joints
+
+
+def _name(item: Any, number: int) -> str:
+    return item.name or str(number)

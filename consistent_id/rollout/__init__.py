@@ -1,0 +1,22 @@
+"""Logged commands, replayed in MuJoCo by models of the robot."""
+
+from consistent_id.rollout.commanded_motion import Replay, replay
+from consistent_id.rollout.compared_models import Rollout, rollout
+from consistent_id.rollout.problem_rollout import ProblemRollout, rollout_of
+from consistent_id.rollout.refine import Refined, refined
+from consistent_id.rollout.replay_model import ReplayModel, replay_model
+from consistent_id.rollout.rollout_page import rollout_html
+
+__all__ = [
+    "ProblemRollout",
+    "Refined",
+    "Replay",
+    "ReplayModel",
+    "Rollout",
+    "refined",
+    "replay",
+    "replay_model",
+    "rollout",
+    "rollout_html",
+    "rollout_of",
+]

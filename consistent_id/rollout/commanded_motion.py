@@ -1,0 +1,185 @@
+"""One model's motion under the commands of a log.
+
+Drives feel commands held, late, and averaged over each time step.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.errors import RecordingError
+from consistent_id.export.mjcf_bodies import require_mujoco
+from consistent_id.recordings.recording import Recording, velocities
+from consistent_id.recordings.signals import PDGains, resampled
+from consistent_id.recordings.signals.clocks import is_uniform, own_rate
+from consistent_id.rollout.replay_model import ReplayModel, deflect
+
+_FIRST = 5  # samples whose mean acceleration says how far springs are deflected
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Replay:
+    """How a model moved under the commands that the robot had.
+
+    Parameters
+    ----------
+    log : Recording
+        What the robot did, on a uniform clock.
+    position, velocity : ndarray, shape (samples, joints)
+        What the model did.
+    """
+
+    model: str
+    log: Recording
+    position: Matrix
+    velocity: Matrix
+
+    @property
+    def errors(self) -> Matrix:
+        """Position of the model less that of the robot, [rad or m]."""
+        return np.asarray(self.position - self.log.position)
+
+    @property
+    def rmse(self) -> Vector:
+        """Root-mean-square error of position, shape (joints,), [rad or m]."""
+        return np.asarray(np.sqrt((self.errors**2).mean(axis=0)))
+
+    @property
+    def velocity_rmse(self) -> Vector:
+        """Root-mean-square error of velocity, shape (joints,), [rad/s or m/s]."""
+        measured = self.log.velocity
+        if measured is None:
+            measured = np.gradient(self.log.position, self.log.time, axis=0)
+        error = self.velocity - measured
+        return np.asarray(np.sqrt((error**2).mean(axis=0)))
+
+
+def replayable(log: Recording) -> Recording:
+    """Return a log on a uniform clock, to be replayed.
+
+    Raises
+    ------
+    RecordingError
+        If it has no commands of position.
+    """
+    if log.position_command is None:
+        raise RecordingError(
+            f"{log.name}: a rollout replays commands, but there is no "
+            "position_command; name its columns"
+        )
+    return log if is_uniform(log) else resampled(log, own_rate(log))
+
+
+def replay(
+    model: ReplayModel,
+    log: Recording,
+    *,
+    delay: float = 0.0,
+    offsets: Vector | None = None,
+) -> Replay:
+    """Give a model the robot's commands, from the robot's state at the start.
+
+    Parameters
+    ----------
+    model : ReplayModel
+        Its time step is a whole fraction of the log's.
+    log : Recording
+        See `replayable`.
+    delay : float, [s]
+        Of the commands.
+    offsets : ndarray, shape (joints,), optional, [N m or N]
+        Torque that friction has besides what the model has of it, as the term
+        ``offset`` is counted: a positive one holds the joint back.
+
+    Raises
+    ------
+    RecordingError
+        If the motion diverges.
+    """
+    from mujoco import rollout
+
+    mujoco = require_mujoco()
+    log = log.of(model.joints)
+    compiled = model.compiled
+    per_sample = max(round(log.duration / (len(log) - 1) / compiled.opt.timestep), 1)
+    steps = per_sample * (len(log) - 1)
+    control = drive_commands(log, model.gains, log.duration / steps, steps, delay=delay)
+    if offsets is not None:
+        control = control - offsets
+    velocity = velocities(log)
+    data = mujoco.MjData(compiled)
+    acceleration = np.gradient(velocity[:_FIRST], log.time[:_FIRST], axis=0)
+    begin(model, data, log.position[0], velocity[0], acceleration.mean(axis=0))
+    kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    start = np.zeros(mujoco.mj_stateSize(compiled, kind))
+    mujoco.mj_getState(compiled, data, start, kind)
+    states = np.asarray(rollout.rollout(compiled, data, start, control)[0])[0]
+    states = np.vstack([start, states[per_sample - 1 :: per_sample]])
+    if not np.isfinite(states).all() or np.ptp(states[:, 0]) < 0.9 * log.duration:
+        raise RecordingError(
+            f"{model.name}: its motion under the commands of {log.name} diverges; "
+            "check gains, units and the robot's inertias"
+        )
+    q = states[:, 1 : 1 + compiled.nq]
+    dq = states[:, 1 + compiled.nq : 1 + compiled.nq + compiled.nv]
+    return Replay(model.name, log, q[:, model.positions], dq[:, model.velocities])
+
+
+def begin(
+    model: ReplayModel, data: Any, q: Vector, dq: Vector, acceleration: Vector
+) -> None:
+    """Put a model in a state of the robot, springs in equilibrium.
+
+    Parameters
+    ----------
+    q, dq, acceleration : ndarray, shape (joints,)
+        Of the motors.
+    """
+    data.qpos[model.positions] = q
+    data.qvel[model.velocities] = dq
+    whole = np.zeros(model.compiled.nv)
+    whole[model.velocities] = acceleration
+    deflect(model.compiled, data, whole)
+
+
+def drive_commands(
+    log: Recording, gains: PDGains, step: float, steps: int, delay: float = 0.0
+) -> Matrix:
+    """Return ``kp q_command + kd dq_command + tau_command`` for each time step.
+
+    A command holds from its sample to the next.  A time step in which it changes has
+    the mean, so that a motion depends smoothly on the delay.
+
+    Parameters
+    ----------
+    log : Recording
+        With a command of position.
+    gains : PDGains
+        One each.
+    step : float, [s]
+    delay : float, [s]
+
+    Returns
+    -------
+    ndarray, shape (steps, joints), [N m or N]
+    """
+    command = gains.kp * _known(log.position_command)
+    command = command + gains.kd * _known(log.velocity_command)
+    command = command + _known(log.torque_command)
+    edges = log.time[0] + np.arange(steps + 1) * step - delay
+    return np.diff(_integral(log.time, command, edges), axis=0) / step
+
+
+def _known(values: Matrix | None) -> Matrix:
+    return np.zeros((1, 1)) if values is None else values
+
+
+def _integral(time: Vector, values: Matrix, until: Vector) -> Matrix:
+    """Return the integral of held values from the first time on."""
+    whole = np.cumsum(values[:-1] * np.diff(time)[:, None], axis=0)
+    whole = np.vstack([np.zeros(values.shape[1]), whole])
+    place = np.searchsorted(time, until, side="right") - 1
+    place = np.clip(place, 0, len(time) - 1)
+    return np.asarray(whole[place] + values[place] * (until - time[place])[:, None])

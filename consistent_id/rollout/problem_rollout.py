@@ -1,0 +1,356 @@
+"""A study's rollout: its recommended estimate, or one refined, beside other robots.
+
+On request friction is fitted in the form that a file format can say.  What a format
+lacks, an export leaves out, and its share of friction is then missing.  Fitted again
+without these terms, those that the format has take over what they can.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from consistent_id._support.tables import Table
+from consistent_id.comparison.block_scatter import BLOCKS, BlockScatter, block_scatter
+from consistent_id.comparison.speed_trend import (
+    TrendAt,
+    joint_speeds,
+    speed_of,
+    speed_trend,
+)
+from consistent_id.errors import NotExcitedError, ProblemError
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.export.mjcf_bodies import require_mujoco
+from consistent_id.problems.loading import problem_of
+from consistent_id.problems.problem import Problem
+from consistent_id.problems.study import Study
+from consistent_id.recordings.signals import PDGains
+from consistent_id.regression.drive.drive_terms import DEFAULTS
+from consistent_id.regression.residual_noise import joint_noise
+from consistent_id.regression.segments import segment_regressions, segments_of
+from consistent_id.rollout.compared_models import Rollout, rollout
+from consistent_id.rollout.refine import RIDGE, Refined, refined
+from consistent_id.rollout.settings import (
+    SettingsChoice,
+    chosen_ridge,
+    chosen_settings,
+    gains_of,
+    rollout_error,
+    torque_fit,
+    with_settings,
+)
+
+_EVERYWHERE = ("viscous", "coulomb", "velocity_scale", "offset", "rotor_inertia")
+
+TERMS: Mapping[str, tuple[str, ...]] = {
+    "mjcf": (*_EVERYWHERE, "spring", "friction_slope"),
+    "mjlab": (*_EVERYWHERE, "spring", "friction_slope"),
+    "isaaclab": _EVERYWHERE,
+    "urdf": _EVERYWHERE,
+}
+"""Drive terms that are fitted for a format.  An offset is fitted for all: without it
+friction would take it up; a format that lacks it says so when it is written."""
+
+
+class FormLoss(NamedTuple):
+    """What the form of friction of a format costs.
+
+    Parameters
+    ----------
+    before, after : float, [rad or m]
+        Error of rollouts of the recommended estimate as the problem states it, less
+        what MuJoCo lacks, and fitted in the form of the format.
+    """
+
+    form: str
+    before: float
+    after: float
+
+    def table(self) -> Table:
+        """Return the loss, for people."""
+        title = (
+            f"Friction fitted again in the form of {self.form}: error of rollouts "
+            f"{1e3 * self.before:.2f} to {1e3 * self.after:.2f} mrad (mm)"
+        )
+        notes = ("before: as the problem states it, less what MuJoCo lacks",)
+        return Table(title, (), (), notes)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProblemRollout:
+    """A replay of a problem's commands, with the verdict on the replayed estimate.
+
+    Parameters
+    ----------
+    study : Study
+        Of the problem, with the settings that were chosen, if they were.
+    estimate : Estimate
+        The one that the study recommends, with its verdict there; or the refined one.
+    rollout : Rollout
+        Of the validation logs, or of the training logs if there are no others.
+    scatter : BlockScatter, optional
+        How sure a torque fit's parameters are; None where blocks of the training
+        motion do not determine them by themselves.
+    trend : TrendAt, optional
+        What to expect of parameters at the speed of the replayed motion; None where
+        blocks are alike in speed.
+    form : FormLoss, optional
+        If friction was fitted in the form of a format.
+    """
+
+    study: Study
+    estimate: Estimate
+    rollout: Rollout
+    settings: SettingsChoice | None = None
+    refinement: Refined | None = None
+    scatter: BlockScatter | None = None
+    trend: TrendAt | None = None
+    form: FormLoss | None = None
+
+    @property
+    def problem(self) -> Problem:
+        """The study's problem."""
+        return self.study.problem
+
+    def tables(self) -> list[Table]:
+        """Return what was found, for people."""
+        verdict = self.estimate.verdict
+        verdict_table = Table(verdict.sentence, (), (), verdict.lines)
+        tables = [verdict_table, *self.rollout.tables()]
+        if self.form is not None:
+            tables.append(self.form.table())
+        if self.settings is not None:
+            tables.append(self._settings_table(self.settings))
+        tables += self.problem.drives.tables()
+        if self.scatter is not None:
+            tables.append(self.scatter.table())
+        if self.trend is not None:
+            tables.append(self.trend.table())
+        return tables
+
+    def _settings_table(self, choice: SettingsChoice) -> Table:
+        s = choice.settings
+        cells = {
+            "cut-off [Hz]": f"{s.cutoff:g}",
+            "velocity scale": f"{s.velocity_scale:g}",
+            "friction slope of": ", ".join(s.friction_slope) or "none",
+            "delay [ms]": f"{1e3 * s.delay:g}",
+            "springs [N m/rad]": self._springs(),
+        }
+        note = (
+            f"error on the other part {1e3 * choice.error:.2f} mrad (mm), the least of "
+            f"{len(choice.tried)}"
+        )
+        title = "Settings chosen on parts of the training motion"
+        return Table(title, tuple(cells), (tuple(cells.values()),), (note,))
+
+    def _springs(self) -> str:
+        joints = self.problem.model.robot.joint_names
+        stiffness = gains_of(self.problem).of(len(joints)).stiffness
+        named = ", ".join(
+            f"{joint} {k:.3g}"
+            for joint, k in zip(joints, stiffness.tolist(), strict=True)
+            if np.isfinite(k)
+        )
+        return named or "none"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what was found by name, for JSON."""
+        given = None if self.refinement is None else self.estimate.verdict
+        record = {**self.study.answer(given), **self.rollout.to_dict()}
+        if self.refinement is not None:
+            record["refined"] = {
+                "training_error_before": self.refinement.before,
+                "training_error_after": self.refinement.after,
+            }
+        if self.form is not None:
+            record["form"] = self.form._asdict()
+        if self.scatter is not None:
+            record["parameters"] = self.scatter.to_dict()
+        if self.trend is not None:
+            record["parameters_at_speed"] = self.trend.to_dict()
+        if self.settings is not None:
+            s = self.settings.settings
+            record["settings"] = {
+                "cutoff": s.cutoff,
+                "velocity_scale": s.velocity_scale,
+                "friction_slope": list(s.friction_slope),
+                "delay": s.delay,
+                "stiffness": {
+                    joint: k
+                    for joint, k in zip(
+                        self.problem.model.robot.joint_names,
+                        s.stiffness or (),
+                        strict=False,
+                    )
+                    if np.isfinite(k)
+                },
+                "error": self.settings.error,
+            }
+        return record
+
+
+def rollout_of(
+    study: Study,
+    *,
+    against: Sequence[str | Path] = (),
+    refine: bool = False,
+    choose: bool = False,
+    form: str | None = None,
+) -> ProblemRollout:
+    """Replay a problem's commands by the estimate that its study recommends.
+
+    Parameters
+    ----------
+    study : Study
+        Of a problem with gains of its drives; only what is needed of it is computed.
+    against : sequence of str or Path
+        MJCF or URDF files of the robot.
+    refine : bool
+        Refine the weighted constrained estimate on rollouts of the training logs, and
+        replay that one.
+    choose : bool
+        Choose cut-off, delay and shape of friction on the training logs; and whether to
+        refine, and how far, if it is to be refined.  The study is that of the problem
+        with these settings.
+    form : str, optional
+        Fit friction in the form that a file format has; see `in_form_of`.  The study is
+        that of the problem with this friction.
+
+    Raises
+    ------
+    ProblemError
+        If the problem has no gains.
+    ModelError
+        If MuJoCo is not installed, or refuses a robot.
+    RecordingError
+        If a motion diverges.
+    """
+    gains_of(study.problem)  # before the work, as MuJoCo
+    require_mujoco()
+    choice = chosen_settings(study.problem) if choose else None
+    if choice is not None:
+        study = replace(study, problem=with_settings(study.problem, choice.settings))
+    stated = study
+    if form is not None:
+        study = replace(study, problem=in_form_of(study.problem, form))
+    problem, gains = study.problem, gains_of(study.problem)
+    ridge = _ridge(problem, refine, choose)
+    done = None if ridge is None else _refined(study, gains, ridge)
+    if done is None:
+        estimate = study.run(costs=False).recommended.judged
+    else:
+        estimate = replace(done.estimate, judged=study.judged(done.estimate))
+    loss = None if form is None else _loss(stated, study, form)
+    training = problem.logs("training")
+    replays = rollout(
+        estimate,
+        problem.logs("validation") or training,
+        gains,
+        against=against,
+        training=training,
+        delay=problem.delay_of_commands,
+        locked=problem.table.model.locked,
+    )
+    sureness = _sureness(study)
+    return ProblemRollout(study, estimate, replays, choice, done, *sureness, loss)
+
+
+def _refined(study: Study, gains: PDGains, ridge: float) -> Refined:
+    """Refine the torque fit that is nearest to rollouts: of joints weighted by noise.
+
+    It accepts what the study does.
+    """
+    problem = study.problem
+    start, regression = torque_fit(problem)
+    return refined(
+        replace(start, accepted=study.accepted),
+        regression,
+        problem.logs("training"),
+        gains,
+        constraints=problem.constraints,
+        delay=problem.delay_of_commands,
+        ridge=ridge,
+    )
+
+
+def _loss(stated: Study, formed: Study, form: str) -> FormLoss:
+    method = formed.recommendation.method
+    logs = stated.problem.logs("validation") or stated.problem.logs("training")
+    before, after = (
+        rollout_error(study.problem, study.estimate(method), logs)
+        for study in (stated, formed)
+    )
+    return FormLoss(form, before, after)
+
+
+def _sureness(study: Study) -> tuple[BlockScatter | None, TrendAt | None]:
+    """Return how sure parameters are: of the training motion, and at another speed."""
+    problem = study.problem
+    model, training = problem.model, problem.training
+    sigma = joint_noise(model, study.regression, base=study.base)
+    blocks = segment_regressions(model, training, count=BLOCKS, sigma=sigma)
+    known = problem.constraints
+    try:
+        scatter = block_scatter(model, blocks, constraints=known)
+    except NotExcitedError:
+        return None, None
+    try:
+        single = [block_scatter(model, [block], constraints=known) for block in blocks]
+        scale = joint_speeds(training)
+        pieces = segments_of(training, count=BLOCKS)
+        trend = speed_trend(single, [speed_of([piece], scale) for piece in pieces])
+    except NotExcitedError:
+        return scatter, None
+    return scatter, TrendAt(trend, speed_of(problem.validation or training, scale))
+
+
+def _ridge(problem: Problem, refine: bool, choose: bool) -> float | None:
+    """Return the weight of the torque fit in a refinement; None for no refinement."""
+    if not refine:
+        return None
+    return chosen_ridge(problem).ridge if choose else RIDGE
+
+
+def in_form_of(problem: Problem, form: str) -> Problem:
+    """Return the problem without drive terms that a format lacks.
+
+    Asymmetric friction becomes Coulomb friction and an offset.
+
+    Parameters
+    ----------
+    form : str
+        One of `TERMS`.
+
+    Raises
+    ------
+    ProblemError
+        If the format is not known.
+    """
+    if form not in TERMS:
+        known = ", ".join(TERMS)
+        raise ProblemError(f"no form of friction {form!r}, expected one of {known}")
+    table, change = problem.table, msgspec.structs.replace
+    lacking = [name for name in DEFAULTS if name not in TERMS[form]]
+
+    def reduced(drive: Any) -> Any:
+        stated = {
+            name: DEFAULTS[name]
+            for name in lacking
+            if getattr(drive, name) is not msgspec.UNSET
+        }
+        if getattr(drive, "asymmetric") is True:  # noqa: B009  fields made by msgspec
+            stated["offset"] = True
+        return change(drive, **stated)
+
+    changed = change(
+        table,
+        drive=reduced(table.drive),
+        joints={name: reduced(joint) for name, joint in table.joints.items()},
+    )
+    made = problem_of(changed, problem.source or problem.folder / "problem.toml")
+    made._read.update(problem._read)
+    return replace(made, source=problem.source)

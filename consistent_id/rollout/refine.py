@@ -1,0 +1,347 @@
+"""An estimate refined on the error of its own rollouts (output error).
+
+Torque fits trust accelerations, which nobody measured; a rollout compares positions,
+which were.  A few Gauss-Newton steps begin at the certified torque fit.  Each step is a
+cone programme of its own: the same constraints, so every step's bodies are consistent;
+the linearised errors, each joint's over its level in the torque fit's rollouts; and the
+torque fit itself as the ridge, so that what rollouts do not show stays where torques
+put it.  Joints count alike: one that no parameters make follow does not bend others.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
+from consistent_id._support.executors import single_threaded, worker_threads
+from consistent_id.constraints import Constraint, lowered
+from consistent_id.estimation.best_fit import best_fit
+from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.fit import fit_of
+from consistent_id.estimation.method import Method
+from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals import PDGains
+from consistent_id.regression.regression import Regression, triangle
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.rollout.commanded_motion import replay, replayable
+from consistent_id.rollout.replay_model import replay_model
+
+_CHANGE = 0.02
+"""Torque of a finite difference over a joint's torque (both root mean square): small
+enough for a straight line, and large beside where friction makes joints stick."""
+
+_WORKERS = 2
+
+STEPS = 3
+"""Gauss-Newton steps; the error falls in the first two, a third confirms it."""
+
+RIDGE = 0.1
+"""Weight of the torque fit beside the rollouts; see `benchmarks/rollout.py`."""
+
+_LEAST = 0.05  # of the largest joint's error: no joint's weight runs away
+_HALVINGS = 3  # of a step that makes the error larger
+_ENOUGH = 0.002  # relative gain of a step, below which there is no other
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RolloutErrors:
+    """Errors of replays, and their derivatives.
+
+    Parameters
+    ----------
+    errors : ndarray, shape (joints, samples)
+        Of position, all logs one after another, [rad or m].
+    by_parameter : ndarray, shape (joints, samples, parameters)
+    """
+
+    errors: Matrix
+    by_parameter: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Replays:
+    """What is replayed, for any parameters.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Whose model it is.
+    logs : tuple of Recording
+        See `replayable`.
+    """
+
+    estimate: Estimate
+    logs: tuple[Recording, ...]
+    gains: PDGains
+
+    def errors(self, x: Vector, delay: float) -> Matrix:
+        """Return errors of position, shape (joints, samples)."""
+        period = min(1.0 / log.rate for log in self.logs)
+        model = replay_model(
+            replace(self.estimate, parameters=x),
+            self.estimate.model.robot.joint_names,
+            self.gains,
+            period=period,
+        )
+        done = [replay(model, log, delay=delay).errors for log in self.logs]
+        return np.asarray(np.vstack(done).T)
+
+    def linearised(
+        self, x: Vector, delay: float, free: IntArray, changes: Vector
+    ) -> RolloutErrors:
+        """Return errors and their derivatives with respect to `free` parameters.
+
+        `changes` are the steps of the finite differences, one for each parameter.
+        """
+        first = self.errors(x, delay)
+        by_parameter = np.zeros((*first.shape, len(x)))
+        branches = _branches(self.estimate.model)
+        groups = list(_side_by_side(self.estimate.model, branches, free))
+
+        def changed(group: Sequence[int]) -> Matrix:
+            moved = x.copy()
+            moved[list(group)] += changes[list(group)]
+            return self.errors(moved, delay)
+
+        with worker_threads(_WORKERS) as pool:
+            moved = list(pool.map(changed, groups))
+        for group, errors in zip(groups, moved, strict=True):
+            for i in group:
+                rows = branches == _branch_of(self.estimate.model, branches, i)
+                by_parameter[rows, :, i] = (errors - first)[rows] / changes[i]
+        return RolloutErrors(first, by_parameter)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Refined:
+    """An estimate refined by rollout.
+
+    Parameters
+    ----------
+    before, after : float, [rad or m]
+        Root-mean-square error of the rollouts that were learnt from.
+    """
+
+    estimate: Estimate
+    before: float
+    after: float
+
+
+@single_threaded
+def refined(
+    estimate: Estimate,
+    regression: Regression,
+    logs: Sequence[Recording],
+    gains: PDGains,
+    *,
+    constraints: Sequence[Constraint],
+    delay: float = 0.0,
+    ridge: float = RIDGE,
+    steps: int = STEPS,
+) -> Refined:
+    """Refine an estimate on the closed-loop rollouts of training logs.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Where to begin: the constrained torque fit.
+    regression : Regression
+        Of the same training motion.
+    logs : sequence of Recording
+        With commands, as they were logged.
+    constraints : sequence of Constraint
+        Which every step meets.
+    delay : float, [s]
+        Of commands.  It is held: on one motion it trades with damping and inertia, and
+        a step would put it where faster motion does not confirm it.
+    ridge : float
+        Weight of the torque fit.
+
+    Raises
+    ------
+    ModelError
+        If MuJoCo is not installed.
+    RecordingError
+        If a log has no commands, or a motion diverges.
+    """
+    started = perf_counter()
+    joints = estimate.model.robot.joint_names
+    known = tuple(replayable(log.of(joints)) for log in logs)
+    replays = Replays(estimate, known, gains)
+    free = free_parameters(estimate.model, constraints)
+    changes = finite_changes(regression)
+    free = free[np.isfinite(changes[free])]
+    x = np.array(estimate.parameters)
+    errors = replays.errors(x, delay)
+    level = np.sqrt((errors**2).mean(axis=1))
+    level = np.maximum(level, _LEAST * level.max())
+    before, size = _size(errors), _size(errors, level)
+    for _ in range(steps):
+        linear = replays.linearised(x, delay, free, changes)
+        goal = _goal(estimate, regression, constraints, linear, level, x, ridge)
+        x, now = _descended(replays, delay, (x, size), goal, level)
+        gained, size = size - now, now
+        if gained < _ENOUGH * size:
+            break
+    after = _size(replays.errors(x, delay))
+    seconds = perf_counter() - started
+    done = _estimate(estimate, regression, x, delay, seconds, before, after)
+    return Refined(done, before, after)
+
+
+def _goal(
+    estimate: Estimate,
+    regression: Regression,
+    constraints: Sequence[Constraint],
+    linear: RolloutErrors,
+    level: Vector,
+    x: Vector,
+    ridge: float,
+) -> Vector:
+    """Return the parameters that the linearised errors and the torque fit ask for."""
+    J = (linear.by_parameter / level[:, None, None]).reshape(-1, len(x))
+    r = (linear.errors / level[:, None]).ravel()
+    rows = np.column_stack([J, J @ x - r])
+    combined = _with_rows(regression, triangle(np.asfortranarray(rows)), ridge)
+    fit = best_fit(estimate.model, combined, constraints, base=estimate.base)
+    return fit.parameters
+
+
+def _with_rows(regression: Regression, rows: Matrix, ridge: float) -> Regression:
+    """Return the torque fit, by its weight, together with rows of other errors."""
+    residual = regression.sigma
+    factors = [
+        factor * np.sqrt(ridge) / s
+        for factor, s in zip(regression.factors, residual, strict=True)
+    ]
+    factors[0] = triangle(np.asfortranarray(np.vstack([factors[0], rows])))
+    return replace(regression, factors=tuple(factors), sigma=np.array(1.0), noise=None)
+
+
+def _descended(
+    replays: Replays,
+    delay: float,
+    here: tuple[Vector, float],
+    goal: Vector,
+    level: Vector,
+) -> tuple[Vector, float]:
+    """Go towards the goal, as far as the error falls; all between is feasible."""
+    x, size = here
+    share = 1.0
+    for _ in range(_HALVINGS):
+        tried = x + share * (goal - x)
+        now = _size(replays.errors(tried, delay), level)
+        if now < size:
+            return tried, now
+        share /= 2.0
+    return here
+
+
+def _size(errors: Matrix, level: Vector | None = None) -> float:
+    over = errors if level is None else errors / level[:, None]
+    return float(np.sqrt((over**2).mean()))
+
+
+def _estimate(
+    estimate: Estimate,
+    regression: Regression,
+    x: Vector,
+    delay: float,
+    seconds: float,
+    before: float,
+    after: float,
+) -> Estimate:
+    reason = (
+        "refined by rollout: every step met the constraints, but the error of rollouts "
+        "is not convex, so no optimum is proven"
+    )
+    note = (
+        f"refined on rollouts of the training motion: error {1e3 * before:.2f} to "
+        f"{1e3 * after:.2f} mrad (mm), commands late by {1e3 * delay:.2f} ms"
+    )
+    figures = {
+        "rollout error before": before,
+        "rollout error after": after,
+        "delay of commands": delay,
+    }
+    fit = fit_of(estimate.model, regression, x, estimate.base)
+    if estimate.fit is not None:
+        # Whether constraints contradict the torque, its own optimum says.
+        fit = replace(fit, excess=estimate.fit.excess)
+    return replace(
+        estimate,
+        method=Method.REFINED_BY_ROLLOUT,
+        parameters=x,
+        base_covariance=None,
+        parameter_errors=None,
+        certificate=Certificate("uncertified", reason, figures),
+        notes=(note, *estimate.notes),
+        seconds=seconds,
+        fit=fit,
+        judged=None,
+    )
+
+
+def free_parameters(model: TorqueModel, constraints: Sequence[Constraint]) -> IntArray:
+    """Return the parameters that the equalities do not fix."""
+    known = lowered(constraints, model)
+    if not len(known.A_eq):
+        return np.arange(len(model.layout))
+    A = known.A_eq / np.linalg.norm(known.A_eq, axis=1, keepdims=True)
+    _, s, Vt = np.linalg.svd(A)
+    rank = int((s > 1e-12 * s[0]).sum())
+    return np.flatnonzero(np.linalg.norm(Vt[rank:], axis=0) > 1e-9)
+
+
+def finite_changes(regression: Regression) -> Vector:
+    """Return a step of each parameter that changes torque by a small share."""
+    size = np.zeros(len(regression.layout))
+    for factor, count, rms in zip(
+        regression.factors, regression.counts, regression.torque_rms, strict=True
+    ):
+        columns = np.linalg.norm(factor[:, :-1], axis=0) / np.sqrt(count)
+        size = np.maximum(size, columns / rms)
+    seen = size > 0.0
+    changes = np.full(len(size), np.inf)
+    changes[seen] = _CHANGE / size[seen]
+    return changes
+
+
+def _branches(model: TorqueModel) -> IntArray:
+    """Return, for each moving joint, the joint next to the base that carries it."""
+    robot = model.robot
+    roots: list[int] = []
+    for place, joint in enumerate(robot.joints):
+        roots.append(place if joint.parent < 0 else roots[joint.parent])
+    names = [joint.name for joint in robot.joints]
+    root_of = dict(zip(names, roots, strict=True))
+    found = np.array([root_of[name] for name in robot.joint_names])
+    coupled = model.couplings or len(robot) < len(robot.joints)
+    return np.zeros_like(found) if coupled else found
+
+
+def _branch_of(model: TorqueModel, branches: IntArray, parameter: int) -> int:
+    layout, robot = model.layout, model.robot
+    if parameter < layout.inertial_size:
+        link = layout.links[parameter // 10]
+        joint = [k.name for k in robot.links].index(link)
+        names = list(robot.joint_names)
+        name = robot.joints[joint].name
+        return int(branches[names.index(name)]) if name in names else int(branches[0])
+    owner, _ = layout.drive[parameter - layout.inertial_size]
+    names = list(robot.joint_names)
+    return int(branches[names.index(owner)]) if owner in names else int(branches[0])
+
+
+def _side_by_side(
+    model: TorqueModel, branches: IntArray, free: IntArray
+) -> Iterator[list[int]]:
+    """Yield parameters to be changed together: one of each branch."""
+    by_branch: dict[int, list[int]] = {}
+    for i in free.tolist():
+        by_branch.setdefault(_branch_of(model, branches, i), []).append(i)
+    longest = max((len(found) for found in by_branch.values()), default=0)
+    for k in range(longest):
+        yield [found[k] for found in by_branch.values() if k < len(found)]

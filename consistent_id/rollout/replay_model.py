@@ -1,0 +1,320 @@
+"""A robot's file or specification, made ready for the commands that the robot had.
+
+Its base is held, joints that are not looked at are held at their locked positions,
+contacts and limits of joints are left out (the robot was where the log says), and in
+place of its own actuators each joint has the PD drive of the log, with its limit.
+
+The body of an elastic joint gets a second joint on the same axis.  The first keeps the
+name, has rotor inertia, friction and drive, and is where the motor is; the second has
+the spring, and is by how much the link is away from there.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from consistent_id._support.arrays import IntArray, Vector
+from consistent_id.errors import ModelError
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.export.mjcf_bodies import require_mujoco, spec_tree
+from consistent_id.export.mjcf_export import mujoco_spec
+from consistent_id.recordings.signals import PDGains
+from consistent_id.regression.elastic_joints import DAMPING
+from consistent_id.robot.loaders import mjcf_spec
+from consistent_id.robot.parameters import require_known
+
+SUFFIX = " spring"  # of the second joint's name
+
+_STEP_OF_VIBRATION = 0.5
+"""Of the fastest vibration's radian: the longest time step.  Semi-implicit steps are
+stable up to 2; at this one its frequency is right to 1 %."""
+
+_LEAST_ROTOR = 0.01
+"""Of the link's inertia: geared motors have more, and a spring needs two masses."""
+
+_MOST_STEPS = 20  # time steps, at most, in place of one
+
+STEP = 5e-4
+"""Longest time step [s].  MuJoCo's steps are of first order: a drive's stiffness counts
+as damping for half a step, which at 1 ms is a few per cent of what drives have."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReplayModel:
+    """A compiled model whose controls are the drives' torque at rest in zero.
+
+    Parameters
+    ----------
+    gains : PDGains
+        One each; the drives' feedback is in the model, `kp q_command` and the like are
+        its controls.
+    positions, velocities : ndarray of int, shape (joints,)
+        Places of the joints in MuJoCo's state.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    compiled: Any
+    gains: PDGains
+    positions: IntArray
+    velocities: IntArray
+
+
+def replay_model(
+    robot: Estimate | str | Path,
+    joints: Sequence[str],
+    gains: PDGains,
+    *,
+    locked: Mapping[str, float] | None = None,
+    period: float = STEP,
+) -> ReplayModel:
+    """Return a model that can be given the commands that the robot had.
+
+    Parameters
+    ----------
+    robot : Estimate, str or Path
+        An estimate; or an MJCF or URDF file, as MuJoCo reads it.
+    locked : mapping of str to float, optional, [rad or m]
+        Positions of other joints of a file; zero where none is given.
+    period : float, [s]
+        Of the commands; the time step is a whole fraction of it.
+
+    Raises
+    ------
+    ModelError
+        If MuJoCo is not installed or refuses the robot, or a joint is not in it.
+    """
+    name = robot.method if isinstance(robot, Estimate) else Path(robot).name
+    spec = replay_spec(robot, joints, gains, locked=locked, period=period)
+    return compiled_model(spec, name, joints, gains)
+
+
+def replay_spec(
+    robot: Estimate | str | Path,
+    joints: Sequence[str],
+    gains: PDGains,
+    *,
+    locked: Mapping[str, float] | None = None,
+    period: float = STEP,
+) -> Any:
+    """Return the specification (``mujoco.MjSpec``) that `replay_model` compiles."""
+    mujoco = require_mujoco()
+    if isinstance(robot, Estimate):
+        name = robot.method
+        spec = mujoco_spec(robot, allow_refused=True).spec
+    else:
+        name = Path(robot).name
+        spec = mjcf_spec.read_spec(Path(robot), mujoco)
+    _strip(spec)
+    _hold(spec, joints, {} if locked is None else locked, name, mujoco)
+    _drive(spec, joints, gains.of(len(joints)), mujoco)
+    spec.option.timestep = period / np.ceil(period / STEP * (1.0 - 1e-9))
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    flags = mujoco.mjtDisableBit
+    spec.option.disableflags |= flags.mjDSBL_CONTACT | flags.mjDSBL_LIMIT
+    return spec
+
+
+def compiled_model(
+    spec: Any, name: str, joints: Sequence[str], gains: PDGains
+) -> ReplayModel:
+    """Compile a specification of `replay_spec`, perhaps changed since.
+
+    Raises
+    ------
+    ModelError
+        If MuJoCo refuses it, or a joint's spring.
+    """
+    compiled, gains = _compiled(spec, name), gains.of(len(joints))
+    if np.isfinite(gains.stiffness).any():
+        add_springs(spec, compiled, joints, gains.stiffness)
+        compiled = _compiled(spec, name)
+        fit_to_springs(compiled)
+    found = [compiled.joint(joint).id for joint in joints]
+    return ReplayModel(
+        name,
+        tuple(joints),
+        compiled,
+        gains,
+        compiled.jnt_qposadr[found].astype(np.intp),
+        compiled.jnt_dofadr[found].astype(np.intp),
+    )
+
+
+def _compiled(spec: Any, name: str) -> Any:
+    mujoco = require_mujoco()
+    try:
+        return spec.compile()
+    except (ValueError, mujoco.FatalError) as cause:
+        raise ModelError(f"{name}: MuJoCo refuses it: {cause}") from None
+
+
+def _strip(spec: Any) -> None:
+    """Leave out what has no part in free motion, or names joints that are held."""
+    for kind in (spec.keys, spec.sensors, spec.actuators):
+        for item in list(kind):
+            spec.delete(item)
+
+
+def _hold(
+    spec: Any,
+    joints: Sequence[str],
+    locked: Mapping[str, float],
+    name: str,
+    mujoco: Any,
+) -> None:
+    """Take out the joints that do not move; bodies stay where the joints held them."""
+    found = spec_tree(spec).joints
+    require_known(joints, found, f"{name} has no joint", ModelError)
+    followers = {e.name1 for e in spec.equalities if e.type == _joint_equality(mujoco)}
+    for joint, item in found.items():
+        if joint in joints or joint in followers:
+            continue
+        if item.type != mujoco.mjtJoint.mjJNT_FREE and locked.get(joint):
+            _turn(item, locked[joint], mujoco)
+        spec.delete(item)
+
+
+def _joint_equality(mujoco: Any) -> Any:
+    return mujoco.mjtEq.mjEQ_JOINT
+
+
+def _turn(joint: Any, value: float, mujoco: Any) -> None:
+    """Move a joint's body to where the joint's position puts it."""
+    body, axis = joint.parent, np.array(joint.axis)
+    axis /= np.linalg.norm(axis)
+    R, turned = np.zeros(9), np.zeros(4)
+    mujoco.mju_quat2Mat(R, body.quat)
+    frame = R.reshape(3, 3)
+    if joint.type == mujoco.mjtJoint.mjJNT_SLIDE:
+        body.pos = body.pos + frame @ (value * axis)
+        return
+    mujoco.mju_axisAngle2Quat(turned, axis, value)
+    mujoco.mju_quat2Mat(R, turned)
+    rotation, anchor = R.reshape(3, 3).copy(), np.array(joint.pos)
+    whole = np.zeros(4)
+    mujoco.mju_mulQuat(whole, body.quat, turned)
+    body.pos = body.pos + frame @ (anchor - rotation @ anchor)
+    body.quat = whole
+
+
+def _drive(spec: Any, joints: Sequence[str], gains: PDGains, mujoco: Any) -> None:
+    """Add one drive per joint: ``control - kp q - kd dq``, within its limit."""
+    found = spec_tree(spec).joints
+    for joint, kp, kd, limit in zip(
+        joints, gains.kp, gains.kd, gains.torque_limit, strict=True
+    ):
+        found[joint].actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
+        drive = spec.add_actuator(name=f"drive of {joint}")
+        drive.target, drive.trntype = joint, mujoco.mjtTrn.mjTRN_JOINT
+        drive.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+        drive.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+        drive.gainprm[0] = 1.0
+        drive.biasprm[:3] = 0.0, -kp, -kd
+        drive.ctrllimited = False
+        drive.forcelimited = bool(np.isfinite(limit))
+        if drive.forcelimited:
+            drive.forcerange = [-limit, limit]
+
+
+class SpringError(ModelError):
+    """A joint cannot have the spring that it is given."""
+
+
+def add_springs(
+    spec: Any, compiled: Any, joints: Sequence[str], stiffness: Vector
+) -> None:
+    """Add a spring behind each motor whose stiffness is finite.
+
+    Parameters
+    ----------
+    compiled : mujoco.MjModel
+        Of it, without springs.
+    stiffness : ndarray, shape (joints,), [N m/rad or N/m]
+
+    Raises
+    ------
+    SpringError
+        If nothing to speak of is between a drive and its spring.
+    """
+    found = spec_tree(spec).joints
+    for name, k in zip(joints, stiffness.tolist(), strict=True):
+        if not np.isfinite(k):
+            continue
+        place = compiled.jnt_dofadr[compiled.joint(name).id]
+        rotor = float(compiled.dof_armature[place])
+        link = float(compiled.dof_M0[place]) - rotor
+        if rotor < _LEAST_ROTOR * link:
+            raise SpringError(
+                f"{name} has a spring behind its motor, but a rotor inertia of "
+                f"{rotor:.2g} beside the link's {link:.2g} only; identify it "
+                "(rotor_inertia = true), or leave the stiffness out"
+            )
+        motor = found[name]
+        motor.parent.add_joint(
+            name=name + SUFFIX,
+            type=motor.type,
+            axis=np.array(motor.axis),
+            pos=np.array(motor.pos),
+            stiffness=k,
+        )
+
+
+def fit_to_springs(compiled: Any) -> None:
+    """Give springs their damping, and the model time steps that follow vibrations.
+
+    Raises
+    ------
+    SpringError
+        If a spring is so stiff that it would take too many time steps.
+    """
+    springs = spring_joints(compiled)
+    mujoco = require_mujoco()
+    places = compiled.jnt_dofadr[springs]
+    data = mujoco.MjData(compiled)
+    mujoco.mj_forward(compiled, data)
+    k = compiled.jnt_stiffness[springs]
+    inertia = compiled.dof_M0[places]
+    compiled.dof_damping[places] = 2.0 * DAMPING * np.sqrt(k * inertia)
+    inverse, rooted = np.zeros((compiled.nv, compiled.nv)), np.sqrt(k)
+    mujoco.mj_solveM(compiled, data, inverse, np.eye(compiled.nv))
+    inverse = inverse[np.ix_(places, places)]
+    fastest = np.sqrt(np.linalg.eigvalsh(rooted[:, None] * inverse * rooted)[-1])
+    count = int(np.ceil(compiled.opt.timestep * fastest / _STEP_OF_VIBRATION))
+    if count > _MOST_STEPS:
+        raise SpringError(
+            f"a spring behind a motor vibrates at {fastest / (2 * np.pi):.0f} Hz: too "
+            "stiff to be told from a rigid joint by motion; leave the stiffness out"
+        )
+    compiled.opt.timestep /= max(count, 1)
+
+
+def spring_joints(compiled: Any) -> IntArray:
+    """Return the joints of a compiled model that are springs behind motors."""
+    names = [compiled.joint(j).name for j in range(compiled.njnt)]
+    return np.array([j for j, n in enumerate(names) if n.endswith(SUFFIX)], np.intp)
+
+
+def deflect(compiled: Any, data: Any, acceleration: Vector) -> None:
+    """Deflect springs as far as what they carry asks for, in a state of the motors.
+
+    Parameters
+    ----------
+    data : mujoco.MjData
+        With positions and velocities of the motors; those of springs are zero.
+    acceleration : ndarray, shape (degrees of freedom,), [rad/s^2 or m/s^2]
+        Of the motors.
+    """
+    springs = spring_joints(compiled)
+    if not len(springs):
+        return
+    mujoco = require_mujoco()
+    data.qacc[:] = acceleration
+    mujoco.mj_inverse(compiled, data)
+    carried = data.qfrc_inverse[compiled.jnt_dofadr[springs]]
+    data.qpos[compiled.jnt_qposadr[springs]] = (
+        -carried / compiled.jnt_stiffness[springs]
+    )

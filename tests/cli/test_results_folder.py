@@ -1,0 +1,279 @@
+"""A folder of results opens again: no command computes it anew, or it says why."""
+
+import json
+import os
+import shutil
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from logged import write_arm
+
+import consistent_id as ci
+from consistent_id.cli import main
+
+
+def run(capsys, *arguments):
+    """Return the exit code, and what was printed on either stream."""
+    capsys.readouterr()
+    code = main([str(word) for word in arguments])
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A robot, a log, and the results of identifying it."""
+    place = tmp_path_factory.mktemp("journey")
+    urdf, log = write_arm(place)
+    call = ["identify", str(urdf), str(log), "--no-select", "--cutoff", "10"]
+    assert main([*call, "--output", str(place / "results"), "--quiet"]) == 0
+    return place
+
+
+@pytest.fixture
+def results(written, tmp_path):
+    """A copy of all that, at a place of its own, as its user's own run wrote it."""
+    place = tmp_path / "place"
+    place.mkdir()
+    shutil.copy(written / "arm.urdf", place)
+    shutil.copy(written / "log.csv", place)
+    shutil.copytree(written / "results", place / "results")
+    return place / "results"
+
+
+@pytest.fixture
+def nothing_computed(monkeypatch):
+    def computed(*_, **__):
+        pytest.fail("it was computed")
+
+    monkeypatch.setattr("consistent_id.problems.study.Study.run", computed)
+    monkeypatch.setattr("consistent_id.problems.opening.open_problem", computed)
+
+
+OPENED = {
+    "report": ["--output", "robot.html"],
+    "compare": [],
+    "info": [],
+    "check": [],
+    "identify": [],
+    "export": ["--format", "urdf", "--output", "new.urdf"],
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", OPENED)
+def test_what_only_reads_needs_nothing_outside_of_the_folder(
+    command, results, tmp_path, capsys, monkeypatch, nothing_computed
+):
+    monkeypatch.chdir(tmp_path)
+    other = shutil.move(results, tmp_path / "elsewhere")
+    shutil.rmtree(tmp_path / "place")
+    code, out, err = run(capsys, command, other, *OPENED[command])
+    assert (code, err) == (0, "")
+    first = out.splitlines()[0]
+    assert first.startswith(
+        "use" if command not in ("check",) else "Nothing suspicious"
+    )
+
+
+@pytest.mark.slow
+def test_figures_are_equal_to_the_digit(written, results, capsys):
+    folder = written / "results"
+    study = json.loads((folder / "comparison.json").read_text())
+    for command in ("compare", "identify"):
+        code, out, _ = run(capsys, command, folder, "--json")
+        assert code == 0 and json.loads(out) == study
+    _, out, _ = run(capsys, "check", folder, "--json")
+    assert json.loads(out)["findings"] == study["findings"]
+    opened = ci.open_results(folder)
+    answer = {key: study[key] for key in opened.answer}
+    assert opened.answer == answer
+    assert opened.verdict.held_out == study["held_out_error"]
+    delivered = {n: p["value"] for n, p in study["delivered"]["parameters"].items()}
+    names = opened.problem.model.layout.names
+    mine = dict(zip(names, opened.delivered.parameters, strict=True))
+    assert mine == delivered
+
+
+@pytest.mark.slow
+def test_an_export_of_results_is_that_of_the_study(written, results, tmp_path, capsys):
+    files = [tmp_path / "opened.urdf", tmp_path / "computed.urdf"]
+    how = ["--format", "urdf", "--output"]
+    assert run(capsys, "export", results, *how, files[0])[0] == 0
+    problem = written / "results" / "problem.toml"
+    assert run(capsys, "export", problem, *how, files[1])[0] == 0
+    mine, theirs = (ci.load_robot(file) for file in files)
+    for one, other in zip(mine.links, theirs.links, strict=True):
+        assert one.nominal.vector == pytest.approx(
+            other.nominal.vector, rel=1e-9, abs=1e-12
+        )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", ["log", "robot", "estimate", "option", "version"])
+def test_what_has_changed_is_said_and_computed_again(
+    what, results, capsys, monkeypatch
+):
+    options = []
+    if what == "log":
+        log = results.parent / "log.csv"
+        log.write_text(log.read_text().replace("0.03,", "0.0300001,", 1))
+    elif what == "robot":
+        urdf = results.parent / "arm.urdf"
+        urdf.write_text(urdf.read_text() + "<!-- weighed in May -->")
+    elif what == "estimate":
+        file = results / "delivered.json"
+        file.write_text(file.read_text().replace('"use"', '"use "', 1))
+    elif what == "option":
+        options = ["--cutoff", "5"]
+    else:
+        monkeypatch.setattr("consistent_id.__version__", "9.9")
+    said = []
+
+    def computed(path, logs, stated, **_):
+        said.append((path, tuple(logs), stated.given))
+        raise ci.ProblemError("it would be computed")
+
+    monkeypatch.setattr("consistent_id.problems.opening.open_problem", computed)
+    code, _, err = run(capsys, "compare", results, *options)
+    assert code == 2 and "computed again" in err and "it would be computed" in err
+    assert said == [(results, (), ("cutoff",) if options else ())]
+    known = {"log": "log.csv has changed", "robot": "arm.urdf has changed"}
+    known |= {
+        "estimate": "delivered.json has been edited",
+        "option": "cutoff is stated",
+    }
+    assert known.get(what, "version 0.1.0 wrote it, this is 9.9") in err
+
+
+def index_of(folder):
+    """What results.json says, but for digests of files that hold times of this run."""
+    record = json.loads((folder / "results.json").read_text())
+    return record | {"files": sorted(record["files"])}
+
+
+@pytest.mark.slow
+def test_a_run_may_be_repeated_into_its_own_folder_until_a_file_is_edited(
+    written, capsys, monkeypatch
+):
+    call = ["identify", written / "arm.urdf", written / "log.csv", "--no-select"]
+    call += ["--cutoff", "10", "--output", written / "again"]
+    assert run(capsys, *call)[0] == 0
+    first = index_of(written / "again")
+    assert run(capsys, *call)[0] == 0
+    assert index_of(written / "again") == first
+    assert run(capsys, "compare", written / "again", "--quiet")[0] == 0
+    mine = written / "again" / "problem.toml"
+    mine.write_text(mine.read_text().replace("viscous = true", "viscous = false"))
+    monkeypatch.setattr(
+        "consistent_id.problems.study.Study.run",
+        lambda *_, **__: pytest.fail("computed before the folder was looked at"),
+    )
+    code, _, err = run(capsys, *call)
+    assert code == 2 and "was edited since consistent-id wrote it" in err
+    assert "viscous = false" in mine.read_text()
+
+
+@pytest.mark.slow
+def test_a_stranger_s_folder_names_nothing_outside_of_it(results, tmp_path, capsys):
+    index = results / "results.json"
+    record = json.loads(index.read_text())
+    secret = tmp_path / "secret.txt"
+    secret.write_text("not yours")
+    name = os.path.relpath(secret, results)
+    index.write_text(
+        json.dumps(record | {"files": {name: record["files"]["report.html"]}})
+    )
+    code, _, err = run(capsys, "report", results)
+    assert code == 2 and "is not a file of this folder" in err
+    index.write_text("{")
+    assert run(capsys, "compare", results)[0] == 2
+    # Computing it again reads what the problem file names: that needs trust.
+    index.write_text(json.dumps(record))
+    (results / "comparison.md").write_text("something else")
+    code, _, err = run(capsys, "compare", results)
+    assert code == 2 and "--trust" in err
+
+
+FORGED = {
+    "no digest of delivered.json": lambda r: r["files"].pop("delivered.json"),
+    "no tables of check": lambda r: r["tables"].pop("check"),
+    "rows that do not fit": lambda r: r["tables"]["compare"][0].update(
+        rows=[["a"], ["b", "c"]], header=["x", "y"]
+    ),
+    "answer: ": lambda r: r["answer"].update(verdict="great"),
+    "findings: ": lambda r: r["findings"].update(findings=[{}]),
+    "model.form": lambda r: r["model"].update(form="name"),
+    "'..' is not a file": lambda r: r["model"].update(name=".."),
+    "'' is not a file": lambda r: r["model"].update(name=""),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("said", FORGED)
+def test_an_index_that_lacks_what_commands_read_is_refused(said, results, capsys):
+    index = results / "results.json"
+    record = json.loads(index.read_text())
+    FORGED[said](record)
+    index.write_text(json.dumps(record))
+    code, _, err = run(capsys, "check", results)
+    assert code == 2 and said in err
+
+
+@pytest.mark.slow
+def test_results_of_several_folders_are_put_side_by_side(
+    written, results, capsys, nothing_computed
+):
+    code, out, err = run(capsys, "compare", written / "results", results, "--verbose")
+    assert (code, err) == (0, "")
+    assert out.startswith("2 results side by side")
+    assert "0 of 26 in common differ" in out
+    # What asks for other results is refused, and what was edited is said.
+    for words in (["--masses", "free"], ["--accept", "lag"], ["--output", "new"]):
+        code, _, err = run(capsys, "compare", results, written / "results", *words)
+        assert code == 2 and err.startswith(f"consistent-id: {words[0]}: folders of")
+    (results / "comparison.md").write_text("mine")
+    code, out, _ = run(capsys, "compare", written / "results", results, "--verbose")
+    assert code == 0 and f"{results}: comparison.md has been edited since" in out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["problem.toml", "delivered.json", "results.json"])
+def test_what_reads_a_folder_writes_no_other_file_over_it(name, results, capsys):
+    file = results / name
+    before = file.read_bytes()
+    for command in (
+        ["report", results, "--output", file],
+        ["identify", results, "--report", file],
+        ["export", results, "--format", "json", "--output", file],
+    ):
+        code, _, err = run(capsys, *command)
+        assert code == 2 and "is an input of this run" in err
+        assert file.read_bytes() == before
+    assert run(capsys, "report", results)[0] == 0  # its own report
+
+
+def test_a_folder_in_front_of_logs_is_no_robot(tmp_path, capsys):
+    _, log = write_arm(tmp_path)
+    code, _, err = run(capsys, "check", tmp_path, log)
+    assert code == 2 and "is a folder, expected a robot's URDF or MJCF file" in err
+
+
+def test_results_without_recordings_are_checked_as_their_problem_is(
+    capsys, monkeypatch
+):
+    monkeypatch.setattr(
+        "consistent_id.cli.check.stored",
+        lambda _: SimpleNamespace(
+            index=SimpleNamespace(findings={}), tables=lambda _: []
+        ),
+    )
+    code, _, err = run(capsys, "check", "problems/rx60")
+    assert code == 2 and "has no recordings; add a [data] table" in err
+
+
+def test_a_folder_without_results_is_no_results(tmp_path):
+    with pytest.raises(ci.ProblemError, match=r"holds no results.json"):
+        ci.open_results(tmp_path)
+    assert not (Path("problems/rx60") / "results.json").exists()

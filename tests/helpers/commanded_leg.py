@@ -1,0 +1,79 @@
+"""A problem whose log is MuJoCo's own, of a leg with drives that are known."""
+
+import mujoco
+import numpy as np
+
+ROBOT = """
+<mujoco model="leg">
+  <compiler angle="radian"/>
+  <option gravity="0 0 -9.81" timestep="0.0005" integrator="implicitfast"/>
+  <worldbody>
+    <body name="trunk">
+      <freejoint/>
+      <inertial pos="0 0 0" mass="5" diaginertia="0.1 0.1 0.1"/>
+      <body name="thigh" pos="0 0 0">
+        <joint name="hip" axis="0 1 0" range="-1.5 1.5" {hip}/>
+        <inertial pos="0 0 -0.1" mass="1" diaginertia="0.005 0.005 0.001"/>
+        <body name="shank" pos="0 0 -0.2">
+          <joint name="knee" axis="0 1 0" range="-1.5 1.5" {knee}/>
+          <inertial pos="0 0 -0.1" mass="0.3" diaginertia="0.001 0.001 0.0002"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+TRUTH = {
+    "hip": 'damping="0.3" frictionloss="0.4" armature="0.02"',
+    "knee": 'damping="0.2" frictionloss="0.25" armature="0.015"',
+}
+PROBLEM = """
+name = "leg"
+[model]
+mjcf = "leg.xml"
+joints = ["hip", "knee"]
+[drive]
+viscous = true
+coulomb = "tanh"
+velocity_scale = 0.05
+rotor_inertia = true
+[constraints]
+bodies = "model"
+[data.columns]
+position = "q{number}"
+position_command = "qdes{number}"
+[data.gains]
+kp = 25.0
+kd = 1.0
+[data.preparation]
+motion_cutoff = 20.0
+torque_cutoff = 20.0
+[[data.recordings]]
+file = "log.csv"
+role = "training"
+rows = [1, 1200]
+[[data.recordings]]
+file = "log.csv"
+role = "validation"
+rows = [1220, 1900]
+"""
+
+
+def write_leg(folder):
+    """Write ``leg.xml``, ``true.xml``, ``log.csv`` and ``problem.toml``."""
+    (folder / "leg.xml").write_text(ROBOT.format(hip="", knee=""))
+    true = ROBOT.format(**TRUTH)
+    (folder / "true.xml").write_text(true)
+    (folder / "problem.toml").write_text(PROBLEM)
+    model = mujoco.MjModel.from_xml_string(true.replace("<freejoint/>", ""))
+    data, rows = mujoco.MjData(model), []
+    for k in range(1900):
+        t = k / 200.0
+        phase = np.array([1.0, 1.4]) * t * 2.0 + 0.7 * t**2
+        told = 0.5 * np.sin(phase)
+        rows.append([t, *data.qpos, *told])
+        for _ in range(10):
+            data.qfrc_applied = 25.0 * (told - data.qpos) - 1.0 * data.qvel
+            mujoco.mj_step(model, data)
+    head = "time,q1,q2,qdes1,qdes2"
+    np.savetxt(folder / "log.csv", rows, delimiter=",", header=head, comments="")

@@ -1,0 +1,244 @@
+"""Rollouts of whole problems: simulated, from the shell, and of real robots."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from consistent_id import load_problem, to_mjcf
+from consistent_id.cli import main
+from consistent_id.constraints import lowered
+from consistent_id.errors import ProblemError
+
+mujoco = pytest.importorskip("mujoco")
+
+from commanded_leg import PROBLEM, write_leg  # noqa: E402
+
+from consistent_id.problems.study import Study  # noqa: E402
+from consistent_id.rollout import rollout  # noqa: E402
+from consistent_id.rollout.problem_rollout import rollout_of  # noqa: E402
+from consistent_id.rollout.settings import (  # noqa: E402
+    RIDGES,
+    Settings,
+    _between,
+    _with_slopes,
+    chosen_ridge,
+    chosen_settings,
+    rollout_error,
+    torque_fit,
+    with_settings,
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A problem whose log is MuJoCo's own, of a robot with drives that are known."""
+    place = tmp_path_factory.mktemp("leg")
+    write_leg(place)
+    return place
+
+
+@pytest.mark.slow
+def test_the_true_drives_are_found_and_move_like_the_robot(folder):
+    problem = load_problem(folder)
+    done = rollout_of(Study(problem), against=[folder / "true.xml", folder / "leg.xml"])
+    (own, _), (true, _), (blank, _) = (
+        (done.rollout.rmse(name), name) for name in done.rollout.replays
+    )
+    assert true < 1.5e-3  # the log's own robot, but for steps of time
+    assert own < 4e-3 < 0.2 * blank
+    for joint, armature in (("hip", 0.02), ("knee", 0.015)):
+        assert done.estimate[f"{joint}.rotor_inertia"] == pytest.approx(
+            armature, abs=0.003
+        )
+
+
+@pytest.mark.slow
+def test_refinement_lowers_the_error_it_learns_from_within_the_constraints(folder):
+    problem = load_problem(folder)
+    done = rollout_of(Study(problem), refine=True)
+    found = done.refinement
+    assert found.after < 0.95 * found.before
+    again = rollout_error(problem, done.estimate, problem.logs("training"))
+    assert again == pytest.approx(found.after, rel=1e-9)
+    known = lowered(problem.constraints, problem.model)
+    assert known.violation(done.estimate.parameters) < 1e-9
+    assert done.to_dict()["refined"]["training_error_after"] == found.after
+    assert done.estimate.certificate.verdict == "uncertified"
+
+
+@pytest.mark.slow
+def test_how_far_to_refine_is_chosen_on_motion_that_was_not_learnt_from(folder):
+    choice = chosen_ridge(load_problem(folder))
+    assert set(choice.errors) == {None, *RIDGES}
+    assert choice.errors[choice.ridge] == min(choice.errors.values())
+
+
+@pytest.mark.slow
+def test_settings_are_the_best_of_those_that_were_tried(folder):
+    problem = load_problem(folder)
+    choice = chosen_settings(problem)
+    errors = dict(choice.tried)
+    assert choice.error == errors[choice.settings] <= 1.03 * min(errors.values())
+    assert choice.settings.delay <= 0.0025  # there is none
+    assert not choice.settings.friction_slope
+    made = with_settings(problem, choice.settings)
+    assert made.delay_of_commands == choice.settings.delay
+    assert made.table.drive.velocity_scale == choice.settings.velocity_scale
+
+
+@pytest.mark.slow
+def test_the_shell_replays_and_writes_what_it_found(folder, tmp_path, capsys):
+    out = tmp_path / "out"
+    others = ["--against", str(folder / "true.xml")]
+    code = main(["rollout", str(folder), *others, "--output", str(out), "--json"])
+    assert code == 0
+    record = json.loads(capsys.readouterr().out)
+    own, _ = record["models"]
+    assert own == f"identified ({record['method']})"
+    expected = record["parameters_at_speed"]
+    assert expected["speed"] > 1.2  # the chirp goes on
+    assert set(expected["parameters"]) == set(record["parameters"])
+    assert json.loads((out / "rollout.json").read_text()) == record
+    page = (out / "rollout.html").read_text()
+    assert "hip: gain" in page and "true.xml" in page
+    study = Study(load_problem(folder))
+    assert record["method"] == study.recommendation.method
+    written = out / f"{record['method'].replace(' ', '_')}.json"
+    export = tmp_path / "leg.xml"
+    export_options = ["--format", "mjcf", "--output", str(export)]
+    options = ["export", str(folder), "--estimate", str(written), *export_options]
+    assert main([*options, "--accept", "misfit"]) == 0
+    problem = study.problem
+    found = rollout(
+        study.estimate(record["method"]),
+        problem.logs("validation"),
+        problem.gains,
+        against=[export],
+    )
+    one, other = (found.rmse(name) for name in found.replays)
+    assert one == pytest.approx(other, rel=1e-4)
+
+
+@pytest.mark.parametrize(("true", "found"), [(0.0041, 0.0041), (0.009, 0.0075)])
+def test_the_delay_is_where_a_parabola_is_lowest(true, found):
+    best = Settings(delay=0.005)
+    grid = [0.0, 0.0025, 0.005, 0.0075, 0.01, 0.015]
+    delay = _between(best, grid, lambda s: 1.0 + (s.delay - true) ** 2)
+    assert delay == pytest.approx(found, abs=1e-5)  # no further than the grid's next
+
+
+def test_a_problem_without_gains_has_no_rollout():
+    with pytest.raises(ProblemError, match=r"no \[data.gains\]"):
+        with_settings(load_problem("problems/rx60"), Settings())
+
+
+REAL = [
+    ("unitree_go2", 5e-3, 7.7e-3),
+    ("unitree_z1", 7.5e-3, 12.7e-3),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    "CONSISTENT_ID_DATASETS" not in os.environ, reason="CONSISTENT_ID_DATASETS not set"
+)
+@pytest.mark.parametrize(("name", "best", "shipped"), REAL)
+def test_real_robots_are_followed_better_than_by_their_files(
+    name, best, shipped, tmp_path
+):
+    problem = load_problem(Path("problems") / name)
+    estimate, _ = torque_fit(problem)
+    logs = problem.logs("validation")
+    assert rollout_error(problem, estimate, logs) < best
+    source = problem.model_files["mjcf"]
+    file = tmp_path / "identified.xml"
+    to_mjcf(estimate, source, folder=tmp_path, allow_refused=True).save(file)
+    found = rollout(estimate, logs, problem.gains, against=[source, file], delay=0.0)
+    own, as_shipped, fresh = (found.rmse(n) for n in found.replays)
+    assert as_shipped > shipped  # as published with the recordings
+    assert fresh == pytest.approx(own, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_drives_stronger_than_stated_are_found_and_replayed_as_they_are(
+    folder, tmp_path, capsys
+):
+    for name in ("leg.xml", "log.csv"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    # The robot has kp 25 and kd 1; a twelfth less is stated.
+    stated = PROBLEM.replace("kp = 25.0", "kp = 22.917").replace(
+        "kd = 1.0", "kd = 0.9167"
+    )
+    asked = stated.replace("kd = 0.9167", 'kd = 0.9167\nscale = "estimated"')
+    (tmp_path / "problem.toml").write_text(stated)
+    wrong = rollout_of(Study(load_problem(tmp_path))).rollout
+    (tmp_path / "problem.toml").write_text(asked)
+    problem = load_problem(tmp_path)
+    fit = problem.drives.fit
+    # MuJoCo's dry friction is not the model's tanh: up to 4 % of these torques.
+    assert fit.values[1:3] == pytest.approx([25.0 / 22.917] * 2, abs=0.045)
+    assert problem.gains.kp == pytest.approx(22.917 * fit.values[1:3], rel=1e-12)
+    found = rollout_of(Study(problem)).rollout
+    (own,) = found.replays
+    assert found.rmse(own) < 0.6 * wrong.rmse(own)
+    assert main(["identify", str(tmp_path), "--verbose"]) == 0
+    assert "torque scale" in capsys.readouterr().out
+
+
+def test_slopes_are_given_to_the_motors_that_are_worth_it():
+    groups = (("a", "b"), ("c",), ("d",))
+    gains = {"a": 0.5, "c": 0.01, "d": -0.2}
+
+    def error(settings):
+        return 2.0 - sum(gains.get(joint, 0.0) for joint in settings.friction_slope)
+
+    for begin in ((), ("c",), ("a", "b", "c", "d")):
+        found = _with_slopes(Settings(friction_slope=begin), groups, error)
+        # A slope of c brings less than its worth, one of d does harm.
+        assert found.friction_slope == ("a", "b")
+
+
+@pytest.mark.slow
+def test_the_report_of_commands_has_a_section_of_their_rollouts(folder, tmp_path):
+    out = tmp_path / "report.html"
+    assert main(["report", str(folder), "--output", str(out)]) == 0
+    page = out.read_text()
+    section = page[page.index('id="rollouts"') :]
+    assert "Closed-loop replay of log" in section
+    assert "leg.xml" in section
+    assert section.count("<svg") >= 6  # errors, gain and phase of two joints
+    assert '"#rollouts"' in page
+
+
+@pytest.mark.slow
+def test_the_chosen_problem_is_written_so_that_it_can_be_run(folder, tmp_path):
+    out = folder / "chosen"
+    assert main(["rollout", str(folder), "--choose", "--output", str(out)]) == 0
+    with_trust = load_problem(out, trust=True)
+    assert with_trust.files["leg.xml"].samefile(folder / "leg.xml")
+    assert len(with_trust.training) == 1
+
+
+@pytest.mark.slow
+def test_friction_is_fitted_again_in_the_form_of_a_format(folder, tmp_path, capsys):
+    for name in ("leg.xml", "log.csv"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    more = "rotor_inertia = true\nfriction_slope = true\nstribeck_velocity = 0.3"
+    text = PROBLEM.replace("rotor_inertia = true", more)
+    text += "[joints.knee]\ndrag = true\n"
+    (tmp_path / "problem.toml").write_text(text)
+    done = rollout_of(Study(load_problem(tmp_path)), form="isaaclab")
+    terms = set(done.estimate.model.layout.names[-6:])
+    names = ("viscous", "coulomb", "rotor_inertia")
+    assert terms == {f"{j}.{n}" for j in ("hip", "knee") for n in names}
+    # The robot of the log has no more friction than that.
+    assert done.form.after < 4e-3
+    assert done.form.after <= done.form.before + 1e-3
+    (own,) = done.rollout.replays
+    assert done.rollout.rmse(own) == pytest.approx(done.form.after, rel=1e-9)
+    assert main(["rollout", str(tmp_path), "--form", "mjcf"]) == 0
+    assert "in the form of mjcf" in capsys.readouterr().out
+    with pytest.raises(ProblemError, match="isaaclab"):
+        rollout_of(Study(load_problem(tmp_path)), form="gazebo")
