@@ -88,7 +88,13 @@ def diagnose(
     training = [training] if isinstance(training, Recording) else list(training)
     base = base_parameters(model) if base is None else base
     constraints = datasheet_constraints(model) if constraints is None else constraints
-    ready: Prepare = (lambda recording: recording) if prepare is None else prepare
+
+    def ready(recording: Recording) -> Recording:
+        # Channels are turned, shifted and scaled here, sample by sample: rows are those
+        # of the prepared samples.
+        done = recording if prepare is None else prepare(recording)
+        return replace(done, torque_filter=None)
+
     found = [*leak_findings(training, validation), *model_findings(model.robot)]
     if any(f.kind == "units" for f in found):
         return Diagnosis(tuple(found), tuple(log.name for log in training))

@@ -19,7 +19,7 @@ through the controller: a cut-off that lets it through then looks better than it
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -220,8 +220,10 @@ def _sides(
         training = differentiated(
             low_passed(part, motion_cutoff=motion, torque_cutoff=torque)
         )
-        light = low_passed(part, torque_cutoff=target).torque
-        lightly = replace(training, torque=light)
+        lightly = low_passed(
+            differentiated(low_passed(part, motion_cutoff=motion)),
+            torque_cutoff=target,
+        )
         start, stop = part.time[0] + margin, part.time[-1] - margin
         return (
             build_regression(model, trimmed(training, start, stop), noise=noise),

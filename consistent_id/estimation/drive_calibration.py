@@ -20,7 +20,6 @@ from consistent_id._support.arrays import (
     BoolArray,
     Matrix,
     Vector,
-    chunks,
     freeze_arrays,
 )
 from consistent_id._support.executors import single_threaded
@@ -32,7 +31,7 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.drive_torque import DriveCalibration
 from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.regression.regression import Regression, build_regression
-from consistent_id.regression.regressor import CHUNK, TorqueModel
+from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import joint_noise
 from consistent_id.regression.triangles import extended
 
@@ -303,21 +302,20 @@ def _rows(
     """Yield, piece by piece, the rows ``[Y, C, tau]`` of each torque joint."""
     whole, late = motion_of(model, recording, None), motion_of(model, later, None)
     n = len(model.robot)
-    for part in chunks(len(whole.q), CHUNK):
-        moved = whole.samples(part.start, part.stop)
-        state = moved.q, moved.dq, moved.ddq
-        Y = model.regressor(*state)
+    for moved, delayed in zip(whole.pieces(), late.pieces(), strict=True):
+        along = moved.along
+        state = along.q, along.dq, along.ddq
+        Y = moved.regressor(model)
         torque = np.einsum("jps,p->sj", Y, x)
         C = np.zeros((*torque.shape, 1 + 2 * n))
         if wanted[0]:
-            delayed = late.samples(part.start, part.stop).torque
-            C[:, :, 0] = (moved.torque - delayed) / _LATER
+            C[:, :, 0] = (moved.torque - delayed.torque) / _LATER
         for j, joint in enumerate(model.robot.joint_names):
             if wanted[1 + j] and joint in model.torque_joints:
                 row = model.torque_joints.index(joint)
                 C[:, row, 1 + j] = -torque[:, row]
             if wanted[1 + n + j]:
-                C[:, :, 1 + n + j] = -_turned(model, x, state, j)
+                C[:, :, 1 + n + j] = -moved.through(_turned(model, x, state, j))
         yield [
             np.column_stack(
                 [

@@ -17,6 +17,7 @@ from consistent_id.constraints import Constraint
 from consistent_id.errors import RecordingError
 from consistent_id.estimation.equalities import FreeParameters, least_squares
 from consistent_id.recordings.recording import Recording, several
+from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.recordings.signals.parts import blocks_of
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.rows.contact_free import masked_factors
@@ -102,11 +103,15 @@ def contact_radius(
 
 def with_radii(recording: Recording, offset: float) -> Recording:
     """Return a recording whose round feet have a radius larger by an offset [m]."""
-    contacts = tuple(
-        replace(flags, radius=flags.radius + offset) if flags.radius else flags
-        for flags in recording.contacts
-    )
-    return replace(recording, contacts=contacts)
+
+    def change(whole: Recording) -> Recording:
+        contacts = tuple(
+            replace(flags, radius=flags.radius + offset) if flags.radius else flags
+            for flags in whole.contacts
+        )
+        return replace(whole, contacts=contacts)
+
+    return altered(recording, change)
 
 
 def _vertex(blocks: Sequence[Sequence[Matrix]]) -> float:

@@ -12,7 +12,7 @@ what the regressor ``W`` leaves of the torque, so both are given to one regressi
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
@@ -31,7 +31,7 @@ from consistent_id.regression.base import (
 )
 from consistent_id.regression.correlated_noise import correlation_length
 from consistent_id.regression.linear import LinearSolution, column_sizes, solve_linear
-from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import build_regression, triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import joint_noise
@@ -179,13 +179,18 @@ def instrumented(
     lengths, samples, differs = [], 0, 0.0
     for log, other in zip(logs, beside, strict=True):
         motion = motion_of(model, log, None)
-        here = model.chunks(motion.q, motion.dq, motion.ddq)
-        there = model.chunks(*_state(model, other))
-        for (part, W), (_, Z) in zip(here, there, strict=True):
-            W, Z = (Y[:, list(base.independent)] for Y in (W, Z))
+        beside_it = _instruments_along(model, motion, other)
+        start = 0
+        for here in motion.pieces():
+            there = beside_it.samples(start, start + len(here.q))
+            start += len(here.q)
+            W, Z = (
+                rows.regressor(model)[:, list(base.independent)]
+                for rows in (here, there)
+            )
             differs = max(differs, float(abs(W - Z).max() / abs(W).max()))
-            factors = _merged(factors, Z, W, motion.torque[part].T)
-        residual = motion.torque - model.predict(x, motion.q, motion.dq, motion.ddq)
+            factors = _merged(factors, Z, W, here.torque.T)
+        residual = motion.torque - motion.predicted(model, x)
         lengths.append(correlation_length(list(residual.T), sigma))
         samples += residual.size
     if differs < _SAME:
@@ -210,6 +215,23 @@ def _merged(factors: list[Matrix], Z: Array, W: Array, tau: Array) -> list[Matri
         )
         for j, factor in enumerate(factors)
     ]
+
+
+def _instruments_along(model: TorqueModel, motion: Motion, other: Recording) -> Motion:
+    """Return rows of instruments for the rows of a motion.
+
+    They pass the same filter where instruments are there before it was cut; any others
+    that do not depend on the noise are instruments as well, only weaker.
+    """
+    q, dq, ddq = _state(model, other)
+    rows = motion.filtered
+    if rows is None:
+        return motion._replace(q=q, dq=dq, ddq=ddq)
+    if len(q) == len(rows.along.q):
+        along = rows.along._replace(q=q, dq=dq, ddq=ddq)
+        return motion._replace(filtered=replace(rows, along=along))
+    there = motion.places
+    return motion._replace(filtered=None, q=q[there], dq=dq[there], ddq=ddq[there])
 
 
 def _state(model: TorqueModel, motion: Recording) -> tuple[Array, Array, Array]:

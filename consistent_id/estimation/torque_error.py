@@ -98,7 +98,7 @@ def prediction_errors(
     counts, size = np.array(regression.counts), regression.torque_rms
     moving = moving_shares(model, regression)
     # Where rows are mixed, friction of a joint at rest is in all of them.
-    rests = motion.mixing is None and bool((moving < IN_MOTION).any())
+    rests = not motion.mixed and bool((moving < IN_MOTION).any())
     errors = []
     for x, held in predictions:
         rms = regression.residual_rms(x)
@@ -128,6 +128,8 @@ def _rms_beyond(
     error = motion.torque - motion.predicted(model, x)
     held = np.zeros(len(model.torque_joints)) if held is None else held
     moved = recording.of(model.robot.joint_names)
+    if motion.places is not None:
+        moved = moved.samples(motion.places)
     left = beyond_friction(model, moved, error, held)
     return np.asarray(np.sqrt(np.mean(left**2, axis=0)))
 

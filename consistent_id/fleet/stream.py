@@ -14,6 +14,7 @@ from tempfile import TemporaryDirectory
 import msgspec
 import numpy as np
 
+from consistent_id._support.arrays import IntArray, Matrix, Vector
 from consistent_id._support.executors import Executor, single_threaded, tree_reduced
 from consistent_id._support.progress import counted, stages
 from consistent_id.errors import NotExcitedError, ProblemError, RecordingError
@@ -40,10 +41,10 @@ from consistent_id.recordings.readers.recording_file import (
     RowSource,
     does_not_fit,
 )
-from consistent_id.recordings.recording import Recording, joined_in_time
+from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters
-from consistent_id.regression.correlated_noise import SHOWN
-from consistent_id.regression.motion_arrays import RowFilter, motion_of
+from consistent_id.regression.correlated_noise import SHOWN, NoisyRows
+from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import Regression, build_regression, with_noise
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import joint_noise
@@ -135,19 +136,19 @@ def _streamed(
         whole = tree_reduced(regressions(), Regression.__add__)
     if whole is None:
         raise NotExcitedError(f"problem {problem.name!r}: no sample counts")
-    middles, samples, left = list[Recording](), list[int](), iter(seen)
+    middles, samples, left = list[NoisyRows](), list[int](), iter(seen)
+    model = problem.model
     for part in parts:
         own = list(islice(left, len(part.tasks)))
         counts = [count for one in own for count in one.counts]
         if isinstance(part, WholeLog):
-            middles += [middle for one in own for middle in one.middles]
+            found = (middle for one in own for middle in one.middles)
+            middles += [motion_of(model, middle, None) for middle in found]
             samples += counts
         elif any(counts):
-            middles.append(_middle(part, counts))
+            middles.append(_middle(model, part, counts))
             samples.append(sum(counts))
-    motions = [motion_of(problem.model, middle, None) for middle in middles]
-    every = [range(len(middle)) for middle in middles]
-    return with_noise(problem.model, whole, motions, every, RowFilter(), samples)
+    return with_noise(model, whole, middles, samples)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,12 +190,10 @@ def compressed(task: tuple[TorqueModel, KeptWindows | WholeLog]) -> Compressed:
     counts: list[int] = []
 
     def regressions() -> Iterator[Regression]:
-        for part, counts_in in windows.recordings():
-            counts.append(int(counts_in.sum()))
-            if counts[-1]:
-                weights = np.repeat(counts_in[:, None], len(model.torque_joints), 1)
-                rows = None if counts_in.all() else [weights.astype(np.float64)]
-                yield build_regression(model, part, row_weights=rows, noise=False)
+        for part in windows.recordings():
+            counts.append(0 if part is None else len(motion_of(model, part, None).q))
+            if part is not None:
+                yield build_regression(model, part, noise=False)
 
     return Compressed(tree_reduced(regressions(), Regression.__add__), tuple(counts))
 
@@ -202,12 +201,16 @@ def compressed(task: tuple[TorqueModel, KeptWindows | WholeLog]) -> Compressed:
 def _compressed_whole(model: TorqueModel, log: WholeLog) -> Compressed:
     problem = log.problem
     parts = problem.training if log.role == "training" else problem.validation
-    middles = []
+    middles, counts = [], []
     for part in parts:
-        start = max((len(part) - SHOWN) // 2, 0)
-        middles.append(part.samples(slice(start, start + SHOWN)))
+        motion = motion_of(model, part, None)
+        counts.append(len(motion.q))
+        start = max((counts[-1] - SHOWN) // 2, 0)
+        rows = slice(start, start + SHOWN)
+        places = motion.places
+        middles.append(part.samples(rows if places is None else places[rows]))
     regression = build_regression(model, parts, noise=False)
-    return Compressed(regression, tuple(map(len, parts)), tuple(middles))
+    return Compressed(regression, tuple(counts), tuple(middles))
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,13 +281,13 @@ def _kept(source: _Source, executor: Executor) -> Iterator[KeptRows]:
         yield kept_rows(whole, first, last, executor)
 
 
-def _middle(rows: KeptRows, counts: Sequence[int]) -> Recording:
-    """Return the samples in the middle, by which correlated noise is known.
+def _middle(model: TorqueModel, rows: KeptRows, counts: Sequence[int]) -> "RowsInTurn":
+    """Return the rows in the middle, by which correlated noise is known.
 
     Parameters
     ----------
     counts : sequence of int
-        Samples that count in each window.
+        Rows of each window.
     """
     ends = np.cumsum(counts)
     shown = min(int(ends[-1]), SHOWN)
@@ -292,10 +295,60 @@ def _middle(rows: KeptRows, counts: Sequence[int]) -> Recording:
     first = int(np.searchsorted(ends, start, side="right"))
     last = int(np.searchsorted(ends, start + shown))
     windows = KeptWindows(rows, tuple(rows.cuts[first : last + 1]))
-    parts, counted = zip(*windows.recordings(), strict=True)
-    places = np.flatnonzero(np.concatenate(counted))
+    parts = (part for part in windows.recordings() if part is not None)
+    motions = tuple(motion_of(model, part, None) for part in parts)
     start -= int(ends[first]) - counts[first]
-    return joined_in_time(parts).samples(places[start : start + shown])
+    return RowsInTurn(motions).samples(start, start + shown)
+
+
+@dataclass(frozen=True, eq=False)
+class RowsInTurn:
+    """Rows of consecutive windows as those of one recording.
+
+    Parameters
+    ----------
+    motions : tuple of Motion
+    """
+
+    motions: tuple[Motion, ...]
+
+    @property
+    def q(self) -> Matrix:
+        """Positions, shape (rows, joints)."""
+        return np.concatenate([motion.q for motion in self.motions])
+
+    @property
+    def mixed(self) -> bool:
+        """See `Motion.mixed`."""
+        return any(motion.mixed for motion in self.motions)
+
+    def samples(self, start: int, stop: int) -> "RowsInTurn":
+        """Return consecutive rows."""
+        parts, first = [], 0
+        for motion in self.motions:
+            low, high = max(start - first, 0), min(stop - first, len(motion.q))
+            if low < high:
+                parts.append(motion.samples(low, high))
+            first += len(motion.q)
+        return RowsInTurn(tuple(parts))
+
+    def counts(self) -> IntArray:
+        """See `Motion.counts`."""
+        return np.asarray(np.sum([m.counts() for m in self.motions], axis=0))
+
+    def noise_lost(self) -> Vector:
+        """See `Motion.noise_lost`; windows are of robots on a fixed base."""
+        return self.motions[0].noise_lost()
+
+    def rows(
+        self, model: TorqueModel, kept: Sequence[IntArray]
+    ) -> Iterator[tuple[slice, Sequence[Matrix]]]:
+        """See `Motion.rows`."""
+        first = 0
+        for motion in self.motions:
+            for part, blocks in motion.rows(model, kept):
+                yield slice(first + part.start, first + part.stop), blocks
+            first += len(motion.q)
 
 
 @single_threaded

@@ -28,6 +28,7 @@ from consistent_id.recordings.signals.clocks import (
     require_rate,
     samples_at,
 )
+from consistent_id.recordings.signals.filtered_rows import RowFilter, left_out
 from consistent_id.recordings.signals.filters import (
     DECIMATION_ORDER,
     anti_aliased,
@@ -297,15 +298,19 @@ class PreparedStretch:
         reach = SPLINE + _DIFFERENCES
         for delay in table.delays.values():
             reach += SPLINE + int(np.ceil(abs(float(delay)) * rate))
-        cutoffs = [c for c in (table.motion_cutoff, table.torque_cutoff) if c]
-        if cutoffs:
-            reach += settling(cutoff=min(cutoffs), rate=rate, order=4)
+        if table.motion_cutoff is not None:
+            reach += settling(cutoff=table.motion_cutoff, rate=rate, order=4)
         if table.window is not None:
             reach += int(np.ceil(table.window * rate))
+        if table.least_speed is not None:
+            reach += speed_reach(1.0 / rate)
+        filters = []
+        if table.torque_cutoff is not None:
+            filters.append(RowFilter(table.torque_cutoff / rate))
         if table.decimate > 1:
             cutoff = decimation_cutoff(rate, table.decimate)
-            reach += settling(cutoff=cutoff, rate=rate, order=DECIMATION_ORDER)
-        return reach
+            filters.append(RowFilter(cutoff / rate, DECIMATION_ORDER))
+        return reach + max((own.reach for own in filters), default=0)
 
     def cuts(self, first: int, last: int) -> list[tuple[int, int]]:
         """Return consecutive windows of samples; each makes two rows or more."""
@@ -315,15 +320,18 @@ class PreparedStretch:
         return list(pairwise(ends))
 
     def windows(self, cuts: Iterable[tuple[int, int]]) -> Iterator[Recording]:
-        """Yield what is prepared of ascending windows ``first <= sample < last``."""
+        """Yield what is prepared of ascending windows ``first <= sample < last``.
+
+        With `reach` samples more on either side, where there are any.
+        """
         cuts = list(cuts)
         wide = [
             (max(first - self.reach, 0), min(last + self.reach, self.stretch.samples))
             for first, last in cuts
         ]
         rows = (self.stretch.rows_around(*window, SPLINE) for window in wide)
-        for cut, window, raw in zip(cuts, wide, self.log.windows(rows), strict=True):
-            yield self._kept(self._prepared(self.on_clock(raw, window)), cut)
+        for window, raw in zip(wide, self.log.windows(rows), strict=True):
+            yield self._prepared(self.on_clock(raw, window))
 
     def on_clock(self, raw: Recording, window: tuple[int, int]) -> Recording:
         """Return a window's rows on the clock of the stretch."""
@@ -340,14 +348,12 @@ class PreparedStretch:
     def _prepared(self, part: Recording) -> Recording:
         part = moving(filtered(part, self.table), self.table)
         factor = self.table.decimate
-        return part if factor == 1 else anti_aliased(part, factor)
-
-    def _kept(self, part: Recording, cut: tuple[int, int]) -> Recording:
-        """Return the samples of the cut itself that are left after decimation."""
-        own = self.samples_of(part)
-        inside = (own >= cut[0]) & (own < cut[1])
-        after_all = (own - self.lead) % self.table.decimate == 0
-        return part.samples(np.flatnonzero(inside & after_all))
+        part = part if factor == 1 else anti_aliased(part, factor)
+        behind = part.torque_filter
+        if behind is None:
+            return part
+        first = int(self.samples_of(part)[0]) - self.lead
+        return replace(part, torque_filter=replace(behind, first=first))
 
 
 def prepared_stretches(
@@ -382,17 +388,42 @@ class KeptRows:
         Samples ``first <= sample < last``.
     top : ndarray, shape (joints,), optional, [rad/s or m/s]
         Top speed of each joint in them, if slow samples are to be left out.
+    asked : tuple of (int, int), optional
+        Samples that the problem asks for, before standstill was cut off.
     """
 
     whole: PreparedStretch
     first: int
     last: int
     top: Vector | None = None
+    asked: tuple[int, int] | None = None
 
     @property
     def cuts(self) -> list[tuple[int, int]]:
         """Consecutive windows."""
         return self.whole.cuts(self.first, self.last)
+
+    def counted(self, part: Recording, own: IntArray) -> BoolArray:
+        """Return which samples of a prepared window count.
+
+        Parameters
+        ----------
+        part : Recording
+        own : ndarray of int
+            The samples of the clock that it has.
+        """
+        counts = np.ones(len(part), dtype=np.bool_)
+        if self.asked is not None:  # what lies outside stays in the filter
+            before, after = self.asked
+            counts &= (own < before) | (own >= self.first)
+            counts &= (own < self.last) | (own >= after)
+        least = self.whole.table.least_speed
+        if self.top is not None and least is not None:
+            here = np.flatnonzero((own >= self.first) & (own < self.last))
+            if len(here) > 1:
+                share = speed_share(part.samples(here), top=self.top)
+                counts[here] &= share >= least
+        return counts
 
     @property
     def tasks(self) -> list["KeptWindows"]:
@@ -415,25 +446,27 @@ class KeptWindows:
     rows: KeptRows
     cuts: Cuts
 
-    def recordings(self) -> Iterator[tuple[Recording, BoolArray]]:
-        """Yield what is prepared of each window, and which of its samples count."""
-        rows, whole = self.rows, self.rows.whole
-        least = whole.table.least_speed
-        if rows.top is None or least is None:
-            for part in whole.windows(self.cuts):
-                yield part, np.ones(len(part), dtype=np.bool_)
-            return
-        step = whole.table.decimate
-        reach = step * speed_reach(step / whole.stretch.rate)
-        wide = [
-            (max(first - reach, rows.first), min(last + reach, rows.last))
-            for first, last in self.cuts
-        ]
-        for (first, last), part in zip(self.cuts, whole.windows(wide), strict=True):
-            fast = speed_share(part, top=rows.top) >= least
+    def every_sample(self) -> Iterator[Recording]:
+        """Yield what is prepared of each window, whether it counts or not."""
+        whole = self.rows.whole
+        for (first, last), part in zip(
+            self.cuts, whole.windows(self.cuts), strict=True
+        ):
             own = whole.samples_of(part)
-            inside = np.flatnonzero((own >= first) & (own < last))
-            yield part.samples(inside), fast[inside]
+            yield part.samples(np.flatnonzero((own >= first) & (own < last)))
+
+    def recordings(self) -> Iterator[Recording | None]:
+        """Yield what counts of each prepared window; None where nothing does."""
+        rows, whole = self.rows, self.rows.whole
+        for (first, last), part in zip(
+            self.cuts, whole.windows(self.cuts), strict=True
+        ):
+            own = whole.samples_of(part)
+            counts = rows.counted(part, own)
+            inside = (own >= first) & (own < last)
+            thin = (own - whole.lead) % whole.table.decimate == 0
+            kept = np.flatnonzero(inside & counts & thin)
+            yield left_out(part, ~counts).samples(kept) if len(kept) > 1 else None
 
 
 def kept_rows(
@@ -446,7 +479,7 @@ def kept_rows(
     RecordingError
         If no joint ever moves in them.
     """
-    rows, table = KeptRows(whole, first, last), whole.table
+    rows, table = KeptRows(whole, first, last, asked=(first, last)), whole.table
     if table.trim_standstill is False and table.least_speed is None:
         return rows
     tasks = rows.tasks
@@ -465,7 +498,7 @@ def kept_rows(
 
 def top_speeds(task: KeptWindows) -> Matrix:
     """Return the top speed of each joint in each window, shape (windows, joints)."""
-    speeds = (part.velocity for part, _ in task.recordings())
+    speeds = (part.velocity for part in task.every_sample())
     return np.array([abs(dq).max(axis=0) for dq in speeds if dq is not None])
 
 
@@ -480,7 +513,7 @@ def _in_motion(
     found = np.concatenate(
         [
             rows.whole.samples_of(part)[~standstill(part, still).all(axis=1)]
-            for part, _ in KeptWindows(rows, tuple(ends)).recordings()
+            for part in KeptWindows(rows, tuple(ends)).every_sample()
         ]
     )
     return replace(rows, first=int(found[0]), last=int(found[-1]) + 1)

@@ -1,8 +1,8 @@
 """What a problem file asks to be done to its recordings, done."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
@@ -37,7 +37,8 @@ from consistent_id.recordings.signals import (
     without_rests,
 )
 from consistent_id.recordings.signals.clocks import is_uniform, own_rate
-from consistent_id.recordings.signals.fourier import require_repeating
+from consistent_id.recordings.signals.filtered_rows import altered
+from consistent_id.recordings.signals.fourier import on_series, require_repeating
 
 # Keys that belong to one method alone; those marked must be given with it.
 _KEYS = {
@@ -272,10 +273,10 @@ def filtered(part: Recording, table: PreparationTable) -> Recording:
 def rest_reach(table: PreparationTable) -> float:
     """Return for how long before and after a rest torque is not known, [s].
 
-    A filter spreads the jump of friction to either side.
+    The filter of the motion spreads stops and starts to either side; that of the torque
+    is one of rows, from which samples at rest are taken out before.
     """
-    cutoffs = [c for c in (table.motion_cutoff, table.torque_cutoff) if c is not None]
-    return rest_guard(min(cutoffs)) if cutoffs else 0.0
+    return 0.0 if table.motion_cutoff is None else rest_guard(table.motion_cutoff)
 
 
 def moving(part: Recording, table: PreparationTable) -> Recording:
@@ -298,7 +299,7 @@ class _Part:
     def prepared(self, start: float, stop: float) -> Recording:
         table = self.table
         if table.method == "fourier":
-            whole = decimated(self._as_series(start, stop), table.decimate)
+            whole = self._as_series(start, stop)
         else:
             whole = self._whole
         part = trimmed(whole, start, stop)
@@ -308,9 +309,9 @@ class _Part:
         if table.least_speed is not None:
             part = faster(part, table.least_speed)
         slowest = table.least_joint_speed
-        if slowest is None or slowest == "estimated":  # which takes the robot
-            return part
-        return without_rests(part, slowest, reach=rest_reach(table))
+        if slowest is not None and slowest != "estimated":  # which takes the robot
+            part = without_rests(part, slowest, reach=rest_reach(table))
+        return decimated(part, table.decimate)
 
     @cached_property
     def _filtered(self) -> Recording:
@@ -322,7 +323,7 @@ class _Part:
     @cached_property
     def _whole(self) -> Recording:
         """All of it, with velocity and acceleration."""
-        return decimated(moving(self._filtered, self.table), self.table.decimate)
+        return moving(self._filtered, self.table)
 
     def _as_series(self, start: float, stop: float) -> Recording:
         """Return it with the motion of a Fourier series, fitted to what is kept."""
@@ -333,8 +334,7 @@ class _Part:
             period = estimated_period(kept)
         fit = fourier_fit(kept, period, self.table.harmonics)
         require_repeating(kept, fit)
-        q, dq, ddq = fit.trajectory.evaluate(part.time)
-        return replace(part, position=q, velocity=dq, acceleration=ddq)
+        return altered(part, partial(on_series, fit=fit))
 
 
 def _samples(recording: Recording, start: float, stop: float) -> int:

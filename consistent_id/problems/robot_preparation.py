@@ -19,6 +19,7 @@ from consistent_id.problems.file import PreparationTable, ProblemTable
 from consistent_id.problems.preparation import rest_reach
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import without_rests
+from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.regression.elastic_joints import as_rigid
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
@@ -73,9 +74,14 @@ class SensorDrift:
 
     def _without(self, log: Recording) -> Recording:
         bias = bias_along(self.model, self.tool, log, self.drift)
-        shown = bias.start + np.outer(log.time - log.time[0], bias.rate)
-        (wrench,) = log.wrenches
-        return replace(log, wrenches=(replace(wrench, values=wrench.values - shown),))
+
+        def change(whole: Recording) -> Recording:
+            shown = bias.start + np.outer(whole.time - log.time[0], bias.rate)
+            (wrench,) = whole.wrenches
+            values = wrench.values - shown
+            return replace(whole, wrenches=(replace(wrench, values=values),))
+
+        return altered(log, change)
 
 
 def drift_of(table: ProblemTable) -> Drift:

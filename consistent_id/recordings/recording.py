@@ -36,6 +36,39 @@ Severity = Literal["fault", "warning", "note"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class TorqueFilter:
+    """The low-pass filter of a recording's torque, and the samples before the filter.
+
+    The regressor's rows have to pass the same filter as the torque:
+    ``F M Y x = F M tau`` holds exactly for every friction law, while the rows of
+    filtered motion hold only nearly.  ``M`` sets samples to zero that do not count.
+
+    Parameters
+    ----------
+    cutoff : float, [Hz]
+        At which the zero-phase filter attenuates by 6 dB.
+    order : int
+        Of the one-way Butterworth filter.
+    source : Recording
+        All samples on a uniform clock: motion as it is used, torque before the filter.
+    kept : ndarray of int, shape (samples,)
+        The sample of `source` behind each sample of the recording.
+    left_out : ndarray of bool, shape (samples of source,), optional
+        Samples that do not count in any row; by default all count.
+    first : int
+        Number of the source's first sample on the clock of the whole log, of which it
+        may be a window.
+    """
+
+    cutoff: float
+    order: int
+    source: "Recording"
+    kept: IntArray
+    left_out: BoolArray | None = None
+    first: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Recording:
     """Motion and torque of named joints on one clock.
 
@@ -62,6 +95,9 @@ class Recording:
         Commands of the drives, each held from its sample to the next.
     torque_command : array_like, shape (samples, joints), optional, [N m or N]
         Feed-forward torque; `commanded` makes torque of commands.
+    torque_filter : TorqueFilter, optional
+        If torque and wrenches are low-passed: the filter, and what they were before.
+        Set by `low_passed` and `decimated`; `build_regression` filters its rows alike.
 
     Raises
     ------
@@ -91,6 +127,7 @@ class Recording:
     wrenches: tuple[Wrench, ...] = ()
     contacts: tuple[ContactFlags, ...] = ()
     torque_known: BoolArray | None = None
+    torque_filter: TorqueFilter | None = None
 
     def __post_init__(self) -> None:
         joints = () if isinstance(self.joints, str) else tuple(self.joints)
@@ -231,7 +268,16 @@ class Recording:
             if (values := getattr(self, channel)) is not None
         }
         known = None if self.torque_known is None else self.torque_known[:, columns]
-        return replace(self, joints=tuple(joints), torque_known=known, **channels)
+        behind = self.torque_filter
+        if behind is not None:
+            behind = replace(behind, source=behind.source.of(joints))
+        return replace(
+            self,
+            joints=tuple(joints),
+            torque_known=known,
+            torque_filter=behind,
+            **channels,
+        )
 
     def table(self) -> Table:
         """Return how far each joint moved and how hard it was driven, for people."""
@@ -295,9 +341,13 @@ class Recording:
             for channel in _CHANNELS
             if (values := getattr(self, channel)) is not None
         }
+        behind = self.torque_filter
+        if behind is not None:
+            behind = replace(behind, kept=behind.kept[keep])
         return replace(
             self,
             time=self.time[keep],
+            torque_filter=behind,
             torque_known=None if self.torque_known is None else self.torque_known[keep],
             base=None if self.base is None else self.base.samples(keep),
             wrenches=tuple(wrench.samples(keep) for wrench in self.wrenches),
@@ -363,20 +413,3 @@ def positions_at(recording: Recording, times: Vector) -> Matrix:
     """Return positions at other times, on straight lines between samples."""
     joints = recording.position.T
     return np.column_stack([np.interp(times, recording.time, q) for q in joints])
-
-
-def joined_in_time(parts: Sequence[Recording]) -> Recording:
-    """Return consecutive recordings of the same joints and channels as one.
-
-    Of what was recorded beside the joints nothing is kept.
-    """
-    channels: dict[str, Matrix] = {
-        channel: np.concatenate([getattr(part, channel) for part in parts])
-        for channel in parts[0].channels
-    }
-    return Recording(
-        parts[0].joints,
-        np.concatenate([part.time for part in parts]),
-        name=parts[0].name,
-        **channels,  # type: ignore[arg-type]
-    )

@@ -4,7 +4,7 @@ With ``W + V`` in place of ``W``, least squares tends to ``(W^T W + V^T V)^-1 W^
 to first order it is off by ``-(W^T W)^-1 V^T V x``, which no number of samples cures.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -71,7 +71,9 @@ def column_noise(
     seed : int
         Of the noise that is drawn.
     """
-    motion = motion_of(model, _spread(recording), None)
+    # Noise of the motion is looked at before the filter: each sample by itself.
+    bare = replace(_spread(recording), torque_filter=None)
+    motion = motion_of(model, bare, None)
     torque = motion.torque
     weights = 1.0 / np.maximum(np.sqrt((torque**2).mean(axis=0)), 1e-12)
     W = _rows(model, motion, base, weights)

@@ -19,16 +19,15 @@ Filtered torque, and friction that is not what the model says, have residuals th
 for many samples.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id.regression.linear import DATA_RANK_TOLERANCE
-from consistent_id.regression.motion_arrays import Motion, RowFilter
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_structure import row_structure
 from consistent_id.regression.triangles import extended, triangle
@@ -88,6 +87,32 @@ def joined_noise(parts: Sequence[CorrelatedNoise]) -> CorrelatedNoise:
     )
 
 
+class NoisyRows(Protocol):
+    """Rows along one recording, such as a `Motion`."""
+
+    @property
+    def q(self) -> Matrix:
+        """Positions, shape (rows, joints)."""
+
+    @property
+    def mixed(self) -> bool:
+        """See `Motion.mixed`."""
+
+    def samples(self, start: int, stop: int) -> "NoisyRows":
+        """Return consecutive rows."""
+
+    def counts(self) -> IntArray:
+        """See `Motion.counts`."""
+
+    def noise_lost(self) -> Vector:
+        """See `Motion.noise_lost`."""
+
+    def rows(
+        self, model: TorqueModel, kept: Sequence[IntArray]
+    ) -> Iterator[tuple[slice, Sequence[Matrix]]]:
+        """See `Motion.rows`."""
+
+
 class JointFit(NamedTuple):
     """A fit whose residuals show each joint's noise.
 
@@ -143,9 +168,7 @@ def recorded_noise(
     model: TorqueModel,
     factors: Sequence[Matrix],
     counts: Sequence[int],
-    motions: Sequence[Motion],
-    kept: Sequence[range],
-    row_filter: RowFilter,
+    motions: Sequence[NoisyRows],
     samples: Sequence[int] | None = None,
 ) -> CorrelatedNoise:
     """Return the noise behind a regression, as its recordings show it.
@@ -155,58 +178,37 @@ def recorded_noise(
     factors : sequence of ndarray, each shape (rows, parameters + 1)
     counts : sequence of int
         The triangular factor of each joint, and the samples behind it.
-    motions : sequence of Motion
+    motions : sequence of NoisyRows
         Of its recordings, or of `SHOWN` samples in the middle of each.
-    kept : sequence of range
-        Samples of each motion whose rows are kept.
     samples : sequence of int, optional
         Of each whole recording, where of some the middle alone is left.
     """
     fit = joint_fit(factors, counts)
     parts = []
-    for k, (motion, rows) in enumerate(zip(motions, kept, strict=True)):
-        shown = _middle(motion, rows, row_filter)
-        noise = _noise_along(model, fit, *shown, row_filter)
-        total = len(rows) if samples is None else samples[k]
-        parts.append(noise.share(total / len(shown[1])))
+    for k, motion in enumerate(motions):
+        rows = len(motion.q)
+        surplus = max(rows - SHOWN, 0)
+        shown = motion.samples(surplus // 2, rows - (surplus - surplus // 2))
+        total = rows if samples is None else samples[k]
+        noise = _noise_along(model, fit, shown)
+        parts.append(noise.share(total / len(shown.q)))
     return joined_noise(parts)
 
 
-def _middle(
-    motion: Motion, centres: range, row_filter: RowFilter
-) -> tuple[Motion, range]:
-    """Return so much of a motion's middle as shows how noise is correlated."""
-    surplus = len(centres) - SHOWN
-    if surplus <= 0:
-        return motion, centres
-    rows = centres[surplus // 2 : surplus // 2 + SHOWN]
-    start, stop = rows[0] - row_filter.reach, rows[-1] + row_filter.reach + 1
-    return motion.samples(start, stop), range(
-        row_filter.reach, stop - start - row_filter.reach, rows.step
-    )
-
-
 def _noise_along(
-    model: TorqueModel,
-    fit: JointFit,
-    motion: Motion,
-    centres: range,
-    row_filter: RowFilter,
+    model: TorqueModel, fit: JointFit, motion: NoisyRows
 ) -> CorrelatedNoise:
-    """Return the noise that a fit leaves along a motion, of the rows at `centres`."""
-    structure = row_structure(model, mixed=motion.mixing is not None)
+    """Return the noise that a fit leaves along a motion."""
+    structure = row_structure(model, mixed=motion.mixed)
     columns = [kept for kept, _ in structure]
     n = len(motion.q)
     of_joints = [np.empty((n, len(kept) + 1), order="F") for kept in columns]
     for part, blocks in motion.rows(model, columns):
         for rows, block in zip(of_joints, blocks, strict=True):
             rows[part] = block
-    counts, found = motion.counts(centres), []
-    whole = motion.noise_lost(centres)
-    for j, (_, expand) in enumerate(structure):
-        rows = of_joints[j]
-        pieces = [row_filter(rows[piece]) for piece in row_filter.pieces(centres)]
-        rows = np.vstack(pieces) if len(pieces) > 1 else pieces[0]
+    counts, found = motion.counts(), []
+    whole = motion.noise_lost()
+    for j, (rows, (_, expand)) in enumerate(zip(of_joints, structure, strict=True)):
         residual = rows[:, -1] - rows[:, :-1] @ (expand @ fit.x)
         steps = expand @ fit.steps / fit.weights[j]
         if np.linalg.norm(residual) <= _NO_SPECTRUM * np.linalg.norm(rows[:, -1]):

@@ -23,6 +23,7 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import ModelError, RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
+from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.mass_matrix import mass_matrices
 from consistent_id.regression.regressor import TorqueModel
@@ -56,10 +57,13 @@ def as_rigid(robot: RobotModel, recording: Recording, compliance: Vector) -> Rec
     RecordingError
         If the recording's clock is not uniform.
     """
-    torque = recording.torque
-    if torque is None or not np.any(compliance):
+    if recording.torque is None or not np.any(compliance):
         return recording
-    rigid = np.array(torque)
+    return altered(recording, lambda log: _as_rigid(robot, log, compliance))
+
+
+def _as_rigid(robot: RobotModel, recording: Recording, compliance: Vector) -> Recording:
+    rigid = np.array(recording.torque)
     places = [recording.joints.index(name) for name in robot.joint_names]
     rigid[:, places] -= deflection_torque(robot, recording, compliance)
     return replace(recording, torque=rigid)

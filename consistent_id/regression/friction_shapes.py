@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
+from consistent_id._support.arrays import IntArray, Matrix, Vector
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.drive.drive_terms import LAWS
@@ -144,25 +144,33 @@ class ShapeRegression:
     ----------
     rows : tuple
         Factors of each torque joint.
-    dq, q, ddq : ndarray, shape (joints, samples)
-    loads : dict of int to ndarray
-        Torque transmitted by joints whose friction depends on it.
+    motions : tuple of Motion
+        Of the recordings.
+    loads : tuple of dict of int to ndarray
+        Of each motion, the torque transmitted by joints whose friction depends on it.
     """
 
     model: TorqueModel
     rows: tuple[_ShapedRows, ...]
-    q: Array
-    dq: Array
-    ddq: Array
-    loads: dict[int, Vector]
+    motions: tuple[Motion, ...]
+    loads: tuple[dict[int, Vector], ...]
 
     @property
     def samples(self) -> int:
-        """Number of samples."""
-        return int(self.q.shape[1])
+        """Number of rows of each joint."""
+        return sum(len(motion.q) for motion in self.motions)
 
     def columns(self, model: TorqueModel) -> tuple[Matrix, ...]:
         """Return each torque joint's shaped columns, shape (samples, shaped)."""
+        parts = [
+            self._columns_along(model, motion, loads)
+            for motion, loads in zip(self.motions, self.loads, strict=True)
+        ]
+        return tuple(np.concatenate(own) for own in zip(*parts, strict=True))
+
+    def _columns_along(
+        self, model: TorqueModel, motion: Motion, loads: dict[int, Vector]
+    ) -> list[Matrix]:
         place = {
             (model.robot.joint_names.index(name), int(column)): (r, k)
             for r, (name, rows) in enumerate(
@@ -170,13 +178,18 @@ class ShapeRegression:
             )
             for k, column in enumerate(rows.shaped)
         }
-        out = tuple(np.empty((self.samples, len(rows.shaped))) for rows in self.rows)
-        motion = (self.q, self.dq, self.ddq)
-        for joint, column, values in model.drive_entries(*motion, self.loads):
+        along = motion.along
+        out = [np.empty((len(along.q), len(rows.shaped))) for rows in self.rows]
+        q, dq, ddq = map(np.ascontiguousarray, (along.q.T, along.dq.T, along.ddq.T))
+        for joint, column, values in model.drive_entries(q, dq, ddq, loads):
             if (joint, column) in place:
                 r, k = place[joint, column]
                 out[r][:, k] = values
-        return out
+        found = [motion.through(own, row) for row, own in enumerate(out)]
+        if motion.weights is None:
+            return found
+        weighted = zip(found, motion.weights.T, strict=True)
+        return [own * weights[:, None] for own, weights in weighted]
 
     def regression(
         self, model: TorqueModel, columns: Sequence[Matrix] | None = None
@@ -193,7 +206,7 @@ class ShapeRegression:
             layout=model.layout,
             joints=model.torque_joints,
             factors=factors,
-            counts=(self.samples,) * len(factors),
+            counts=tuple(np.sum([m.counts() for m in self.motions], axis=0).tolist()),
             fingerprint=model.fingerprint,
         )
 
@@ -219,42 +232,37 @@ def shape_regression(
         (kept, np.array([c not in shaped for c in kept], dtype=bool), expand)
         for kept, expand in row_structure(model)
     ]
-    blocks, loads = _blocks(model, motions, [kept[fixed] for kept, fixed, _ in splits])
+    blocks = _blocks(model, motions, [kept[fixed] for kept, fixed, _ in splits])
     rows = []
     for block, (kept, fixed, expand) in zip(blocks, splits, strict=True):
         Q, R = np.linalg.qr(block)
         rows.append(_ShapedRows(Q, R, kept[fixed], kept[~fixed], kept, expand))
-    q, dq, ddq = (
-        np.concatenate([getattr(m, name) for m in motions]).T
-        for name in ("q", "dq", "ddq")
-    )
-    return ShapeRegression(model, tuple(rows), q, dq, ddq, loads)
+    loads = tuple(_loads(model, motion.along) for motion in motions)
+    return ShapeRegression(model, tuple(rows), tuple(motions), loads)
 
 
 def _blocks(
     model: TorqueModel, motions: Sequence[Motion], fixed: Sequence[IntArray]
-) -> tuple[list[Matrix], dict[int, Vector]]:
-    """Return ``[Y tau]`` of each torque joint's fixed columns, and loads."""
+) -> list[Matrix]:
+    """Return ``[Y tau]`` of each torque joint's fixed columns."""
     samples = sum(len(m.torque) for m in motions)
     blocks = [np.empty((samples, len(columns) + 1)) for columns in fixed]
-    places = [model.robot.joint_names.index(name) for name in model.torque_joints]
-    reference = model.load_reference
-    loads = {
-        j: np.empty(samples)
-        for j in places
-        if model.terms[j].needs_load and reference is not None
-    }
     start = 0
     for motion in motions:
-        for part, Y in model.chunks(motion.q, motion.dq, motion.ddq):
-            here = slice(start + part.start, start + part.stop)
-            for r, (j, block) in enumerate(zip(places, blocks, strict=True)):
-                block[here, :-1] = Y[r, fixed[r]].T
-                block[here, -1] = motion.torque[part, r]
-                if j in loads and reference is not None:
-                    loads[j][here] = reference @ Y[r, : len(reference)]
+        for part, rows in motion.rows(model, fixed):
+            for block, own in zip(blocks, rows, strict=True):
+                block[start + part.start : start + part.stop] = own
         start += len(motion.torque)
-    return blocks, loads
+    return blocks
+
+
+def _loads(model: TorqueModel, along: Motion) -> dict[int, Vector]:
+    """Return the torque of joints whose friction depends on it, [N m or N]."""
+    references, row = model.load_references, model.rows
+    return {
+        j: model.rigid_torque(load, (along.q, along.dq, along.ddq))[:, row[j]]
+        for j, load in references.items()
+    }
 
 
 def _factor(rows: _ShapedRows, S: Matrix) -> Matrix:

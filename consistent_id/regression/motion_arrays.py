@@ -1,15 +1,13 @@
 """A recording's arrays in a torque model's order of joints, and rows along them.
 
-Rows may be filtered and thinned out.  A filter on motion and torque leaves the
-equations only nearly true: the regressor is not linear in the motion, least of all
-where a joint turns back and friction jumps.  A filter on the rows themselves and on the
-torque (`RowFilter`) leaves them exactly true, ``sum_k h_k Y_k x = sum_k h_k tau_k``,
-whatever the weights of the rows.
+Where the torque is low-passed, so are the rows, by the same filter ``F``.  Samples that
+do not count are set to zero before it (``M``), and of the filtered rows as many are
+kept as the cut-off makes worthwhile (``S``): ``S F M Y x = S F M tau``.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -21,27 +19,47 @@ from consistent_id._support.arrays import (
     IntArray,
     Matrix,
     Vector,
+    chunks,
     frozen,
 )
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.recordings.beside import BaseMotion
-from consistent_id.recordings.recording import Recording, states
+from consistent_id.recordings.recording import Recording, TorqueFilter, states
+from consistent_id.recordings.signals.filtered_rows import (
+    RowFilter,
+    around,
+    require_filter,
+    require_unchanged,
+    row_filter,
+)
 from consistent_id.regression.regressor import CHUNK, TorqueModel
+from consistent_id.regression.row_structure import row_structure
 from consistent_id.regression.rows.contact_maps import ContactMixing, contact_mixing
 from consistent_id.regression.rows.generalised_forces import measured_forces
 
-_REACH = 8  # kept samples on either side that one is mixed from
-_PIECE = 4 * CHUNK  # samples that one worker compresses before factors are merged
-_PASSED = 0.8  # cut-off over the new Nyquist frequency
+PIECE = 4 * CHUNK
+"""Samples that one worker compresses before factors are merged."""
+
+_KEPT = 2**25
+"""Bytes of filtered rows that are kept for the next pass over a recording."""
+
+_LITTLE = 0.05
+"""Share of a filtered row's weight that must come from samples that count."""
 
 
 class Motion(NamedTuple):
-    """A recording's arrays in the model's order of joints, all of one length.
+    """Rows of a recording in the model's order of joints, all arrays of one length.
 
     Torque and weights are those of the model's torque joints.  Where forces of contacts
     are not measured, `mixing` takes them out: the torque is what is left, `peaks` are
     those of the torque before, and `shares` are what is left of each row's squared
     noise.
+
+    Where the torque is filtered, rows have to be computed from all samples before the
+    filter (`along`), and not from `q`, `dq` and `ddq`, the motion at the samples that
+    the rows stand for.  `places` are those samples in the recording, `run` is the run
+    of all `filtered` rows that is meant, and `known` is the share of each row's squared
+    weights that is on samples that count.
     """
 
     q: Array
@@ -53,30 +71,69 @@ class Motion(NamedTuple):
     mixing: ContactMixing | None = None
     peaks: Vector | None = None
     shares: Array | None = None
+    known: Array | None = None
+    places: IntArray | None = None
+    filtered: "FilteredRows | None" = None
+    run: slice = slice(None)
+
+    @property
+    def along(self) -> "Motion":
+        """All samples from before the filter; these themselves, without one."""
+        return self if self.filtered is None else self.filtered.along
+
+    @property
+    def mixed(self) -> bool:
+        """Whether forces of contacts that are not measured are taken out."""
+        return self.along.mixing is not None
+
+    def through(self, values: Array, row: int | None = None) -> Array:
+        """Return what the filter makes of values along `along`, of these rows.
+
+        Samples that do not count are set to zero first.
+
+        Parameters
+        ----------
+        values : ndarray, shape (samples of `along`, rows of the model)
+        row : int, optional
+            The row whose values they all are, if it is one: any number of columns.
+        """
+        if self.filtered is None:
+            return values
+        return self.filtered.through(values, self.run, row)
 
     def samples(self, start: int, stop: int) -> "Motion":
-        """Return consecutive samples."""
-        part = slice(start, stop)
-        weights = None if self.weights is None else self.weights[part]
-        state = self.q[part], self.dq[part], self.ddq[part]
-        base = None if self.base is None else self.base.samples(part)
-        mixing = None if self.mixing is None else self.mixing.samples(part)
-        shares = None if self.shares is None else self.shares[part]
+        """Return consecutive rows."""
+        start, stop, _ = slice(start, stop).indices(len(self.q))
+        part, run = slice(start, stop), slice(None)
+        if self.filtered is not None:
+            first = self.run.indices(len(self.filtered.kept))[0]
+            run = slice(first + start, first + stop)
         return Motion(
-            *state, self.torque[part], weights, base, mixing, self.peaks, shares
+            q=self.q[part],
+            dq=self.dq[part],
+            ddq=self.ddq[part],
+            torque=self.torque[part],
+            weights=_part(self.weights, part),
+            base=None if self.base is None else self.base.samples(part),
+            mixing=None if self.mixing is None else self.mixing.samples(part),
+            peaks=self.peaks,
+            shares=_part(self.shares, part),
+            known=_part(self.known, part),
+            places=None if self.places is None else self.places[part],
+            filtered=self.filtered,
+            run=run,
         )
 
-    def counts(self, rows: range) -> IntArray:
-        """Return how many of the rows count as samples of each joint's torque."""
-        whole = np.full(self.torque.shape[1], len(rows))
-        if self.weights is not None:
-            whole = np.count_nonzero(self.weights[rows], axis=0)
-        if self.shares is None:
-            return whole
+    def counts(self) -> IntArray:
+        """Return how many samples of each joint's torque the rows stand for."""
+        counted = self.counted
+        size = self.shares if self.shares is not None else self.known
+        if size is None:
+            return np.asarray(np.count_nonzero(counted, axis=0), dtype=np.intp)
         # A row of which contacts take almost all still is a row.
-        counted = True if self.weights is None else self.weights[rows] != 0.0
-        left = np.rint(self.shares[rows].sum(axis=0, where=counted))
-        return np.asarray(np.clip(left, np.minimum(whole, 1), None).astype(np.intp))
+        least = np.minimum(np.count_nonzero(counted, axis=0), 1)
+        left = np.rint(size.sum(axis=0, where=counted)).astype(np.intp)
+        return np.asarray(np.maximum(left, least))
 
     @property
     def counted(self) -> BoolArray:
@@ -84,24 +141,40 @@ class Motion(NamedTuple):
         there = np.ones(self.torque.shape, dtype=bool)
         if self.weights is not None:
             there &= self.weights != 0.0
-        if self.shares is not None:
+        if self.known is not None:
+            there &= self.known > _LITTLE
+        elif self.shares is not None:
             there &= self.shares > 0.0
         return there
 
-    def noise_lost(self, rows: range) -> Vector:
+    def noise_lost(self) -> Vector:
         """Return the noise of each row before it was mixed, over what is left of it.
 
         The rest is in the other rows, whose noise is like this one's.
         """
         if self.shares is None:
             return np.ones(self.torque.shape[1])
-        left = np.maximum(self.shares[rows].mean(axis=0), 1.0 / len(rows))
+        n = len(self.shares)
+        whole = n if self.known is None else np.maximum(self.known.sum(axis=0), 1.0)
+        left = np.maximum(self.shares.sum(axis=0) / whole, 1.0 / n)
         return np.asarray(1.0 / np.sqrt(left))
 
     def predicted(self, model: TorqueModel, x: Vector) -> Array:
         """Return the torque of parameters along the motion, as `torque` is given."""
+        if self.filtered is not None:
+            return self.filtered.predicted(model, x, self.run)
         whole = model.predict(x, self.q, self.dq, self.ddq, base=self.base)
         return whole if self.mixing is None else self.mixing.mixed(whole)
+
+    def pieces(self) -> Iterator["Motion"]:
+        """Yield runs of rows, each for one worker."""
+        rows = PIECE
+        if self.filtered is not None and len(self.filtered.kept) > 1:
+            kept = self.filtered.kept
+            step = (kept[-1] - kept[0]) / (len(kept) - 1)
+            rows = max(int(max(PIECE, 32 * self.filtered.by.reach) / step), 1)
+        for part in chunks(len(self.q), rows):
+            yield self.samples(part.start, part.stop)
 
     def rows(
         self, model: TorqueModel, kept: Sequence[IntArray], size: int = CHUNK
@@ -121,12 +194,30 @@ class Motion(NamedTuple):
         rows : sequence of ndarray, each shape (samples, columns wanted + 1)
             In Fortran's order.  The arrays are reused, and may be destroyed.
         """
-        for part, blocks in self._blocks(model, kept, size):
+        found = (
+            self._blocks(model, kept, size)
+            if self.filtered is None
+            else self.filtered.blocks(model, kept, self.run)
+        )
+        for part, blocks in found:
             for j, block in enumerate(blocks):
                 block[:, -1] = self.torque[part, j]
                 if self.weights is not None:
                     block *= self.weights[part, j, None]
             yield part, blocks
+
+    def regressor(self, model: TorqueModel) -> Array:
+        """Return all columns, shape (rows of the model, parameters, samples).
+
+        Filtered like the torque; weights are not applied.
+        """
+        structure = row_structure(model, mixed=self.mixed)
+        Y = np.empty((len(structure), len(model.layout), len(self.q)))
+        bare = self._replace(weights=None)
+        for part, blocks in bare.rows(model, [kept for kept, _ in structure]):
+            for row, block, (_, expand) in zip(Y, blocks, structure, strict=True):
+                row[:, part] = expand.T @ block[:, :-1].T
+        return Y
 
     def _blocks(
         self, model: TorqueModel, kept: Sequence[IntArray], size: int
@@ -147,16 +238,191 @@ class Motion(NamedTuple):
             yield part, blocks
 
 
+def _part(values: Array | None, part: slice) -> Array | None:
+    return None if values is None else values[part]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FilteredRows:
+    """All filtered rows of a recording.
+
+    Parameters
+    ----------
+    along : Motion
+        All samples from before the filter; weights of zero and one mark what counts.
+    by : RowFilter
+    kept : ndarray of int, shape (rows,)
+        The samples that the rows stand for, ascending.
+    """
+
+    along: Motion
+    by: RowFilter
+    kept: IntArray
+
+    def through(
+        self, values: Array, run: slice = slice(None), row: int | None = None
+    ) -> Matrix:
+        """Return a run of filtered rows of values along all samples."""
+        weights = self.along.weights
+        if weights is not None:
+            values = values * (weights if row is None else weights[:, row, None])
+        return self.by(values, self.kept[run])
+
+    def predicted(self, model: TorqueModel, x: Vector, run: slice) -> Matrix:
+        """Return the filtered torque of parameters."""
+
+        def torque(span: slice) -> Matrix:
+            moved = self.along.samples(span.start, span.stop)
+            found = moved.predicted(model, x)
+            return found if moved.weights is None else moved.weights * found
+
+        return self.by.of_spans(torque, self.kept[run], len(self.along.q))
+
+    def blocks(
+        self, model: TorqueModel, kept: Sequence[IntArray], run: slice
+    ) -> Iterator[tuple[slice, Sequence[Matrix]]]:
+        """Yield pieces of rows; see `Motion.rows`."""
+        width = sum(len(columns) + 1 for columns in kept)
+        if 8 * width * len(self.kept) > _KEPT:
+            yield from self.computed(model, kept, run)
+            return
+        every = _kept_blocks(model, self, tuple(c.tobytes() for c in kept))
+        samples = len(self.kept[run])
+        yield slice(0, samples), [np.array(own[run], order="F") for own in every]
+
+    def computed(
+        self, model: TorqueModel, kept: Sequence[IntArray], run: slice
+    ) -> Iterator[tuple[slice, list[Matrix]]]:
+        """Yield pieces of rows, filtered now."""
+        samples, along = self.kept[run], self.along
+        for rows, span in self.by.spans(samples, len(along.q)):
+            moved = along.samples(span.start, span.stop)
+            every = [np.empty((len(moved.q), len(c) + 1), order="F") for c in kept]
+            for part, blocks in moved.rows(model, kept):
+                for own, block in zip(every, blocks, strict=True):
+                    own[part] = block
+            yield (
+                rows,
+                [
+                    np.asfortranarray(
+                        self.by.part(own, samples[rows], span, len(along.q))
+                    )
+                    for own in every
+                ],
+            )
+
+
+@lru_cache(maxsize=6)
+def _kept_blocks(
+    model: TorqueModel, rows: FilteredRows, columns: tuple[bytes, ...]
+) -> list[Matrix]:
+    """Return all filtered rows of a recording, for one pass after another."""
+    kept = [np.frombuffer(c, dtype=np.intp) for c in columns]
+    blocks = [np.empty((len(rows.kept), len(c) + 1), order="F") for c in kept]
+    for part, some in rows.computed(model, kept, slice(None)):
+        for block, own in zip(blocks, some, strict=True):
+            block[part] = own
+    return blocks
+
+
 def motion_of(
     model: TorqueModel, recording: Recording, weights: Array | None
 ) -> Motion:
-    """Return a recording's arrays as a model wants them.
+    """Return a recording's rows as a model wants them.
+
+    Where its torque is filtered, the rows are filtered alike, and `RowFilter.step`
+    says how many of them are kept.
+
+    Parameters
+    ----------
+    weights : ndarray, shape (samples, torque joints), optional
+        Factors of rows; what has the weight 0 is set to zero before the filter.
 
     Raises
     ------
     RecordingError
-        If a channel or a joint is missing, or the motion of a base that floats.
+        If a channel or a joint is missing, or the motion of a base that floats; or if
+        the recording was changed after its torque had been filtered.
     """
+    if recording.torque_filter is None:
+        return _every_sample(model, recording, weights)
+    if weights is None:
+        return _filtered_motion(model, recording)
+    shape = len(recording), len(model.torque_joints)
+    weights = frozen(weights, shape, f"row_weights of {recording.name}")
+    return _with_filter(model, recording, weights)
+
+
+@lru_cache(maxsize=8)
+def _filtered_motion(model: TorqueModel, recording: Recording) -> Motion:
+    """Return the same rows each time: a study takes many passes over few recordings."""
+    return _with_filter(model, recording, None)
+
+
+def _with_filter(
+    model: TorqueModel, recording: Recording, weights: Array | None
+) -> Motion:
+    require_unchanged(recording)
+    behind, by = require_filter(recording), row_filter(recording)
+    places = _places(behind, by.step)
+    kept = behind.kept[places]
+    along = _every_sample(model, behind.source, _marks(behind, weights, model))
+    rows = FilteredRows(along, by, kept)
+    marks = along.weights
+    return Motion(
+        along.q[kept],
+        along.dq[kept],
+        along.ddq[kept],
+        torque=rows.through(along.torque),
+        weights=_of_rows(weights, places),
+        base=None if along.base is None else along.base.samples(kept),
+        peaks=along.peaks,
+        shares=None if along.shares is None else by.shares(along.shares, kept),
+        known=None if marks is None else by.shares(marks, kept),
+        places=places,
+        filtered=rows,
+    )
+
+
+def _of_rows(weights: Array | None, places: IntArray) -> Array | None:
+    """Return weights after the filter: what had none is in rows of zero already."""
+    if weights is None or np.isin(weights, (0.0, 1.0)).all():
+        return None
+    rows: Array = weights[places]
+    return np.where(rows == 0.0, 1.0, rows)
+
+
+def _places(behind: TorqueFilter, step: int) -> IntArray:
+    """Return the samples of a filtered recording whose rows are kept."""
+    kept = behind.kept
+    if len(kept) < 2:
+        return np.arange(len(kept))
+    own = int(np.diff(kept).min())
+    every = own * max(step // own, 1)
+    clock = kept + behind.first
+    found = np.flatnonzero(clock % every == clock[0] % own)
+    return found if len(found) else np.array([len(kept) // 2])
+
+
+def _marks(
+    behind: TorqueFilter, weights: Array | None, model: TorqueModel
+) -> Array | None:
+    """Return 0 where samples before the filter do not count, 1 elsewhere."""
+    if behind.left_out is None and (weights is None or weights.all()):
+        return None
+    marks = np.ones((len(behind.source), len(model.torque_joints)))
+    if behind.left_out is not None:
+        marks[behind.left_out] = 0.0
+    if weights is not None:
+        for column, own in zip(marks.T, weights.T, strict=True):
+            column[around(behind.kept, own == 0.0)] = 0.0
+    return marks
+
+
+def _every_sample(
+    model: TorqueModel, recording: Recording, weights: Array | None
+) -> Motion:
+    """Return the rows of a recording whose torque is as it was recorded."""
     if model.robot.floating:
         tau, base = measured_forces(model, recording), recording.base
     else:
@@ -233,13 +499,23 @@ def _without_contacts(motion: Motion, mixing: ContactMixing) -> Motion:
 def predicted_torque(model: TorqueModel, x: Vector, recording: Recording) -> Array:
     """Return the torque of parameters along a recording, whether it has torque or not.
 
-    Without forces of unmeasured contacts, as in `Motion`.
+    Without forces of unmeasured contacts, as in `Motion`, and filtered as the
+    recording's torque is.
 
     Raises
     ------
     ProblemError
         If the recording has no velocity or acceleration.
     """
+    behind = recording.torque_filter
+    if behind is not None:
+        require_unchanged(recording)
+        source = behind.source
+        return row_filter(recording).of_spans(
+            lambda span: predicted_torque(model, x, source.samples(span)),
+            behind.kept,
+            len(source),
+        )
     q, dq, ddq = _state(model, recording)
     if dq is None or ddq is None:
         raise ProblemError(
@@ -249,6 +525,24 @@ def predicted_torque(model: TorqueModel, x: Vector, recording: Recording) -> Arr
     whole = model.predict(x, q, dq, ddq, base=recording.base)
     mixing = _mixing(model, recording)
     return whole if mixing is None else mixing.mixed(whole)
+
+
+def measured_torque(model: TorqueModel, recording: Recording) -> Array:
+    """Return the torque of a recording that `predicted_torque` predicts.
+
+    In the model's order of rows, shape (samples, torque joints), [N m or N], at every
+    sample, whether it counts or not.
+
+    Raises
+    ------
+    RecordingError
+        If a channel or a joint is missing.
+    """
+    behind = recording.torque_filter
+    if behind is None:
+        return _every_sample(model, recording, None).torque
+    torque = _every_sample(model, behind.source, None).torque
+    return row_filter(recording)(torque, behind.kept)
 
 
 def simulate_torque(
@@ -282,72 +576,5 @@ def simulate_torque(
         if rng is None:
             raise ProblemError("noise needs a random generator; pass rng=")
         torque = torque + rng.normal(size=torque.shape) * sigma
-    return replace(motion, torque=torque, name=f"{motion.name} (simulated)")
-
-
-@dataclass(frozen=True)
-class RowFilter:
-    """Keeps every `factor`-th row, each mixed from those around it, without lag.
-
-    Parameters
-    ----------
-    factor : int
-        1 keeps the rows as they are.
-    """
-
-    factor: int = 1
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.factor, int) or self.factor < 1:
-            raise ProblemError(
-                f"decimation factor is {self.factor!r}, expected 1, 2, 3, ..."
-            )
-
-    @property
-    def reach(self) -> int:
-        """Samples on either side of a row that have a part in it."""
-        return 0 if self.factor == 1 else _REACH * self.factor
-
-    @cached_property
-    def kernel(self) -> Vector:
-        """Symmetric, of sum 1: a windowed sinc at 0.8 of the new Nyquist frequency."""
-        from scipy.signal import firwin
-
-        return np.asarray(firwin(2 * self.reach + 1, _PASSED / self.factor))
-
-    def centres(self, samples: int, name: str) -> range:
-        """Return the samples whose rows are kept, all with their full reach.
-
-        Raises
-        ------
-        RecordingError
-            If there is none.
-        """
-        kept = range(self.reach, samples - self.reach, self.factor)
-        if len(kept) == 0:
-            raise RecordingError(
-                f"{name}: {samples} samples, of which the filter for a decimation by "
-                f"{self.factor} takes {2 * self.reach + 1} for one row"
-            )
-        return kept
-
-    def pieces(self, centres: range) -> Iterator[slice]:
-        """Yield samples that are compressed in one go, with a reach on either side."""
-        if self.factor == 1:
-            size = _PIECE
-        else:
-            size = max((CHUNK - 2 * self.reach) // self.factor, 4 * _REACH)
-        for first in range(0, len(centres), size):
-            some = centres[first : first + size]
-            yield slice(some[0] - self.reach, some[-1] + self.reach + 1)
-
-    def __call__(self, rows: Matrix) -> Array:
-        """Return the kept rows of a piece that begins and ends a reach beyond them."""
-        if self.factor == 1:
-            return rows
-        from scipy.signal import upfirdn
-
-        mixed = upfirdn(self.kernel, rows, down=self.factor, axis=0)
-        first = 2 * _REACH
-        last = (len(rows) - 1) // self.factor
-        return np.asarray(mixed[first : last + 1])
+    name = f"{motion.name} (simulated)"
+    return replace(motion, torque=torque, torque_filter=None, name=name)

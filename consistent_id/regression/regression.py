@@ -25,14 +25,14 @@ from consistent_id._support.arrays import (
 from consistent_id._support.executors import single_threaded, worker_threads
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals.clocks import uniform_rate
 from consistent_id.regression.correlated_noise import (
     CorrelatedNoise,
+    NoisyRows,
     joined_noise,
     recorded_noise,
 )
-from consistent_id.regression.motion_arrays import Motion, RowFilter, motion_of
-from consistent_id.regression.regressor import CHUNK, TorqueModel
+from consistent_id.regression.motion_arrays import Motion, motion_of
+from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_structure import row_structure
 from consistent_id.regression.triangles import extended
 from consistent_id.regression.triangles import triangle as triangle
@@ -172,10 +172,13 @@ def build_regression(
     recordings: Recording | Sequence[Recording],
     *,
     row_weights: Sequence[Array] | None = None,
-    decimate: int = 1,
     noise: bool = True,
 ) -> Regression:
     """Compress recordings into a `Regression`.
+
+    Where the torque of a recording is low-passed, so are its rows, and five rows are
+    kept in a period of the cut-off: the equations hold exactly, also where a joint
+    turns back and friction jumps.
 
     Parameters
     ----------
@@ -185,12 +188,7 @@ def build_regression(
     row_weights : sequence of ndarray, each shape (samples, torque joints), optional
         Factors by which each row and its torque are multiplied, one array for each
         recording, in the order of the model's torque joints.  Rows of weight 0 do not
-        count as samples.
-    decimate : int
-        Keep one row of so many, mixed from those around it; torque likewise.  Unlike a
-        filter on motion and torque (`decimated`) this leaves the equations exactly
-        true, also where a joint turns back and friction jumps: filter only the motion
-        before, leave the torque as it was recorded.  See `RowFilter`.
+        count as samples; they are set to zero before the filter.
     noise : bool
         Find how noise is correlated, which takes another pass over the recordings.
         Parameters do not depend on it, errors and constrained estimates do.
@@ -198,8 +196,8 @@ def build_regression(
     Raises
     ------
     RecordingError
-        If a channel or a joint is missing; of rows to decimate, if the clock is not
-        uniform or the recording too short.
+        If a channel or a joint is missing, or a recording was changed after its torque
+        had been low-passed.
     NotExcitedError
         If there is no recording.
     """
@@ -215,12 +213,8 @@ def build_regression(
         motion_of(model, recording, None if row_weights is None else row_weights[i])
         for i, recording in enumerate(recordings)
     ]
-    row_filter = RowFilter(decimate)
-    kept = [_centres(recording, row_filter) for recording in recordings]
-    regression = _compressed(model, motions, kept, row_filter)
-    if not noise:
-        return regression
-    return with_noise(model, regression, motions, kept, row_filter)
+    regression = _compressed(model, motions)
+    return with_noise(model, regression, motions) if noise else regression
 
 
 @single_threaded
@@ -246,11 +240,8 @@ def reweighted(
         motion._replace(weights=w if motion.weights is None else w * motion.weights)
         for motion, w in zip(motions, row_weights, strict=True)
     ]
-    kept, plain = [range(len(motion.q)) for motion in motions], RowFilter()
-    regression = _compressed(model, weighted, kept, plain)
-    if not noise:
-        return regression
-    return with_noise(model, regression, weighted, kept, plain)
+    regression = _compressed(model, weighted)
+    return with_noise(model, regression, weighted) if noise else regression
 
 
 def compressed_pieces(
@@ -265,14 +256,10 @@ def compressed_pieces(
     RecordingError
         If a channel or a joint is missing.
     """
-    plain, found = RowFilter(), []
-    for piece in pieces:
-        motion = motion_of(model, piece, None)
-        found.append(_compressed(model, [motion], [range(len(piece))], plain))
     motions = [motion_of(model, recording, None) for recording in whole]
-    kept = [range(len(recording)) for recording in whole]
+    found = [_compressed(model, [motion_of(model, p, None)]) for p in pieces]
     together = found[0].joined(found[1:])
-    noise = with_noise(model, together, motions, kept, plain).noise
+    noise = with_noise(model, together, motions).noise
     if noise is None:
         return tuple(found)
     total = sum(together.counts)
@@ -282,33 +269,22 @@ def compressed_pieces(
 def with_noise(
     model: TorqueModel,
     regression: Regression,
-    motions: Sequence[Motion],
-    kept: Sequence[range],
-    row_filter: RowFilter,
+    motions: Sequence[NoisyRows],
     samples: Sequence[int] | None = None,
 ) -> Regression:
     """Return a regression with the noise that its recordings show: `recorded_noise`."""
     factors, counts = regression.factors, regression.counts
-    noise = recorded_noise(model, factors, counts, motions, kept, row_filter, samples)
+    noise = recorded_noise(model, factors, counts, motions, samples)
     return replace(regression, noise=noise)
 
 
-def _compressed(
-    model: TorqueModel,
-    motions: Sequence[Motion],
-    kept: Sequence[range],
-    row_filter: RowFilter,
-) -> Regression:
-    """Compress the rows that are kept of motions."""
-    structure = row_structure(model, mixed=any(m.mixing is not None for m in motions))
-    pieces = [
-        (motion, piece)
-        for motion, centres in zip(motions, kept, strict=True)
-        for piece in row_filter.pieces(centres)
-    ]
+def _compressed(model: TorqueModel, motions: Sequence[Motion]) -> Regression:
+    """Compress the rows of motions."""
+    structure = row_structure(model, mixed=any(m.mixed for m in motions))
+    pieces = (piece for motion in motions for piece in motion.pieces())
 
-    def compressed(piece: tuple[Motion, slice]) -> list[Matrix]:
-        return _compress(model, structure, *piece, row_filter)
+    def compressed(piece: Motion) -> list[Matrix]:
+        return _compress(model, structure, piece)
 
     # NumPy and LAPACK free the interpreter's lock, so pieces run side by side; threads
     # inside a factorisation of this size make it slower, and change its last bits.
@@ -325,8 +301,7 @@ def _compressed(
         np.hstack([R[:, :-1] @ expand, R[:, -1:]])
         for R, (_, expand) in zip(merged, structure, strict=True)
     )
-    pairs = zip(motions, kept, strict=True)
-    counts = np.sum([motion.counts(centres) for motion, centres in pairs], axis=0)
+    counts = np.sum([motion.counts() for motion in motions], axis=0)
     if not counts.all():
         unseen = model.torque_joints[int(np.argmin(counts))]
         raise NotExcitedError(f"every row of {unseen} has the weight 0")
@@ -338,13 +313,6 @@ def _compressed(
         fingerprint=model.fingerprint,
         peaks=np.max([_peaks(motion) for motion in motions], axis=0),
     )
-
-
-def _centres(recording: Recording, row_filter: RowFilter) -> range:
-    """Return the samples whose rows are kept."""
-    if row_filter.factor > 1:
-        uniform_rate(recording)  # else rows around a sample are not evenly around it
-    return row_filter.centres(len(recording), recording.name)
 
 
 def _peaks(motion: Motion) -> Vector:
@@ -359,19 +327,12 @@ def _peaks(motion: Motion) -> Vector:
 
 
 def _compress(
-    model: TorqueModel,
-    structure: Sequence[tuple[IntArray, Matrix]],
-    motion: Motion,
-    piece: slice,
-    row_filter: RowFilter,
+    model: TorqueModel, structure: Sequence[tuple[IntArray, Matrix]], piece: Motion
 ) -> list[Matrix]:
-    """Return, per joint, the triangular factor of its rows in a piece of a motion."""
-    moved = motion.samples(piece.start, piece.stop)
+    """Return, per joint, the triangular factor of the rows of a piece of a motion."""
     columns = [kept for kept, _ in structure]
     factors = [np.zeros((0, len(kept) + 1)) for kept in columns]
-    # Rows to be filtered with each other come in one chunk.
-    size = CHUNK if row_filter.factor == 1 else len(moved.q)
-    for _, blocks in moved.rows(model, columns, size):
+    for _, blocks in piece.rows(model, columns):
         for j, rows in enumerate(blocks):
-            factors[j] = extended(factors[j], row_filter(rows))
+            factors[j] = extended(factors[j], rows)
     return factors

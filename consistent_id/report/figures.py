@@ -9,7 +9,7 @@ import numpy as np
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.recordings.recording import Recording
-from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.motion_arrays import measured_torque
 from consistent_id.regression.row_names import in_newton
 from consistent_id.robot.model import Joint, RobotModel
 
@@ -65,7 +65,7 @@ def torque_drawing(estimates: Sequence[Estimate]) -> Callable[[Recording], Any]:
         _title(figure, "torque: " + recording.name)
         keep = _downsampled(recording)
         time = recording.time[keep]
-        measured = motion_of(model, recording, None).torque[keep]
+        measured = measured_torque(model, recording)[keep]
         _draw(given, time, measured)
         for estimate, (predictions, rests) in zip(estimates, pairs, strict=True):
             predicted = estimate.predict(recording)[keep]

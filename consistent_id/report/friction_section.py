@@ -4,8 +4,8 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, IntArray
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.recordings.recording import Recording
-from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.recordings.recording import Recording, velocities
+from consistent_id.regression.motion_arrays import measured_torque, predicted_torque
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.report.markup import folded, grid, joined, paragraphs, tag
 from consistent_id.report.plot import Frame, dots, plot, spanning
@@ -78,17 +78,16 @@ def observed_friction(
     shape (samples, joints with torque).
     """
     model = estimate.model
-    motion = motion_of(model, recording, None)
     alone = np.zeros_like(estimate.parameters)
     alone[columns] = estimate.parameters[columns]
-    state = motion.q, motion.dq, motion.ddq
-    identified = model.predict(alone, *state, base=motion.base)
-    rest = motion.torque - estimate.predict(recording)
+    identified = predicted_torque(model, alone, recording)
+    rest = measured_torque(model, recording) - estimate.predict(recording)
     of_joints = {name: k for k, name in enumerate(model.robot.joint_names)}
     rows = [c for c, j in enumerate(model.torque_joints) if j in of_joints]
     joints = [of_joints[model.torque_joints[c]] for c in rows]
     seen = rest + identified
-    return seen[:, rows], identified[:, rows], motion.dq[:, joints]
+    speed = velocities(recording.of(model.robot.joint_names))
+    return seen[:, rows], identified[:, rows], speed[:, joints]
 
 
 def _units(model: TorqueModel, columns: IntArray) -> list[str]:

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Vector
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, velocities
 from consistent_id.regression.correlated_noise import correlation_length
-from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.motion_arrays import measured_torque
 from consistent_id.report.markup import Html, folded, grid, joined, paragraphs, tag
 from consistent_id.report.plot import Frame, band, dots, line, plot, spanning, stems
 from consistent_id.report.report_content import (
@@ -175,13 +175,13 @@ def residuals_section(content: ReportContent) -> Section | None:
 
 def _of(content: ReportContent, recording: Recording) -> Html:
     model = content.model
-    motion = motion_of(model, recording, None)
-    rest = motion.torque - content.main.estimate.predict(recording)
+    rest = measured_torque(model, recording) - content.main.estimate.predict(recording)
+    moved = recording.of(model.robot.joint_names)
     rows, drawn = [], []
     for column, joint in content.joint_rows:
         r = rest[:, column]
         k = model.robot.joint_names.index(joint.name)
-        q, dq = motion.q[:, k], motion.dq[:, k]
+        q, dq = moved.position[:, k], velocities(moved)[:, k]
         found = residual_statistics(r, recording.time, q, dq)
         rows.append(_row(joint, found, recording.rate))
         drawn.append(tag("h4", joint.name))

@@ -6,7 +6,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Vector
 from consistent_id.recordings.recording import Recording
-from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.motion_arrays import measured_torque
 from consistent_id.report.markup import Html, folded, joined, paragraphs, tag
 from consistent_id.report.plot import (
     Frame,
@@ -58,7 +58,7 @@ def _zoomable(content: ReportContent, recording: Recording) -> Html:
         traces.append(content.plain.estimate.predict(recording))
     if recording.torque is None and not content.model.robot.floating:
         return paragraphs("This recording has no torque.")
-    measured = motion_of(content.model, recording, None).torque
+    measured = measured_torque(content.model, recording)
     panels = []
     for column, name, unit, _ in content.rows:
         torque = measured[:, column]

@@ -27,7 +27,12 @@ from consistent_id.laboratory.rehearsal.planted import (
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.recordings.joint_paths import JointPath
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals import differentiated, low_passed, trimmed
+from consistent_id.recordings.signals import (
+    decimated,
+    differentiated,
+    low_passed,
+    trimmed,
+)
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regression import build_regression
 
@@ -277,7 +282,7 @@ def identified(
     model = robot.model
     ready = prepared(log, highest)
     mixed = max(1, round(_MIXED * ready.rate))
-    regression = build_regression(model, ready, decimate=mixed).weighted(noise)
+    regression = build_regression(model, decimated(ready, mixed)).weighted(noise)
     plain = least_squares(model, regression, base=base)
     constraints = (PhysicalConsistency(), NonNegativeDrive())
     constrained = constrained_least_squares(

@@ -140,7 +140,13 @@ def onto_clock(recording: Recording, clock: Vector) -> Recording:
     """Return a recording at other times, by cubic (C2) interpolation.
 
     Commands hold until the next.
+
+    Raises
+    ------
+    RecordingError
+        If the torque is filtered.
     """
+    require_unfiltered(recording)
     time = recording.time
 
     def onto(values: Matrix | None) -> Matrix | None:
@@ -156,6 +162,23 @@ def onto_clock(recording: Recording, clock: Vector) -> Recording:
         **_resampled_beside(recording, clock),
         **held_commands(recording, clock),  # type: ignore[arg-type]
     )
+
+
+def require_unfiltered(recording: Recording) -> None:
+    """Refuse another clock for a recording whose torque is filtered.
+
+    Raises
+    ------
+    RecordingError
+        Rows on another clock can no longer be filtered like the torque.
+    """
+    if recording.torque_filter is not None:
+        raise RecordingError(
+            f"{recording.name}: its torque is low-passed at "
+            f"{recording.torque_filter.cutoff:g} Hz on its own clock. Bring it to "
+            "another clock before you filter it; signals.decimated thins filtered "
+            "samples"
+        )
 
 
 def held_commands(recording: Recording, clock: Vector) -> dict[str, Matrix]:

@@ -5,6 +5,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from consistent_id._support.arrays import Array, Matrix
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
+from consistent_id.recordings.signals.filtered_rows import altered
 
 _BUMP = 1e-4  # rad or m: as linear for a filter as any, small for one that adapts
 
@@ -28,6 +30,10 @@ def differentiated(recording: Recording) -> Recording:
     RecordingError
         If the clock is not uniform or there are fewer than four samples.
     """
+    return altered(recording, _differentiated)
+
+
+def _differentiated(recording: Recording) -> Recording:
     step = 1.0 / uniform_rate(recording)
     if len(recording) < 4:
         raise RecordingError(
@@ -70,6 +76,10 @@ def savitzky_golay_differentiated(
         If the window holds too few samples for the degree, or too many for the
         recording.
     """
+    return altered(recording, partial(_polynomials, window=window, degree=degree))
+
+
+def _polynomials(recording: Recording, window: float, degree: int) -> Recording:
     from scipy.signal import savgol_filter
 
     rate = uniform_rate(recording)
@@ -149,8 +159,9 @@ def noise_gain(
     """
     position = recording.position.copy()
     position[len(recording) // 2] += _BUMP
-    without = prepare(recording) if prepared is None else prepared
-    moved = prepare(replace(recording, position=position)).of(without.joints)
+    without = _every_sample(prepare(recording) if prepared is None else prepared)
+    off = prepare(replace(recording, position=position)).of(without.joints)
+    moved = _every_sample(off)
     # Trimming may keep other samples at the ends once a reading is off.
     _, first, second = np.intersect1d(moved.time, without.time, return_indices=True)
     answer = (
@@ -159,6 +170,12 @@ def noise_gain(
     # Where every d-th sample is kept, so is a d-th of the answer.
     kept = recording.rate / without.rate
     return np.asarray(kept * np.einsum("anj,bnj->jab", answer, answer))
+
+
+def _every_sample(recording: Recording) -> Recording:
+    """Return a recording as it was before it was thinned beside its torque."""
+    behind = recording.torque_filter
+    return recording if behind is None else behind.source
 
 
 def _second_difference(position: Matrix, step: float) -> Matrix:

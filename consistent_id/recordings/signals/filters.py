@@ -4,7 +4,7 @@ The Butterworth filter is our own: the import of all of scipy.signal takes longe
 most commands take for their own work.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 
@@ -14,10 +14,10 @@ from consistent_id._support.arrays import Array, Matrix
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.beside import BaseMotion
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals.clocks import Beside, uniform_rate
+from consistent_id.recordings.signals.clocks import uniform_rate
+from consistent_id.recordings.signals.filtered_rows import altered, torque_filtered
 
-_Filter = Callable[[Matrix], Matrix]
-_FILTERED = ("position", "velocity", "acceleration", "torque")
+_MOTION = ("position", "velocity", "acceleration")
 DECIMATION_ORDER = 8  # of the filter against aliasing
 _LOWEST = 1e-5  # cut-off over sampling rate
 
@@ -33,7 +33,12 @@ def low_passed(
     torque_cutoff: float | None = None,
     order: int = 4,
 ) -> Recording:
-    """Filter with a zero-phase Butterworth filter, run forwards and backwards.
+    """Filter with a zero-phase Butterworth filter.
+
+    Motion is filtered forwards and backwards.  Torque passes the same filter as a
+    kernel, and the recording keeps what it was before, so that `build_regression` can
+    filter its rows like the torque: ``F Y x = F tau`` holds exactly, also where
+    friction jumps.
 
     Parameters
     ----------
@@ -50,53 +55,81 @@ def low_passed(
     RecordingError
         If the clock is not uniform or a cut-off is not below half the sampling rate.
     """
-    rate = uniform_rate(recording)
+    behind = recording.torque_filter
+    rate = uniform_rate(recording if behind is None else behind.source)
     if not isinstance(order, int) or order < 1:
         raise RecordingError(f"filter order is {order!r}, expected 1, 2, 3, ...")
-
-    def smooth(values: Matrix, cutoff: float) -> Matrix:
-        if not _LOWEST * rate <= cutoff < rate / 2:
+    for cutoff in (motion_cutoff, torque_cutoff):
+        if cutoff is not None and not _LOWEST * rate <= cutoff < rate / 2:
             raise RecordingError(
                 f"{recording.name}: cut-off {cutoff:g} Hz, expected between "
                 f"{_LOWEST * rate:.2g} Hz (below, the filter loses its digits; "
                 f"decimate first) and half of the sampling rate, {rate / 2:.6g} Hz"
             )
+    if motion_cutoff is not None:
+        moved = partial(_motion_filtered, cutoff=motion_cutoff, order=order)
+        recording = altered(recording, moved)
+    has_torque = recording.torque is not None or recording.wrenches
+    if torque_cutoff is not None and has_torque:
+        recording = torque_filtered(recording, torque_cutoff, order)
+    return recording
+
+
+def _motion_filtered(recording: Recording, cutoff: float, order: int) -> Recording:
+    """Return a recording with filtered motion of joints and base.
+
+    Channels of the base are filtered in its own axes; its rotation, from which only the
+    direction of forces is taken, is not.
+    """
+    rate = uniform_rate(recording)
+
+    def smooth(values: Matrix) -> Matrix:
         pad = min(len(values) - 1, int(3 * order * rate / cutoff))
         return zero_phase(values, cutoff=cutoff, rate=rate, order=order, pad=pad)
 
-    motion, torque = (
-        None if cutoff is None else partial(smooth, cutoff=cutoff)
-        for cutoff in (motion_cutoff, torque_cutoff)
-    )
-    filters = (motion, motion, motion, torque)
     channels = {
-        channel: own(values)
-        for channel, own in zip(_FILTERED, filters, strict=True)
-        if own is not None and (values := getattr(recording, channel)) is not None
+        channel: smooth(values)
+        for channel in _MOTION
+        if (values := getattr(recording, channel)) is not None
     }
-    beside = _filtered_beside(recording, motion, torque)
-    return replace(recording, **channels, **beside)  # type: ignore[arg-type]
+    base = recording.base
+    if base is not None:
+        w, dw, felt = np.split(smooth(base.stacked), 3, axis=1)
+        base = BaseMotion(w, dw, felt, base.rotation)
+    return replace(recording, base=base, **channels)  # type: ignore[arg-type]
 
 
 def decimated(recording: Recording, factor: int) -> Recording:
-    """Keep every `factor`-th sample, after filtering all channels alike.
+    """Keep every `factor`-th sample, without aliasing.
 
-    The anti-aliasing filter is a zero-phase Butterworth of order 8 at 0.8 of the new
-    Nyquist frequency, on motion and torque.
+    Torque passes a zero-phase Butterworth filter of order 8 at 0.8 of the new Nyquist
+    frequency, unless it has passed a lower one.  `build_regression` filters its rows
+    alike.  Motion passes it, too, unless it has been differentiated beside a torque:
+    then rows are computed before they are thinned.
     """
     if not isinstance(factor, int) or factor < 1:
         raise RecordingError(f"decimation factor is {factor!r}, expected 1, 2, 3, ...")
     if factor == 1:
         return recording
-    return anti_aliased(recording, factor).samples(slice(None, None, factor))
+    done = anti_aliased(recording, factor)
+    behind = done.torque_filter
+    if behind is None:
+        return done.samples(slice(None, None, factor))
+    places = behind.kept + behind.first
+    on_grid = np.flatnonzero(places % factor == 0)
+    return done.samples(on_grid if len(on_grid) > 1 else slice(None, None, factor))
 
 
 def anti_aliased(recording: Recording, factor: int) -> Recording:
     """Return what `decimated` takes its samples from."""
-    cutoff = decimation_cutoff(uniform_rate(recording), factor)
+    behind = recording.torque_filter
+    rate = uniform_rate(recording if behind is None else behind.source)
+    cutoff = decimation_cutoff(rate, factor)
+    has_torque = recording.torque is not None or recording.wrenches
+    prepared = has_torque and recording.acceleration is not None
     return low_passed(
         recording,
-        motion_cutoff=cutoff,
+        motion_cutoff=None if prepared else cutoff,
         torque_cutoff=cutoff,
         order=DECIMATION_ORDER,
     )
@@ -125,23 +158,6 @@ def settling(*, cutoff: float, rate: float, order: int) -> int:
     d = 2.0 * damping
     squared = (1.0 - d * w + w**2) / (1.0 + d * w + w**2)
     return int(np.ceil(np.log(_FORGOTTEN) / (0.5 * np.log(squared)))) + 1
-
-
-def _filtered_beside(
-    recording: Recording, motion: _Filter | None, torque: _Filter | None
-) -> Beside:
-    """Return it filtered: the base as motion is, wrenches as torque is.
-
-    Channels of the base are filtered in its own axes.  Neither its rotation, of which
-    only the direction of forces is taken, nor contacts are.
-    """
-    base, wrenches = recording.base, recording.wrenches
-    if base is not None and motion is not None:
-        w, dw, felt = np.split(motion(base.stacked), 3, axis=1)
-        base = BaseMotion(w, dw, felt, base.rotation)
-    if torque is not None:
-        wrenches = tuple(replace(w, values=torque(w.values)) for w in wrenches)
-    return Beside(base=base, wrenches=wrenches, contacts=recording.contacts)
 
 
 def zero_phase(

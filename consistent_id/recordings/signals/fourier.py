@@ -5,6 +5,7 @@ is a `FourierTrajectory`, with how well it fits.
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +15,7 @@ from consistent_id.errors import RecordingError
 from consistent_id.recordings.joint_paths import FourierTrajectory
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import own_rate
+from consistent_id.recordings.signals.filtered_rows import altered
 
 _MISSED = 0.1  # of the root-mean-square motion: no such series
 _MOST = 50  # harmonics tried
@@ -249,6 +251,11 @@ def fourier_differentiated(
     """
     fit = fourier_fit(recording, period, harmonics)
     require_repeating(recording, fit)
+    return altered(recording, partial(on_series, fit=fit))
+
+
+def on_series(recording: Recording, fit: FourierFit) -> Recording:
+    """Return a recording with the motion of a series at its times."""
     q, dq, ddq = fit.trajectory.evaluate(recording.time)
     return replace(recording, position=q, velocity=dq, acceleration=ddq)
 

@@ -14,6 +14,7 @@ from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector, froz
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.beside import away_from_changes
 from consistent_id.recordings.recording import Recording, velocities
+from consistent_id.recordings.signals.filtered_rows import altered
 
 _AT_LIMIT = 1e-3  # of the limit, within which a torque is at it
 STILL = 0.01  # of the fastest joint's largest speed
@@ -266,13 +267,17 @@ def without_rests(
         Before and after, for which its torque is not known either; see `rest_guard`.
         With it a joint that turns back rests, too, however fast it does.
     """
-    rests = standstill(recording, velocity)
-    if reach > 0.0:
-        rests = rests | _turning(recording)
-    known = ~mask_onto(recording, rests, recording, reach=reach)
-    if recording.torque_known is not None:
-        known &= recording.torque_known
-    return replace(recording, torque_known=known)
+
+    def change(whole: Recording) -> Recording:
+        rests = standstill(whole, velocity)
+        if reach > 0.0:
+            rests = rests | _turning(whole)
+        known = ~mask_onto(whole, rests, whole, reach=reach)
+        if whole.torque_known is not None:
+            known &= whole.torque_known
+        return replace(whole, torque_known=known)
+
+    return altered(recording, change)
 
 
 def impact_guard(cutoff: float) -> float:
@@ -335,15 +340,19 @@ def without_impacts(recording: Recording, guard: float) -> Recording:
         )
     if not 0.0 <= guard < np.inf:
         raise RecordingError(f"guard is {guard} s, expected zero or more")
-    contacts = tuple(
-        replace(
-            flags,
-            certain=flags.certain
-            & away_from_changes(flags.closed, recording.time, guard),
+
+    def change(whole: Recording) -> Recording:
+        contacts = tuple(
+            replace(
+                flags,
+                certain=flags.certain
+                & away_from_changes(flags.closed, whole.time, guard),
+            )
+            for flags in whole.contacts
         )
-        for flags in recording.contacts
-    )
-    return replace(recording, contacts=contacts)
+        return replace(whole, contacts=contacts)
+
+    return altered(recording, change)
 
 
 def spread(periods: float, cutoff: float) -> float:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from consistent_id._support.arrays import IntArray
 from consistent_id.errors import NotExcitedError, RecordingError
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.filtered_rows import counting, left_out
 from consistent_id.recordings.signals.masks import as_mask, speed_share, standstill
 
 
@@ -87,7 +88,8 @@ def without(
     RecordingError
         If nothing is left.
     """
-    keep = np.flatnonzero(~as_mask(recording, mask).any(axis=1))
+    masked = np.asarray(as_mask(recording, mask).any(axis=1))
+    recording, keep = left_out(recording, masked), np.flatnonzero(~masked)
     cuts = np.flatnonzero(np.diff(keep) > 1) + 1
     return _parts(recording, np.split(keep, cuts), shortest)
 
@@ -115,7 +117,7 @@ def faster(recording: Recording, least_speed: float) -> Recording:
             f"{recording.name}: {kept.sum()} rows are faster than {least_speed:g} of "
             "top speed, expected two or more"
         )
-    return recording if kept.all() else recording.samples(np.flatnonzero(kept))
+    return counting(recording, kept)
 
 
 def trim_standstill(
@@ -141,7 +143,8 @@ def trim_standstill(
     if len(moving) < 2:
         raise RecordingError(f"{recording.name}: no joint ever moves")
     start, stop = recording.time[moving[0]], recording.time[moving[-1]]
-    return trimmed(recording, start - margin, stop + margin)
+    time = recording.time
+    return counting(recording, (time >= start - margin) & (time <= stop + margin))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,7 +12,7 @@ the ratio ``drive step^(2 order - 1) / noise^2`` remains.  All joints run side b
 """
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from math import factorial
 from typing import NamedTuple
 
@@ -23,6 +23,7 @@ from consistent_id._support.arrays import Array, Matrix, Vector, freeze, frozen
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
+from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.recordings.signals.masks import encoder_resolution
 
 ORDERS = (3, 4, 5, 6)
@@ -126,8 +127,12 @@ def kalman_differentiated(
     noise : MotionNoise, optional
         By default `motion_noise` of the recording.
     """
-    rate = uniform_rate(recording)
     noise = motion_noise(recording) if noise is None else noise
+    return altered(recording, partial(_smoothed_motion, noise=noise))
+
+
+def _smoothed_motion(recording: Recording, noise: MotionNoise) -> Recording:
+    rate = uniform_rate(recording)
     if noise.joints != recording.joints:
         raise RecordingError(
             f"noise is that of joints {noise.joints}, {recording.name} has "

@@ -23,6 +23,7 @@ from consistent_id.recordings.signals.clocks import (
     held_commands,
     is_uniform,
     own_rate,
+    require_unfiltered,
     resampled,
 )
 from consistent_id.recordings.signals.filters import low_passed
@@ -138,6 +139,7 @@ def aligned(recording: Recording, track: Track, *, delay: float = 0.0) -> Record
     """
     if not np.isfinite(delay):
         raise RecordingError(f"delay is {delay} s, expected a number")
+    require_unfiltered(recording)
     other = track.of(recording.joints).recording()
     other = replace(other, time=other.time - delay)
     ratio = own_rate(other) / own_rate(recording)
@@ -156,6 +158,8 @@ def aligned(recording: Recording, track: Track, *, delay: float = 0.0) -> Record
     }
     channels[track.channel] = _onto(clock, other.time, other.position)
     channels |= held_commands(recording, clock)
+    # The filter against aliasing is near half the sampling rate, above what is of use.
+    recording = replace(recording, torque_filter=None)
     return replace(recording, time=clock, **channels)  # type: ignore[arg-type]
 
 

@@ -88,7 +88,7 @@ def contact_free_regression(
     pieces = [
         (recording.contacts, motion.samples(part.start, part.stop), part.start)
         for recording in several(recordings)
-        for motion in [motion_of(whole, replace(recording, contacts=()), None)]
+        for motion in [motion_of(whole, _at_samples(recording), None)]
         for part in chunks(len(motion.q), CHUNK)
     ]
 
@@ -114,6 +114,15 @@ def contact_free_regression(
         fingerprint=model.fingerprint,
         peaks=np.array([peak]),
     )
+
+
+def _at_samples(recording: Recording) -> Recording:
+    """Return a recording whose rows are those of its samples, without contacts.
+
+    The number of rows that no contact force enters changes with the contacts, so that
+    they cannot be filtered along time: torque stays filtered, rows are not.
+    """
+    return replace(recording, contacts=(), torque_filter=None)
 
 
 def contact_free_model(model: TorqueModel) -> TorqueModel:
@@ -280,7 +289,7 @@ def masked_factors(
         Of the columns ``Y combinations``, and last the torque.
     """
     whole = every_row(model)
-    motions = [motion_of(whole, replace(log, contacts=()), None) for log in recordings]
+    motions = [motion_of(whole, _at_samples(log), None) for log in recordings]
     used = np.flatnonzero((abs(combinations) > _NONE).any(axis=1))
     levels = np.ones(len(whole.torque_joints))
 

@@ -34,6 +34,7 @@ from consistent_id._support.arrays import (
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.recordings.beside import ContactFlags
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_names import CONTACT_FREE, row_names
 from consistent_id.regression.rows.generalised_forces import (
@@ -421,6 +422,10 @@ def without_slip(robot: RobotModel, recording: Recording, speed: float) -> Recor
     """
     if not speed > 0.0:
         raise ProblemError(f"speed of slip is {speed} m/s, expected a positive number")
-    slow = (contact_slip(robot, recording) < speed).all(axis=1)
-    contacts = tuple(replace(c, certain=c.certain & slow) for c in recording.contacts)
-    return replace(recording, contacts=contacts)
+
+    def change(whole: Recording) -> Recording:
+        slow = (contact_slip(robot, whole) < speed).all(axis=1)
+        contacts = tuple(replace(c, certain=c.certain & slow) for c in whole.contacts)
+        return replace(whole, contacts=contacts)
+
+    return altered(recording, change)

@@ -23,7 +23,7 @@ from consistent_id.regression.correlated_noise import (
     spectral_noise,
     white_noise,
 )
-from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.segments import SEGMENTS, segment_cuts
@@ -152,12 +152,27 @@ def bias_along(
     plain = replace(model, wrench_bias=False)
     motion = motion_of(plain, recording, None)
     rest = motion.torque - motion.predicted(plain, x[: len(plain.layout)])
-    since = recording.time - recording.time[0]
-    columns = [np.ones(len(since)), since]
-    N = np.column_stack(columns if drift == "linear" else columns[:1])
-    found = np.linalg.lstsq(N, rest, rcond=None)[0]
+    found = np.array(
+        [
+            np.linalg.lstsq(N, own, rcond=None)[0]
+            for N, own in zip(_drifts(motion, recording, drift), rest.T, strict=True)
+        ]
+    ).T
     rate = found[1] if drift == "linear" else np.zeros(rest.shape[1])
     return SensorBias(found[0], rate)
+
+
+def _drifts(motion: Motion, recording: Recording, drift: Drift) -> list[Matrix]:
+    """Return the columns of each row's bias and its rate, filtered like the rows.
+
+    Time counts from the recording's first sample.
+    """
+    behind = recording.torque_filter
+    clock = recording.time if behind is None else behind.source.time
+    since = clock - recording.time[0]
+    columns = [np.ones(len(since)), since]
+    N = np.column_stack(columns if drift == "linear" else columns[:1])
+    return [motion.through(N, row) for row in range(motion.torque.shape[1])]
 
 
 class _DriftingRows(NamedTuple):
@@ -171,20 +186,20 @@ def _rows_without_drift(
     model: TorqueModel, log: Recording, drift: Drift
 ) -> _DriftingRows:
     motion = motion_of(model, log, None)
-    n = len(log)
+    n = len(motion.q)
     rows = np.empty((len(model.torque_joints), n, len(model.layout) + 1))
-    for part, Y in model.chunks(motion.q, motion.dq, motion.ddq, base=motion.base):
-        rows[:, part, :-1] = np.swapaxes(Y, 1, 2)
+    rows[:, :, :-1] = np.swapaxes(motion.regressor(model), 1, 2)
     rows[:, :, -1] = motion.torque.T
-    columns = [np.ones(n), log.time - log.time.mean()]
-    Q, _ = np.linalg.qr(np.column_stack(columns if drift == "linear" else columns[:1]))
-    lost = Q.shape[1]
+    lost = 2 if drift == "linear" else 1
     if n <= lost:
         raise NotExcitedError(
             f"{log.name} has {n} samples, of which its bias takes {lost}; join short "
             "recordings, or take drift='none'"
         )
-    return _DriftingRows(rows - Q @ (Q.T @ rows), lost)
+    for own, N in zip(rows, _drifts(motion, log, drift), strict=True):
+        Q, _ = np.linalg.qr(N)
+        own -= Q @ (Q.T @ own)
+    return _DriftingRows(rows, lost)
 
 
 def _noise(rows: Array, fit: JointFit) -> CorrelatedNoise:

@@ -14,6 +14,7 @@ from consistent_id._support.arrays import Array, Matrix, checked
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.beside import BaseMotion, Wrench
 from consistent_id.recordings.recording import Recording, several
+from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_names import BASE_ROWS
@@ -184,8 +185,15 @@ def carried(
             f"{recording.name}: {len(own)} wrenches at {frame!r}, expected one, in the "
             "axes of the frame and about its origin"
         )
+    return altered(recording, lambda log: _carried(tool, arm, log, frame))
+
+
+def _carried(
+    tool: RobotModel, arm: RobotModel, recording: Recording, frame: str
+) -> Recording:
+    (own,) = (wrench for wrench in recording.wrenches if wrench.frame == frame)
     zeros = np.zeros_like(recording.position)
-    felt = Wrench(tool.link_names[0], own[0].values, axes="base")
+    felt = Wrench(tool.link_names[0], own.values, axes="base")
     return replace(
         recording,
         velocity=zeros if recording.velocity is None else recording.velocity,
