@@ -121,6 +121,7 @@ class Evaluator:
 
     setting: Setting
     _samples: dict[float | None, Samples] = field(default_factory=dict)
+    _masks: dict[tuple[float | None, float], Samples] = field(default_factory=dict)
     _factors: dict[tuple[object, ...], Factors] = field(default_factory=dict)
     _supersets: dict[float, Superset] = field(default_factory=dict)
     _candidates: dict[Choice, CandidateModel] = field(default_factory=dict)
@@ -134,7 +135,7 @@ class Evaluator:
     def rescaled(self, sigma: Vector, size: float) -> "Evaluator":
         """Return an evaluator of the same rows with other units of joints."""
         setting = replace(self.setting, sigma=sigma, size=size)
-        rows = self._samples, self._factors, self._supersets
+        rows = self._samples, self._masks, self._factors, self._supersets
         return Evaluator(setting, *rows, self._candidates)
 
     def with_friction(
@@ -142,7 +143,7 @@ class Evaluator:
     ) -> "Evaluator":
         """Return an evaluator of the same rows with other joints' laws of friction."""
         setting = replace(self.setting, loaded=loaded, sloped=sloped)
-        return Evaluator(setting, self._samples)
+        return Evaluator(setting, self._samples, self._masks)
 
     def expected(self, evaluated: Evaluated) -> float:
         """Return the torque error on left-out blocks over the torque, all joints."""
@@ -239,15 +240,23 @@ class Evaluator:
             every = self._superset(scale)
             self._factors[key] = factors_of(
                 s.bodies,
-                self.samples(choice.motion_cutoff).delayed(choice.delay),
+                self._masked(choice.motion_cutoff, least_speed).delayed(choice.delay),
                 every.terms,
                 every.couplings,
                 width=scale,
                 band=s.band,
-                least_speed=least_speed,
-                load=s.bodies.robot.nominal,
             )
         return self._factors[key]
+
+    def _masked(self, cutoff: float | None, least_speed: float | None) -> Samples:
+        """Return the rows of motion with a cut-off that are fast enough."""
+        if least_speed is None:
+            return self.samples(cutoff)
+        key = cutoff, least_speed
+        if key not in self._masks:
+            whole = self.samples(cutoff)
+            self._masks[key] = whole.masked(self.setting.bodies, least_speed)
+        return self._masks[key]
 
     def _superset(self, scale: float) -> Superset:
         if scale not in self._supersets:

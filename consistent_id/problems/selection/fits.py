@@ -23,6 +23,7 @@ from consistent_id.problems.selection.choice import Choice, applied
 from consistent_id.problems.selection.samples import (
     EDGES,
     NUMBERS,
+    SampledPart,
     Samples,
     folds,
     left_out,
@@ -97,8 +98,6 @@ def factors_of(
     *,
     width: float,
     band: float,
-    least_speed: float | None = None,
-    load: Vector | None = None,
 ) -> Factors:
     """Compress rows to triangular factors.
 
@@ -112,28 +111,74 @@ def factors_of(
         Of friction's change of sign.
     band : float, [Hz]
         In which torque is predicted.
-    least_speed : float, optional
-        Share of top speed below which rows are left out.
-    load : ndarray, shape (10 links,), optional
-        Inertial parameters that loads are computed from.
     """
-    kept = samples.speed >= (0.0 if least_speed is None else least_speed)
-    cell = samples.cell[kept]
-    number = len(EDGES) - 1
-    coupled = _coupling_columns(bodies, samples, couplings)
-    rates = samples.torque_rate
-    joints = []
+    cell, number, joints = samples.cell, len(EDGES) - 1, []
     for row, (name, (places, expand)) in enumerate(
         zip(bodies.torque_joints, row_structure(bodies), strict=True)
     ):
-        inertial = samples.inertial[row]
-        columns = dict(coupled.get(name, {}))
-        columns |= _drive_columns(bodies, samples, name, terms, load, inertial)
-        ends = [_friction_rate(bodies, samples, name, width, band)]
-        ends += [rates[:, row], samples.torque[:, row]]
-        rows = np.column_stack([inertial[places].T, *columns.values(), *ends])[kept]
-        joints.append(_joint_factors(rows, cell, number, expand, tuple(columns)))
+        own = _OwnColumns(bodies, row, name, terms, couplings, width, band)
+        drive = samples.filtered(row, own.along)
+        ends = [samples.torque_rate[:, row], samples.torque[:, row]]
+        rows = np.column_stack([samples.inertial[row][places].T, drive, *ends])
+        joints.append(_joint_factors(rows, cell, number, expand, own.keys))
     return Factors(tuple(joints), np.bincount(cell, minlength=number))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _OwnColumns:
+    """The columns of one joint's row that are of no body; the last is a rate.
+
+    The rate is how fast Coulomb friction changes within the band, [1/s].
+    """
+
+    bodies: TorqueModel
+    row: int
+    name: str
+    terms: Sequence[Sequence[DriveTerm]]
+    couplings: Sequence[GearCoupling]
+    width: float
+    band: float
+
+    @property
+    def _joint(self) -> int:
+        return self.bodies.robot.joint_names.index(self.name)
+
+    @property
+    def _pairs(self) -> list[tuple[GearCoupling, tuple[int, int]]]:
+        """Couplings that the joint has a part in, and both joints of each."""
+        pairs = [(c, coupled_joints(self.bodies.robot, c)) for c in self.couplings]
+        return [(c, pair) for c, pair in pairs if self._joint in pair]
+
+    @property
+    def keys(self) -> tuple[Key, ...]:
+        """What the columns but the last are of."""
+        found = [
+            Key(coupling.label, label, term)
+            for coupling, _ in self._pairs
+            for label, term in zip(
+                coupling.names,
+                (term for term in coupling.terms for _ in term.names),
+                strict=True,
+            )
+        ]
+        own = self.terms[self._joint]
+        return (*found, *(Key(self.name, n, term) for term in own for n in term.names))
+
+    def along(self, part: SampledPart) -> list[Vector]:
+        """Return the columns along all samples of a part."""
+        along, j = part.motion.along, self._joint
+        found = []
+        for coupling, pair in self._pairs:
+            rates = [along.dq[:, i] for i in pair], [along.ddq[:, i] for i in pair]
+            found += [both[pair.index(j)] for both in coupling.columns(*rates)]
+        carried = None if part.load is None else part.load[:, self.row]
+        q, dq, ddq = (x[:, j] for x in (along.q, along.dq, along.ddq))
+        motion = JointSamples(q, dq, ddq, carried)
+        for term in self.terms[j]:
+            found += list(term_columns(term, motion))
+        half = 0.25 / self.band
+        ahead, behind = (direction(dq + h * ddq, self.width) for h in (half, -half))
+        return [*found, np.asarray((ahead - behind) / (2.0 * half))]
 
 
 def _joint_factors(
@@ -157,53 +202,6 @@ def _cumulated(cells: Array) -> list[Matrix]:
 
 def _joined(first: Matrix, second: Matrix) -> Matrix:
     return extended(np.array(first, order="F"), np.array(second, order="F"))
-
-
-def _drive_columns(
-    bodies: TorqueModel,
-    samples: Samples,
-    name: str,
-    terms: Sequence[Sequence[DriveTerm]],
-    load: Vector | None,
-    inertial: Matrix,
-) -> dict[Key, Vector]:
-    j = bodies.robot.joint_names.index(name)
-    carried = None if load is None else load @ inertial
-    motion = JointSamples(samples.q[:, j], samples.dq[:, j], samples.ddq[:, j], carried)
-    found = {}
-    for term in terms[j]:
-        values = term_columns(term, motion)
-        for coefficient, column in zip(term.names, values, strict=True):
-            full = np.broadcast_to(column, (len(samples.q),))
-            found[Key(name, coefficient, term)] = full
-    return found
-
-
-def _friction_rate(
-    bodies: TorqueModel, samples: Samples, name: str, width: float, band: float
-) -> Vector:
-    """Return how fast a joint's Coulomb friction changes within the band, [1/s]."""
-    j, half = bodies.robot.joint_names.index(name), 0.25 / band
-    dq, ddq = samples.dq[:, j], samples.ddq[:, j]
-    ahead, behind = (direction(dq + step * ddq, width) for step in (half, -half))
-    return np.asarray((ahead - behind) / (2.0 * half))
-
-
-def _coupling_columns(
-    bodies: TorqueModel, samples: Samples, couplings: Sequence[GearCoupling]
-) -> dict[str, dict[Key, Vector]]:
-    found: dict[str, dict[Key, Vector]] = {}
-    names = bodies.robot.joint_names
-    for coupling in couplings:
-        pair = coupled_joints(bodies.robot, coupling)
-        rates = [samples.dq[:, j] for j in pair], [samples.ddq[:, j] for j in pair]
-        columns = coupling.columns(*rates)
-        terms = [term for term in coupling.terms for _ in term.names]
-        for label, term, both in zip(coupling.names, terms, columns, strict=True):
-            key = Key(coupling.label, label, term)
-            for j, column in zip(pair, both, strict=True):
-                found.setdefault(names[j], {})[key] = column
-    return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,11 +6,10 @@ is fitted.  The same share of every recording is left out at once, so that two
 recordings of one motion do not stand in for each other.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
-from typing import Literal
 
 import msgspec
 import numpy as np
@@ -22,9 +21,14 @@ from consistent_id.problems.preparation import prepared
 from consistent_id.recordings.recording import Recording, positions_at
 from consistent_id.recordings.signals import estimated_period
 from consistent_id.recordings.signals.clocks import own_rate
+from consistent_id.recordings.signals.filtered_rows import (
+    RowFilter,
+    require_filter,
+    row_filter,
+)
 from consistent_id.recordings.signals.masks import speed_share
 from consistent_id.recordings.signals.repetitions import whole_periods
-from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.motion_arrays import FilteredRows, Motion, motion_of
 from consistent_id.regression.regressor import TorqueModel
 
 _BAND_POWER = 0.99  # of the velocities' power, below the band's edge
@@ -75,57 +79,151 @@ class SampledLog:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class SampledPart:
+    """Rows of one part of a log, filtered to the band in which torque is predicted.
+
+    Parameters
+    ----------
+    motion : Motion
+        The rows; `Motion.along` has all samples before the filter.
+    time : ndarray, shape (samples along,), [s]
+    torque : ndarray, shape (samples along, torque joints), [N m or N]
+        Before the filter.
+    load : ndarray, shape (samples along, torque joints), optional, [N m or N]
+        Torque of the nominal bodies.
+    speed : ndarray, shape (samples along,)
+        Share of top speed; see `speed_share`.
+    cell : ndarray of int, shape (rows,)
+        See `cells`.
+    """
+
+    motion: Motion
+    time: Vector
+    torque: Matrix
+    load: Matrix | None
+    speed: Vector
+    cell: IntArray
+
+    @property
+    def rows(self) -> FilteredRows:
+        """The filtered rows."""
+        if self.motion.filtered is None:
+            raise RecordingError("the rows of a selection are filtered")
+        return self.motion.filtered
+
+    def masked(self, least_speed: float) -> "SampledPart":
+        """Return the rows that are fast enough; slow samples are zero in the filter."""
+        rows = self.rows
+        fast = self.speed >= least_speed
+        known = rows.along.weights
+        weights = np.ones_like(self.torque) if known is None else known
+        along = rows.along._replace(weights=weights * fast[:, None])
+        kept = fast[rows.kept]
+        motion = _rows_of(along, rows.by, rows.kept[kept])
+        return replace(self, motion=motion, cell=self.cell[kept])
+
+    def late(self, seconds: float) -> tuple[Matrix, Matrix]:
+        """Return torque that was written so much later, and its rate of change."""
+        torque = self.torque
+        if seconds:
+            late = self.time + seconds
+            torque = np.column_stack([np.interp(late, self.time, v) for v in torque.T])
+        rate = np.gradient(torque, self.time, axis=0)
+        return self.motion.through(torque), self.motion.through(rate)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Samples:
     """Prepared rows of all training logs.
 
     Parameters
     ----------
-    q, dq, ddq : ndarray, shape (samples, joints)
-    torque, torque_rate : ndarray, shape (samples, torque joints)
-    cell : ndarray, shape (samples,)
-        See `blocks.cells`.
-    speed : ndarray, shape (samples,)
-        Share of top speed; see `speed_share`.
-    inertial : ndarray, shape (torque joints, 10 links, samples)
+    parts : tuple of SampledPart
+    torque, torque_rate : ndarray, shape (rows, torque joints)
+    inertial : ndarray, shape (torque joints, 10 links, rows)
         Regressor of the bodies.
-    late : tuple of Late
-        The torque before it was thinned, of each part.
     """
 
-    q: Matrix
-    dq: Matrix
-    ddq: Matrix
+    parts: tuple[SampledPart, ...]
     torque: Matrix
     torque_rate: Matrix
-    cell: IntArray
-    speed: Vector
     inertial: Array
-    late: tuple["Late", ...]
+
+    @staticmethod
+    def of(bodies: TorqueModel, parts: Sequence[SampledPart]) -> "Samples":
+        """Return the rows of parts."""
+        inertial = [part.motion.regressor(bodies) for part in parts]
+        torque, rate = _joined_late(parts, 0.0)
+        return Samples(tuple(parts), torque, rate, np.concatenate(inertial, axis=2))
+
+    @property
+    def cell(self) -> IntArray:
+        """The cell of each row, shape (rows,); see `cells`."""
+        return np.concatenate([part.cell for part in self.parts])
+
+    @property
+    def speed(self) -> Vector:
+        """Share of top speed at each row, shape (rows,)."""
+        return np.concatenate([part.speed[part.rows.kept] for part in self.parts])
+
+    @property
+    def dq(self) -> Matrix:
+        """Velocities at each row, shape (rows, joints), [rad/s or m/s]."""
+        return np.concatenate([part.motion.dq for part in self.parts])
+
+    def masked(self, bodies: TorqueModel, least_speed: float) -> "Samples":
+        """Return the rows that are fast enough; slow samples are zero in the filter."""
+        return Samples.of(bodies, [part.masked(least_speed) for part in self.parts])
 
     def delayed(self, seconds: float) -> "Samples":
         """Return the rows with the torque that was written so much later."""
         if seconds == 0.0:
             return self
-        torque, rate = (
-            np.concatenate([part.at(seconds, of) for part in self.late])
-            for of in ("torque", "rate")
-        )
+        torque, rate = _joined_late(self.parts, seconds)
         return replace(self, torque=torque, torque_rate=rate)
 
+    def filtered(
+        self, row: int, columns: Callable[[SampledPart], Sequence[Vector]]
+    ) -> Matrix:
+        """Return columns of a joint's rows, filtered like the torque.
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Late:
-    """A part's torque with its derivative and clock, and which samples are kept."""
+        Parameters
+        ----------
+        row : int
+            Of the torque joints.
+        columns : callable
+            Returns columns along all samples of a part, before the filter.
 
-    time: Vector
-    torque: Matrix
-    rate: Matrix
-    kept: IntArray
+        Returns
+        -------
+        ndarray, shape (rows, columns)
+        """
+        parts = []
+        for part in self.parts:
+            full = np.empty((len(part.time), len(found := columns(part))))
+            for k, column in enumerate(found):
+                full[:, k] = column
+            parts.append(part.motion.through(full, row))
+        return np.concatenate(parts)
 
-    def at(self, delay: float, channel: Literal["torque", "rate"]) -> Matrix:
-        """Return a channel so many seconds later."""
-        late, values = self.time[self.kept] + delay, getattr(self, channel)
-        return np.column_stack([np.interp(late, self.time, v) for v in values.T])
+
+def _joined_late(parts: Sequence[SampledPart], seconds: float) -> tuple[Matrix, Matrix]:
+    both = zip(*(part.late(seconds) for part in parts), strict=True)
+    torque, rate = map(np.concatenate, both)
+    return torque, rate
+
+
+def _rows_of(along: Motion, by: RowFilter, kept: IntArray) -> Motion:
+    """Return filtered rows of a motion."""
+    rows = FilteredRows(along, by, kept)
+    return Motion(
+        along.q[kept],
+        along.dq[kept],
+        along.ddq[kept],
+        rows.through(along.torque),
+        None,
+        filtered=rows,
+    )
 
 
 def samples_of(
@@ -142,8 +240,10 @@ def samples_of(
     ----------
     bodies : TorqueModel
         Without drive terms.
+    table : PreparationTable
+        Its `torque_cutoff` is the band in which torque is predicted.
     guard : float, [s]
-        See `blocks.cells`.
+        See `cells`.
     thin : int
         Of so many samples one is kept.
 
@@ -153,7 +253,7 @@ def samples_of(
         If a log cannot be prepared.
     """
     table = msgspec.structs.replace(table, least_speed=None, decimate=1)
-    parts, late = [], []
+    parts = []
     for log in logs:
         start, duration = float(log.raw.time[0]), log.raw.duration
         for part in prepared(log.raw, table):
@@ -161,18 +261,27 @@ def samples_of(
             place = cells(time, start, duration, log.period, guard)
             inside = (time >= time[0] + guard) & (time <= time[-1] - guard)
             kept = np.flatnonzero(inside & (place >= 0))[::thin]
-            motion = motion_of(bodies, part, None)
-            state = (motion.q, motion.dq, motion.ddq, motion.torque)
-            arrays = [*state, place, speed_share(part)]
-            rate = np.gradient(motion.torque, time, axis=0)
-            arrays.append(rate)
-            parts.append([array[kept] for array in arrays])
-            late.append(Late(time, motion.torque, rate, kept))
-    q, dq, ddq, torque, cell, speed, rate = (
-        np.concatenate(arrays) for arrays in zip(*parts, strict=True)
+            parts.append(_sampled(bodies, part, kept, place[kept]))
+    return Samples.of(bodies, parts)
+
+
+def _sampled(
+    bodies: TorqueModel, part: Recording, kept: IntArray, cell: IntArray
+) -> SampledPart:
+    """Return the rows of some samples of a prepared part."""
+    behind, by = require_filter(part), row_filter(part)
+    along = motion_of(bodies, part, None).along
+    state, nominal = (along.q, along.dq, along.ddq), bodies.robot.nominal
+    speed = np.ones(len(behind.source))
+    speed[behind.kept] = speed_share(part)
+    return SampledPart(
+        motion=_rows_of(along, by, behind.kept[kept]),
+        time=behind.source.time,
+        torque=along.torque,
+        load=None if nominal is None else bodies.rigid_torque(nominal, state),
+        speed=speed,
+        cell=cell,
     )
-    inertial = bodies.regressor(q, dq, ddq)
-    return Samples(q, dq, ddq, torque, rate, cell, speed, inertial, tuple(late))
 
 
 @lru_cache(maxsize=1)

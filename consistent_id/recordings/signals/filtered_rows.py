@@ -304,7 +304,8 @@ def around(kept: IntArray, marked: BoolArray) -> IntArray:
     """Return the samples of the source that are nearest to marked ones."""
     step = int(np.diff(kept).min()) if len(kept) > 1 else 1
     near = kept[marked][:, None] + np.arange(-((step - 1) // 2), step // 2 + 1)
-    return near[(near >= kept[0]) & (near <= kept[-1])]
+    inside = (near >= kept[0]) & (near <= kept[-1])
+    return np.asarray(near[inside], dtype=np.intp)
 
 
 def _through(recording: Recording, behind: TorqueFilter) -> Recording:
