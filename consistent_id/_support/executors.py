@@ -8,6 +8,7 @@ change last bits.
 
 import logging
 import os
+import pickle
 import signal
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
@@ -15,8 +16,9 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache, wraps
-from itertools import accumulate, islice
+from itertools import accumulate, count, islice
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import sleep
 from typing import Any, Literal, ParamSpec, Self, TypeVar, get_args
 
@@ -324,9 +326,8 @@ class _HandedTask:
         """Return whether there is a result; hand the task out again if it was lost."""
         if not self._future.done():
             return False
-        try:
-            self._future.result()
-        except self._workers.broken as cause:
+        cause = self._future.exception()
+        if isinstance(cause, self._workers.broken):
             self._again(cause)
             return False
         return True
@@ -351,7 +352,12 @@ class _HandedTask:
 
 @contextmanager
 def processes(call: Call, workers: int) -> Iterator[Workers]:
-    """Yield how to hand tasks to processes; what is left at the end is killed."""
+    """Yield how to hand tasks to processes; what is left at the end is killed.
+
+    Tasks and results go through files, and only their names through pipes.  A worker
+    that is killed while it writes a large result to a pipe leaves a part of it there,
+    and whoever reads the pipe waits for the rest for ever; a name is written at once.
+    """
     from concurrent.futures.process import BrokenProcessPool
 
     from loky import get_reusable_executor
@@ -360,18 +366,67 @@ def processes(call: Call, workers: int) -> Iterator[Workers]:
 
     def submit(task: Any) -> Any:
         nonlocal pool
+        name = _spooled((call, task), Path(folder) / f"{next(numbers)}.task")
         with interrupts_ignored():
             while True:  # a broken pool is replaced by a new one
                 pool = get_reusable_executor(max_workers=workers, initializer=_deaf)
                 with suppress(BrokenProcessPool):  # since a moment ago
-                    return pool.submit(call, task)
+                    return _SpooledFuture(pool.submit(_called, name), name)
 
-    try:
-        yield Workers(submit, BrokenProcessPool, workers)
-    except BaseException:
-        if pool is not None:
-            pool.shutdown(wait=False, kill_workers=True)
-        raise
+    numbers = count()
+    # Workers that are ended may still write.
+    with TemporaryDirectory(
+        prefix="consistent-id-", ignore_cleanup_errors=True
+    ) as folder:
+        try:
+            yield Workers(submit, BrokenProcessPool, workers)
+        except BaseException:
+            if pool is not None:
+                pool.shutdown(wait=False, kill_workers=True)
+            raise
+
+
+@dataclass(frozen=True, slots=True)
+class _SpooledFuture:
+    """A future whose result is in a file."""
+
+    future: Any
+    task: str
+
+    def done(self) -> bool:
+        """Return whether there is a result or an error."""
+        return bool(self.future.done())
+
+    def exception(self) -> BaseException | None:
+        """Wait for the end, and return the error that it came to."""
+        error: BaseException | None = self.future.exception()
+        return error
+
+    def result(self) -> Any:
+        """Wait for the result, once."""
+        name = self.future.result()
+        found = _unspooled(name)
+        for path in (name, self.task):
+            Path(path).unlink()
+        return found
+
+
+def _called(name: str) -> str:
+    """Do a task that is in a file; return the name of the file with the result."""
+    call, task = _unspooled(name)
+    return _spooled(call(task), Path(f"{name}.{os.getpid()}.result"))
+
+
+def _spooled(value: Any, path: Path) -> str:
+    """Write what processes of this run hand each other; return the file's name."""
+    from cloudpickle import dumps
+
+    path.write_bytes(dumps(value))
+    return str(path)
+
+
+def _unspooled(name: str) -> Any:
+    return pickle.loads(Path(name).read_bytes())
 
 
 def _deaf() -> None:

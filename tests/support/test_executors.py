@@ -3,9 +3,11 @@
 import os
 import signal
 import socket
+import threading
 import time
 from contextlib import closing, suppress
 from itertools import accumulate
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -175,3 +177,22 @@ def test_trees_are_balanced_and_keep_the_order():
 def test_executors_that_there_are_not(name):
     with pytest.raises(ProblemError, match="expected serial, processes"):
         Executor.named(name)
+
+
+def _large_and_killed(task):
+    """Return a large array; one worker is killed while it may be handing it over."""
+    number, delay, mark = task
+    if number == 1 and not Path(mark).exists():
+        Path(mark).touch()
+        threading.Timer(delay, os.kill, (os.getpid(), signal.SIGKILL)).start()
+    return np.full(3_000_000, float(number))
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_a_worker_killed_while_it_hands_over_a_large_result_stops_nothing(tmp_path):
+    # Through a pipe, about one of 40 such runs waited for ever.
+    for k in range(8):
+        tasks = [(n, 0.02 * k, str(tmp_path / f"{k}")) for n in range(4)]
+        found = list(Executor.named("processes:2").map(_large_and_killed, tasks))
+        assert [array[0] for array in found] == [0.0, 1.0, 2.0, 3.0]
