@@ -464,9 +464,17 @@ class KeptWindows:
             own = whole.samples_of(part)
             counts = rows.counted(part, own)
             inside = (own >= first) & (own < last)
-            thin = (own - whole.lead) % whole.table.decimate == 0
+            step = whole.table.decimate
+            thin = (own - whole.lead) % step == 0
             kept = np.flatnonzero(inside & counts & thin)
-            yield left_out(part, ~counts).samples(kept) if len(kept) > 1 else None
+            if len(kept) < 2:
+                yield None
+                continue
+            few = left_out(part, ~counts).samples(kept)
+            behind = few.torque_filter
+            if behind is not None:  # few samples may be further apart
+                few = replace(few, torque_filter=replace(behind, thinned=step))
+            yield few
 
 
 def kept_rows(

@@ -397,7 +397,7 @@ def _places(behind: TorqueFilter, step: int) -> IntArray:
     kept = behind.kept
     if len(kept) < 2:
         return np.arange(len(kept))
-    own = int(np.diff(kept).min())
+    own = behind.step
     every = own * max(step // own, 1)
     clock = kept + behind.first
     found = np.flatnonzero(clock % every == clock[0] % own)
@@ -415,7 +415,7 @@ def _marks(
         marks[behind.left_out] = 0.0
     if weights is not None:
         for column, own in zip(marks.T, weights.T, strict=True):
-            column[around(behind.kept, own == 0.0)] = 0.0
+            column[around(behind, own == 0.0)] = 0.0
     return marks
 
 
