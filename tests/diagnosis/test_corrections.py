@@ -207,7 +207,7 @@ def test_every_kind_of_the_table_occurs_and_fills_its_sentences():
 
 
 def test_misfits_of_scaled_torques_are_those_of_the_torques_scaled():
-    log, model = logs().prepared(clean_log(1)), arm()
+    log, model = at_samples(clean_log(1)), arm()
     base = base_parameters(model)
     (factors,) = channel_factors(model, base, [log])
     scales = (0.01, 0.7, 1.0, 2.5)
