@@ -28,7 +28,12 @@ from consistent_id.recordings.signals.clocks import (
     require_rate,
     samples_at,
 )
-from consistent_id.recordings.signals.filtered_rows import RowFilter, left_out
+from consistent_id.recordings.signals.filtered_rows import (
+    RowFilter,
+    left_out,
+    places_of_rows,
+    row_filter,
+)
 from consistent_id.recordings.signals.filters import (
     DECIMATION_ORDER,
     anti_aliased,
@@ -472,9 +477,12 @@ class KeptWindows:
                 continue
             few = left_out(part, ~counts).samples(kept)
             behind = few.torque_filter
-            if behind is not None:  # few samples may be further apart
-                few = replace(few, torque_filter=replace(behind, thinned=step))
-            yield few
+            if behind is None:
+                yield few
+                continue
+            behind = replace(behind, thinned=step)  # few samples may be further apart
+            rows_there = len(places_of_rows(behind, row_filter(few).step)) > 0
+            yield replace(few, torque_filter=behind) if rows_there else None
 
 
 def kept_rows(

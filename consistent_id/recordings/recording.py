@@ -60,7 +60,7 @@ class TorqueFilter:
         may be a window.
     thinned : int, optional
         Steps of the source between samples that thinning left; others may be missing
-        besides.  By default the least distance between those that are there.
+        besides.  By default the largest number that all distances are multiples of.
     """
 
     cutoff: float
@@ -76,7 +76,7 @@ class TorqueFilter:
         """Steps of the source between neighbouring samples of the recording."""
         if self.thinned is not None:
             return self.thinned
-        return int(np.diff(self.kept).min()) if len(self.kept) > 1 else 1
+        return int(np.gcd.reduce(np.diff(self.kept))) if len(self.kept) > 1 else 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)

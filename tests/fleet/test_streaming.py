@@ -94,6 +94,7 @@ def _difference(first, second):
 
 
 UNIFORM = "motion_cutoff = 5.0\ntorque_cutoff = 8.0"
+SPARSE = "motion_cutoff = 5.0\ntorque_cutoff = 3.0"
 JITTERED = "resample = 100.0\nmotion_cutoff = 5.0"
 
 
@@ -126,6 +127,8 @@ def slow(*case):
         ),
         ("csv", 1e-3, f"{JITTERED}\nmax_gap = 0.0119\nshortest_part = 4.0", ""),
         ("parquet", 2e-6, f"{UNIFORM}\nleast_speed = 0.3", "rows = [100, 5900]"),
+        # Of few rows: windows are rounded together, not each by itself.
+        ("parquet", 2e-6, f"{SPARSE}\nleast_speed = 0.9\ndecimate = 3", ""),
         slow("h5", 2e-6, f"{UNIFORM}\ntrim_standstill = true", ""),
         slow("csv", 2e-6, f"{UNIFORM}\ndecimate = 3\nleast_speed = 0.3", ""),
         (

@@ -308,6 +308,23 @@ def counting(recording: Recording, rows: BoolArray) -> Recording:
     return left_out(recording, ~rows).samples(np.flatnonzero(rows))
 
 
+def places_of_rows(behind: TorqueFilter, step: int) -> IntArray:
+    """Return the samples of a filtered recording whose rows are worth keeping.
+
+    They are on a grid of the whole log's clock, so that windows of a log have the rows
+    that the log has.  There may be none.
+
+    Parameters
+    ----------
+    behind : TorqueFilter
+    step : int
+        See `RowFilter.step`.
+    """
+    own, clock = behind.step, behind.kept + behind.first
+    every = own * max(step // own, 1)
+    return np.flatnonzero(clock % every == clock[:1] % own)
+
+
 def left_out(recording: Recording, mask: BoolArray) -> Recording:
     """Return a recording of which samples do not count, if its torque is filtered.
 
