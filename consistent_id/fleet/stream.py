@@ -44,7 +44,7 @@ from consistent_id.recordings.readers.recording_file import (
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.correlated_noise import SHOWN, NoisyRows
-from consistent_id.regression.motion_arrays import Motion, motion_of
+from consistent_id.regression.motion_arrays import Motion, motion_of, whole_counts
 from consistent_id.regression.regression import Regression, build_regression, with_noise
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import joint_noise
@@ -124,6 +124,7 @@ def _streamed(
         parts = list(_parts(problem, role, executor, spool))
     tasks = [(problem.model, task) for part in parts for task in part.tasks]
     seen: list[Compressed] = []  # without regressions
+    counts = np.zeros(len(problem.model.torque_joints), dtype=np.intp)
     with counted(len(tasks), "parts of the logs", progress) as count:
 
         def regressions() -> Iterator[Regression]:
@@ -131,6 +132,8 @@ def _streamed(
                 seen.append(replace(found, regression=None))
                 count(len(seen))
                 if found.regression is not None:
+                    if found.stood_for is None:
+                        counts[:] += found.regression.counts
                     yield found.regression
 
         whole = tree_reduced(regressions(), Regression.__add__)
@@ -140,14 +143,18 @@ def _streamed(
     model = problem.model
     for part in parts:
         own = list(islice(left, len(part.tasks)))
-        counts = [count for one in own for count in one.counts]
+        rows = [count for one in own for count in one.counts]
         if isinstance(part, WholeLog):
             found = (middle for one in own for middle in one.middles)
             middles += [motion_of(model, middle, None) for middle in found]
-            samples += counts
-        elif any(counts):
-            middles.append(_middle(model, part, counts))
-            samples.append(sum(counts))
+            samples += rows
+        elif any(rows):
+            middles.append(_middle(model, part, rows))
+            samples.append(sum(rows))
+            # Windows are rounded together, as the recording is that they are of.
+            windows = [one.stood_for for one in own if one.stood_for is not None]
+            counts[:] += whole_counts(np.sum(windows, axis=0))
+    whole = replace(whole, counts=tuple(counts.tolist()))
     return with_noise(model, whole, middles, samples)
 
 
@@ -162,11 +169,14 @@ class Compressed:
         Of each window; of a log that was read as a whole, of each of its recordings.
     middles : tuple of Recording
         Of the latter, see `with_noise_of`.
+    stood_for : ndarray, shape (joints,), optional
+        Of windows, see `Motion.stood_for`.
     """
 
     regression: Regression | None
     counts: tuple[int, ...]
     middles: tuple[Recording, ...] = ()
+    stood_for: Vector | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,14 +198,20 @@ def compressed(task: tuple[TorqueModel, KeptWindows | WholeLog]) -> Compressed:
     if isinstance(windows, WholeLog):
         return _compressed_whole(model, windows)
     counts: list[int] = []
+    stood_for = np.zeros(len(model.torque_joints))
 
     def regressions() -> Iterator[Regression]:
         for part in windows.recordings():
-            counts.append(0 if part is None else len(motion_of(model, part, None).q))
-            if part is not None:
-                yield build_regression(model, part, noise=False)
+            if part is None:
+                counts.append(0)
+                continue
+            motion = motion_of(model, part, None)
+            counts.append(len(motion.q))
+            stood_for[:] += motion.stood_for()
+            yield build_regression(model, part, noise=False)
 
-    return Compressed(tree_reduced(regressions(), Regression.__add__), tuple(counts))
+    regression = tree_reduced(regressions(), Regression.__add__)
+    return Compressed(regression, tuple(counts), stood_for=stood_for)
 
 
 def _compressed_whole(model: TorqueModel, log: WholeLog) -> Compressed:
@@ -334,7 +350,7 @@ class RowsInTurn:
 
     def counts(self) -> IntArray:
         """See `Motion.counts`."""
-        return np.asarray(np.sum([m.counts() for m in self.motions], axis=0))
+        return whole_counts(np.sum([m.stood_for() for m in self.motions], axis=0))
 
     def noise_lost(self) -> Vector:
         """See `Motion.noise_lost`; windows are of robots on a fixed base."""

@@ -28,7 +28,12 @@ from consistent_id.recordings.signals.clocks import (
     require_rate,
     samples_at,
 )
-from consistent_id.recordings.signals.filtered_rows import RowFilter, left_out
+from consistent_id.recordings.signals.filtered_rows import (
+    RowFilter,
+    left_out,
+    places_of_rows,
+    row_filter,
+)
 from consistent_id.recordings.signals.filters import (
     DECIMATION_ORDER,
     anti_aliased,
@@ -464,9 +469,20 @@ class KeptWindows:
             own = whole.samples_of(part)
             counts = rows.counted(part, own)
             inside = (own >= first) & (own < last)
-            thin = (own - whole.lead) % whole.table.decimate == 0
+            step = whole.table.decimate
+            thin = (own - whole.lead) % step == 0
             kept = np.flatnonzero(inside & counts & thin)
-            yield left_out(part, ~counts).samples(kept) if len(kept) > 1 else None
+            if len(kept) < 2:
+                yield None
+                continue
+            few = left_out(part, ~counts).samples(kept)
+            behind = few.torque_filter
+            if behind is None:
+                yield few
+                continue
+            behind = replace(behind, thinned=step)  # few samples may be further apart
+            rows_there = len(places_of_rows(behind, row_filter(few).step)) > 0
+            yield replace(few, torque_filter=behind) if rows_there else None
 
 
 def kept_rows(

@@ -38,6 +38,7 @@ from consistent_id.recordings.signals import (
 )
 from consistent_id.recordings.signals.clocks import is_uniform, own_rate
 from consistent_id.recordings.signals.filtered_rows import altered
+from consistent_id.recordings.signals.filters import anti_aliased
 from consistent_id.recordings.signals.fourier import on_series, require_repeating
 
 # Keys that belong to one method alone; those marked must be given with it.
@@ -299,7 +300,7 @@ class _Part:
     def prepared(self, start: float, stop: float) -> Recording:
         table = self.table
         if table.method == "fourier":
-            whole = self._as_series(start, stop)
+            whole = self._thinnable(self._as_series(start, stop))
         else:
             whole = self._whole
         part = trimmed(whole, start, stop)
@@ -311,7 +312,18 @@ class _Part:
         slowest = table.least_joint_speed
         if slowest is not None and slowest != "estimated":  # which takes the robot
             part = without_rests(part, slowest, reach=rest_reach(table))
-        return decimated(part, table.decimate)
+        # Without torque it was thinned before.
+        thin = part.torque_filter is None
+        return part if thin else decimated(part, table.decimate)
+
+    def _thinnable(self, whole: Recording) -> Recording:
+        """Return it filtered against aliasing, while no sample is left out."""
+        factor = self.table.decimate
+        if factor == 1:
+            return whole
+        if whole.torque is None and not whole.wrenches:
+            return decimated(whole, factor)
+        return anti_aliased(whole, factor)
 
     @cached_property
     def _filtered(self) -> Recording:
@@ -323,7 +335,7 @@ class _Part:
     @cached_property
     def _whole(self) -> Recording:
         """All of it, with velocity and acceleration."""
-        return moving(self._filtered, self.table)
+        return self._thinnable(moving(self._filtered, self.table))
 
     def _as_series(self, start: float, stop: float) -> Recording:
         """Return it with the motion of a Fourier series, fitted to what is kept."""

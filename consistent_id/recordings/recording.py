@@ -58,6 +58,9 @@ class TorqueFilter:
     first : int
         Number of the source's first sample on the clock of the whole log, of which it
         may be a window.
+    thinned : int, optional
+        Steps of the source between samples that thinning left; others may be missing
+        besides.  By default the largest number that all distances are multiples of.
     """
 
     cutoff: float
@@ -66,6 +69,14 @@ class TorqueFilter:
     kept: IntArray
     left_out: BoolArray | None = None
     first: int = 0
+    thinned: int | None = None
+
+    @property
+    def step(self) -> int:
+        """Steps of the source between neighbouring samples of the recording."""
+        if self.thinned is not None:
+            return self.thinned
+        return int(np.gcd.reduce(np.diff(self.kept))) if len(self.kept) > 1 else 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)

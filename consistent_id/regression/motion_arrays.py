@@ -28,6 +28,7 @@ from consistent_id.recordings.recording import Recording, TorqueFilter, states
 from consistent_id.recordings.signals.filtered_rows import (
     RowFilter,
     around,
+    places_of_rows,
     require_filter,
     require_unchanged,
     row_filter,
@@ -126,14 +127,18 @@ class Motion(NamedTuple):
 
     def counts(self) -> IntArray:
         """Return how many samples of each joint's torque the rows stand for."""
+        return whole_counts(self.stood_for())
+
+    def stood_for(self) -> Vector:
+        """Return how many samples of each joint's torque the rows stand for, unrounded.
+
+        It adds over runs of rows.
+        """
         counted = self.counted
         size = self.shares if self.shares is not None else self.known
         if size is None:
-            return np.asarray(np.count_nonzero(counted, axis=0), dtype=np.intp)
-        # A row of which contacts take almost all still is a row.
-        least = np.minimum(np.count_nonzero(counted, axis=0), 1)
-        left = np.rint(size.sum(axis=0, where=counted)).astype(np.intp)
-        return np.asarray(np.maximum(left, least))
+            return np.asarray(np.count_nonzero(counted, axis=0), dtype=np.float64)
+        return np.asarray(size.sum(axis=0, where=counted))
 
     @property
     def counted(self) -> BoolArray:
@@ -236,6 +241,15 @@ class Motion(NamedTuple):
                 for j, (block, columns) in enumerate(zip(blocks, places, strict=True)):
                     block[few, :-1] = mixed[:, j, columns]
             yield part, blocks
+
+
+def whole_counts(stood_for: Vector) -> IntArray:
+    """Return whole numbers of samples that rows stand for.
+
+    A row of which contacts take almost all still is a row.
+    """
+    rounded = np.maximum(np.rint(stood_for), stood_for > 0.0)
+    return np.asarray(rounded, dtype=np.intp)
 
 
 def _part(values: Array | None, part: slice) -> Array | None:
@@ -394,14 +408,8 @@ def _of_rows(weights: Array | None, places: IntArray) -> Array | None:
 
 def _places(behind: TorqueFilter, step: int) -> IntArray:
     """Return the samples of a filtered recording whose rows are kept."""
-    kept = behind.kept
-    if len(kept) < 2:
-        return np.arange(len(kept))
-    own = int(np.diff(kept).min())
-    every = own * max(step // own, 1)
-    clock = kept + behind.first
-    found = np.flatnonzero(clock % every == clock[0] % own)
-    return found if len(found) else np.array([len(kept) // 2])
+    found = places_of_rows(behind, step)
+    return found if len(found) else np.array([len(behind.kept) // 2])
 
 
 def _marks(
@@ -415,7 +423,7 @@ def _marks(
         marks[behind.left_out] = 0.0
     if weights is not None:
         for column, own in zip(marks.T, weights.T, strict=True):
-            column[around(behind.kept, own == 0.0)] = 0.0
+            column[around(behind, own == 0.0)] = 0.0
     return marks
 
 

@@ -5,7 +5,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from faulty_logs import arm, clean_case, clean_log, logs
+from faulty_logs import arm, at_samples, clean_case, clean_log, logs
 from some_fast import some_fast
 
 from consistent_id import build_regression
@@ -99,7 +99,7 @@ def test_a_correction_of_a_prepared_log_is_the_prepared_log_corrected(name):
 )
 def test_factors_with_changed_torque_are_those_of_the_changed_log(measured):
     model = replace(arm(), torque_joints=measured)
-    log, base = logs().prepared(clean_log(1)), base_parameters(model)
+    log, base = at_samples(clean_log(1)), base_parameters(model)
     (factors,) = channel_factors(model, base, [log])
     x = np.random.default_rng(0).normal(size=len(model.layout))
     kinds = set()
@@ -123,7 +123,7 @@ def test_factors_with_changed_torque_are_those_of_the_changed_log(measured):
 
 
 def test_motions_compressed_together_are_those_compressed_alone():
-    model, log = arm(), logs().prepared(clean_log(1))
+    model, log = arm(), at_samples(clean_log(1))
     base = base_parameters(model)
     few = [
         c.applied(log)
@@ -157,7 +157,7 @@ def test_bounds_lose_no_explanation_that_trying_all_would_find(fault):
     known = datasheet_constraints(model)
 
     def misfit(log):
-        regression = build_regression(model, logs().prepared(log))
+        regression = build_regression(model, at_samples(log))
         weighted = regression.weighted(regression.torque_rms)
         fit = best_fit(model, weighted, known, base=base)
         return fit.misfit / np.sqrt(sum(weighted.counts))
@@ -168,7 +168,7 @@ def test_bounds_lose_no_explanation_that_trying_all_would_find(fault):
         for c in corrections(model.robot, JOINTS)
     }
     thresholds = {c.fault.threshold for c in corrections(model.robot, JOINTS)}
-    log = fitted_log(model, logs().prepared(raw), known, base)
+    log = fitted_log(model, at_samples(raw), known, base)
     assert log.misfit == pytest.approx(as_is, rel=1e-6)
     candidates = corrected(log, corrections(model.robot, JOINTS))
     found = explanations(log, candidates, noise=0.0)
@@ -207,7 +207,7 @@ def test_every_kind_of_the_table_occurs_and_fills_its_sentences():
 
 
 def test_misfits_of_scaled_torques_are_those_of_the_torques_scaled():
-    log, model = logs().prepared(clean_log(1)), arm()
+    log, model = at_samples(clean_log(1)), arm()
     base = base_parameters(model)
     (factors,) = channel_factors(model, base, [log])
     scales = (0.01, 0.7, 1.0, 2.5)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from faulty_logs import arm, clean_log, logs
+from faulty_logs import arm, at_samples, clean_log
 
 from consistent_id.diagnosis.channel_factors import channel_factors
 from consistent_id.diagnosis.cuts import cuts_at, least_within
@@ -20,7 +20,7 @@ def fitted():
     known = datasheet_constraints(model)
     found = []
     for scale in (1.0, -1.0, 3.0, 0.2):
-        log = logs().prepared(clean_log(0))
+        log = at_samples(clean_log(0))
         log = replace(log, torque=log.torque * np.array([1.0, scale, 1.0, scale]))
         (factors,) = channel_factors(model, base, [log])
         fit = best_fit(model, factors.regression(), known, base=base)

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from faulty_logs import arm, clean_case, clean_log, logs
+from faulty_logs import arm, at_samples, clean_case, clean_log, logs
 from some_fast import some_fast
 
 from consistent_id import (
@@ -357,7 +357,7 @@ def test_a_joint_at_rest_is_one_whose_coarse_encoder_flickers():
 @pytest.mark.parametrize("joint", [1, 3])
 def test_what_is_not_identifiable_is_named(joint):
     case = clean_case(0)
-    prepared = logs().prepared(_at_rest(joint))
+    prepared = at_samples(_at_rest(joint))
     base = base_parameters(arm())
     (finding,) = rank_findings(arm(), prepared, base)
     still = f"joint{joint + 1}"
@@ -365,7 +365,7 @@ def test_what_is_not_identifiable_is_named(joint):
     assert f"of {len(base)} base parameters (structural rank)" in finding.statement
     # The data say nothing of the friction of a joint that does not move.
     assert f"{still}.viscous" in finding.statement
-    assert rank_findings(arm(), logs().prepared(case.log), base) == []
+    assert rank_findings(arm(), at_samples(case.log), base) == []
 
 
 def test_findings_are_ranked_by_gravity():

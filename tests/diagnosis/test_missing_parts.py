@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from faulty_logs import arm, clean_log, logs
+from faulty_logs import arm, at_samples, clean_log
 
 from consistent_id import Recording, differentiated
 from consistent_id.diagnosis.contact import (
@@ -20,7 +20,7 @@ from consistent_id.regression import base_parameters
 
 def _as_is(log):
     model = arm()
-    ready = logs().prepared(log)
+    ready = at_samples(log)
     return fitted_log(
         model, ready, datasheet_constraints(model), base_parameters(model)
     )

@@ -19,6 +19,7 @@ from consistent_id import (
 )
 from consistent_id.estimation.torque_error import BREAKAWAY, beyond_friction, holding
 from consistent_id.robot import load_urdf
+from consistent_id.signals import altered
 
 COULOMB = 1.5  # N m, of the elbow; see FRICTION of `logged`
 
@@ -37,6 +38,10 @@ def log(arm):
 
 def at_rest(model, log, joint, held):
     """The log with one joint still at 0.3 rad, friction holding a torque there."""
+    return altered(log, lambda raw: _at_rest(model, raw, joint, held))
+
+
+def _at_rest(model, log, joint, held):
     position, velocity, acceleration = (
         np.array(x) for x in (log.position, log.velocity, log.acceleration)
     )
@@ -112,7 +117,9 @@ def test_a_reversed_torque_is_found_at_rest_where_gravity_outweighs_friction(
     recording = at_rest(heavy, log, 0, held)
     good = fitted(heavy, recording).verdict
     assert "torque sign" not in kinds(good)
-    reversed_ = replace(recording, torque=recording.torque * [-1.0, 1.0])
+    reversed_ = altered(
+        recording, lambda raw: replace(raw, torque=raw.torque * [-1.0, 1.0])
+    )
     bad = fitted(heavy, reversed_).verdict
     assert bad.word == "do not use"
     assert "torque sign" in kinds(bad)

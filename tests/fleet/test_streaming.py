@@ -94,6 +94,7 @@ def _difference(first, second):
 
 
 UNIFORM = "motion_cutoff = 5.0\ntorque_cutoff = 8.0"
+SPARSE = "motion_cutoff = 5.0\ntorque_cutoff = 3.0"
 JITTERED = "resample = 100.0\nmotion_cutoff = 5.0"
 
 
@@ -125,6 +126,18 @@ def slow(*case):
             "",
         ),
         ("csv", 1e-3, f"{JITTERED}\nmax_gap = 0.0119\nshortest_part = 4.0", ""),
+        ("parquet", 2e-6, f"{UNIFORM}\nleast_speed = 0.3", "rows = [100, 5900]"),
+        # Of few rows: windows are rounded together, not each by itself.
+        ("parquet", 2e-6, f"{SPARSE}\nleast_speed = 0.9\ndecimate = 3", ""),
+        slow("h5", 2e-6, f"{UNIFORM}\ntrim_standstill = true", ""),
+        slow("csv", 2e-6, f"{UNIFORM}\ndecimate = 3\nleast_speed = 0.3", ""),
+        (
+            "parquet",
+            1e-3,
+            f"{JITTERED}\ntorque_cutoff = 4.0\ntrim_standstill = 0.02\n"
+            "least_speed = 0.8\ndecimate = 2",
+            "omit = [900, 901]",
+        ),
     ],
 )
 def test_streamed_regressions_are_those_of_memory(
@@ -141,6 +154,9 @@ def test_streamed_regressions_are_those_of_memory(
     # Peaks are torques themselves: filters' rounding is some 1e-15 of some 50 N m.
     np.testing.assert_allclose(streamed.peaks, whole.peaks, rtol=1e-12)
     np.testing.assert_allclose(streamed.effective, whole.effective, rtol=1e-10)
+    for one, other in zip(streamed.noise.scores, whole.noise.scores, strict=True):
+        size = abs(other.T @ other).max()
+        np.testing.assert_allclose(one.T @ one, other.T @ other, atol=1e-10 * size)
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import importlib.util
 import sys
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -55,3 +56,11 @@ def clean_case(seed):
 def clean_log(seed):
     """Return a log without faults."""
     return clean_case(seed).log
+
+
+def at_samples(log):
+    """Return a prepared log as `diagnose` takes it: its rows are those of its samples.
+
+    Channels are turned, shifted and scaled after the filter there.
+    """
+    return replace(logs().prepared(log), torque_filter=None)

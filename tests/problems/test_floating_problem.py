@@ -356,7 +356,8 @@ def test_what_takes_all_recordings_at_once_is_not_streamed(wrist, folder, tmp_pa
 
 
 def test_logs_of_sensors_and_of_feet_that_slip_are_streamed_whole(wrist, folder):
-    slip = problem(folder, "most_slip = 0.1\n", UNIT, CONTACTS, name="other.toml")
+    # Below 0.1 m/s are three samples only: the filter leaves nothing of them.
+    slip = problem(folder, "most_slip = 1.0\n", UNIT, CONTACTS, name="other.toml")
     for one in (wrist, slip):
         streamed = ci.fleet.stream_regression(one)
         whole = ci.build_regression(one.model, one.training)

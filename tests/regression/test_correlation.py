@@ -13,6 +13,7 @@ from consistent_id.regression.correlated_noise import (
     spectral_noise,
 )
 from consistent_id.regression.segments import merged, segment_regressions
+from consistent_id.signals import decimated
 
 
 def ar1(rng, a, samples, joints=1):
@@ -124,7 +125,7 @@ def test_decimated_rows_have_as_much_less_correlation():
     rng = np.random.default_rng(4)
     size = 0.05 * log.torque.std(axis=0)
     log = replace(log, torque=log.torque + size * ar1(rng, 0.95, 8000, 2))
-    plain, coarse = (build_regression(model, log, decimate=k) for k in (1, 10))
+    plain, coarse = (build_regression(model, decimated(log, k)) for k in (1, 10))
     errors = [least_squares(model, r).standard_errors for r in (plain, coarse)]
     # What is left to know is the same, though rows are a tenth: 39 samples are four.
     assert coarse.correlation == pytest.approx(plain.correlation / 10, rel=0.5)

@@ -1,33 +1,48 @@
-"""Decimation of rows: torque and regressor pass one filter; the truth stays true."""
+"""Rows filtered like the torque: an explicit matrix, and a truth that stays exact."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from filter_matrix import filter_matrix
 from robots import random_robot
 
 from consistent_id import (
     DriveTerms,
-    ProblemError,
     Recording,
-    RecordingError,
     TorqueModel,
     build_regression,
+    low_passed,
     simulate_torque,
+    trimmed,
 )
-from consistent_id.regression.motion_arrays import RowFilter
-from consistent_id.signals import decimated
+from consistent_id.recordings.signals.filtered_rows import RowFilter
+from consistent_id.regression.motion_arrays import (
+    measured_torque,
+    motion_of,
+    predicted_torque,
+)
+from consistent_id.regression.segments import merged, segment_regressions
+from consistent_id.signals import (
+    blocked_folds,
+    decimated,
+    faster,
+    trim_standstill,
+    without,
+    without_rests,
+)
 
-FACTOR = 5
+RATE, CUTOFF = 500.0, 20.0
+STEP = 5  # five rows in a period of 20 Hz
 
 
-def _run(samples=6000, rate=500.0):
+def _run(samples=6000):
     """A robot with dry friction, its parameters and a run without noise."""
     rng = np.random.default_rng(3)
     _, robot = random_robot(rng, 3)
     terms = DriveTerms(viscous=True, coulomb="sign", rotor_inertia=True)
     model = TorqueModel(robot, terms)
-    t = np.arange(samples) / rate
+    t = np.arange(samples) / RATE
     w = rng.uniform(1.0, 6.0, (3, 4))
     angle = t[:, None, None] * w + rng.uniform(0, 6, w.shape)
     motion = Recording(
@@ -41,44 +56,156 @@ def _run(samples=6000, rate=500.0):
     return model, truth, simulate_torque(model, truth, motion)
 
 
-def test_rows_are_those_of_a_filter_on_the_stacked_regressor():
-    model, _, log = _run(700)
-    found = build_regression(model, log, decimate=FACTOR)
-    h = RowFilter(FACTOR).kernel
+def _stacked(model, log):
+    """Rows before the filter, torque last, shape (samples, columns) for each joint."""
     Y = model.regressor(log.position, log.velocity, log.acceleration)
-    for j, factor in enumerate(found.factors):
-        rows = np.column_stack([Y[j].T, log.torque[:, j]])
-        mixed = np.column_stack([np.convolve(r, h, "valid") for r in rows.T])[::FACTOR]
-        gram, size = mixed.T @ mixed, abs(mixed.T @ mixed).max()
-        assert np.allclose(factor.T @ factor, gram, rtol=0, atol=1e-12 * size)
-        assert found.counts[j] == len(mixed)
+    return [np.column_stack([Y[j].T, log.torque[:, j]]) for j in range(len(Y))]
 
 
-def test_the_truth_stays_exact_where_a_filter_on_motion_and_torque_blurs_friction():
-    model, truth, log = _run()
-    mixed = build_regression(model, log, decimate=FACTOR)
-    blurred = build_regression(model, decimated(log, FACTOR))
-    assert (mixed.residual_rms(truth) < 1e-12 * mixed.torque_rms).all()
-    assert (blurred.residual_rms(truth) > 1e-5 * blurred.torque_rms).all()
-    assert mixed.counts[0] == len(RowFilter(FACTOR).centres(6000, "log"))
+def _assert_squared(factor, rows):
+    gram = rows.T @ rows
+    assert np.allclose(factor.T @ factor, gram, rtol=0, atol=1e-12 * abs(gram).max())
 
 
-def test_rows_without_weight_are_mixed_into_nothing():
-    model, truth, log = _run(2000)
-    torque, weights = log.torque.copy(), np.ones((2000, 3))
+# Shorter than the kernel's reach, about as long, and several times as long.
+@pytest.mark.parametrize("samples", [60, 200, 1300])
+def test_rows_are_those_of_a_filter_on_the_stacked_regressor(samples):
+    model, _, log = _run(samples)
+    found = build_regression(model, low_passed(log, torque_cutoff=CUTOFF))
+    reach = RowFilter(CUTOFF / RATE).reach
+    assert 60 < reach < 200
+    F = filter_matrix(samples, CUTOFF / RATE, 4, reach)
+    for j, rows in enumerate(_stacked(model, log)):
+        _assert_squared(found.factors[j], F[::STEP] @ rows)
+        assert found.counts[j] == samples / STEP
+
+
+def test_rows_without_weight_are_zero_before_the_filter():
+    model, _, log = _run(1300)
+    torque, weights = log.torque.copy(), np.ones((1300, 3))
     torque[800:900, 1], weights[800:900, 1] = 1e6, 0.0
-    spoilt = replace(log, torque=torque)
-    found = build_regression(model, spoilt, row_weights=[weights], decimate=FACTOR)
-    assert (found.residual_rms(truth) < 1e-12 * log.torque.std(axis=0)).all()
-    assert found.counts[0] - found.counts[1] == 100 / FACTOR
+    smooth = low_passed(replace(log, torque=torque), torque_cutoff=CUTOFF)
+    found = build_regression(model, smooth, row_weights=[weights])
+    reach = RowFilter(CUTOFF / RATE).reach
+    F = filter_matrix(1300, CUTOFF / RATE, 4, reach)
+    powers = filter_matrix(1300, CUTOFF / RATE, 4, reach, squared=True)[::STEP]
+    for j, rows in enumerate(_stacked(model, log)):
+        _assert_squared(found.factors[j], F[::STEP] @ (weights[:, j, None] * rows))
+        # Rows count by the power of the noise that is left in them, from 5 % on.
+        left = powers @ weights[:, j]
+        assert found.counts[j] == np.rint(left[left > 0.05].sum())
+    assert found.counts[0] == 260 and 235 < found.counts[1] < 245
 
 
-def test_what_cannot_be_decimated_is_refused():
-    model, _, log = _run(100)
-    with pytest.raises(ProblemError, match="decimation factor is 0"):
-        build_regression(model, log, decimate=0)
-    with pytest.raises(RecordingError, match=r"100 samples.* takes 129 for one row"):
-        build_regression(model, log, decimate=8)
-    time = log.time + 1e-4 * np.sin(np.arange(100))
-    with pytest.raises(RecordingError, match="clock is not uniform"):
-        build_regression(model, replace(log, time=time), decimate=2)
+def test_weights_that_are_not_zero_scale_rows_after_the_filter():
+    model, _, log = _run(1300)
+    weights = np.random.default_rng(0).uniform(0.5, 2.0, (1300, 3))
+    smooth = low_passed(log, torque_cutoff=CUTOFF)
+    found = build_regression(model, smooth, row_weights=[weights])
+    F = filter_matrix(1300, CUTOFF / RATE, 4, RowFilter(CUTOFF / RATE).reach)
+    for j, rows in enumerate(_stacked(model, log)):
+        _assert_squared(found.factors[j], weights[::STEP, j, None] * (F[::STEP] @ rows))
+
+
+def _paused(log):
+    """The log with a rest in its middle, in which friction may hold anything."""
+    still = np.arange(len(log)) // 500 == 6
+    velocity = np.where(still[:, None], 0.0, log.velocity)
+    torque = np.where(still[:, None], 7.0, log.torque)
+    return replace(log, velocity=velocity, torque=torque)
+
+
+WAYS = {
+    "low-passed": lambda log: low_passed(log, torque_cutoff=CUTOFF),
+    "low-passed below 1 Hz": lambda log: low_passed(log, torque_cutoff=0.6),
+    "decimated": lambda log: decimated(log, 5),
+    "low-passed, then decimated": lambda log: decimated(
+        low_passed(log, torque_cutoff=CUTOFF), 3
+    ),
+    "low-passed twice": lambda log: low_passed(
+        low_passed(log, torque_cutoff=40.0), torque_cutoff=CUTOFF
+    ),
+    "trimmed": lambda log: trimmed(low_passed(log, torque_cutoff=CUTOFF), 1.23, 9.87),
+    "thinned": lambda log: low_passed(log, torque_cutoff=CUTOFF).samples(
+        slice(1, None, 3)
+    ),
+    "of fast samples": lambda log: faster(low_passed(log, torque_cutoff=CUTOFF), 0.3),
+    "without rests": lambda log: without_rests(
+        low_passed(_paused(log), torque_cutoff=CUTOFF), 0.01
+    ),
+    "without samples": lambda log: without(
+        low_passed(_paused(log), torque_cutoff=CUTOFF), _paused(log).velocity == 0.0
+    ),
+    "without standstill": lambda log: trim_standstill(
+        low_passed(_paused(log), torque_cutoff=CUTOFF), 0.01
+    ).samples(slice(0, 2500)),
+    "folded": lambda log: (
+        blocked_folds(low_passed(log, torque_cutoff=CUTOFF), 4)[1].training
+    ),
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_the_truth_stays_exact_where_friction_jumps(way):
+    model, truth, log = _run()
+    found = build_regression(model, WAYS[way](log))
+    assert (found.residual_rms(truth) < 1e-12 * found.torque_rms).all()
+
+
+def test_segments_and_their_sum_hold_the_truth():
+    model, truth, log = _run()
+    smooth = low_passed(log, torque_cutoff=CUTOFF)
+    parts = segment_regressions(model, smooth, count=7)
+    for part in (*parts, merged(parts)):
+        assert (part.residual_rms(truth) < 1e-12 * part.torque_rms).all()
+    whole = build_regression(model, smooth)
+    assert merged(parts).counts == whole.counts
+
+
+def test_rows_of_filtered_samples_would_blur_friction():
+    model, truth, log = _run()
+    smooth = low_passed(log, torque_cutoff=CUTOFF)
+    found = build_regression(model, replace(smooth, torque_filter=None))
+    assert (found.residual_rms(truth) > 1e-4 * found.torque_rms).all()
+
+
+def test_predicted_and_measured_torque_pass_the_same_filter():
+    model, truth, log = _run(1300)
+    smooth = trimmed(low_passed(log, torque_cutoff=CUTOFF), 0.4, 2.0)
+    predicted = predicted_torque(model, truth, smooth)
+    size = abs(smooth.torque).max()
+    np.testing.assert_allclose(predicted, smooth.torque, rtol=0, atol=1e-12 * size)
+    measured = measured_torque(model, smooth)
+    np.testing.assert_allclose(measured, smooth.torque, rtol=0, atol=1e-12 * size)
+    motion = motion_of(model, smooth, None)
+    found = motion.predicted(model, truth)
+    np.testing.assert_allclose(found, motion.torque, rtol=0, atol=1e-12 * size)
+    kept = smooth.torque[motion.places]
+    np.testing.assert_allclose(motion.torque, kept, rtol=0, atol=1e-12 * size)
+
+
+def test_runs_of_rows_and_pieces_are_those_of_the_whole():
+    model, _, log = _run(3000)
+    smooth = decimated(log, 2)
+    motion = motion_of(model, smooth, None)
+    whole = motion.regressor(model)
+    assert whole.shape[2] == len(motion.q) == 1500
+    part = motion.samples(100, 900).samples(50, 300)
+    np.testing.assert_allclose(
+        part.regressor(model),
+        whole[:, :, 150:400],
+        rtol=0,
+        atol=1e-12 * abs(whole).max(),
+    )
+    assert sum(len(piece.q) for piece in motion.pieces()) == len(motion.q)
+
+
+def test_a_filtered_log_with_one_joint_masked_and_wrong_holds_the_truth():
+    model, truth, log = _run()
+    saturated = abs(log.torque) > np.quantile(abs(log.torque), 0.85, axis=0)
+    torque = np.where(saturated, 0.0, log.torque)
+    smooth = low_passed(replace(log, torque=torque), torque_cutoff=CUTOFF)
+    weights = np.where(saturated, 0.0, 1.0)
+    found = build_regression(model, smooth, row_weights=[weights])
+    assert (found.residual_rms(truth) < 1e-12 * found.torque_rms).all()
+    assert (np.array(found.counts) < 0.9 * len(log) / STEP).all()

@@ -19,6 +19,7 @@ from consistent_id.recordings.signals.drive_torque import (
     calibrated,
     commanded,
 )
+from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.recordings.signals.filters import decimated, low_passed
 from consistent_id.recordings.signals.fourier import (
     FourierFit,
@@ -73,6 +74,7 @@ __all__ = [
     "PDGains",
     "Track",
     "aligned",
+    "altered",
     "base_from_imu",
     "base_from_pose",
     "blocked_folds",

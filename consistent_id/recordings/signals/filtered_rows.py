@@ -10,13 +10,14 @@ fallen to a millionth.  The ends of a recording are reflected.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 
 import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, IntArray, Matrix, Vector
 from consistent_id.errors import RecordingError
+from consistent_id.recordings.beside import BaseMotion, ContactFlags
 from consistent_id.recordings.recording import Recording, TorqueFilter
 from consistent_id.recordings.signals.clocks import uniform_rate
 
@@ -27,6 +28,17 @@ _FORGOTTEN = 1e-6  # of its peak, to which the kernel has fallen at its ends
 _ROWS = 48  # kept rows that one matrix product makes
 _SPECTRAL = 500  # reach over step, from which on a Fourier transform is faster
 _SAME = 1e-9  # relative difference of torque that is rounding
+
+_UNFILTERED = (
+    "time",
+    "position",
+    "velocity",
+    "acceleration",
+    "torque_known",
+    "base",
+    "contacts",
+)
+_PerSample = Array | BaseMotion | tuple[ContactFlags, ...] | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,6 +254,8 @@ def torque_filtered(recording: Recording, cutoff: float, order: int = 4) -> Reco
         behind = TorqueFilter(cutoff, order, recording, np.arange(len(recording)))
     elif cutoff >= behind.cutoff:
         return recording
+    else:
+        require_unchanged(recording)
     return _through(recording, replace(behind, cutoff=cutoff, order=order))
 
 
@@ -257,10 +271,26 @@ def altered(
         filter; then torque is filtered, and samples are kept, as they were.
     change : callable
         Returns a recording with as many samples.
+
+    Raises
+    ------
+    RecordingError
+        If the recording was changed after its torque had been filtered: the change
+        would be lost.
+
+    Examples
+    --------
+    >>> time, ones = np.arange(200) * 0.01, np.ones((200, 1))
+    >>> log = Recording(("elbow",), time, time[:, None], torque=ones)
+    >>> smooth = torque_filtered(log, 5.0)
+    >>> doubled = altered(smooth, lambda raw: replace(raw, torque=2.0 * raw.torque))
+    >>> bool(np.allclose(doubled.torque, 2.0))
+    True
     """
     behind = recording.torque_filter
     if behind is None:
         return change(recording)
+    require_unchanged(recording)
     return _through(recording, replace(behind, source=change(behind.source)))
 
 
@@ -276,6 +306,23 @@ def counting(recording: Recording, rows: BoolArray) -> Recording:
     if rows.all():
         return recording
     return left_out(recording, ~rows).samples(np.flatnonzero(rows))
+
+
+def places_of_rows(behind: TorqueFilter, step: int) -> IntArray:
+    """Return the samples of a filtered recording whose rows are worth keeping.
+
+    They are on a grid of the whole log's clock, so that windows of a log have the rows
+    that the log has.  There may be none.
+
+    Parameters
+    ----------
+    behind : TorqueFilter
+    step : int
+        See `RowFilter.step`.
+    """
+    own, clock = behind.step, behind.kept + behind.first
+    every = own * max(step // own, 1)
+    return np.flatnonzero(clock % every == clock[:1] % own)
 
 
 def left_out(recording: Recording, mask: BoolArray) -> Recording:
@@ -296,13 +343,13 @@ def left_out(recording: Recording, mask: BoolArray) -> Recording:
     out = np.zeros(len(behind.source), dtype=np.bool_)
     if behind.left_out is not None:
         out |= behind.left_out
-    out[around(behind.kept, mask)] = True
+    out[around(behind, mask)] = True
     return replace(recording, torque_filter=replace(behind, left_out=out))
 
 
-def around(kept: IntArray, marked: BoolArray) -> IntArray:
+def around(behind: TorqueFilter, marked: BoolArray) -> IntArray:
     """Return the samples of the source that are nearest to marked ones."""
-    step = int(np.diff(kept).min()) if len(kept) > 1 else 1
+    kept, step = behind.kept, behind.step
     near = kept[marked][:, None] + np.arange(-((step - 1) // 2), step // 2 + 1)
     inside = (near >= kept[0]) & (near <= kept[-1])
     return np.asarray(near[inside], dtype=np.intp)
@@ -337,21 +384,67 @@ def require_unchanged(recording: Recording) -> None:
     """
     behind = require_filter(recording)
     source, kept = behind.source, behind.kept
+    if recording.joints != source.joints:
+        _refuse(recording, "the order of joints")
     if len(kept) != len(recording):
-        _refuse(recording, "clock")
-    for channel in ("time", "position", "velocity", "acceleration"):
+        _refuse(recording, "the clock")
+    for channel in _UNFILTERED:
         own, whole = getattr(recording, channel), getattr(source, channel)
-        if own is None and whole is None:
-            continue
-        if own is None or whole is None or not np.array_equal(own, whole[kept]):
+        if not _same(own, _at(whole, kept)):
             _refuse(recording, channel)
-    if recording.torque is None or source.torque is None:
-        return
-    few = np.unique(np.linspace(0, len(kept) - 1, 16).astype(np.intp))
-    found = row_filter(recording)(source.torque, kept[few])
-    size = abs(found).max(axis=0) + abs(source.torque).max(axis=0)
-    if (abs(found - recording.torque[few]) > _SAME * size).any():
+    own_frames, frames = (
+        tuple((wrench.frame, wrench.axes, wrench.point) for wrench in log.wrenches)
+        for log in (recording, source)
+    )
+    if not _same(own_frames, frames):
+        _refuse(recording, "wrenches")
+    pairs = zip(recording.wrenches, source.wrenches, strict=True)
+    for own, whole in pairs:
+        if not _passed(behind, own.values, whole.values):
+            _refuse(recording, f"the wrench at {own.frame}")
+    tau, raw = recording.torque, source.torque
+    if tau is None or raw is None:
+        if tau is not raw:
+            _refuse(recording, "torque")
+    elif not _passed(behind, tau, raw):
         _refuse(recording, "torque")
+
+
+def _passed(behind: TorqueFilter, filtered: Matrix, source: Matrix) -> bool:
+    """Return whether values are what the filter makes of others.
+
+    The filter ``F`` is symmetric, ends and all: ``w^T (F tau) = (F w)^T tau`` for any
+    weights ``w``, so that one column passes it, and not those of all joints.
+    """
+    by = RowFilter(behind.cutoff / uniform_rate(behind.source), behind.order)
+    w = np.random.default_rng(0).uniform(1.0, 2.0, len(filtered))
+    spread = np.zeros((len(source), 1))
+    spread[behind.kept, 0] = w
+    through = by._spectral(spread)[:, 0]
+    rest = w @ filtered - through @ source
+    size = abs(filtered).max(axis=0) + abs(source).max(axis=0)
+    return bool((abs(rest) <= _SAME * np.sqrt(len(source)) * size).all())
+
+
+def _at(values: _PerSample, kept: IntArray) -> _PerSample:
+    """Return what belongs to some samples."""
+    if values is None or isinstance(values, np.ndarray):
+        return None if values is None else values[kept]
+    if isinstance(values, tuple):
+        return tuple(flags.samples(kept) for flags in values)
+    return values.samples(kept)
+
+
+def _same(one: object, other: object) -> bool:
+    """Return whether two values are equal, arrays and all."""
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
+        return np.array_equal(one, other)  # type: ignore[arg-type]
+    if isinstance(one, tuple) and isinstance(other, tuple):
+        return len(one) == len(other) and all(map(_same, one, other))
+    if isinstance(one, BaseMotion | ContactFlags) and type(one) is type(other):
+        own = (getattr(one, field.name) for field in fields(one))
+        return all(map(_same, own, (getattr(other, f.name) for f in fields(one))))
+    return one == other
 
 
 def _refuse(recording: Recording, channel: str) -> None:

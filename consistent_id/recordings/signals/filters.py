@@ -15,7 +15,11 @@ from consistent_id.errors import RecordingError
 from consistent_id.recordings.beside import BaseMotion
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
-from consistent_id.recordings.signals.filtered_rows import altered, torque_filtered
+from consistent_id.recordings.signals.filtered_rows import (
+    altered,
+    require_filter,
+    torque_filtered,
+)
 
 _MOTION = ("position", "velocity", "acceleration")
 DECIMATION_ORDER = 8  # of the filter against aliasing
@@ -115,15 +119,20 @@ def decimated(recording: Recording, factor: int) -> Recording:
     behind = done.torque_filter
     if behind is None:
         return done.samples(slice(None, None, factor))
-    places = behind.kept + behind.first
-    on_grid = np.flatnonzero(places % factor == 0)
-    return done.samples(on_grid if len(on_grid) > 1 else slice(None, None, factor))
+    own, places = behind.step, behind.kept + behind.first
+    on_grid = np.flatnonzero(places % (own * factor) == places[0] % own)
+    few = done.samples(on_grid if len(on_grid) > 1 else slice(None, None, factor))
+    behind = replace(require_filter(few), thinned=own * factor)
+    return replace(few, torque_filter=behind)
 
 
 def anti_aliased(recording: Recording, factor: int) -> Recording:
     """Return what `decimated` takes its samples from."""
     behind = recording.torque_filter
-    rate = uniform_rate(recording if behind is None else behind.source)
+    if behind is None:
+        rate = uniform_rate(recording)
+    else:
+        rate = uniform_rate(behind.source) / behind.step
     cutoff = decimation_cutoff(rate, factor)
     has_torque = recording.torque is not None or recording.wrenches
     prepared = has_torque and recording.acceleration is not None
