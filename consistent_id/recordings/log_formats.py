@@ -40,6 +40,9 @@ class LogFormat:
         a file, see `in_pieces`.
     states_units : bool
         Whether arrays may state units: its module has ``array_units(path, names)``.
+    is_text : bool
+        Whether a row may hold what is no number: its functions also take the rows that
+        will be left out.
     """
 
     name: str
@@ -52,6 +55,7 @@ class LogFormat:
     folders: bool = False
     streams: bool = False
     states_units: bool = False
+    is_text: bool = False
 
     def in_pieces(self, path: Path) -> bool:
         """Return whether a file can be read piece by piece."""
@@ -86,7 +90,7 @@ HDF5 = LogFormat(
 )
 
 LOG_FORMATS = (
-    LogFormat("CSV", (".csv", ".tsv"), "csv", streams=True),
+    LogFormat("CSV", (".csv", ".tsv"), "csv", streams=True, is_text=True),
     LogFormat("Parquet", (".parquet",), "parquet", streams=True),
     LogFormat("Feather", (".feather", ".arrow"), "feather", streams=True),
     LogFormat("NPZ", (".npz",), "npz"),

@@ -25,7 +25,9 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 
-_LATEST = 1e12  # s, some 30 000 years: no clock that still resolves milliseconds
+LATEST = 1e12
+"""Latest time [s], in some 30 000 years: no clock beyond it resolves milliseconds."""
+
 _MEASURED = ("position", "velocity", "acceleration", "torque")
 COMMANDS = ("position_command", "velocity_command", "torque_command")
 """What the controller asked of the joints: held from one sample to the next."""
@@ -33,6 +35,10 @@ COMMANDS = ("position_command", "velocity_command", "torque_command")
 _CHANNELS = (*_MEASURED, *COMMANDS)
 
 Severity = Literal["fault", "warning", "note"]
+
+
+class SampleError(RecordingError):
+    """Samples hold what no robot wrote; who read them knows where they stand."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,19 +145,17 @@ class Recording:
     def _check_time(self, time: Vector) -> None:
         if not np.isfinite(time).all():
             bad = int(np.argmin(np.isfinite(time)))
-            raise RecordingError(f"{self.name}: time of sample {bad} is {time[bad]}")
-        if abs(time).max() > _LATEST:
+            raise SampleError(f"{self.name}: time of sample {bad} is {time[bad]}")
+        if abs(time).max() > LATEST:
             bad = int(np.argmax(abs(time)))
-            raise RecordingError(
+            raise SampleError(
                 f"{self.name}: time of sample {bad} is {time[bad]:.3g} s, expected "
-                "seconds. Say the unit: --units us (or ms, ns). If only that row is "
-                f"broken, leave it out: --omit {bad + 1} (omit = [{bad + 1}] of "
-                "read_recording and [[data.recordings]])"
+                "seconds. Say the unit: --units us (or ms, ns)"
             )
         steps = np.diff(time)
         if (steps <= 0.0).any():
             bad = int(np.argmax(steps <= 0.0))
-            raise RecordingError(
+            raise SampleError(
                 f"{self.name}: time goes from {time[bad]:.9g} s (sample {bad}) to "
                 f"{time[bad + 1]:.9g} s; it must increase. Sort the samples; of "
                 'repeated ones take one: duplicates = "first" (--duplicates first)'
@@ -164,7 +168,7 @@ class Recording:
         if not np.isfinite(array).all():
             sample, joint = (int(i) for i in np.argwhere(~np.isfinite(array))[0])
             count = int((~np.isfinite(array)).sum())
-            raise RecordingError(
+            raise SampleError(
                 f"{what} of joint {self.joints[joint]!r} is {array[sample, joint]} at "
                 f"sample {sample} (t = {self.time[sample]:.6g} s), the first of "
                 f"{count}. Remove or repair those samples"

@@ -176,7 +176,14 @@ def _settled(
         wanted = guess.columns.names
         names = column_names(log) if log_format(log).lists_names else ()
         clock = next((name for name in names if is_time(name)), None)
-        arrays = read_parts(reader_of(log), log, [*wanted, *([clock] if clock else [])])
+        omit = stated.omitted_of(log)
+        named = [*wanted, *([clock] if clock else [])]
+        read = read_parts(reader_of(log), log, named, omit)
+        samples = max(map(len, read.values()))
+        kept = np.delete(
+            np.arange(samples), [row - 1 for row in omit if row <= samples]
+        )
+        arrays = {n: a[kept] if len(a) == samples else a for n, a in read.items()}
         time = np.asarray(arrays[clock] if clock else (), dtype=np.float64).reshape(-1)
     rows = len(time) or max(max(np.shape(a)) for a in arrays.values())
     time = time if len(time) else np.arange(rows, dtype=np.float64)

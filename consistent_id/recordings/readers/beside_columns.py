@@ -25,6 +25,7 @@ from consistent_id.recordings.beside import (
     Wrench,
     away_from_changes,
 )
+from consistent_id.recordings.recording import SampleError
 from consistent_id.recordings.signals.base_signals import (
     QuaternionOrder,
     base_from_imu,
@@ -277,7 +278,7 @@ def columns(
     finite = np.isfinite(found).all(axis=1)
     if not finite.all():
         bad = int(np.argmin(finite))
-        raise RecordingError(
+        raise SampleError(
             f"{where}: {', '.join(names_of(names))}: {found[bad]} at sample {bad}; "
             "remove or repair those samples"
         )

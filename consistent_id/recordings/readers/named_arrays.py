@@ -4,25 +4,38 @@ A name may be some columns of an array, counted from 0: ``qpos[7:19]``.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector, frozen
+from consistent_id._support.arrays import (
+    Array,
+    BoolArray,
+    IntArray,
+    Matrix,
+    Vector,
+    frozen,
+)
 from consistent_id.errors import RecordingError
+from consistent_id.recordings.log_formats import log_format
 from consistent_id.recordings.readers.beside_columns import BesideColumns
 from consistent_id.recordings.readers.columns import Wanted
 from consistent_id.recordings.readers.units import Units, factors, needs_gain
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import LATEST, Recording, SampleError
 
 Arrays = Mapping[str, NDArray[Any]]
 
 Duplicates = Literal["refuse", "first", "last"]
 """Which of several rows with one time stamp counts."""
+
+_MOST = 20  # rows to leave out that are listed; more are no single broken ones
+_GAP = 10.0  # usual steps without a sample
+_SHORTEST = 4  # rows between two gaps of the clock, of which fewer are broken ones
 
 _PART = re.compile(r"(?P<name>.+)\[(?P<first>\d*):(?P<end>\d*)\]")
 
@@ -36,6 +49,7 @@ def recording_of(
     torque_gain: ArrayLike,
     omit: Sequence[int] = (),
     duplicates: Duplicates = "refuse",
+    numbers: IntArray | None = None,
 ) -> Recording:
     """Return the recording that the wanted arrays make.
 
@@ -51,6 +65,8 @@ def recording_of(
         Rows to leave out, counted from 1.
     duplicates : {"refuse", "first", "last"}
         Which of several rows in a row with one time stamp counts.
+    numbers : ndarray of int, shape (samples,), optional
+        Numbers of the samples' rows in the file, by default from 1 on.
 
     Raises
     ------
@@ -73,19 +89,83 @@ def recording_of(
         channels[channel] = np.column_stack(columns)
     keep = _kept(len(time), omit, where)
     keep[keep] = _distinct(time[keep], duplicates)
-    recording = gained(
-        want.joints,
-        time[keep],
-        {channel: values[keep] for channel, values in channels.items()},
-        torque_gain=torque_gain,
-        name=name,
-        without_torque=want.without_torque,
-        units=want.units,
+    beside = {n: _by_sample(arrays[n], len(time))[keep] for n in want.beside.names}
+    channels = {channel: values[keep] for channel, values in channels.items()}
+    try:
+        recording = gained(
+            want.joints,
+            time[keep],
+            channels,
+            torque_gain=torque_gain,
+            name=name,
+            without_torque=want.without_torque,
+            units=want.units,
+        )
+        if want.beside:
+            recording = with_beside(recording, beside, want.beside, where)
+    except SampleError as cause:
+        seconds = time[keep] * factors(want.units, "time", want.joints[:1])
+        broken = broken_samples(seconds, [*channels.values(), *beside.values()])
+        rows = np.arange(1, len(time) + 1) if numbers is None else numbers
+        advice = omit_advice(rows[keep][broken].tolist(), len(seconds))
+        raise RecordingError(f"{cause}{advice}") from None
+    return recording
+
+
+def broken_samples(time: Vector, arrays: Iterable[Array]) -> IntArray:
+    """Return samples without which the clock increases and all values are finite.
+
+    Few samples between two gaps of the clock, or between a gap and an end, are among
+    them, unless the gap is one of other samples that are left out.  Empty if long parts
+    of a log contradict each other: leaving out samples does not mend that.
+
+    Examples
+    --------
+    >>> time = np.array([0.0, 2.7e154, 50.0, 50.1, 50.2, 50.3, 50.4])
+    >>> broken_samples(time, [])
+    array([0, 1])
+    """
+    good = np.isfinite(time) & (abs(time) <= LATEST)
+    for values in arrays:
+        good &= np.isfinite(values).reshape(len(time), -1).all(axis=1)
+    places = np.flatnonzero(good)
+    steps = np.diff(time[places])
+    if not (steps > 0.0).any():
+        return np.empty(0, dtype=int)
+    longest = _GAP * float(np.median(steps[steps > 0.0]))
+    short = np.split(places, np.flatnonzero((steps <= 0.0) | (steps > longest)) + 1)
+    doubtful = np.concatenate([p for p in short if len(p) < _SHORTEST] or [places[:0]])
+    good[doubtful] = False
+
+    def fits(sample: int) -> bool:
+        before, after = np.flatnonzero(good[:sample]), np.flatnonzero(good[sample:])
+        near = [time[before[-1]]] if len(before) else []
+        near += [time[sample]]
+        near += [time[sample + after[0]]] if len(after) else []
+        return all(0.0 < b - a <= longest for a, b in pairwise(near))
+
+    if len(doubtful) <= _MOST:
+        for sample in [*doubtful.tolist()[::-1], *doubtful.tolist()]:
+            good[sample] = good[sample] or fits(sample)
+    if not good.any() or (np.diff(time[good]) <= 0.0).any():
+        return np.empty(0, dtype=int)
+    return np.flatnonzero(~good)
+
+
+def omit_advice(rows: Sequence[int], of: int) -> str:
+    """Return the sentence that names broken rows to leave out, counted from 1.
+
+    Empty if they are many, or most of the `of` rows.
+    """
+    if not rows or len(rows) > _MOST or 2 * len(rows) > of:
+        return ""
+    which = "that row is" if len(rows) == 1 else "those rows are"
+    them = "it" if len(rows) == 1 else "them"
+    given = ",".join(map(str, rows))
+    return (
+        f". If only {which} broken, leave {them} out: --omit {given} (omit = "
+        f"{list(rows)} of read_recording and [[data.recordings]])"
     )
-    if not want.beside:
-        return recording
-    rows = {n: _by_sample(arrays[n], len(time))[keep] for n in want.beside.names}
-    return with_beside(recording, rows, want.beside, where)
 
 
 def _distinct(time: Vector, duplicates: Duplicates) -> BoolArray:
@@ -225,7 +305,7 @@ def stored_name(name: str) -> str:
 
 
 def read_parts(
-    reader: Any, path: Path, names: Sequence[str]
+    reader: Any, path: Path, names: Sequence[str], omit: Collection[int] = ()
 ) -> dict[str, NDArray[Any]]:
     """Return named arrays, and parts of arrays, by the names asked for.
 
@@ -233,13 +313,18 @@ def read_parts(
     ----------
     reader : module
         Of a format, see `LogFormat`.
+    omit : collection of int
+        Rows that are left out afterwards, counted from 1; of text they may hold
+        anything.
 
     Raises
     ------
     RecordingError
         If there is no such array, or it has no such columns.
     """
-    return parts_of(reader.read_arrays(path, stored_names(names)), names, path)
+    given = (omit,) if log_format(path).is_text else ()
+    arrays = reader.read_arrays(path, stored_names(names), *given)
+    return parts_of(arrays, names, path)
 
 
 def stored_names(names: Sequence[str]) -> list[str]:

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Vector
+from consistent_id._support.arrays import IntArray, Vector
 from consistent_id._support.inputs import (
     GIBIBYTE,
     memory_of_this_computer,
@@ -125,7 +125,7 @@ def read_recording(
     if log_format(path).in_pieces(path):
         _require_room(path)
     return recording_of(
-        read_parts(reader, path, want.names),
+        read_parts(reader, path, want.names, omit),
         want,
         where=str(path),
         name=path.name,
@@ -266,7 +266,15 @@ class LogRows:
                 where=str(self.path),
                 name=self.path.name,
                 torque_gain=self.torque_gain,
+                numbers=self._numbers(first, last),
             )
+
+    def _numbers(self, first: int, last: int) -> IntArray:
+        """Return the numbers in the file, from 1; `first` counts no omitted rows."""
+        numbers = np.arange(first + 1, last + 1)
+        for row in sorted(set(self.omit)):
+            numbers += row <= numbers
+        return numbers
 
     def _batches(self, names: list[str], first: int) -> Iterator[Arrays]:
         """Yield the named arrays from a row on, without the rows to omit."""
@@ -275,7 +283,9 @@ class LogRows:
         for row in omitted:
             at += row <= at
         stored = stored_names(names)
-        for batch in reader_of(self.path).read_batches(self.path, stored, at):
+        given = (self.omit,) if log_format(self.path).is_text else ()
+        reader = reader_of(self.path)
+        for batch in reader.read_batches(self.path, stored, at, *given):
             arrays = parts_of(batch, names, self.path)
             rows = _rows(arrays)
             if len(omitted):

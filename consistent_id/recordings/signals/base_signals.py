@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from consistent_id._support.arrays import Array, Matrix, Vector, checked
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.beside import BaseMotion
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, SampleError
 from consistent_id.recordings.signals.clocks import (
     cubic_spline,
     interpolated_rotations,
@@ -202,10 +202,9 @@ def moved_by_stretch(
     parts = []
     for stretch in stretches(time):
         if stretch.stop - stretch.start < SHORTEST:
-            raise RecordingError(
-                f"{where}: rows {stretch.start + 1} to {stretch.stop} stand between "
-                f"gaps, too few for the base's motion; leave them out: omit = "
-                f"{list(range(stretch.start + 1, stretch.stop + 1))}"
+            raise SampleError(
+                f"{where}: samples {stretch.start} to {stretch.stop - 1} stand between "
+                "gaps, too few for the base's motion; remove those samples"
             )
         parts.append(motion(stretch))
     if len(parts) == 1:
