@@ -43,7 +43,11 @@ def add_export(commands: Any) -> None:
             choices=[known.name for known in EXPORT_FORMATS],
             required=True,
         ),
-        Option("--output FILE", "file to write", required=True),
+        Option(
+            "--output FILE",
+            "file to write; of several problems FILE-NAME",
+            required=True,
+        ),
         Option(
             "--estimate FILE",
             "an estimate that identify --output wrote (default: the one that identify "
@@ -67,7 +71,7 @@ def add_export(commands: Any) -> None:
 
 def run_export(options: argparse.Namespace) -> int:
     """Export an estimate; return the exit code."""
-    return each(options, _export)
+    return each(options, _export, file=True)
 
 
 @dataclass(frozen=True)

@@ -109,13 +109,21 @@ def opened(options: argparse.Namespace) -> "Opened":
 def each(
     options: argparse.Namespace,
     answer_to: Callable[[argparse.Namespace], Answer],
+    *,
+    file: bool = False,
 ) -> int:
-    """Answer for the robot and logs, or for every problem, that the options name."""
+    """Answer for the robot and logs, or for every problem, that the options name.
+
+    Parameters
+    ----------
+    file : bool
+        Whether ``--output`` names a file; of several problems each has its own.
+    """
     from consistent_id.problems.folder import is_results
 
     if options.log or is_results(options.problem):
         return show(options, answer_to(options))
-    return answered(options, answer_to)
+    return answered(options, answer_to, opens=True, file=file)
 
 
 @dataclass(frozen=True)

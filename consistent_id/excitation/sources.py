@@ -9,7 +9,6 @@ import msgspec
 import numpy as np
 
 from consistent_id._support.arrays import Matrix
-from consistent_id._support.run import require_trusted
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.problems.excitation_tables import ExcitationTable, SceneTable
@@ -17,7 +16,7 @@ from consistent_id.problems.file import read_problem_table
 from consistent_id.problems.folder import problem_files
 from consistent_id.problems.loading import problem_of, stated_problem
 from consistent_id.problems.overrides import overridden
-from consistent_id.problems.paths import names_outside
+from consistent_id.problems.paths import require_own_names
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.robot_draft import ROBOT_ENDINGS, robot_draft
 from consistent_id.problems.statement import Statement
@@ -74,8 +73,7 @@ def problem_to_excite(
     table = overridden(read_problem_table(file), stated, file).table
     excitation = changed(table.excitation, changes)
     if table.data is None and not _has_masses(table.links):
-        for sentence in names_outside(table, file):
-            require_trusted(file, sentence)
+        require_own_names(table, file)
         free = ConstraintsTable(masses="free")
         table = msgspec.structs.replace(table, constraints=free, excitation=excitation)
         return replace(problem_of(table, file), source=file)

@@ -43,6 +43,12 @@ def is_results(path: Path) -> bool:
     return (path / RESULTS).is_file()
 
 
+def results_or_file(file: Path) -> Path:
+    """Return the folder of results whose problem file it is, else the file itself."""
+    is_theirs = file.name == _OWN and is_results(file.parent)
+    return file.parent if is_theirs else file
+
+
 def toml_files(folder: Path) -> list[Path]:
     """Return a folder's problem files, ``problem.toml`` first."""
     files = [file for file in folder.glob("*.toml") if file.name not in _OTHERS]

@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from consistent_id._support.run import require_trusted
 from consistent_id.constraints import lowered
 from consistent_id.errors import ProblemError
 from consistent_id.problems.constraints import constraints_of, prior_of
@@ -14,7 +13,7 @@ from consistent_id.problems.folder import problem_files
 from consistent_id.problems.log_entries import gains_of_drives
 from consistent_id.problems.model import assumed, behind_sensor, torque_model
 from consistent_id.problems.overrides import overridden
-from consistent_id.problems.paths import names_outside
+from consistent_id.problems.paths import require_own_names
 from consistent_id.problems.preparation import check_data
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.statement import (
@@ -70,8 +69,8 @@ def stated_problem(
     """
     file = one_problem_file(path)
     table = read_problem_table(file)
-    for sentence in () if trust else names_outside(table, file):
-        require_trusted(file, sentence)
+    if not trust:
+        require_own_names(table, file)
     table, notes = overridden(table, stated, file)
     return StatedProblem(replace(problem_of(table, file), source=file), notes)
 

@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+from argparse import Namespace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,6 +12,8 @@ from logged import write_arm
 
 import consistent_id as ci
 from consistent_id.cli import main
+from consistent_id.cli.answers import Answer
+from consistent_id.cli.source import each
 
 
 def run(capsys, *arguments):
@@ -277,3 +280,71 @@ def test_a_folder_without_results_is_no_results(tmp_path):
     with pytest.raises(ci.ProblemError, match=r"holds no results.json"):
         ci.open_results(tmp_path)
     assert not (Path("problems/rx60") / "results.json").exists()
+
+
+@pytest.fixture
+def two(tmp_path):
+    """A folder of two problems, `one` a problem file and `two` a folder of results."""
+    folder = tmp_path / "several"
+    text = Path("problems/rx60/problem.toml").read_text()
+    for name in ("one", "two"):
+        (folder / name).mkdir(parents=True)
+        (folder / name / "problem.toml").write_text(
+            text.replace('name = "rx60"', f'name = "{name}"')
+        )
+    (folder / "two" / "results.json").write_text("{}")
+    return folder
+
+
+def test_of_several_problems_the_results_among_them_are_opened(two, tmp_path):
+    asked = []
+
+    def answer_to(options):
+        asked.append((options.problem, options.output))
+        return Answer(0, "", None)
+
+    options = Namespace(
+        problem=two, log=[], output=tmp_path / "a.b.urdf", json=False, quiet=True
+    )
+    assert each(options, answer_to, file=True) == 0
+    problems = [two / "one" / "problem.toml", two / "two"]
+    files = [tmp_path / "a.b-one.urdf", tmp_path / "a.b-two.urdf"]
+    assert asked == list(zip(problems, files, strict=True))
+    asked.clear()
+    shutil.rmtree(two / "one")
+    assert each(options, answer_to, file=True) == 0
+    assert asked == [(two / "two", options.output)]
+    options.problem = two / "two" / "problem.toml"  # the file itself: computed
+    each(options, answer_to)
+    assert asked[1:] == [(options.problem, options.output)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["report", "compare", "export", "identify"])
+def test_a_folder_of_several_results_opens(
+    command, results, tmp_path, capsys, nothing_computed
+):
+    place = results.parent.parent / "all"
+    for name in ("one", "two"):
+        shutil.copytree(results, place / name)
+    output = {"export": tmp_path / "new.urdf", "report": tmp_path / "new.html"}
+    words = ["--output", output[command]] if command in output else []
+    words += ["--format", "urdf"] * (command == "export")
+    code, out, err = run(capsys, command, place, *words)
+    assert (code, err) == (0, "")
+    assert "=== one" in out and "=== two" in out
+    for name in ("one", "two") if command in output else ():
+        file = output[command]
+        assert file.with_name(f"{file.stem}-{name}{file.suffix}").is_file()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["rollout", "identify"])
+def test_results_whose_robot_is_gone_do_not_ask_for_trust(
+    command, results, tmp_path, capsys
+):
+    other = shutil.move(results, tmp_path / "elsewhere")
+    (tmp_path / "place" / "arm.urdf").unlink()
+    words = ["--masses", "free"] if command == "identify" else []  # computed again
+    code, _, err = run(capsys, command, other, *words)
+    assert code == 2 and "no such file" in err and "--trust" not in err
