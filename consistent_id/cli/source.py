@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from consistent_id.problems.opening import Opened
     from consistent_id.problems.statement import Statement
     from consistent_id.problems.study import Study
-    from consistent_id.report.results import Results
+    from consistent_id.report.results import Results, StudyOutcome
 
 
 _TITLES: dict[Part, tuple[str, str]] = {
@@ -128,7 +128,7 @@ def each(
 
 @dataclass(frozen=True)
 class Computed:
-    """A study that is computed in this run, part by part.
+    """A study that is computed in this run, part by part: a `StudyOutcome`.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ def studied(
     before: Callable[[str], None] | None = None,
     *,
     costs: bool = False,
-) -> "Computed | Results":
+) -> "StudyOutcome":
     """Return the study that the options name; one that was written is not computed.
 
     Parameters

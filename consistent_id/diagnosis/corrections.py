@@ -241,8 +241,9 @@ FAULT_KINDS = (
         "torque",
         _SIGN,
         "with the torque of {joints} reversed",
-        "reverse the torque channel of {joints}; or its position and velocity, or its "
-        "axis in the model",
+        "reverse the torque of {joints} by a negative gain (--torque-gain, one number "
+        "for each joint); or, instead, its position and velocity, or the axis in the "
+        "model",
         _reversed,
     ),
     FaultKind(
@@ -250,7 +251,7 @@ FAULT_KINDS = (
         "torque",
         _SIGN,
         "with the torque of {joints} reversed",
-        "reverse the torque channel of {joints}",
+        "reverse the torque of {joints} by a negative gain (--torque-gain -1)",
         _all_reversed,
     ),
     FaultKind(

@@ -39,15 +39,22 @@ def lost_signs(as_is: FittedLog) -> Iterator[Candidate]:
         signed = _with_torque(log, model.torque_joints, torque)
         left = residuals(replace(as_is, recording=signed))
         expected = torque - np.column_stack([r.rest for r in left])
-    turned = np.mean(torque * logged < 0.0, axis=0) > _TURNS
+    share = np.mean(torque * logged < 0.0, axis=0)
+    turned = share > _TURNS
     if not turned.any():
         return
     names = ", ".join(n for n, t in zip(model.torque_joints, turned, strict=True) if t)
+    advice = f"log the torque of {names} with its sign: it is a magnitude"
+    if share[turned].min() > 1.0 - _TURNS:  # then it may as well be reversed
+        advice = (
+            f"reverse the torque of {names} by a negative gain (--torque-gain, one "
+            "number for each joint); if it is a magnitude, log it with its sign"
+        )
     cause = Cause(
         "torque sign",
         names,
         f"with the sign that the torque of {names} has lost",
-        f"log the torque of {names} with its sign: it is a magnitude",
+        advice,
         _THRESHOLD,
     )
     (factors,) = channel_factors(model, as_is.factors.base, [signed])

@@ -143,7 +143,8 @@ def of_slopes(evidence: Evidence) -> Iterator[Reason]:
             "do not use",
             "measured torque has the opposite sign of the nominal bodies': "
             f"{_slopes(fit, found.reversed_)}",
-            "check the sign of torque and position, and the axes of the model",
+            "reverse the torque of these joints by a negative gain (--torque-gain), or "
+            "their position, or their axes in the model; consistent-id check tries it",
         )
     if found.missing:
         yield Reason(

@@ -356,12 +356,15 @@ def draft_table(draft: "Draft") -> Table:
         del rows[-3 if draft.bodies == "identified" else -1 :]
     if draft.held:
         rows.insert(1, _held(draft))
+    unused = columns.position_command if draft.stated.gains is None else None
+    commands = f"{unused} are not used: torque is computed from commands by --gains"
     return Table(
         f"How {draft.model.name} and {draft.log_names} were read",
         ("what", "which"),
         tuple(rows),
         (
             *draft.notes,
+            *([] if unused is None else [commands]),
             "consistent-id init writes this to a problem file that you can correct",
         ),
     )

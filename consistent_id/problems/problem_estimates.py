@@ -138,7 +138,7 @@ def refitted(
         base=base,
         method=judged.method,
     )
-    names = ", ".join(recording.name for recording in recordings)
+    names = ", ".join(dict.fromkeys(recording.name for recording in recordings))
     note = (
         f"fitted again, after it was judged, to all recordings ({names}); verdict and "
         "held-out error are those of the estimate from the training data alone"

@@ -332,6 +332,13 @@ class Statement:
             value = getattr(self, name)
             if value is not None and not isinstance(value, Mapping):
                 object.__setattr__(self, name, {EVERY: tuple(value)})
+        for folder in self.package_dirs:
+            if not Path(folder).is_dir():
+                raise ProblemError(
+                    f"--package-dirs (package_dirs): {folder} is no folder; name the "
+                    "folders of the packages that the robot's meshes are in, or those "
+                    "above them"
+                )
         if not isinstance(self.validation, list | tuple):
             object.__setattr__(self, "validation", (self.validation,))
         if self.bodies == "model" and self.masses == "free":

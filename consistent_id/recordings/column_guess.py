@@ -174,7 +174,7 @@ def guess_columns(
         if not patterns:
             if channel == "velocity":
                 continue
-            raise _not_found(log, channel, names, joints, chains)
+            raise _not_found(log, channel, names, joints, chains, known)
         best, *others = patterns
         found = _with(found, channel, best)
         if channel == "position":
@@ -341,6 +341,7 @@ def _not_found(
     names: Sequence[str],
     joints: Sequence[str],
     chains: Mapping[int, Sequence[str]] | None,
+    known: Mapping[str, str],
 ) -> RecordingError:
     example = _EXAMPLES[channel]
     runs = _numbered_columns(names)
@@ -352,6 +353,11 @@ def _not_found(
         more = (
             f" {currents[0].text} are motor currents: the N m per ampere of each "
             "joint, gear ratio included, make torque of them: --torque-gain NUMBER ..."
+        )
+    elif channel == "torque" and "position_command" in known:
+        more = (
+            f" Of the commands in {known['position_command']} the gains of the drives "
+            "make torque: --gains KP,KD[,LIMIT] ..."
         )
     elif not any(joint in name for joint in joints for name in names):
         more = " If the log has other names of joints: --names NAME=JOINT ..."

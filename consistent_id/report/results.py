@@ -6,7 +6,6 @@ as long as the digests fit.
 """
 
 import hashlib
-import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +13,8 @@ from math import isfinite
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
-from typing import TYPE_CHECKING, Any, Literal
+from time import time_ns
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 from weakref import finalize
 
 import msgspec
@@ -53,19 +53,32 @@ _READ = (PROBLEM, DELIVERED, "comparison.json", REPORT)
 _FIXED = (PROBLEM, DELIVERED, "comparison.md", "comparison.json", REPORT, INDEX)
 
 
+_LARGE = 64 * 2**20  # bytes: a smaller file is read again, which takes 0.2 s at most
+_SETTLED = 2_000_000_000  # ns: the coarsest step of time stamps, that of FAT
+
+
 class FileRecord(msgspec.Struct, frozen=True):
-    """A file as it was: its digest, its size and when it was changed last."""
+    """A file as it was: its digest, its size and its time stamps.
+
+    A large file with the same size and stamps is not read again.  Anybody can set
+    `changed`, but not `status`, which is the system's.  Both are 0 if the file had
+    changed just before: it could change again within the same step of the clock.
+    """
 
     sha256: str
     size: int
     changed: int = 0
+    status: int = 0
 
     def fits(self, path: Path) -> bool:
         """Return whether a file is still the same."""
-        status = path.stat()
-        if status.st_size != self.size:
+        found = path.stat()
+        if found.st_size != self.size:
             return False
-        return status.st_mtime_ns == self.changed or digest(path) == self.sha256
+        stamps = (found.st_mtime_ns, found.st_ctime_ns)
+        if self.size > _LARGE and self.status and stamps == (self.changed, self.status):
+            return True
+        return digest(path) == self.sha256
 
 
 class DriveRecord(msgspec.Struct, frozen=True):
@@ -130,6 +143,22 @@ class _Answer(msgspec.Struct, frozen=True):
     held_out_recordings: list[str] = []
 
 
+class _Parameter(msgspec.Struct, frozen=True):
+    value: float
+    unit: str
+
+
+class _Delivered(msgspec.Struct, frozen=True):
+    parameters: dict[str, _Parameter]
+
+
+class _StudyRecord(msgspec.Struct, frozen=True):
+    """What is read of ``comparison.json``; all of it is handed on."""
+
+    problem: str
+    delivered: _Delivered
+
+
 class Index(msgspec.Struct, frozen=True, kw_only=True):
     """What ``results.json`` holds."""
 
@@ -147,9 +176,36 @@ class Index(msgspec.Struct, frozen=True, kw_only=True):
     drives: DriveRecord | None = None
 
 
+class StudyOutcome(Protocol):
+    """What commands print of a study, computed in this run or opened."""
+
+    @property
+    def name(self) -> str:
+        """The problem's name."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the recommended estimate may be used, and why."""
+
+    @property
+    def answer(self) -> dict[str, Any]:
+        """Verdict, reasons, recommended estimate."""
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """The study as plain numbers and text."""
+
+    @property
+    def page(self) -> str:
+        """The report."""
+
+    def tables(self, name: str) -> list[Table]:
+        """Return the tables of a command: ``identify``, ``compare``, ..."""
+
+
 @dataclass(frozen=True)
 class Results:
-    """A folder of results, opened.
+    """A folder of results, opened: a `StudyOutcome`.
 
     Parameters
     ----------
@@ -182,15 +238,28 @@ class Results:
     @cached_property
     def page(self) -> str:
         """The report."""
-        return (self.folder / REPORT).read_text(encoding="utf-8")
+        return (self.folder / REPORT).read_text(encoding="utf-8", errors="replace")
 
     @cached_property
     def record(self) -> dict[str, Any]:
-        """The study as plain numbers and text."""
-        content: dict[str, Any] = json.loads(
-            (self.folder / "comparison.json").read_text(encoding="utf-8")
-        )
-        return content
+        """The study as plain numbers and text.
+
+        Raises
+        ------
+        ProblemError
+            If the file is none that `write_results` wrote.
+        """
+        file = self.folder / "comparison.json"
+        content = read_input(file, ProblemError, LARGEST_MODEL)
+        try:
+            record = msgspec.json.decode(content, type=dict[str, Any])
+            msgspec.convert(record, type=_StudyRecord)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as cause:
+            raise ProblemError(
+                f"{file}: not the record of a study: {cause} ($ is the file). Compute "
+                f"it again: consistent-id compare {self.folder / PROBLEM}"
+            ) from None
+        return record
 
     @cached_property
     def problem(self) -> "Problem":
@@ -398,7 +467,10 @@ def _index(
 
 def _input(path: Path) -> FileRecord:
     status = path.stat()
-    return FileRecord(digest(path), status.st_size, status.st_mtime_ns)
+    stamps = (status.st_mtime_ns, status.st_ctime_ns)
+    if time_ns() - max(stamps) < _SETTLED:
+        stamps = (0, 0)
+    return FileRecord(digest(path), status.st_size, *stamps)
 
 
 def _written(path: Path) -> FileRecord:

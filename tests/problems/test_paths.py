@@ -409,8 +409,7 @@ def test_every_path_of_a_table_is_looked_at(tmp_path):
     """Of the table with all keys, each path leads out when its folder is moved."""
     table = moved(ALL, Path("problems/rx60"), tmp_path)
     said = [
-        name.sentence.split()[0]
-        for name in names_outside(table, tmp_path / "x.toml")
+        name.sentence.split()[0] for name in names_outside(table, tmp_path / "x.toml")
     ]
     keys = [
         ".".join(p for p in key.split(".") if p and not p.isdigit())

@@ -237,6 +237,7 @@ def test_every_numeric_type_of_parquet_is_read(tmp_path, kind):
     [
         (pa.array(["1", "x"]), "column 'q_elbow' holds string, expected numbers"),
         (pa.array([[1.0], [2.0, 3.0]]), "column 'q_elbow' holds lists of diff"),
+        (pa.array([True, False]), "column 'q_elbow' holds bool, expected numbers"),
         (pa.array([1.0, None]), "position of joint 'elbow' is nan at sample 1"),
         (pa.array([None, 2]), "position of joint 'elbow' is nan at sample 0"),
     ],

@@ -87,7 +87,7 @@ def array_names(path: Path) -> tuple[str, ...]:
 
 
 def numbers_of(column: Any, where: str) -> np.ndarray:
-    """Return an Arrow column as float64; what is missing becomes NaN.
+    """Return an Arrow column as float64, or as bool; what is missing becomes NaN.
 
     A column of lists of one length becomes an array, a row for each list.
 
@@ -101,6 +101,9 @@ def numbers_of(column: Any, where: str) -> np.ndarray:
     kind = column.type
     if pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind):
         return _rows_of(column, where)
+    if pa.types.is_boolean(kind):  # of bits, which NumPy does not have
+        flags = numbers_of(column.cast(pa.uint8()), where)
+        return flags if column.null_count else flags.astype(np.bool_)
     if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
         raise RecordingError(f"{where} holds {kind}, expected numbers in SI units")
     column = column.combine_chunks()
