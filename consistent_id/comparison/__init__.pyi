@@ -5,7 +5,6 @@ from consistent_id.comparison.constraint_prices import (
     shadow_prices,
 )
 from consistent_id.comparison.feasibility import base_feasibility
-from consistent_id.comparison.fit_cross_check import CrossCheck, cross_check
 from consistent_id.comparison.intervals import ConsistentIntervals, consistent_intervals
 from consistent_id.comparison.parameter_uncertainty import (
     Bootstrap,
@@ -18,7 +17,6 @@ __all__ = [
     "Bootstrap",
     "Comparison",
     "ConsistentIntervals",
-    "CrossCheck",
     "ShadowPrice",
     "Uncertainty",
     "base_feasibility",
@@ -26,7 +24,6 @@ __all__ = [
     "compare",
     "consistent_intervals",
     "constraint_costs",
-    "cross_check",
     "shadow_prices",
     "uncertainty",
 ]

@@ -37,7 +37,6 @@ from consistent_id.estimation.payload import Payload, identify_payload
 from consistent_id.estimation.resting import RestSpeed, rest_speed
 from consistent_id.estimation.robust import huber
 from consistent_id.estimation.shape_fit import ShapeFit, fit_shapes
-from consistent_id.estimation.smooth import smooth_least_squares
 from consistent_id.estimation.transmission_springs import JointSprings, joint_springs
 from consistent_id.estimation.verdict import Reason, Verdict
 
@@ -78,7 +77,6 @@ __all__ = [
     "judge",
     "least_squares",
     "rest_speed",
-    "smooth_least_squares",
     "to_cvxpy",
     "weighted_least_squares",
     "with_radii",

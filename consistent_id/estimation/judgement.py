@@ -367,7 +367,7 @@ def _of_optimum(evidence: Evidence) -> Iterator[Reason]:
             "optimum not proven",
             "use with care",
             evidence.optimum_reason,
-            "compare with cross_check, or with another method",
+            "compare with another method",
         )
 
 

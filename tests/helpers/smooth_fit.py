@@ -25,6 +25,7 @@ from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
+from body_variables import BodyVariables, body_variables
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import BoolArray, Matrix, Vector, frozen
@@ -38,7 +39,6 @@ from consistent_id.constraints.cones.certificate import (
 from consistent_id.constraints.cones.least_norm import ConeSolution, LeastNorm
 from consistent_id.constraints.cones.programmes import Multipliers
 from consistent_id.estimation.best_fit import REFERENCE, ScaledFit, scaled_fit
-from consistent_id.estimation.body_variables import BodyVariables, body_variables
 from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
 from consistent_id.estimation.determination import determinations, linear_errors
 from consistent_id.estimation.estimate import Certificate, Estimate
@@ -237,8 +237,7 @@ def _certificate(fit: SmoothFit, proof: Optimality) -> Certificate:
     return Certificate(
         "uncertified",
         f"a smooth search ended here, but a gap of {proof.gap:.1e} to the best fit "
-        f"(allowed {GAP_TOLERANCE:.0e}) was not excluded; cross_check compares it with "
-        "the cone programme",
+        f"(allowed {GAP_TOLERANCE:.0e}) was not excluded by its proof",
         figures,
     )
 

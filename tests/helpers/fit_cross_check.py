@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from smooth_fit import smooth_least_squares
 
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.certificate import OptimumVerdict
 from consistent_id.estimation.best_fit import EXACT_FIT, best_fit
 from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.smooth import smooth_least_squares
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel

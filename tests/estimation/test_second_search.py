@@ -1,10 +1,20 @@
-"""The smooth search: recovery, agreement with the cone programme, what it refuses."""
+"""The best constrained fit by a second search, which has no cone and no solver.
+
+`smooth_fit` and `fit_cross_check` (helpers) are the oracle: Newton's method in
+log-Cholesky variables recovers the truth, and agrees with the cone programme.
+"""
 
 import numpy as np
 import pytest
+from body_variables import (
+    _thickened,
+    body_variables,
+)
 from differences import central_differences
 from experiments import DRIVE, experiment, pendulum
+from fit_cross_check import cross_check
 from robots import random_robot, random_states
+from smooth_fit import _proof, smooth_least_squares
 from some_fast import some_fast
 
 from consistent_id import (
@@ -20,7 +30,6 @@ from consistent_id import (
     build_regression,
     simulate_torque,
 )
-from consistent_id.comparison import cross_check
 from consistent_id.constraints import (
     CentreOfMassBoxes,
     CentreOfMassIn,
@@ -32,14 +41,8 @@ from consistent_id.constraints import (
     ParameterBounds,
     lowered,
 )
-from consistent_id.estimation import smooth_least_squares
 from consistent_id.estimation.best_fit import scaled_fit
-from consistent_id.estimation.body_variables import (
-    _thickened,
-    body_variables,
-)
 from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
-from consistent_id.estimation.smooth import _proof
 from consistent_id.regression import joint_noise
 from consistent_id.regression.base import base_parameters
 from consistent_id.robot import Datasheet

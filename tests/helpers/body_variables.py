@@ -12,9 +12,11 @@ drive parameter, or to ``h = c m``, is understood; the rest is refused.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
 from consistent_id.constraints import Constraint, PhysicalConsistency
@@ -22,13 +24,20 @@ from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.inertia import inertial_vector, pseudo_inertia
 from consistent_id.robot.log_cholesky import (
+    _COLUMNS,
+    _ROWS,
     COM,
+    DIAGONAL,
     MASS,
     body_from_log_cholesky,
-    log_cholesky_curvature,
     log_cholesky_from_body,
     log_cholesky_jacobian,
 )
+
+# Z, shape (9,), with <Z, Sigma> = sum_i g_i x_i for bodies of which only Sigma moves.
+_DUAL_BASIS = inertial_vector(
+    [np.pad((E + E.T) / 2, (0, 1)) for E in np.eye(9).reshape(9, 3, 3)]
+).T
 
 _BALL = inertial_vector(np.eye(4))  # the body whose pseudo-inertia is one
 _THICKNESS = 0.03  # least thickness of a body to start from, in typical lengths
@@ -262,3 +271,36 @@ def _within(
         upper=high[:p][free],
         free=free,
     )
+
+
+def log_cholesky_curvature(theta: ArrayLike, gradient: ArrayLike) -> Array:
+    """Return ``sum_i g_i d2x_i / dtheta dtheta``, exactly.
+
+    With ``<Z, J(x)> = g.x``, the second derivatives of ``<Z, J>`` are its first along
+    ``log m``; ``2 m Z_ij`` between ``c_i`` and ``c_j``, and between entries ``i`` and
+    ``j`` of one column of ``L``; a diagonal's logarithm adds its first derivative.
+
+    Parameters
+    ----------
+    theta, gradient : array_like, shape (..., 10)
+        Variables; the derivatives ``g`` of any function by the inertial parameters.
+
+    Returns
+    -------
+    ndarray, shape (..., 10, 10)
+    """
+    theta, g = np.asarray(theta, dtype=float), np.asarray(gradient, dtype=float)
+    slope = np.einsum("...i,...ij->...j", g, log_cholesky_jacobian(theta))
+    Z = g @ _DUAL_BASIS  # of J's upper left block
+    Z = 2.0 * np.exp(theta[..., MASS])[..., None, None] * Z.reshape(*g.shape[:-1], 3, 3)
+    own = np.ones((*theta.shape[:-1], 6))  # dLij by its variable
+    own[..., :3] = np.exp(theta[..., DIAGONAL])
+    H = np.zeros((*theta.shape, 10))
+    H[..., MASS, :] = H[..., :, MASS] = slope
+    H[..., COM, COM] = Z
+    for a, b in product(range(6), repeat=2):
+        if _COLUMNS[a] == _COLUMNS[b]:
+            between = Z[..., _ROWS[a], _ROWS[b]] * own[..., a] * own[..., b]
+            H[..., 4 + a, 4 + b] = between
+    H[..., range(4, 7), range(4, 7)] += slope[..., DIAGONAL]
+    return H
