@@ -68,7 +68,8 @@ def test_every_dialect_is_read_to_the_last_bit(
 
 
 NUMERALS = "0 1 -2.5 3e1 1,5 1.5 ,5 5. nan inf Infinity +1 1_0 0x1 1d3 1e999 - ٣ x"
-ODD = ["", " ", " 1 ", "\t1", "\x0b1", "\x1c1", "1\x00", '"1"', "#1", "\u00a01", "é"]
+ODD = ["", " ", " 1 ", "\t1", "\x0b1", "\x1c1", "1\x00", "#1", "\u00a01", "é"]
+ODD += ['"1"', ' "1"', '"1"2', '"1,5"', ' "a,b"', '"a\nb"', '"', '""']
 CELL = st.sampled_from([*NUMERALS.split(" "), *ODD])
 
 
@@ -86,6 +87,19 @@ def test_the_fast_way_never_differs_from_the_exact_way(separator, rows, end):
     if fast is not None:
         exact = csv._exact(Path("log.csv"), body, header, [1, 0])
         np.testing.assert_array_equal(fast, exact)
+
+
+@pytest.mark.parametrize("note", ['"a, b"', '"a\nb"', '"say ""so"""'])
+def test_quoted_fields_are_read_the_fast_way_or_not_at_all(note):
+    """Some rows end within a quoted line end where PyArrow cuts its blocks of 1 MB."""
+    rows = 60_000
+    body = "".join(f'"{k}",{note},{k}.5\n' for k in range(rows))
+    fast = csv._fast(body, csv._CsvHeader(("a", "note", "b"), ",", 1, 0), [2, 0])
+    if fast is None:
+        assert "\n" in note
+        return
+    np.testing.assert_array_equal(fast[:, 1], np.arange(rows))
+    np.testing.assert_array_equal(fast[:, 0], np.arange(rows) + 0.5)
 
 
 @pytest.mark.parametrize("separator", SEPARATORS.values(), ids=SEPARATORS)

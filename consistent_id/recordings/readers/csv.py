@@ -1,7 +1,7 @@
 """Columns of a text file: separators and decimal commas are found in the file.
 
 PyArrow reads the numbers.  Where it refuses them the csv module reads the file again,
-row by row: it takes quotes, and knows the row and the column of each fault.
+row by row: it knows the row and the column of each fault.
 """
 
 import csv
@@ -136,56 +136,52 @@ def array_names(path: Path) -> tuple[str, ...]:
 
     Its fields are separated by what makes the most of them.
     """
-    comment = first = ""
     try:
-        with path.open(encoding="utf-8-sig", newline="") as lines:
-            for first in lines:
-                if not first.startswith("#"):
-                    break
-                comment = first.lstrip("# ")
-        names, above = _most_fields(first), _most_fields(comment)
-    except (OSError, UnicodeDecodeError, csv.Error) as cause:
+        with _readable(path):
+            first, above = _headers(next(_pieces_of_lines(path), ""))
+    except OSError as cause:
         raise RecordingError(f"{path}: not readable as CSV: {cause}") from None
-    return above if comment and all(map(_is_number, names)) else names
-
-
-def _most_fields(line: str) -> tuple[str, ...]:
-    split = (_split(io.StringIO(line, newline=""), 0, mark) for mark in _SEPARATORS)
-    return max((header.names for header in split), key=len)
+    names, comment = (
+        max((h.names for h in headers), key=len, default=())
+        for headers in (first, above)
+    )
+    return comment if comment and all(map(_is_number, names)) else names
 
 
 def _header(path: Path, text: str, names: Sequence[str]) -> _CsvHeader:
     """Return the header by the one separator that makes it hold all names."""
-    lines, skipped, comment = io.StringIO(text, newline=""), 0, None
-    start = 0
-    for line in lines:
-        if not line.startswith("#"):
-            break
-        start, skipped, comment = lines.tell(), skipped + 1, line.lstrip("# ")
-    found = [_split(lines, start, separator) for separator in _SEPARATORS]
-    fitting = [header for header in found if set(names) <= set(header.names)]
-    if not fitting and comment is not None:
-        above = [_split(io.StringIO(comment), 0, mark) for mark in _SEPARATORS]
-        fitting = [
-            _CsvHeader(header.names, header.separator, 0, start)
-            for header in above
-            if set(names) <= set(header.names)
-        ]
+    first, above = _headers(text)
+    fitting = [h for h in first if set(names) <= set(h.names)]
+    fitting = fitting or [h for h in above if set(names) <= set(h.names)]
     if len(fitting) > 1:
         marks = " and ".join(repr(header.separator) for header in fitting)
         raise RecordingError(
             f"{path}: the header has all columns whether {marks} separates them; "
             "rename columns that contain a separator"
         )
-    header = fitting[0] if fitting else max(found, key=lambda h: len(h.names))
-    if not fitting and header.names and all(_is_number(n) for n in header.names):
+    header = fitting[0] if fitting else max(first, key=lambda h: len(h.names))
+    if not fitting and header.names and all(map(_is_number, header.names)):
         raise RecordingError(
             f"{path}: the first row holds numbers ({', '.join(header.names[:3])}), "
             "expected a header that names the columns. Add one: joints are matched by "
             "name"
         )
     require(str(path), names, header.names)
-    return replace(header, line=skipped + header.line)
+    return header
+
+
+def _headers(text: str) -> tuple[list[_CsvHeader], list[_CsvHeader]]:
+    """Return the first line, and the last comment above it, by each separator."""
+    lines, comments, comment = io.StringIO(text, newline=""), 0, ""
+    start = 0
+    while (line := lines.readline()).startswith("#"):
+        start, comments, comment = lines.tell(), comments + 1, line.lstrip("# ")
+    first = [_split(lines, start, mark) for mark in _SEPARATORS]
+    above = [_split(io.StringIO(comment), 0, mark) for mark in _SEPARATORS]
+    return (
+        [replace(h, line=comments + h.line) for h in first],
+        [replace(h, line=comments, end=start) for h in above if comment],
+    )
 
 
 def _split(lines: io.StringIO, start: int, separator: str) -> _CsvHeader:
@@ -211,11 +207,11 @@ def _values(
 def _fast(body: str, header: _CsvHeader, places: Sequence[int]) -> Matrix | None:
     """Return the columns as PyArrow reads them; None if it refuses them.
 
-    Decimal commas are tried where commas do not separate.  Quoted fields and lines of a
-    single column (of which empty ones are no rows) are left to the exact way.
+    Decimal commas are tried where commas do not separate.  Lines of a single column, of
+    which empty ones are no rows, are left to the exact way.
     """
     width, separator = len(header.names), header.separator
-    if width < 2 or '"' in body:
+    if width < 2:
         return None
     import pyarrow as pa
     from pyarrow import csv as arrow
@@ -229,7 +225,7 @@ def _fast(body: str, header: _CsvHeader, places: Sequence[int]) -> Matrix | None
                 arrow.ReadOptions(
                     use_threads=False, column_names=[str(k) for k in range(width)]
                 ),
-                arrow.ParseOptions(delimiter=separator, quote_char=False),
+                arrow.ParseOptions(delimiter=separator),
                 arrow.ConvertOptions(
                     include_columns=wanted,
                     column_types=dict.fromkeys(wanted, pa.float64()),
