@@ -9,10 +9,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, BoolArray, Matrix
+from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
 from consistent_id._support.executors import all_but_each
+from consistent_id.constraints.cones.certificate import GAP_TOLERANCE
+from consistent_id.estimation.best_fit import BestFit
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.linear import DATA_RANK_TOLERANCE
 from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import CHUNK, TorqueModel
@@ -178,3 +181,65 @@ def joint_factor(Y: Array, torque: Array) -> Matrix:
     factor = np.zeros((len(R), len(Y) + torque.shape[1]))
     factor[:, [*np.flatnonzero(kept), *range(len(Y), factor.shape[1])]] = R
     return factor
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cut:
+    """``slope.(v - point) >= 0`` for the base parameters ``v`` of possible robots.
+
+    Parameters
+    ----------
+    slope, point : ndarray, shape (base,)
+    """
+
+    slope: Vector
+    point: Vector
+
+
+def cuts_at(factors: ChannelFactors, fit: BestFit) -> list[Cut]:
+    """Return the half-space that a log's best possible robot gives, if it is certified.
+
+    None where constraints cost that fit nothing: its slope is rounding then.
+
+    Parameters
+    ----------
+    factors : ChannelFactors
+    fit : BestFit
+        Of the factors, under constraints.
+    """
+    if fit.optimality.verdict != "certified":
+        return []
+    R = factors.joined()
+    point = factors.base.projection @ fit.parameters
+    rest = R @ np.append(point, -1.0)
+    cost = float(np.sum(rest[:-1] ** 2))
+    if cost <= GAP_TOLERANCE * float(np.sum(rest**2)):
+        return []
+    return [Cut(R[:, :-1].T @ rest, point)]
+
+
+def least_within(R: Matrix, cuts: Sequence[Cut]) -> float:
+    """Return the least norm of ``R [v, -1]`` in the half-space that asks for most.
+
+    Parameters
+    ----------
+    R : ndarray, shape (base + 1, base + 1)
+        Triangular; see `ChannelFactors.joined`.  Where it leaves base parameters open,
+        half-spaces are taken to ask for nothing.
+    cuts : sequence of Cut
+    """
+    from scipy.linalg import solve_triangular
+
+    n = R.shape[1] - 1
+    A, least = R[:n, :n], float(np.linalg.norm(R[n:, n]))
+    norms = np.linalg.norm(A, axis=0)
+    if len(A) < n or (abs(np.diag(A)) <= DATA_RANK_TOLERANCE * norms).any():
+        return least
+    free = solve_triangular(A, R[:n, n])
+    beyond = [0.0]
+    for cut in cuts:
+        outside = float(cut.slope @ (cut.point - free))
+        turned = solve_triangular(A, cut.slope, trans="T")
+        if outside > 0.0:
+            beyond.append(outside / float(np.linalg.norm(turned)))
+    return float(np.hypot(least, max(beyond)))

@@ -1,15 +1,21 @@
 """Logs that rest, saturate, carry no signal, or do not excite all parameters."""
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from consistent_id._support.arrays import BoolArray, Vector
+from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
+from consistent_id._support.executors import single_threaded
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.clocks import is_uniform
+from consistent_id.recordings.signals.derivatives import noise_gain
 from consistent_id.recordings.signals.masks import saturated, standstill
+from consistent_id.recordings.signals.smoother import ORDERS, motion_noise
 from consistent_id.regression.base import BaseParameters, excitation_of
+from consistent_id.regression.linear import solve_linear
+from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
 
@@ -194,3 +200,161 @@ def _without_motion(recording: Recording, at_rest: BoolArray) -> Recording:
         for rate in (recording.velocity, recording.acceleration)
     )
     return replace(recording, position=q, velocity=dq, acceleration=ddq)
+
+
+SHARE = 0.01
+"""Of a column's power: noise beyond this is worth a warning.
+
+Least squares takes a parameter for smaller by about this share.
+"""
+
+_STRETCH = 2000  # samples from which the readings' noise is estimated
+_NAMED = 3  # columns that a finding names
+
+
+def motion_noise_findings(
+    model: TorqueModel,
+    log: Recording,
+    prepare: Callable[[Recording], Recording],
+    base: BaseParameters,
+    *,
+    prepared: Recording | None = None,
+) -> list[LogFinding]:
+    """Return a warning if noise of the positions is left in the regressor.
+
+    The readings' noise is the smoother's own estimate (`motion_noise`), and no less
+    than the encoder's step allows.
+
+    Parameters
+    ----------
+    log : Recording
+        As recorded, with torque; without a uniform clock nothing is said.
+    prepare : callable
+        Returns it with velocity and acceleration.
+    prepared : Recording, optional
+        What `prepare` makes of `log`, if that is known.
+    """
+    log = log.of(model.robot.joint_names)
+    if log.acceleration is not None or not is_uniform(log):
+        return []
+    if len(log) < 8 * ORDERS[-1]:
+        return []  # too short for a smoother
+    first = max((len(log) - _STRETCH) // 2, 0)
+    sigma = motion_noise(log.samples(slice(first, first + _STRETCH))).position
+    ready = prepare(log) if prepared is None else prepared
+    gain = noise_gain(log, prepare, prepared=ready)
+    noise = column_noise(model, ready, gain * (sigma**2)[:, None, None], base)
+    largest = noise.noisiest[0][1]
+    if largest <= SHARE:
+        return []
+    named = ", ".join(
+        f"{name} {100.0 * share:.2g} %"
+        for name, share in noise.noisiest[:_NAMED]
+        if share > SHARE
+    )
+    return [
+        LogFinding(
+            "motion noise",
+            "warning",
+            "all joints",
+            f"noise of the positions ({np.median(sigma):.2g} rad or m) is part of the "
+            f"regressor's columns: {named}; by this least squares errs in the torque "
+            f"by some {100.0 * noise.torque_error:.2g} %",
+            "lower the cut-off of the motion or smooth it, or use "
+            "instrumental_variables with the commanded motion",
+            largest / SHARE,
+        )
+    ]
+
+
+_SAMPLES = 4000  # of the motion, spread evenly, from which averages are taken
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ColumnNoise:
+    """Noise of the motion in the columns of a regressor.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the base parameters.
+    shares : ndarray, shape (base,)
+        Of each column's power, noise; joints are weighted by their torque.
+    bias : ndarray, shape (base,)
+        Of weighted least squares by that noise, to first order.
+    torque_error : float
+        What this bias does to the torque, relative to the torque.
+    """
+
+    names: tuple[str, ...]
+    shares: Vector
+    bias: Vector
+    torque_error: float
+
+    @property
+    def noisiest(self) -> tuple[tuple[str, float], ...]:
+        """Columns and their shares, the largest first."""
+        order = np.argsort(-self.shares)
+        return tuple((self.names[i], float(self.shares[i])) for i in order)
+
+
+@single_threaded
+def column_noise(
+    model: TorqueModel,
+    recording: Recording,
+    covariance: Array,
+    base: BaseParameters,
+    *,
+    seed: int = 0,
+) -> ColumnNoise:
+    """Return the share of each base column that is noise of the motion.
+
+    The noise is drawn at samples of the motion: friction, which jumps, and products of
+    velocities have no simpler propagation.
+
+    Parameters
+    ----------
+    recording : Recording
+        Prepared, with torque.
+    covariance : ndarray, shape (joints, 3, 3)
+        Of position, velocity and acceleration: `noise_gain` times the variance of the
+        readings, in the robot's order.
+    seed : int
+        Of the noise that is drawn.
+    """
+    motion = motion_of(model, _spread(recording), None)
+    torque = motion.torque
+    weights = 1.0 / np.maximum(np.sqrt((torque**2).mean(axis=0)), 1e-12)
+    W = _rows(model, motion, base, weights)
+    V = _rows(model, _noisy(motion, covariance, seed), base, weights) - W
+    solution = solve_linear(W, (torque * weights).T.ravel())
+    pulled = V.T @ (V @ solution.x)
+    bias = -solution.pseudo_inverse @ (solution.pseudo_inverse.T @ pulled)
+    power = (W**2).sum(axis=0)
+    shares = (V**2).sum(axis=0) / np.where(power > 0.0, power, np.inf)
+    error = np.linalg.norm(W @ bias) / np.sqrt(torque.size)
+    return ColumnNoise(base.names, shares, np.asarray(bias), float(error))
+
+
+def _spread(recording: Recording) -> Recording:
+    return recording.samples(slice(None, None, -(-len(recording) // _SAMPLES)))
+
+
+def _noisy(motion: Motion, covariance: Array, seed: int) -> Motion:
+    """Return the motion with noise of the given covariance drawn upon it."""
+    rng = np.random.default_rng(seed)
+    n, joints = motion.q.shape
+    # Eigenvectors, as position and acceleration may go wholly together.
+    values, axes = np.linalg.eigh(covariance)
+    roots = axes * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+    drawn = np.einsum("jab,njb->anj", roots, rng.normal(size=(n, joints, 3)))
+    q, dq, ddq = (x + e for x, e in zip(motion[:3], drawn, strict=True))
+    return motion._replace(q=q, dq=dq, ddq=ddq)
+
+
+def _rows(
+    model: TorqueModel, motion: Motion, base: BaseParameters, weights: Vector
+) -> Matrix:
+    """Return the base columns of all torque joints' rows, weighted."""
+    Y = model.regressor(motion.q, motion.dq, motion.ddq)[:, list(base.independent)]
+    return np.concatenate(list(Y * weights[:, None, None]), axis=1).T

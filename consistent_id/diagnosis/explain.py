@@ -19,9 +19,13 @@ from consistent_id.constraints import (
     PhysicalConsistency,
 )
 from consistent_id.constraints.cones.certificate import GAP_TOLERANCE
-from consistent_id.diagnosis.channel_factors import ChannelFactors, channel_factors
+from consistent_id.diagnosis.channel_factors import (
+    ChannelFactors,
+    channel_factors,
+    cuts_at,
+    least_within,
+)
 from consistent_id.diagnosis.corrections import LOOKS_ALIKE, Cause, Correction
-from consistent_id.diagnosis.cuts import cuts_at, least_within
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.best_fit import BestFit, best_fit

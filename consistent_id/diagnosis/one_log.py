@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id.constraints import Constraint
-from consistent_id.diagnosis.alternatives import alternatives
-from consistent_id.diagnosis.beyond_limits import effort_findings, travel_findings
+from consistent_id.diagnosis.alternatives import alternatives, leaning_findings
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
 from consistent_id.diagnosis.corrections import corrections
 from consistent_id.diagnosis.coverage import (
     extent_findings,
     in_motion,
+    motion_noise_findings,
     rank_findings,
     saturation_findings,
     standstill_findings,
@@ -29,9 +29,6 @@ from consistent_id.diagnosis.explain import (
     unexplained_findings,
 )
 from consistent_id.diagnosis.findings import LogFinding
-from consistent_id.diagnosis.model_faults import placeholders
-from consistent_id.diagnosis.motion_noise import motion_noise_findings
-from consistent_id.diagnosis.other_gravity import leaning_findings
 from consistent_id.diagnosis.signal_faults import (
     frozen_findings,
     hold_findings,
@@ -42,8 +39,16 @@ from consistent_id.diagnosis.signal_faults import (
     resolution_findings,
     spike_findings,
 )
-from consistent_id.diagnosis.torque_channel import channel_findings, nothing_findings
-from consistent_id.diagnosis.torque_parts import torque_parts
+from consistent_id.diagnosis.torque_channel import (
+    channel_findings,
+    nothing_findings,
+    torque_parts,
+)
+from consistent_id.diagnosis.wrong_units import (
+    effort_findings,
+    placeholders,
+    travel_findings,
+)
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters, base_parameters

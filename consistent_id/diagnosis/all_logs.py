@@ -1,38 +1,36 @@
-"""What is wrong with a robot's recordings: each by itself, then all together."""
+"""What is wrong with the recordings of a robot, each by itself and all together."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from consistent_id._support.arrays import Vector
+from consistent_id._support.arrays import Array, Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import nominal_distance
-from consistent_id.diagnosis.beyond_limits import travel_findings
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
 from consistent_id.diagnosis.coverage import saturation_findings
 from consistent_id.diagnosis.explain import FittedLog, datasheet_constraints, fitted_log
 from consistent_id.diagnosis.findings import Diagnosis, LogFinding
 from consistent_id.diagnosis.linearise import Linearised, linearised
-from consistent_id.diagnosis.model_faults import model_findings
 from consistent_id.diagnosis.one_log import OpenLog, Prepare, findings_of
-from consistent_id.diagnosis.repeats import leak_findings
-from consistent_id.diagnosis.shift_findings import (
-    hidden_zeros,
-    lag_findings,
-    shift_findings,
-)
 from consistent_id.diagnosis.signal_faults import (
     frozen_findings,
     jump_findings,
     noise_findings,
     spike_findings,
 )
-from consistent_id.diagnosis.small_shifts import moved_channels
+from consistent_id.diagnosis.small_shifts import (
+    hidden_zeros,
+    lag_findings,
+    moved_channels,
+    shift_findings,
+)
+from consistent_id.diagnosis.wrong_units import model_findings, travel_findings
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.penalised import penalised_fit
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, positions_at
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
@@ -230,3 +228,127 @@ def _linearised(log: FittedLog) -> Linearised:
     distance = nominal_distance(model, "pullback", scaled.unit)
     x = penalised_fit(scaled, distance, _PULL).solution.u * scaled.unit
     return linearised(model, x, log.recording, log.factors.base)
+
+
+_SAME = 2e-3  # of a joint's range, within which two positions are the same
+_MOVED = 10.0  # times that, by which some joint must move within a span
+_SPANS = 40  # of a recording, each half a second or longer
+_SHORTEST = 0.5  # s
+_POINTS = 25  # of a span, at which positions are compared
+_RATE = 200.0  # Hz: a finer one shows no more
+_STARTS = 20  # places in the other recording at which a span is tried
+_REPEATED = 0.1  # of rows or moving spans, from which on it is worth a word
+
+
+def leak_findings(
+    training: Sequence[Recording], validation: Sequence[Recording]
+) -> list[LogFinding]:
+    """Find validation rows that training has, and motion that training repeats.
+
+    The same rows twice are a fault.  A motion that is played again is the standard
+    experiment, with noise of its own: a note.
+    """
+    found = []
+    for log in validation:
+        for earlier in training:
+            if (share := shared_rows(log, earlier)) >= _REPEATED:
+                found.append(_leak(log, earlier, share))
+            elif (share := repeated_share(log, earlier)) >= _REPEATED:
+                found.append(_repeated(log, earlier, share))
+    return found
+
+
+def _leak(log: Recording, earlier: Recording, share: float) -> LogFinding:
+    return LogFinding(
+        "leak",
+        "fault",
+        log.name,
+        f"{share:.0%} of the rows of {log.name} are also in {earlier.name}",
+        "validate with rows that were not used for training",
+        share / _REPEATED,
+        log.name,
+    )
+
+
+def _repeated(log: Recording, earlier: Recording, share: float) -> LogFinding:
+    return LogFinding(
+        "repeated motion",
+        "note",
+        log.name,
+        f"{share:.0%} of the motion of {log.name} repeats {earlier.name}, to within "
+        f"{_SAME:.1%} of the joints' ranges: split by whole periods, average or fold "
+        "them; another motion is a better test, because a repeated one has the same "
+        "model errors and differs only in noise",
+        "also validate with another motion",
+        share / _REPEATED,
+        log.name,
+    )
+
+
+def shared_rows(validation: Recording, training: Recording) -> float:
+    """Return the share of a recording's rows that are another's, digit by digit.
+
+    Rows are equal if positions and torque are; where torque is missing, if positions
+    and time are.
+    """
+    rows, others = (
+        {row.tobytes() for row in _rows(log.of(training.joints), with_torque)}
+        for with_torque in (
+            validation.torque is not None and training.torque is not None,
+        )
+        for log in (validation, training)
+    )
+    return len(rows & others) / len(rows)
+
+
+def _rows(recording: Recording, with_torque: bool) -> Array:
+    beside = recording.torque if with_torque else recording.time[:, None]
+    return np.column_stack([recording.position, np.asarray(beside)]) + 0.0
+
+
+def repeated_share(validation: Recording, training: Recording) -> float:
+    """Return the share of a recording's moving spans that occur in another."""
+    training = training.samples(slice(None, None, max(int(training.rate / _RATE), 1)))
+    tolerance = _SAME * np.ptp(training.position, axis=0)
+    tolerance = np.where(tolerance > 0.0, tolerance, 1e-12)
+    length = max(_SHORTEST, validation.duration / _SPANS)
+    starts = validation.time[0] + length * np.arange(int(validation.duration / length))
+    moving = hits = 0
+    for start in starts:
+        lapse = np.linspace(0.0, length, _POINTS)
+        span = positions_at(validation.of(training.joints), start + lapse)
+        if (np.ptp(span, axis=0) > _MOVED * tolerance).any():
+            moving += 1
+            hits += _occurs(span, lapse, training, tolerance)
+    return hits / max(moving, 1)
+
+
+def _occurs(span: Array, lapse: Vector, training: Recording, tolerance: Vector) -> bool:
+    """Return whether a span lies on a recording, moved in time."""
+    steps = abs(np.diff(training.position, axis=0, append=training.position[-1:]))
+    away = abs(training.position - span[0])
+    near = np.flatnonzero((away <= tolerance + steps).all(axis=1))
+    nearest = near[np.argsort((away[near] / tolerance).max(axis=1))[:_STARTS]]
+    return any(
+        _lies_on(span, lapse, training, tolerance, float(training.time[i]))
+        for i in nearest
+    )
+
+
+def _lies_on(
+    span: Array, lapse: Vector, training: Recording, tolerance: Vector, start: float
+) -> bool:
+    """Return whether a span fits from a time on, moved to fit best (Gauss-Newton)."""
+    last = training.time[-1] - lapse[-1]
+    for _ in range(3):
+        if not training.time[0] - lapse[1] <= start <= last + lapse[1]:
+            return False
+        there = positions_at(training, start + lapse)
+        if (abs(there - span) <= tolerance).all():
+            return True
+        rate = np.gradient(there, lapse, axis=0) / tolerance
+        size = float(np.sum(rate**2))
+        if size == 0.0:
+            return False
+        start += float(np.sum(rate * (span - there) / tolerance)) / size
+    return False
