@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
 from consistent_id._support.tables import Table
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import Prior
@@ -12,6 +14,7 @@ from consistent_id.errors import ProblemError
 from consistent_id.estimation.drive_calibration import CommandDelay
 from consistent_id.problems.file import (
     DataTable,
+    MotionTable,
     ProblemTable,
     RecordingTable,
     TrackTable,
@@ -24,16 +27,35 @@ from consistent_id.problems.log_entries import (
     span_of,
     with_torque,
 )
-from consistent_id.problems.motions import sampled_motion
 from consistent_id.problems.paths import expanded, require_there
 from consistent_id.problems.preparation import Log, joined
 from consistent_id.problems.robot_preparation import FoundInTraining, with_robot
+from consistent_id.recordings.joint_paths import Sinusoid, SinusoidalMotion
 from consistent_id.recordings.readers import read_recording, read_track
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import DriveCalibration, PDGains, Track
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import did_you_mean
+
+
+def sampled_motion(table: MotionTable, joints: Sequence[str], name: str) -> Recording:
+    """Return the recording of a motion, without torque."""
+    terms = tuple(
+        tuple(
+            Sinusoid(*_ends(term.amplitude), term.frequency, np.radians(term.phase_deg))
+            for term in of_joint
+        )
+        for of_joint in table.joints
+    )
+    motion = SinusoidalMotion(table.duration, table.rate, terms)
+    return motion.recording(tuple(joints), name=name)
+
+
+def _ends(amplitude: float | Sequence[float]) -> tuple[float, float]:
+    if isinstance(amplitude, Sequence):
+        return amplitude[0], amplitude[1]
+    return amplitude, amplitude
 
 
 @dataclass(frozen=True)
