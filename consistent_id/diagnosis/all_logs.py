@@ -1,4 +1,9 @@
-"""What is wrong with the recordings of a robot, each by itself and all together."""
+"""What is wrong with the recordings of a robot, each by itself and all together.
+
+Validation is also compared with training (`leak_findings`).  A repeated period may be
+sampled at other phases and another rate, so that spans of one recording are laid over
+the other at the time at which they fit best.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -35,12 +40,12 @@ from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
 
-# Of the torque, that zeros and gains have to explain: friction that no model knows
-# leaves 0.3 to 2 %, of which a zero may take 0.6 % where little else shows it.
+# Share of the torque that zero offsets and gains have to explain.  Friction that no
+# model has leaves 0.3 to 2 %; a zero offset may take up 0.6 % of that by chance.
 _WORTH = 0.008
-_LARGE = 2.0  # times a gain that is worth report, or what is sure of it
-_OF_FITS = ("rank", "motion noise")  # what is wrong for who fits parameters to a log
-_PULL = 1e-4  # squared misfit that a typical distance to the nominal robot weighs
+_LARGE = 2.0  # score from which on a gain is large
+_OF_FITS = ("rank", "motion noise")  # findings that matter only where a log is fitted
+_PULL = 1e-4  # weight of the squared distance to the nominal robot
 
 
 @single_threaded
@@ -54,34 +59,34 @@ def diagnose(
     base: BaseParameters | None = None,
     limits: Mapping[str, float] | None = None,
 ) -> Diagnosis:
-    """Look for what is wrong with recordings of a robot.
+    """Find faults in the recordings of a robot.
 
     Parameters
     ----------
     model : TorqueModel
     training, validation : sequence of Recording
-        As they were logged, with torque; all are looked at, and whether validation
-        repeats training.  Of validation without torque only that is asked.
+        As they were logged, with torque.  Each is examined, and validation is compared
+        with training.  Validation without torque is only compared.
     prepare : callable, optional
-        From a recording as logged to one with velocity and acceleration, such as
-        filtering and differentiating; by default they are taken as prepared.  It is
-        called twice for each recording, as it is and with one reading changed, so it
-        has to treat all joints alike and to keep constants: corrections are applied to
-        what it returns.
+        Turns a recording as logged into one with velocity and acceleration, for example
+        by filtering and differentiating.  By default recordings are taken as prepared.
+        It is called twice for each recording: with the recording, and with one reading
+        changed.  It must treat all joints alike and keep constants, because corrections
+        are applied to its result.
     constraints : sequence of Constraint, optional
-        What is known of the robot; by default physical consistency, friction that
-        dissipates, and the datasheet's masses where they are known.
+        By default physical consistency, friction that dissipates, and the datasheet's
+        masses where they are known.
     base : BaseParameters, optional
     limits : mapping of str to float, optional, [N m or N]
-        Of joints whose torque was made of commands and clipped where drives clip it.
+        Torque at which the drives clip, for joints whose torque was computed from
+        commands.
 
     Returns
     -------
     Diagnosis
-        Faults of the clock and of the kinematics are reported alone: what they do to
-        the torque is their consequence.  Torque is looked at of the model's
-        `torque_joints` only.  Of a robot whose base floats, channels are looked at by
-        themselves.
+        Faults of the clock and of the kinematics are reported alone, because faults of
+        the torque follow from them.  Only the torque of the model's `torque_joints` is
+        examined.  For a robot with a floating base each channel is examined by itself.
     """
     training = [training] if isinstance(training, Recording) else list(training)
     base = base_parameters(model) if base is None else base
@@ -108,7 +113,7 @@ def diagnose(
 
 
 def _of_validation(of_one: list[LogFinding] | OpenLog) -> list[LogFinding] | OpenLog:
-    """Return findings with notes of what matters to a fit alone: nothing is fitted."""
+    """Turn findings that matter only to a fit into notes: validation is not fitted."""
     if isinstance(of_one, OpenLog):
         return replace(of_one, signals=tuple(_noted(f) for f in of_one.signals))
     return [_noted(f) for f in of_one]
@@ -121,9 +126,9 @@ def _noted(finding: LogFinding) -> LogFinding:
 def _of_signals(
     robot: RobotModel, found: Sequence[LogFinding], logs: Sequence[Recording]
 ) -> Diagnosis:
-    """Return what channels show by themselves, of a robot whose base moves.
+    """Examine each channel by itself, for a robot whose base moves.
 
-    What is told from torque and motion together is of robots on a fixed base.
+    Faults that show in torque and motion together are only known for a fixed base.
     """
     found = list(found)
     for recording in logs:
@@ -141,10 +146,10 @@ def _of_signals(
 
 
 def _of_all(open_: Sequence[OpenLog]) -> list[LogFinding]:
-    """Return what is found in the logs without a fault, taken together.
+    """Return the findings of all logs together that have no fault by themselves.
 
-    What explains a log stands before what is odd about it; about a log that no robot
-    explains, a small lag means nothing.
+    A fault that explains the logs replaces other oddities.  If no robot explains a log,
+    a small lag means nothing.
     """
     alike: dict[tuple[str, ...], list[FittedLog]] = {}
     for one in open_:
@@ -161,9 +166,9 @@ def _of_all(open_: Sequence[OpenLog]) -> list[LogFinding]:
 
 
 def _shifts(logs: Sequence[FittedLog]) -> list[LogFinding]:
-    """Return zeros and gains that are off in all logs together, and each log's lag.
+    """Find wrong zero offsets and gains in all logs together, and the lag of each log.
 
-    The same joints move in all of them.
+    The same joints have to move in all of them.
     """
     model = logs[0].factors.model
     try:
@@ -171,14 +176,14 @@ def _shifts(logs: Sequence[FittedLog]) -> list[LogFinding]:
             model, lambda sizes: [_linearised(_moved(log, sizes)) for log in logs]
         )
     except (InfeasibleError, SolverError):
-        return []  # a correction that no robot explains is none
+        return []  # no robot explains the corrected logs: there is no correction
     lags = [
         replace(f, recording=log.recording.name)
         for log, system in zip(logs, moved.systems, strict=True)
         for f in lag_findings(system)
     ]
     if any(f.severity == "fault" for f in lags):
-        return lags  # beyond which linearisation tells little
+        return lags  # with a large lag the linearisation is not valid
     found = shift_findings(model, moved)
     if found and _explained(logs, moved.sizes) < _WORTH:
         found = [_unsure(f) for f in found]
@@ -186,16 +191,16 @@ def _shifts(logs: Sequence[FittedLog]) -> list[LogFinding]:
 
 
 def _explained(logs: Sequence[FittedLog], sizes: Vector) -> float:
-    """Return the part of the torque that shifts explain, relative to it."""
+    """Return the torque that shifts explain, relative to all torque."""
     left = [_moved(log, sizes).misfit for log in logs]
     gain = [log.misfit**2 - rest**2 for log, rest in zip(logs, left, strict=True)]
     return float(max(sum(gain) / len(gain), 0.0) ** 0.5)
 
 
 def _unsure(finding: LogFinding) -> LogFinding:
-    """Return what explains little: a note, or a warning if it is a large gain.
+    """Lower a finding that explains little to a note, or a large gain to a warning.
 
-    Free masses take a gain over, and predict its torque: little is left to explain.
+    Free masses can stand in for a gain, so that a wrong gain explains little more.
     """
     large = finding.kind == "torque gain" and finding.score >= _LARGE
     return replace(
@@ -206,7 +211,7 @@ def _unsure(finding: LogFinding) -> LogFinding:
 
 
 def _moved(log: FittedLog, sizes: Vector) -> FittedLog:
-    """Return a log with its zeros and gains moved, fitted anew."""
+    """Return a log with corrected zero offsets and gains, fitted again."""
     if not sizes.any():
         return log
     model, recording = log.factors.model, log.recording
@@ -223,30 +228,30 @@ def _moved(log: FittedLog, sizes: Vector) -> FittedLog:
 
 
 def _linearised(log: FittedLog) -> Linearised:
-    """Linearise about the best robot; what the data do not determine is nominal."""
+    """Linearise about the best fit; undetermined parameters take nominal values."""
     model, scaled = log.factors.model, log.fit.scaled
     distance = nominal_distance(model, "pullback", scaled.unit)
     x = penalised_fit(scaled, distance, _PULL).solution.u * scaled.unit
     return linearised(model, x, log.recording, log.factors.base)
 
 
-_SAME = 2e-3  # of a joint's range, within which two positions are the same
-_MOVED = 10.0  # times that, by which some joint must move within a span
-_SPANS = 40  # of a recording, each half a second or longer
+_SAME = 2e-3  # share of a joint's range within which two positions are equal
+_MOVED = 10.0  # times that: least travel of some joint within a span
+_SPANS = 40  # spans of a recording, each half a second or longer
 _SHORTEST = 0.5  # s
-_POINTS = 25  # of a span, at which positions are compared
-_RATE = 200.0  # Hz: a finer one shows no more
+_POINTS = 25  # samples of a span at which positions are compared
+_RATE = 200.0  # Hz: a higher rate shows no more
 _STARTS = 20  # places in the other recording at which a span is tried
-_REPEATED = 0.1  # of rows or moving spans, from which on it is worth a word
+_REPEATED = 0.1  # share of rows or moving spans from which on it is reported
 
 
 def leak_findings(
     training: Sequence[Recording], validation: Sequence[Recording]
 ) -> list[LogFinding]:
-    """Find validation rows that training has, and motion that training repeats.
+    """Find validation rows and validation motions that are also in training.
 
-    The same rows twice are a fault.  A motion that is played again is the standard
-    experiment, with noise of its own: a note.
+    Equal rows are a fault.  A motion that is played again is a common experiment, with
+    noise of its own: a note.
     """
     found = []
     for log in validation:
@@ -286,10 +291,10 @@ def _repeated(log: Recording, earlier: Recording, share: float) -> LogFinding:
 
 
 def shared_rows(validation: Recording, training: Recording) -> float:
-    """Return the share of a recording's rows that are another's, digit by digit.
+    """Return the share of a recording's rows that are also in another.
 
-    Rows are equal if positions and torque are; where torque is missing, if positions
-    and time are.
+    Rows are equal if positions and torque are equal in every digit; without torque, if
+    positions and time are.
     """
     rows, others = (
         {row.tobytes() for row in _rows(log.of(training.joints), with_torque)}
@@ -324,7 +329,7 @@ def repeated_share(validation: Recording, training: Recording) -> float:
 
 
 def _occurs(span: Array, lapse: Vector, training: Recording, tolerance: Vector) -> bool:
-    """Return whether a span lies on a recording, moved in time."""
+    """Return whether a span occurs in a recording, at any time."""
     steps = abs(np.diff(training.position, axis=0, append=training.position[-1:]))
     away = abs(training.position - span[0])
     near = np.flatnonzero((away <= tolerance + steps).all(axis=1))
@@ -338,7 +343,10 @@ def _occurs(span: Array, lapse: Vector, training: Recording, tolerance: Vector) 
 def _lies_on(
     span: Array, lapse: Vector, training: Recording, tolerance: Vector, start: float
 ) -> bool:
-    """Return whether a span fits from a time on, moved to fit best (Gauss-Newton)."""
+    """Return whether a span occurs near a start time.
+
+    The time is refined by Gauss-Newton.
+    """
     last = training.time[-1] - lapse[-1]
     for _ in range(3):
         if not training.time[0] - lapse[1] <= start <= last + lapse[1]:

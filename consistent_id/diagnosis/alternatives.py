@@ -1,4 +1,10 @@
-"""Causes that the log itself suggests: gravity, masses, the order of all channels."""
+"""Causes that a log suggests: gravity, masses, a load, gains, clock, channel order.
+
+Gravity may point in another direction than the model's, because the base leans.  A load
+that the model lacks is a last link with unknown parameters: its mass is that of the
+model or more, its other nine parameters are free, and the other links stay as known.
+Other masses of all links explain such a log as well, but the load changes less.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -34,17 +40,17 @@ from consistent_id.robot.model import Link, RobotModel
 from consistent_id.robot.scaling import reference_bodies
 
 _THRESHOLD = 1.3  # ratio of misfits, as in the table of corrections
-_EXPLAINED = 0.03  # of the torque: misfit below which the following are not asked for
-# Ratio of misfits for the clock: its speed also moves the edge of smooth Coulomb
-# friction, which brings clean logs up to 1.45.
+_EXPLAINED = 0.03  # of the torque: misfit below which gain and clock are not tried
+# Ratio of misfits for the clock.  Its speed also changes the velocity scale of Coulomb
+# friction, which gives clean logs a ratio of up to 1.45.
 _OF_TIME = 1.6
 _GAINS = (1e-3, 0.01, 0.4, 0.55, 0.7, 0.85, 1.2, 1.4, 1.8, 2.5, 100.0, 1e3)
-_FEW = 300  # samples that choose the speed of a clock
+_FEW = 300  # samples by which the speed of the clock is chosen
 _SPEEDS = (0.1, 0.2, 0.35, 0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 2.0, 2.8, 5.0, 10.0)
 
 
 def alternatives(as_is: FittedLog) -> list[Candidate]:
-    """Return the causes in the model that a log suggests."""
+    """Return the causes that a log suggests."""
     return [
         *other_gravity(as_is),
         *_other_masses(as_is),
@@ -60,9 +66,9 @@ def alternatives(as_is: FittedLog) -> list[Candidate]:
 
 
 def _other_masses(as_is: FittedLog) -> Iterator[Candidate]:
-    """Yield the log with masses that are not known.
+    """Yield the log with unknown masses.
 
-    A gain that all torques share does to a robot what it does to its masses.
+    A gain on all torques has the same effect as a factor on all masses.
     """
     free = [c for c in as_is.constraints if not isinstance(c, FixedMasses)]
     if len(free) == len(as_is.constraints):
@@ -70,7 +76,7 @@ def _other_masses(as_is: FittedLog) -> Iterator[Candidate]:
     cause = Cause(
         "masses or gain",
         "all joints",
-        "with masses that are not the model's, or gains that are not the log's",
+        "with other masses than the model's, or a gain on all torques",
         'check load, tool, model and gains; if these are right, masses = "free" '
         "(--masses free)",
         _THRESHOLD,
@@ -80,16 +86,16 @@ def _other_masses(as_is: FittedLog) -> Iterator[Candidate]:
 
 
 def _other_gain(as_is: FittedLog) -> Iterator[Candidate]:
-    """Yield the log with another factor for the one torque that profits most.
+    """Yield the log with another factor for the torque that fits best with one.
 
-    Several joints carry one body: what they say of it has to agree.
+    Several joints carry one body, so that their torques have to agree.
     """
     from scipy.optimize import minimize_scalar
 
     factors = as_is.factors
     everyone, names = factors.model.robot.joint_names, factors.model.torque_joints
     if as_is.misfit < _EXPLAINED or len(names) < 2:
-        return  # one torque alone is explained as well whatever its gain
+        return  # with one torque any gain fits equally well
 
     def changed(name: str, logarithm: float) -> ChannelFactors:
         scale = np.ones(len(everyone))
@@ -121,7 +127,7 @@ def _other_gain(as_is: FittedLog) -> Iterator[Candidate]:
 def _other_clock(as_is: FittedLog) -> Iterator[Candidate]:
     """Yield the log with the clock's speed that fits best.
 
-    Gravity knows no time: what weighs in it accelerates in the inertial torque.
+    Gravity torque does not depend on the clock, but inertial torque does.
     """
     from scipy.optimize import minimize_scalar
 
@@ -137,7 +143,7 @@ def _other_clock(as_is: FittedLog) -> Iterator[Candidate]:
     tried = [left(float(s)) for s in np.log(_SPEEDS)]
     k = int(np.argmin(tried))
     if k in (0, len(tried) - 1) or _SPEEDS[k] == 1.0:
-        return  # at the ends there is no inertial torque, or nothing else
+        return  # at the ends the torque is all gravity, or all inertia
     if min(tried) * _OF_TIME > tried[_SPEEDS.index(1.0)]:
         return
     inner = np.log(_SPEEDS)[[k - 1, k + 1]]
@@ -146,8 +152,7 @@ def _other_clock(as_is: FittedLog) -> Iterator[Candidate]:
         "clock",
         "time",
         f"with a clock {speed:.3g} times as fast",
-        f"divide the time by {speed:.3g}: find out in which unit, or at which rate, it "
-        "was logged",
+        f"divide the time by {speed:.3g}: find out its unit, or the rate of the log",
         _OF_TIME,
     )
     (factors,) = channel_factors(model, base, [_at_speed(as_is.recording, speed)])
@@ -155,13 +160,13 @@ def _other_clock(as_is: FittedLog) -> Iterator[Candidate]:
 
 
 def _at_speed(log: Recording, speed: float) -> Recording:
-    """Return a prepared recording of which the clock runs faster."""
+    """Return a prepared recording with a faster clock."""
     velocity, acceleration = np.asarray(log.velocity), np.asarray(log.acceleration)
     return replace(log, velocity=speed * velocity, acceleration=speed**2 * acceleration)
 
 
 def _other_channels(as_is: FittedLog) -> Iterator[Candidate]:
-    """Yield the order of all torque channels in which rows fit best, one by one."""
+    """Yield the order of torque channels in which the rows of joints fit best."""
     factors = as_is.factors
     names = factors.model.torque_joints
     if len(names) < 3:
@@ -171,7 +176,7 @@ def _other_channels(as_is: FittedLog) -> Iterator[Candidate]:
         return  # each row fits its own channel best
     order = _cheapest_order(np.log(np.maximum(costs, 1e-9)))
     if (order == np.arange(len(order))).sum() >= len(order) - 2:
-        return  # at most two exchanged, which the table has
+        return  # two exchanged channels are in the table of corrections
     everyone = factors.model.robot.joint_names
     matrix = np.eye(len(everyone))
     places = [everyone.index(name) for name in names]
@@ -188,7 +193,7 @@ def _other_channels(as_is: FittedLog) -> Iterator[Candidate]:
 
 
 def _cheapest_order(costs: Matrix) -> IntArray:
-    """Return the column of each row, all different, with the least sum of costs."""
+    """Return a different column for each row, with the least sum of costs."""
     from scipy.optimize import linear_sum_assignment
 
     _, order = linear_sum_assignment(costs)
@@ -196,7 +201,7 @@ def _cheapest_order(costs: Matrix) -> IntArray:
 
 
 def _row_misfits(factor: Matrix, base: int) -> Vector:
-    """Return what a joint's row leaves of each torque channel, relative to it."""
+    """Return the misfit of a joint's row to each torque channel, relative to it."""
     columns, channels = factor[:, :base], factor[:, base:]
     kept = columns[:, columns.any(axis=0)]
     Q, _ = np.linalg.qr(kept / np.linalg.norm(kept, axis=0))
@@ -205,20 +210,20 @@ def _row_misfits(factor: Matrix, base: int) -> Vector:
     return np.asarray(np.linalg.norm(left, axis=0) / size)
 
 
-# Ratio of what the nominal robot leaves, upright and leaning: turning takes up a part
-# of a drawing's errors as well.
+# Ratio of the nominal robot's misfits, upright and leaning.  Turning gravity also
+# explains a part of the errors of nominal bodies.
 _CLEARLY = 1.5
-_TURNED = np.radians(5.0)  # of gravity: less is a floor that is not level
-_G = (0.7, 1.4)  # ratio of its size to the model's within which it is gravity
+_TURNED = np.radians(5.0)  # less may be a floor that is not level
+_G = (0.7, 1.4)  # ratio of sizes within which an estimated vector is gravity
 _CREEP = 0.02  # rad/s or m/s, of the smooth Coulomb term
 _TURN_BASE = (
-    "turn the base in the model, or its gravity, as the robot is mounted; or check "
-    "the zero of the first joint, if its axis is level"
+    "turn the base or gravity in the model as the robot is mounted; or check "
+    "the zero offset of the first joint, if its axis is level"
 )
 
 
 def other_gravity(as_is: FittedLog) -> Iterator[Candidate]:
-    """Yield gravity in the direction that the nominal bodies find in the log."""
+    """Yield the log with the direction of gravity that fits the nominal bodies."""
     model = as_is.factors.model
     turned = turned_gravity(model, as_is.recording)
     if turned is None:
@@ -234,15 +239,14 @@ def other_gravity(as_is: FittedLog) -> Iterator[Candidate]:
 def leaning_findings(
     model: TorqueModel, prepared: Recording, upright: TorqueParts
 ) -> list[LogFinding]:
-    """Find that the nominal robot explains a log if it leans, and less if it does not.
+    """Find a leaning base: the nominal robot explains the log only if it leans.
 
-    A base that leans scales the part of gravity that upright joints show, as a gain
-    does.
+    A leaning base scales the gravity torque of upright joints, as a gain does.
 
     Parameters
     ----------
     upright : TorqueParts
-        Of the model as it is.
+        Of the model without leaning.
     """
     turned = turned_gravity(model, prepared)
     if turned is None:
@@ -267,7 +271,7 @@ def leaning_findings(
 
 
 def turned_gravity(model: TorqueModel, recording: Recording) -> Vector | None:
-    """Return gravity as the log has it, [m/s^2]; None if it is the model's, or none."""
+    """Return the log's gravity [m/s^2]; None if it is the model's, or not gravity."""
     robot = model.robot
     size = float(np.linalg.norm(robot.gravity))
     if robot.nominal is None or size == 0.0:
@@ -294,7 +298,7 @@ def _words(model: TorqueModel, turned: Vector) -> str:
 
 
 def gravity_in(model: TorqueModel, recording: Recording) -> Vector:
-    """Return the gravity that explains a log best at the nominal bodies, [m/s^2].
+    """Return the gravity with which the nominal bodies fit a log best, [m/s^2].
 
     The torque is linear in it: three unknowns, beside friction and the inertial torque
     of each joint.
@@ -328,14 +332,14 @@ _HEAVIEST = 1e4  # kg: no robot carries more
 _ADD_LOAD = (
     "add the load or tool of {link} to the model, or remove it from the robot; "
     "identify_payload finds its ten parameters from logs with it and without it; if "
-    'the masses of the model are made up, masses = "free" (--masses free)'
+    'the masses of the model are placeholders, masses = "free" (--masses free)'
 )
 
 
 def other_loads(as_is: FittedLog) -> Iterator[Candidate]:
-    """Yield the log with a last link of which nothing is known, for each last link.
+    """Yield the log with an unknown last link, for each last link.
 
-    Of a model with placeholders nothing is known but that they are wrong.
+    A model with placeholders has no known links, so that none is tried.
     """
     robot = as_is.factors.model.robot
     if placeholders(robot):
@@ -358,7 +362,7 @@ def other_loads(as_is: FittedLog) -> Iterator[Candidate]:
 
 
 def last_links(robot: RobotModel) -> list[Link]:
-    """Return the links that carry no other, and that a joint moves."""
+    """Return the moving links that carry no other link."""
     carrying = {joint.parent for joint in robot.joints}
     return [link for k, link in enumerate(robot.links) if k not in carrying]
 
@@ -366,7 +370,7 @@ def last_links(robot: RobotModel) -> list[Link]:
 def without_link(
     constraints: Sequence[Constraint], robot: RobotModel, link: str
 ) -> list[Constraint] | None:
-    """Return constraints that know nothing of a link; None if they knew nothing."""
+    """Return constraints without a link; None if none of them concerns it."""
     found: list[Constraint] = []
     for constraint in constraints:
         others = _without(constraint, robot, link)
@@ -375,7 +379,7 @@ def without_link(
 
 
 def _without(constraint: Constraint, robot: RobotModel, link: str) -> Constraint | None:
-    """Return a constraint without what it knows of a link; None if nothing is left."""
+    """Return a constraint without a link; None if nothing is left of it."""
     if isinstance(constraint, FixedMasses):
         sheet = {each.name: each.datasheet.mass for each in robot.links}
         masses = sheet if constraint.masses is None else constraint.masses

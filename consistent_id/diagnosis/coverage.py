@@ -1,4 +1,9 @@
-"""Logs that rest, saturate, carry no signal, or do not excite all parameters."""
+"""How much a log can identify: rests, saturation, small motion, rank, motion noise.
+
+Motion noise stands in the columns of the regressor.  With ``W + V`` in place of ``W``
+least squares tends to ``(W^T W + V^T V)^-1 W^T W x``: to first order its bias is
+``-(W^T W)^-1 V^T V x``, which does not fall with the number of samples.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -19,19 +24,19 @@ from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
 
-_STILL = 0.02  # of a joint's largest velocity, below which it stands
-_IDLE = 0.2  # share of samples with all joints at rest that is worth a warning
-_RESTS = 0.9  # share of samples at rest of a joint that only goes to where it stays
-_PINNED = 5  # samples at a limit that are worth a word
+_STILL = 0.02  # of a joint's largest velocity: slower joints stand still
+_IDLE = 0.2  # least share of samples with all joints at rest that is reported
+_RESTS = 0.9  # share of samples at rest from which on a joint does not count as moving
+_PINNED = 5  # least number of samples at a limit that is reported
 _SMALL, _SLOW = 0.05, 0.1  # rad or m; rad/s or m/s, of the joint that moves most
-_BRIEF = 3.0  # s, below which a log may be too short for its motion to turn back
-_TURNS, _TURNING = 2.5, 0.05  # of the median joint; share of its top speed
-_MOVES = 2e-3  # rad or m of travel, below which a joint's readings only flicker,
-_STEPS = 2.0  # as they do within so many steps of its encoder
+_BRIEF = 3.0  # s: in a shorter log joints may not turn back
+_TURNS, _TURNING = 2.5, 0.05  # least turns of the median joint; share of top speed
+_MOVES = 2e-3  # rad or m of travel: with less a joint rests and its readings flicker,
+_STEPS = 2.0  # also within so many steps of its encoder
 
 
 def standstill_findings(recording: Recording) -> list[LogFinding]:
-    """Warn of long rests of all joints together."""
+    """Warn of long times at which all joints rest."""
     velocity = recording.velocity
     if velocity is None or not velocity.any():
         velocity = np.gradient(recording.position, recording.time, axis=0)
@@ -48,17 +53,17 @@ def standstill_findings(recording: Recording) -> list[LogFinding]:
             "warning",
             recording.name,
             f"all joints stand still in {share:.0%} of {len(recording)} samples",
-            "trim the rests; Coulomb friction at rest may be any value in its bounds",
+            "trim the rests: at rest, friction may have any value within its bounds",
             share / _IDLE,
         )
     ]
 
 
 def in_motion(model: TorqueModel, prepared: Recording) -> TorqueModel:
-    """Return a model with the torque of those joints alone that move in a log.
+    """Return a model with the torque of only those joints that move in a log.
 
-    Friction holds a joint at rest with whatever is needed, up to its breakaway torque.
-    No law of velocity gives that torque, and so it contradicts no model.
+    At rest, friction takes any value up to the breakaway torque.  No function of
+    velocity predicts it, so torque at rest contradicts no model.
 
     Parameters
     ----------
@@ -79,8 +84,8 @@ def saturation_findings(
     Parameters
     ----------
     limits : mapping of str to float, optional, [N m or N]
-        Of joints whose torque was made of commands and clipped where the drive clips
-        it: staying there, it is the drive's.
+        Torque at which the drives clip, for joints whose torque was computed from
+        commands.  Staying at that limit is no fault.
     """
     if recording.torque is None:
         return []
@@ -92,8 +97,8 @@ def saturation_findings(
             joint,
             f"{joint}: torque stays at {abs(tau[at]).max():.4g} in {int(at.sum())} of "
             f"{len(tau)} samples",
-            "leave these samples out, or move more gently: torque that the drive could "
-            "not give is missing from the channel",
+            "leave these samples out, or move more gently: the channel does not show "
+            "torque beyond the limit",
             float(at.sum()) / _PINNED,
         )
         for joint, tau, at in zip(
@@ -106,7 +111,7 @@ def saturation_findings(
 
 
 def extent_findings(prepared: Recording) -> list[LogFinding]:
-    """Warn of motion that is small, slow, or over before it has turned back twice.
+    """Warn of motion that is small or slow, or ends before joints turned back twice.
 
     Parameters
     ----------
@@ -135,8 +140,8 @@ def extent_findings(prepared: Recording) -> list[LogFinding]:
                     kind,
                     "warning",
                     prepared.name,
-                    f"{seen:.3g} {unit} in {prepared.duration:.3g} s; less than "
-                    f"{least:g} shows little of the bodies",
+                    f"{seen:.3g} {unit} in {prepared.duration:.3g} s; with less than "
+                    f"{least:g} the bodies are hardly identifiable",
                     f"move {advice}",
                     least / max(seen, 0.1 * least),
                 )
@@ -145,7 +150,7 @@ def extent_findings(prepared: Recording) -> list[LogFinding]:
 
 
 def _turns(velocity: Vector) -> int:
-    """Return how often a joint turns back, flickering at rest left out."""
+    """Return how often a joint turns back, without flickering at rest."""
     moving = velocity[abs(velocity) > _TURNING * abs(velocity).max()]
     return int((np.diff(np.sign(moving)) != 0.0).sum())
 
@@ -158,14 +163,14 @@ def rank_findings(
 ) -> list[LogFinding]:
     """Name the combinations of base parameters that are not identifiable.
 
-    What an encoder reads of a joint at rest flickers; it is taken for the rest it is.
+    Encoder readings flicker at rest; joints that only flicker are taken as at rest.
 
     Parameters
     ----------
     recording : Recording
         With velocity, acceleration and torque.
     steps : ndarray, shape (joints,), or float, [rad or m]
-        In which encoders read, which no longer shows in a filtered position.
+        Steps of the encoders, which a filtered position no longer shows.
     """
     recording = recording.of(model.robot.joint_names)
     travel = np.ptp(recording.position, axis=0)
@@ -193,7 +198,7 @@ def rank_findings(
 
 
 def _without_motion(recording: Recording, at_rest: BoolArray) -> Recording:
-    """Return a recording in which some joints do not move at all."""
+    """Return a recording in which resting joints have constant positions."""
     q = np.where(at_rest, recording.position.mean(axis=0), recording.position)
     dq, ddq = (
         np.where(at_rest, 0.0, np.asarray(rate))
@@ -203,12 +208,12 @@ def _without_motion(recording: Recording, at_rest: BoolArray) -> Recording:
 
 
 SHARE = 0.01
-"""Of a column's power: noise beyond this is worth a warning.
+"""Share of a column's power from which on noise is reported.
 
-Least squares takes a parameter for smaller by about this share.
+Least squares underestimates a parameter by about this share.
 """
 
-_STRETCH = 2000  # samples from which the readings' noise is estimated
+_STRETCH = 2000  # samples from which the noise of the readings is estimated
 _NAMED = 3  # columns that a finding names
 
 
@@ -222,17 +227,17 @@ def motion_noise_findings(
 ) -> list[LogFinding]:
     """Return a warning if noise of the positions is left in the regressor.
 
-    The readings' noise is the smoother's own estimate (`motion_noise`), and no less
-    than the encoder's step allows.
+    The noise of the readings is the smoother's estimate (`motion_noise`), but at least
+    that of the encoder's steps.
 
     Parameters
     ----------
     log : Recording
-        As recorded, with torque; without a uniform clock nothing is said.
+        As recorded, with torque.  Without a uniform clock there is no finding.
     prepare : callable
-        Returns it with velocity and acceleration.
+        Adds velocity and acceleration.
     prepared : Recording, optional
-        What `prepare` makes of `log`, if that is known.
+        Result of `prepare`, if it is known.
     """
     log = log.of(model.robot.joint_names)
     if log.acceleration is not None or not is_uniform(log):
@@ -258,8 +263,8 @@ def motion_noise_findings(
             "warning",
             "all joints",
             f"noise of the positions ({np.median(sigma):.2g} rad or m) is part of the "
-            f"regressor's columns: {named}; by this least squares errs in the torque "
-            f"by some {100.0 * noise.torque_error:.2g} %",
+            f"regressor's columns: {named}; it biases the torque of least squares by "
+            f"about {100.0 * noise.torque_error:.2g} %",
             "lower the cut-off of the motion or smooth it, or use "
             "instrumental_variables with the commanded motion",
             largest / SHARE,
@@ -267,7 +272,7 @@ def motion_noise_findings(
     ]
 
 
-_SAMPLES = 4000  # of the motion, spread evenly, from which averages are taken
+_SAMPLES = 4000  # evenly spaced samples over which is averaged
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -279,11 +284,11 @@ class ColumnNoise:
     names : tuple of str
         Of the base parameters.
     shares : ndarray, shape (base,)
-        Of each column's power, noise; joints are weighted by their torque.
+        Share of noise in each column's power; joints are weighted by their torque.
     bias : ndarray, shape (base,)
-        Of weighted least squares by that noise, to first order.
+        Bias of weighted least squares from that noise, to first order.
     torque_error : float
-        What this bias does to the torque, relative to the torque.
+        Torque of this bias over the torque.
     """
 
     names: tuple[str, ...]
@@ -309,8 +314,8 @@ def column_noise(
 ) -> ColumnNoise:
     """Return the share of each base column that is noise of the motion.
 
-    The noise is drawn at samples of the motion: friction, which jumps, and products of
-    velocities have no simpler propagation.
+    Noise is drawn at samples of the motion, because it passes through friction, which
+    jumps, and through products of velocities.
 
     Parameters
     ----------
@@ -344,7 +349,7 @@ def _noisy(motion: Motion, covariance: Array, seed: int) -> Motion:
     """Return the motion with noise of the given covariance drawn upon it."""
     rng = np.random.default_rng(seed)
     n, joints = motion.q.shape
-    # Eigenvectors, as position and acceleration may go wholly together.
+    # Eigenvectors, because position and acceleration may be fully correlated.
     values, axes = np.linalg.eigh(covariance)
     roots = axes * np.sqrt(np.maximum(values, 0.0))[:, None, :]
     drawn = np.einsum("jab,njb->anj", roots, rng.normal(size=(n, joints, 3)))

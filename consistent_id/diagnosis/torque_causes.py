@@ -1,7 +1,14 @@
-"""Causes that residuals look like: drift, springs, coupled joints.
+"""Causes in the torque: drift, springs, coupled joints, lost signs, a lag.
 
-What least squares leaves of each joint's torque is regressed on what the model may
-lack.  What takes up most of it is taken off the torque, and the log is fitted again.
+Drift, springs and couplings are sought in the residuals of least squares: they are
+regressed on torques that the model may lack.  The part that explains most is subtracted
+from the torque, and the log is fitted again.
+
+A torque may be logged without its sign, as some drives report the size of a current.
+
+A torque that is late by ``d`` is logged as ``tau(t - d)``, or behind a low-pass filter
+of first order.  Filtered columns are compressed once with the torque at all delays as
+right-hand sides, so that each delay costs one column.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,17 +31,17 @@ from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.regression.regression import triangle
 
 _THRESHOLD = 1.3  # ratio of misfits, as in the table of corrections
-# Of a drift: a filtered torque is slow too, and a line in time takes up half of that.
+# Ratio for a drift: a filtered torque is slow too, and a line explains half of it.
 _OF_DRIFT = 2.0
-_SHARE = 0.5  # of the squared residual, that what is missing has to take up
-_BOTH = 0.25  # in each of two joints
-_MATTERS = 0.1  # of the largest squared residual: the others' are not looked at
+_SHARE = 0.5  # least share of the squared residual that a missing part explains
+_BOTH = 0.25  # the same, in each of two coupled joints
+_MATTERS = 0.1  # of the largest squared residual: smaller ones are skipped
 _CREEP = 0.02  # rad/s or m/s, of the smooth Coulomb term
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Residual:
-    """What least squares leaves of a joint's torque.
+    """Residual of a joint's torque in least squares.
 
     Parameters
     ----------
@@ -51,25 +58,25 @@ class Residual:
 
     @property
     def energy(self) -> float:
-        """Squared, relative to the torque."""
+        """Squared norm over the torque's."""
         return float(self.rest @ self.rest) / self.size**2
 
     def taken_up(self, columns: Matrix) -> Vector:
-        """Return the part of the torque that columns beside the model's explain."""
+        """Return the part of the torque that further columns explain."""
         beside = columns - self.spanned @ (self.spanned.T @ columns)
         amount = np.linalg.lstsq(beside, self.rest, rcond=1e-6)[0]
         part: Vector = np.dot(columns, amount)
         return part
 
     def share(self, columns: Matrix) -> float:
-        """Return the share of the squared residual that they take up."""
+        """Return the share of the squared residual that further columns explain."""
         part = self.taken_up(columns)
         left = self.rest - part + self.spanned @ (self.spanned.T @ part)
         return 1.0 - float(left @ left) / max(float(self.rest @ self.rest), 1e-300)
 
 
 def residuals(log: FittedLog) -> list[Residual]:
-    """Return what least squares of each joint's own row leaves."""
+    """Return the residual of each joint's row in least squares of its own."""
     model = log.factors.model
     motion = motion_of(model, log.recording, None)
     Y = model.regressor(motion.q, motion.dq, motion.ddq)
@@ -89,7 +96,7 @@ def _unit(columns: Matrix) -> Matrix:
 
 
 def missing_parts(as_is: FittedLog) -> list[Candidate]:
-    """Return the causes that most of the residuals look like."""
+    """Return the causes that explain most of the large residuals."""
     left = residuals(as_is)
     most = max(r.energy for r in left)
     matter = [j for j, r in enumerate(left) if r.energy >= _MATTERS * most]
@@ -119,7 +126,7 @@ def _of_one_joint(
                 spring,
                 "spring",
                 "with a torque at {} that depends on its position",
-                "add spring = true to its drive terms, or a term of its own: a "
+                "add spring = true to its drive terms, or an own term: it may have a "
                 "counterbalance, a cable or a spring",
             ),
         ):
@@ -160,7 +167,7 @@ def _of_pairs(
 
 
 def _without(as_is: FittedLog, cause: Cause, parts: dict[str, Vector]) -> Candidate:
-    """Return the log without parts of its torque, by joint."""
+    """Return the log without the given parts of its torque."""
     log = as_is.recording
     torque = np.array(log.torque)
     for name, part in parts.items():
@@ -171,16 +178,17 @@ def _without(as_is: FittedLog, cause: Cause, parts: dict[str, Vector]) -> Candid
 
 
 _OF_SIGN = 2.0  # ratio of misfits, as of a torque that is reversed
-_EXPLAINED = 0.03  # of the torque: misfit below which no sign is missing
-_BELOW = 0.05  # of the largest torque, that filters leave below zero
-_TURNS = 0.02  # share of samples in which a sign is missing, at the least
-_PASSES = 5  # signs follow from the fit, and the fit from signs
+_EXPLAINED = 0.03  # of the torque: misfit below which no sign or long lag is missing
+_BELOW = 0.05  # of the largest torque: filters leave values this far below zero
+_TURNS = 0.02  # least share of samples in which a sign is missing
+_PASSES = 5  # iterations of signs and fit
 
 
 def lost_signs(as_is: FittedLog) -> Iterator[Candidate]:
-    """Yield the log with the signs that the robot's own torque has.
+    """Yield the log with the signs of the robot's torque, if a channel has none.
 
-    Of torques that are never negative.  First signs are those of the nominal bodies.
+    Channels without a sign are never negative.  The first signs are those of the
+    nominal bodies.
     """
     if as_is.misfit < _EXPLAINED:
         return
@@ -204,7 +212,7 @@ def lost_signs(as_is: FittedLog) -> Iterator[Candidate]:
         "torque sign",
         names,
         f"with the sign that the torque of {names} has lost",
-        f"log the torque of {names} with its sign: it is a magnitude",
+        f"log the torque of {names} with its sign; only its size was logged",
         _OF_SIGN,
     )
     (factors,) = channel_factors(model, as_is.factors.base, [signed])
@@ -212,7 +220,7 @@ def lost_signs(as_is: FittedLog) -> Iterator[Candidate]:
 
 
 def _with_torque(log: Recording, joints: Sequence[str], torque: Matrix) -> Recording:
-    """Return a log with other torque of some joints."""
+    """Return a log with another torque of some joints."""
     every = np.array(log.torque)
     every[:, [log.joints.index(name) for name in joints]] = torque
     return replace(log, torque=every)
@@ -221,10 +229,10 @@ def _with_torque(log: Recording, joints: Sequence[str], torque: Matrix) -> Recor
 _LAGS = 1e-3 * np.arange(-60.0, 320.0, 20.0)  # s, of the torque behind the motion
 _FINE = 1e-3 * np.arange(-15.0, 16.0, 5.0)  # s, about the best of these
 _CONSTANTS = (0.08, 0.12, 0.16, 0.22, 0.3, 0.45)  # s, of the filters; less is a delay
-_LEAST = 0.05  # s, below which linearisation finds it
-_EARLY = 0.02  # s, that a filtered torque may seem to be early
-# Ratio of misfits up to which a delay stands for a filter: smoothing rounds the edges
-# of friction, which fits them better, filter or not.
+_LEAST = 0.05  # s: linearisation finds shorter lags
+_EARLY = 0.02  # s by which a filtered torque may seem early
+# Ratio of misfits up to which a delay is preferred to a filter.  A filter rounds the
+# edges of friction, which fits better whether the drive has a filter or not.
 _SIMPLER = 2.0
 
 
@@ -278,7 +286,7 @@ def _cause(lag: float, constant: float) -> Cause:
 
 
 def low_pass(values: Array, samples: float) -> Array:
-    """Return signals behind a filter of first order, from rest, along the last axis.
+    """Return signals after a first-order filter from rest, along the last axis.
 
     `samples` is its time constant; zero filters nothing.
     """
@@ -295,7 +303,7 @@ def low_pass(values: Array, samples: float) -> Array:
 
 
 def _misfits(columns: Array, torque: Matrix, lags: Array) -> Array:
-    """Return what least squares leaves at each lag, joints relative to their torque."""
+    """Return the misfit at each lag, joints relative to their torque."""
     inner, moved = _moved(torque, lags)
     count, rows = columns.shape[1], []
     for j, own in enumerate(columns[:, :, inner]):
@@ -308,7 +316,7 @@ def _misfits(columns: Array, torque: Matrix, lags: Array) -> Array:
 
 
 def _moved(torque: Matrix, lags: Array) -> tuple[slice, Array]:
-    """Return inner samples, and the torque there, later by lags [samples].
+    """Return inner samples, and the torque there, delayed by lags [samples].
 
     The torque's shape is (lags, inner samples, joints).
     """

@@ -1,4 +1,4 @@
-"""Positions and torques far beyond the limits of the model: in another unit."""
+"""Values in other units: travel and torque far beyond limits, impossible models."""
 
 import numpy as np
 
@@ -7,28 +7,28 @@ from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.recordings.recording import Recording
 from consistent_id.robot.model import RobotModel
 
-_TRAVEL = 2.0  # times the range of a joint's limits: more than a careless limit
-_ONE_TRAVEL = 5.0  # times: of a joint by itself, whose limits may be a guess
+_TRAVEL = 2.0  # times the range of a joint's limits: more than careless limits err
+_ONE_TRAVEL = 5.0  # the same for a single joint, whose limits may be a guess
 _DEGREES = 180.0 / np.pi
 
-_USUAL = 0.95  # quantile of the torque's size, which a few leaps do not move
-_TORQUE = 10.0  # times the effort limit: more than a careless limit
-# Times the share of any other joint: limits may be placeholders, all alike, of joints
-# that carry from 1 to 1000 N m; a joint in N mm has a thousand times its share.
+_USUAL = 0.95  # quantile of the absolute torque, which a few outliers do not move
+_TORQUE = 10.0  # times the effort limit: more than careless limits err
+# Times the share of any other joint.  Limits may be equal placeholders for joints that
+# carry 1 to 1000 N m; a torque in N mm is a thousand times too large.
 _ONE_TORQUE = 100.0
-_EVERY_TORQUE = 3.0  # times every limit, where limits differ: these are no placeholders
+_EVERY_TORQUE = 3.0  # times every limit, if limits differ and so are no placeholders
 
 
 def travel_findings(robot: RobotModel, log: Recording) -> list[LogFinding]:
     """Find travel far beyond the limits of joints.
 
-    Of most joints, it is in degrees if it would fit so; of few, each is in a unit of
-    its own.
+    If most joints travel too far, positions are in degrees where that fits.  If few do,
+    each of these has a unit of its own.
 
     Parameters
     ----------
     log : Recording
-        Of the robot's joints, in their order.
+        With the robot's joints, in their order.
     """
     limits = [joint.limits for joint in robot.driven]
     width = np.array([limit.upper - limit.lower for limit in limits])
@@ -73,12 +73,12 @@ def _travel_of_one(joint: str, share: float) -> LogFinding:
 
 
 def effort_findings(robot: RobotModel, torque: Recording) -> list[LogFinding]:
-    """Find torque far beyond effort limits, of all joints or of one alone.
+    """Find torque far beyond effort limits, of all joints or of a single one.
 
     Parameters
     ----------
     torque : Recording
-        Of the joints whose torque is looked at.
+        With the joints whose torque is examined.
     """
     limits = {joint.name: joint.limits.effort for joint in robot.driven}
     known = [name for name in torque.joints if 0.0 < limits[name] < np.inf]
@@ -124,13 +124,13 @@ def _torques_of_all(shares: Vector) -> LogFinding:
     )
 
 
-_FAR = 50.0  # m between neighbouring joints, which no robot has
+_FAR = 50.0  # m between neighbouring joints: more than any robot has
 _HEAVY = 2.3e4  # kg/m^3: osmium, the densest metal
-_EQUAL = 1e-9  # relative, to which made-up inertials are alike
+_EQUAL = 1e-9  # relative difference up to which inertials are equal
 
 
 def model_findings(robot: RobotModel) -> list[LogFinding]:
-    """Judge a model by itself."""
+    """Find faults of a model, without a log."""
     return _lengths(robot) or _masses(robot) or _placeholders(robot)
 
 
@@ -158,7 +158,7 @@ def _masses(robot: RobotModel) -> list[LogFinding]:
         body = link.nominal
         if body is None or body.mass <= 0.0:
             return []
-        # A box of this mass and these moments; a shell or a frame is less dense.
+        # Density of a box with this mass and inertia; a shell or a frame is less dense.
         central = np.linalg.eigvalsh(body.central_inertia)
         sides = 12.0 * (central.sum() / 2.0 - central) / body.mass
         if (sides <= 0.0).any():
@@ -180,7 +180,7 @@ def _masses(robot: RobotModel) -> list[LogFinding]:
 
 
 def placeholders(robot: RobotModel) -> bool:
-    """Return whether all links have the same inertials, which are made up then."""
+    """Return whether all links have the same inertials, as placeholders do."""
     bodies = [link.nominal for link in robot.links]
     known = [body for body in bodies if body is not None]
     if len(known) < max(len(bodies), 2):
@@ -201,7 +201,7 @@ def _placeholders(robot: RobotModel) -> list[LogFinding]:
             "model",
             f"all {len(robot)} links of the model have the same mass and inertia: they "
             "are placeholders",
-            'masses = "free" (--masses free), or those of the datasheet',
+            'set masses = "free" (--masses free), or the masses of the datasheet',
             2.0,
         )
     ]
