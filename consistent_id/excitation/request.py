@@ -1,4 +1,7 @@
-"""What the ``[excitation]`` table of a problem requests, as values of a design."""
+"""What the ``[excitation]`` table of a problem requests, as values of a design.
+
+The scene is the one that the file requests, or the robot's own shapes without one.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -1,4 +1,9 @@
-"""Linear least squares by singular values: rank, null space, smallest solution."""
+"""Linear algebra of regressions: triangles, independent columns, least squares.
+
+Triangular factors are computed by QR, in place.  `split_at_gap` says which columns are
+independent, and which nearly are not.  Least squares uses singular values: rank, null
+space, smallest solution.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

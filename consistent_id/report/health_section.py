@@ -1,4 +1,4 @@
-"""Section: what the diagnosis says of the recordings."""
+"""Sections on data: findings of the diagnosis, and what the motion identifies."""
 
 from collections.abc import Sequence
 

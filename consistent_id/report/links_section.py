@@ -1,4 +1,9 @@
-"""Sections: whether each link is physically consistent, and what constraints cost."""
+"""Sections on links: whether they are physically consistent, and what constraints cost.
+
+The robot is drawn with its joints and each link's inertia ellipsoid, in the base frame.
+Elements carry what the page's script needs to turn them: points ``data-p``, [m], and of
+an ellipsoid the upper half of ``Q``, ``data-q``, [m^2].
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Section: measured against predicted torque."""
+"""Sections on torque: measured against predicted, and friction over velocity."""
 
 import json
 
