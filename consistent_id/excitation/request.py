@@ -3,7 +3,6 @@
 The scene is the one that the file requests, or the robot's own shapes without one.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -42,7 +41,6 @@ from consistent_id.problems.excitation_tables import (
     ConeTable,
     ExcitationTable,
     LimitsTable,
-    PerJoint,
     RodTable,
     SceneTable,
     SphereTable,
@@ -52,7 +50,7 @@ from consistent_id.problems.problem import Problem
 from consistent_id.recordings.joint_paths import FourierTrajectory
 from consistent_id.robot.loaders.urdf_inertial import rotation_of
 from consistent_id.robot.model import RobotModel
-from consistent_id.robot.parameters import did_you_mean, require_known
+from consistent_id.robot.parameters import did_you_mean
 
 _WHERE = "[excitation.scene]"
 _SHAPES = ("sphere", "box", "capsule", "cylinder")
@@ -234,7 +232,6 @@ def _apart_at(scene: Scene, pose: dict[str, float]) -> Scene:
 
 _TABLE = "[excitation]"
 
-_LIMITS = "[excitation.limits]"
 _HARMONICS = 5  # of base frequencies that are requested without a number
 
 
@@ -366,7 +363,7 @@ def _limits(given: LimitsTable, robot: RobotModel) -> MotionLimits:
             effort_rate=given.effort_rate,
             effort_rms=given.effort_rms,
         )
-        limits = with_current_limits(limits, given)
+        limits = limits.with_currents(given.current, given.torque_constant)
     except ProblemError as cause:
         raise ProblemError(
             f"[excitation.limits] {cause}. Its keys: position = {{ "
@@ -419,39 +416,3 @@ def _require_clear(scene: Scene, pose: dict[str, float]) -> None:
             f"{found.distance[0, k] * 1e3:.1f} mm apart (negative: in one another), at "
             f"least {scene.pairs[k].wanted * 1e3:.1f} mm are wanted; give another pose"
         )
-
-
-def with_current_limits(limits: MotionLimits, given: LimitsTable) -> MotionLimits:
-    """Return limits whose efforts no current exceeds: ``torque_constant * current``.
-
-    Raises
-    ------
-    ProblemError
-        If one of `current` and `torque_constant` is missing, or a name is no joint's.
-    """
-    if given.current is None and given.torque_constant is None:
-        return limits
-    if given.current is None or given.torque_constant is None:
-        missing = "current" if given.current is None else "torque_constant"
-        raise ProblemError(
-            f"{_LIMITS} {missing} is missing: a current [A] limits torque with the "
-            "torque constant of the joint, gears included [N m/A]; give both"
-        )
-    current = _by_joint(given.current, limits.joints, "current")
-    constant = _by_joint(given.torque_constant, limits.joints, "torque_constant")
-    known = np.isfinite(current) & np.isfinite(constant)
-    torque = np.where(known, current * constant, np.inf)
-    return replace(limits, effort=np.minimum(limits.effort, torque))
-
-
-def _by_joint(given: PerJoint, joints: tuple[str, ...], key: str) -> Vector:
-    """Return a number for each joint, infinite where none is given."""
-    if isinstance(given, Mapping):
-        require_known(given, joints, f"{_LIMITS} {key}: no joint")
-        return np.array([given.get(name, np.inf) for name in joints])
-    values = np.asarray(given, dtype=np.float64)
-    if values.shape not in ((), (len(joints),)):
-        raise ProblemError(
-            f"{_LIMITS} {key} has {len(values)} numbers, expected one or {len(joints)}"
-        )
-    return np.broadcast_to(values, (len(joints),))
