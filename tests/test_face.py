@@ -22,7 +22,10 @@ def in_a_new_process(code):
 
 PACKAGES = [
     "consistent_id",
-    *(f"consistent_id.{path.parent.name}" for path in PACKAGE.glob("*/__init__.pyi")),
+    *(
+        ".".join(("consistent_id", *path.parent.relative_to(PACKAGE).parts))
+        for path in PACKAGE.rglob("*/__init__.pyi")
+    ),
 ]
 
 

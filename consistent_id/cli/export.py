@@ -29,12 +29,10 @@ consistent-id export problems/rx60 --format json --output rx60.json --dry-run
 """
 
 
-def add_export(commands: Any) -> None:
-    """Add the command to a parser's commands."""
+def add_export(command: argparse.ArgumentParser) -> None:
+    """Give the command its options."""
     add_command(
-        commands,
-        "export",
-        "write the estimate that identify delivers for other programs",
+        command,
         run_export,
         *SOURCE,
         Option(

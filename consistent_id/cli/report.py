@@ -2,7 +2,6 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from consistent_id.cli.answers import Answer
 from consistent_id.cli.options import (
@@ -27,12 +26,10 @@ consistent-id report results/robot --output robot.html
 """
 
 
-def add_report(commands: Any) -> None:
-    """Add the command to a parser's commands."""
+def add_report(command: argparse.ArgumentParser) -> None:
+    """Give the command its options."""
     add_command(
-        commands,
-        "report",
-        "write everything about a problem into one HTML file",
+        command,
         run_report,
         *SOURCE,
         Option(

@@ -154,7 +154,7 @@ class Computed:
 
     def tables(self, name: str) -> list["Table"]:
         """Return the tables of a command: ``identify``, ``compare``, ..."""
-        from consistent_id.report.results import tables_of
+        from consistent_id.report.results_writing import tables_of
 
         if name not in self._printed:
             self._printed[name] = tables_of(name, self.opened, self.study)
@@ -189,7 +189,8 @@ class Computed:
 
     def write(self, folder: Path) -> list[Path]:
         """Write the study to a folder."""
-        from consistent_id.report.results import PRINTED, write_results
+        from consistent_id.report.results import PRINTED
+        from consistent_id.report.results_writing import write_results
 
         tables = {name: self.tables(name) for name in PRINTED}
         return write_results(

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from time import perf_counter
 
 from consistent_id._support.arrays import Vector
-from consistent_id.constraints import Constraint, PhysicalConsistency
 from consistent_id.constraints.links import LinkCondition, link_conditions
 from consistent_id.estimation.best_fit import ScaledFit
 from consistent_id.estimation.determination import (
@@ -51,21 +50,21 @@ class OptimumProof:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FitProblem:
-    """What a constrained estimate is computed from."""
+class FitData:
+    """What a constrained estimate is fitted to: model, regression, base parameters."""
 
     model: TorqueModel
     regression: Regression
-    constraints: Sequence[Constraint]
     base: BaseParameters
 
 
 def audited(
-    problem: FitProblem,
+    data: FitData,
     scaled: ScaledFit,
     x: Vector,
     proof: OptimumProof,
     *,
+    consistent: bool,
     method: str,
     note: str,
     started: float,
@@ -78,15 +77,17 @@ def audited(
 
     Parameters
     ----------
+    consistent : bool
+        Whether each link has to be physically consistent: the mass matrix has to be
+        positive definite then.
     shift : ndarray, shape (parameters,), optional
         How far the prior moved the parameters from the best fit: their bias.  Without
         it they have no standard errors.
     """
-    model, regression, base = problem.model, problem.regression, problem.base
+    model, regression, base = data.model, data.regression, data.base
     links = link_conditions(model, x)
     least = least_mass_eigenvalue(model, x, random_poses(model, POSES, _SEED))
-    figures = _figures(problem, scaled, x, proof, least, links)
-    consistent = any(isinstance(c, PhysicalConsistency) for c in problem.constraints)
+    figures = _figures(regression, scaled, x, proof, least, links)
     solution, known = base_solution(regression, base), scaled.constraints.A_eq
     errors = linear_errors(base, residual_noise(regression, base), known)
     origins = determinations(
@@ -112,7 +113,7 @@ def audited(
 
 
 def _figures(
-    problem: FitProblem,
+    regression: Regression,
     scaled: ScaledFit,
     x: Vector,
     proof: OptimumProof,
@@ -120,9 +121,7 @@ def _figures(
     links: Sequence[LinkCondition],
 ) -> dict[str, float]:
     """Return the certificate's figures; `least` is the mass matrix's eigenvalue."""
-    rms = zip(
-        problem.regression.joints, problem.regression.residual_rms(x), strict=True
-    )
+    rms = zip(regression.joints, regression.residual_rms(x), strict=True)
     return {
         "violation in original units": scaled.constraints.violation(x),
         **proof.figures,

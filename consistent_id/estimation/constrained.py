@@ -40,7 +40,7 @@ from consistent_id.constraints.priors import (
     nominal_distance,
 )
 from consistent_id.errors import InfeasibleError, SolverError
-from consistent_id.estimation.audit import FitProblem, OptimumProof, audited
+from consistent_id.estimation.audit import FitData, OptimumProof, audited
 from consistent_id.estimation.best_fit import (
     REFERENCE,
     BestFit,
@@ -203,10 +203,11 @@ def constrained_least_squares(
     base = base_parameters(model) if base is None else base
     fitted = constrained_fit(model, regression, constraints, prior, base)
     return audited(
-        FitProblem(model, regression, constraints, base),
+        FitData(model, regression, base),
         fitted.best.scaled,
         fitted.parameters,
         fitted.proof,
+        consistent=any(isinstance(c, PhysicalConsistency) for c in constraints),
         method=method,
         note=fitted.note,
         started=started,

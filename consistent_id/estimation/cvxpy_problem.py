@@ -19,7 +19,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
 from consistent_id._support.executors import single_threaded
-from consistent_id.constraints import Constraint
+from consistent_id.constraints import Constraint, PhysicalConsistency
 from consistent_id.constraints.cones.certificate import (
     FEASIBILITY_TOLERANCE,
     GAP_TOLERANCE,
@@ -31,7 +31,7 @@ from consistent_id.constraints.cones.programmes import Multipliers, set_multipli
 from consistent_id.constraints.cones.sets import ConicSet, stacked
 from consistent_id.constraints.priors import EntropicDistance, NominalDistance, Prior
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.audit import FitProblem, OptimumProof, audited
+from consistent_id.estimation.audit import FitData, OptimumProof, audited
 from consistent_id.estimation.best_fit import REFERENCE, ScaledFit
 from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS, constrained_fit
 from consistent_id.estimation.estimate import Estimate
@@ -70,7 +70,8 @@ class CvxpyProblem:
     weight : float
     """
 
-    source: FitProblem
+    source: FitData
+    consistent: bool
     scaled: ScaledFit
     distance: NominalDistance
     weight: float
@@ -181,7 +182,7 @@ def to_cvxpy(
     import cvxpy as cp
 
     base = base_parameters(model) if base is None else base
-    source = FitProblem(model, regression, tuple(constraints), base)
+    source = FitData(model, regression, base)
     fitted = constrained_fit(model, regression, constraints, prior, base)
     scaled, distance, layout = fitted.best.scaled, fitted.distance, model.layout
     u = cp.Variable(len(layout), name="parameters in typical units")
@@ -191,6 +192,7 @@ def to_cvxpy(
     prior_term = fitted.final.weight * _half_squared_distance(u, distance)
     return CvxpyProblem(
         source=source,
+        consistent=any(isinstance(c, PhysicalConsistency) for c in constraints),
         scaled=scaled,
         distance=distance,
         weight=fitted.final.weight,
@@ -295,6 +297,7 @@ def _solved(
         form.scaled,
         u * form.scaled.unit,
         proof,
+        consistent=form.consistent,
         method=method,
         note=note,
         started=started,

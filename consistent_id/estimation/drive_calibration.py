@@ -30,11 +30,11 @@ from consistent_id.errors import ProblemError
 from consistent_id.estimation.equalities import FreeParameters, least_squares
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.drive_torque import DriveCalibration
+from consistent_id.regression.linear import extended
 from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import CHUNK, TorqueModel
 from consistent_id.regression.residual_noise import joint_noise
-from consistent_id.regression.triangles import extended
 
 UNKNOWNS = ("delay", "scale", "encoder_bias")
 """What a calibration has and a fit may find."""

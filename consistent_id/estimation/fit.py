@@ -21,7 +21,7 @@ from consistent_id._support.arrays import (
 )
 from consistent_id.estimation.torque_error import holding, moving_shares
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.linear import DATA_RANK_TOLERANCE, null_space
+from consistent_id.regression.linear import DATA_RANK_TOLERANCE, null_space, triangle
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import (
@@ -31,7 +31,6 @@ from consistent_id.regression.residual_noise import (
 )
 from consistent_id.regression.row_names import rows_in_newton
 from consistent_id.regression.row_structure import random_rows
-from consistent_id.regression.triangles import triangle
 
 _ALONE = ("misfit", "floor", "excess", "drive_share", "correlation", "spare", "guessed")
 _PER_JOINT = tuple(

@@ -17,7 +17,7 @@ from consistent_id.errors import ModelError, NotExcitedError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters, column_kinds
 from consistent_id.regression.drive.drive_terms import DriveTerms
-from consistent_id.regression.independent_columns import split_at_gap
+from consistent_id.regression.linear import split_at_gap
 from consistent_id.regression.motion_arrays import predicted_torque
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel

@@ -28,8 +28,7 @@ from consistent_id.estimation.payload import datasheet_constraints
 from consistent_id.fleet.fleet_model import FleetModel, span
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.correlated_noise import CorrelatedNoise
-from consistent_id.regression.independent_columns import independent_columns
-from consistent_id.regression.linear import solve_linear
+from consistent_id.regression.linear import independent_columns, solve_linear
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import residual_noise

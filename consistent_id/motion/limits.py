@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Self, TypeVar
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,12 +10,11 @@ from numpy.typing import ArrayLike
 from consistent_id._support.arrays import Vector, array_default, freeze, freeze_arrays
 from consistent_id.errors import ProblemError
 from consistent_id.robot.model import Joint, RobotModel, limits_with_followers
-from consistent_id.robot.parameters import did_you_mean
+from consistent_id.robot.parameters import require_known
 
 _ORDERS = ("velocity", "acceleration", "jerk")
 _OVER_TIME = ("effort_rate", "effort_rms")
 _EFFORTS = ("effort", *_OVER_TIME)
-_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,6 +109,40 @@ class MotionLimits:
             **{name: share * getattr(self, name) for name in (*_ORDERS, *_EFFORTS)},
         )
 
+    def with_currents(
+        self,
+        current: ArrayLike | Mapping[str, float] | None,
+        torque_constant: ArrayLike | Mapping[str, float] | None,
+    ) -> Self:
+        """Return limits whose efforts need no larger current.
+
+        Parameters
+        ----------
+        current : array_like or mapping, optional, [A]
+            Largest current; one for all joints, one each, or some by name.
+        torque_constant : array_like or mapping, optional, [N m/A or N/A]
+            Torque of the joint over current, gears included; given likewise.
+
+        Raises
+        ------
+        ProblemError
+            If only one of them is given, or a name is no joint's.
+        """
+        if current is None and torque_constant is None:
+            return self
+        if current is None or torque_constant is None:
+            missing = "current" if current is None else "torque_constant"
+            raise ProblemError(
+                f"limits: {missing} is missing: a current [A] limits torque with the "
+                "torque constant of the joint, gears included [N m/A]; give both"
+            )
+        unlimited = [np.inf] * len(self.joints)
+        most = _each(current, unlimited, self.joints, "current")
+        constant = _each(torque_constant, unlimited, self.joints, "torque_constant")
+        known = np.isfinite(most) & np.isfinite(constant)
+        torque = np.where(known, most * constant, np.inf)
+        return replace(self, effort=np.minimum(self.effort, torque))
+
 
 def motion_limits(
     robot: RobotModel,
@@ -153,7 +186,9 @@ def motion_limits(
         joint.name: _own_range(replace(joint, limits=limits))
         for joint, limits in zip(robot.driven, own, strict=True)
     }
-    span |= _known(position or {}, names, "position")
+    position = {} if position is None else position
+    require_known(position, names, "limits: position: no joint")
+    span |= position
     unlimited = [np.inf] * len(names)
     return MotionLimits(
         joints=names,
@@ -185,9 +220,9 @@ def _each(
     if given is None:
         return np.array(own)
     if isinstance(given, Mapping):
-        chosen = _known(given, names, what)
+        require_known(given, names, f"limits: {what}: no joint")
         return np.array(
-            [chosen.get(n, value) for n, value in zip(names, own, strict=True)]
+            [given.get(n, value) for n, value in zip(names, own, strict=True)]
         )
     values = np.asarray(given, dtype=float)
     if values.shape not in ((), (len(names),)):
@@ -196,13 +231,3 @@ def _each(
             f"{len(names)}"
         )
     return np.broadcast_to(values, (len(names),))
-
-
-def _known(
-    given: Mapping[str, _T], names: tuple[str, ...], what: str
-) -> Mapping[str, _T]:
-    for name in given:
-        if name not in names:
-            near = did_you_mean(name, names)
-            raise ProblemError(f"limits: {what} of {name!r}: no such joint; {near}")
-    return given

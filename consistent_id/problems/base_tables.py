@@ -17,6 +17,9 @@ from consistent_id.recordings.readers.beside_columns import (
     WrenchColumns,
 )
 
+ALWAYS = "always"
+"""In place of a contact's column: the robot stands on that foot all the time."""
+
 Names = str | list[str]
 Four = Annotated[list[float], Meta(min_length=4, max_length=4)]
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import msgspec
 import numpy as np
@@ -11,21 +11,21 @@ import numpy as np
 from consistent_id._support.tables import Table
 from consistent_id.constraints import Constraint
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.drive_calibration import (
-    UNKNOWNS,
-    CalibrationFit,
-    CommandDelay,
-    command_delay,
-    fit_calibration,
-)
-from consistent_id.estimation.transmission_springs import JointSprings, joint_springs
 from consistent_id.problems.base_tables import beside_columns
 from consistent_id.problems.file import DataTable, GainsTable, RecordingTable
 from consistent_id.recordings.log_formats import log_format
-from consistent_id.recordings.readers import JOINT_STATE, Columns
+from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals import DriveCalibration, PDGains, calibrated
+from consistent_id.recordings.signals.drive_torque import (
+    DriveCalibration,
+    PDGains,
+    calibrated,
+)
 from consistent_id.regression.regressor import TorqueModel
+
+if TYPE_CHECKING:
+    from consistent_id.estimation.drive_calibration import CalibrationFit, CommandDelay
+    from consistent_id.estimation.transmission_springs import JointSprings
 
 
 def span_of(raw: Recording, entry: RecordingTable) -> tuple[float, float]:
@@ -185,9 +185,9 @@ class FoundDrives:
 
     gains: PDGains | None = None
     calibration: DriveCalibration = DriveCalibration()  # noqa: RUF009  frozen
-    delay: CommandDelay | None = None
-    fit: CalibrationFit | None = None
-    springs: JointSprings | None = None
+    delay: "CommandDelay | None" = None
+    fit: "CalibrationFit | None" = None
+    springs: "JointSprings | None" = None
 
     def tables(self) -> list[Table]:
         """Return what was found, for people; nothing if nothing was asked for."""
@@ -216,6 +216,13 @@ def found_drives(
     ProblemError, RecordingError
         If the file or its recordings cannot be used.
     """
+    from consistent_id.estimation.drive_calibration import (
+        UNKNOWNS,
+        command_delay,
+        fit_calibration,
+    )
+    from consistent_id.estimation.transmission_springs import joint_springs
+
     gains = None if data is None else gains_of_drives(data)
     if data is None or data.gains is None or gains is None:
         return FoundDrives()

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -27,13 +28,6 @@ from consistent_id.regression.loads import unloaded_joints
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.rows.wrench_sensor import tool_model
 from consistent_id.robot.chains import Selection, selected
-from consistent_id.robot.loaders import (
-    DHRow,
-    from_classical_dh,
-    from_modified_dh,
-    load_mjcf,
-    load_urdf,
-)
 from consistent_id.robot.loaders.robot_file import is_mjcf
 from consistent_id.robot.model import (
     STANDARD_GRAVITY,
@@ -42,6 +36,9 @@ from consistent_id.robot.model import (
     RobotModel,
 )
 from consistent_id.robot.parameters import did_you_mean
+
+if TYPE_CHECKING:
+    from consistent_id.robot.loaders.dh import DHRow
 
 DEFAULT_DRIVE = DriveTable(
     viscous=True, coulomb="tanh", velocity_scale=0.02, offset=True
@@ -202,16 +199,24 @@ def robot_of(table: ProblemTable, folder: Path) -> RobotModel:
     gravity = STANDARD_GRAVITY if model.gravity is None else model.gravity
     if model.urdf is not None:
         file = require_there(folder / expanded(model.urdf, table), table)
+        from consistent_id.robot.loaders.urdf import load_urdf
+
         return load_urdf(file, gravity=gravity, **asdict(selection))
     if model.mjcf is not None:
         file = require_there(folder / expanded(model.mjcf, table), table)
+        from consistent_id.robot.loaders.mjcf import load_mjcf
+
         return load_mjcf(file, gravity=model.gravity, **asdict(selection))
+    from consistent_id.robot.loaders.dh import from_classical_dh, from_modified_dh
+
     rows = [_dh_row(row) for row in model.modified_dh or model.classical_dh]
     build = from_modified_dh if model.modified_dh else from_classical_dh
     return selected(build(table.name, rows, gravity=gravity), selection)
 
 
-def _dh_row(row: DHTable) -> DHRow:
+def _dh_row(row: DHTable) -> "DHRow":
+    from consistent_id.robot.loaders.dh import DHRow
+
     limits = JointLimits(
         -np.inf if row.lower is None else row.lower,
         np.inf if row.upper is None else row.upper,

@@ -8,7 +8,7 @@ import msgspec
 
 from consistent_id._support.files import relative_path
 from consistent_id.errors import ProblemError
-from consistent_id.problems.base_tables import BaseTable, ContactTable
+from consistent_id.problems.base_tables import ALWAYS, BaseTable, ContactTable
 from consistent_id.problems.excitation_tables import SceneTable
 from consistent_id.problems.file import (
     ColumnsTable,
@@ -16,7 +16,6 @@ from consistent_id.problems.file import (
     ProblemTable,
     RecordingTable,
 )
-from consistent_id.problems.floating.contact_guess import ALWAYS
 from consistent_id.problems.log_entries import columns_of, gains_table
 from consistent_id.problems.model import robot_of
 from consistent_id.problems.paths import as_named

@@ -14,12 +14,13 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.executors import single_threaded
 from consistent_id.errors import NotExcitedError, ProblemError
-from consistent_id.regression.independent_columns import (
+from consistent_id.regression.linear import (
     STRUCTURAL_TOLERANCE,
     ColumnSplit,
+    LinearSolution,
+    solve_linear,
     split_at_gap,
 )
-from consistent_id.regression.linear import LinearSolution, solve_linear
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_structure import RowModel, random_rows

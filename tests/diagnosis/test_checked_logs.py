@@ -125,7 +125,7 @@ def test_the_shell_checks_a_log_without_the_torque_of_some_joints(tmp_path, caps
 )
 def test_a_delay_that_is_undone_hides_no_filter(tmp_path, filtered, undone, found):
     from consistent_id import load_problem
-    from consistent_id.diagnosis.late_torque import low_pass
+    from consistent_id.diagnosis.torque_causes import low_pass
     from consistent_id.problems.log_check import check_problem
 
     log = _arm_in(tmp_path)

@@ -3,8 +3,7 @@
 import pytest
 
 from consistent_id.cli import main
-from consistent_id.excitation.request import design_request
-from consistent_id.excitation.request_scene import default_scene
+from consistent_id.excitation.request import default_scene, design_request
 from consistent_id.excitation.sources import problem_to_excite
 from consistent_id.motion.collisions.separation import nearest
 

@@ -38,7 +38,7 @@ from consistent_id.diagnosis import Diagnosis
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.estimation.verdict import percent
 from consistent_id.report import advise, comparison_html, report_html
-from consistent_id.report.drawn_robot import (
+from consistent_id.report.links_section import (
     InertiaEllipsoid,
     equimomental,
     outline,

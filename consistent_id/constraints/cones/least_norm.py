@@ -52,7 +52,7 @@ from consistent_id.constraints.cones.sets import (
     stacked,
 )
 from consistent_id.errors import SolverError
-from consistent_id.regression.triangles import triangle
+from consistent_id.regression.linear import triangle
 
 _FAR = 1e3  # norm of g beyond which to rescale, and to which to magnify
 

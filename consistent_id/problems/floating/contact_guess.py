@@ -10,6 +10,7 @@ from consistent_id._support.arrays import Vector
 from consistent_id.errors import RecordingError
 from consistent_id.motion.collisions.bodies import Sphere
 from consistent_id.motion.collisions.urdf_bodies import link_bodies
+from consistent_id.problems.base_tables import ALWAYS
 from consistent_id.recordings.column_guess import shown
 from consistent_id.recordings.column_words import contact_names, matched_frame
 from consistent_id.recordings.readers.beside_columns import ContactColumns
@@ -28,9 +29,6 @@ from consistent_id.robot.parameters import did_you_mean
 
 _WORDS = ("foot", "sole", "toe", "ankle", "calf", "shank", "feet")  # the best first
 _SOLE = 5  # joints of a leg from which on its foot can be laid flat on the ground
-
-ALWAYS = "always"
-"""In place of a contact's column: the robot stands on that foot all the time."""
 
 SLIP = 0.05
 """m/s: feet that move faster against each other do not stand. A foot that swings moves

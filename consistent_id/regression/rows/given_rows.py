@@ -13,7 +13,7 @@ from consistent_id._support.arrays import checked
 from consistent_id._support.executors import single_threaded
 from consistent_id.errors import ProblemError
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.independent_columns import independent_columns
+from consistent_id.regression.linear import independent_columns
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel

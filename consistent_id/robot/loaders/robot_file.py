@@ -7,8 +7,6 @@ from pathlib import Path
 from numpy.typing import ArrayLike
 
 from consistent_id.robot.chains import Selection
-from consistent_id.robot.loaders.mjcf import load_mjcf
-from consistent_id.robot.loaders.urdf import load_urdf
 from consistent_id.robot.loaders.urdf_lint import read_bytes
 from consistent_id.robot.loaders.xml import XmlFault, parse
 from consistent_id.robot.model import STANDARD_GRAVITY, RobotModel
@@ -55,6 +53,9 @@ def load_robot(
     --------
     load_urdf, load_mjcf : The two formats by themselves.
     """
+    from consistent_id.robot.loaders.mjcf import load_mjcf
+    from consistent_id.robot.loaders.urdf import load_urdf
+
     selection = Selection(base, tip, joints, locked)
     if is_mjcf(Path(path)):
         return load_mjcf(path, gravity=gravity, **asdict(selection))

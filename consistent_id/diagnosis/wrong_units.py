@@ -1,4 +1,4 @@
-"""Positions and torques far beyond the limits of the model: in another unit."""
+"""Values in other units: travel and torque far beyond limits, impossible models."""
 
 import numpy as np
 
@@ -7,28 +7,28 @@ from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.recordings.recording import Recording
 from consistent_id.robot.model import RobotModel
 
-_TRAVEL = 2.0  # times the range of a joint's limits: more than a careless limit
-_ONE_TRAVEL = 5.0  # times: of a joint by itself, whose limits may be a guess
+_TRAVEL = 2.0  # times the range of a joint's limits: more than careless limits err
+_ONE_TRAVEL = 5.0  # the same for a single joint, whose limits may be a guess
 _DEGREES = 180.0 / np.pi
 
-_USUAL = 0.95  # quantile of the torque's size, which a few leaps do not move
-_TORQUE = 10.0  # times the effort limit: more than a careless limit
-# Times the share of any other joint: limits may be placeholders, all alike, of joints
-# that carry from 1 to 1000 N m; a joint in N mm has a thousand times its share.
+_USUAL = 0.95  # quantile of the absolute torque, which a few outliers do not move
+_TORQUE = 10.0  # times the effort limit: more than careless limits err
+# Times the share of any other joint.  Limits may be equal placeholders for joints that
+# carry 1 to 1000 N m; a torque in N mm is a thousand times too large.
 _ONE_TORQUE = 100.0
-_EVERY_TORQUE = 3.0  # times every limit, where limits differ: these are no placeholders
+_EVERY_TORQUE = 3.0  # times every limit, if limits differ and so are no placeholders
 
 
 def travel_findings(robot: RobotModel, log: Recording) -> list[LogFinding]:
     """Find travel far beyond the limits of joints.
 
-    Of most joints, it is in degrees if it would fit so; of few, each is in a unit of
-    its own.
+    If most joints travel too far, positions are in degrees where that fits.  If few do,
+    each of these has a unit of its own.
 
     Parameters
     ----------
     log : Recording
-        Of the robot's joints, in their order.
+        With the robot's joints, in their order.
     """
     limits = [joint.limits for joint in robot.driven]
     width = np.array([limit.upper - limit.lower for limit in limits])
@@ -73,12 +73,12 @@ def _travel_of_one(joint: str, share: float) -> LogFinding:
 
 
 def effort_findings(robot: RobotModel, torque: Recording) -> list[LogFinding]:
-    """Find torque far beyond effort limits, of all joints or of one alone.
+    """Find torque far beyond effort limits, of all joints or of a single one.
 
     Parameters
     ----------
     torque : Recording
-        Of the joints whose torque is looked at.
+        With the joints whose torque is examined.
     """
     limits = {joint.name: joint.limits.effort for joint in robot.driven}
     known = [name for name in torque.joints if 0.0 < limits[name] < np.inf]
@@ -122,3 +122,86 @@ def _torques_of_all(shares: Vector) -> LogFinding:
         f"check unit and gain (times {1.0 / typical:.1g}?), or correct the limits",
         typical / _TORQUE,
     )
+
+
+_FAR = 50.0  # m between neighbouring joints: more than any robot has
+_HEAVY = 2.3e4  # kg/m^3: osmium, the densest metal
+_EQUAL = 1e-9  # relative difference up to which inertials are equal
+
+
+def model_findings(robot: RobotModel) -> list[LogFinding]:
+    """Find faults of a model, without a log."""
+    return _lengths(robot) or _masses(robot) or _placeholders(robot)
+
+
+def _lengths(robot: RobotModel) -> list[LogFinding]:
+    farthest = max(float(np.linalg.norm(j.translation)) for j in robot.joints)
+    if farthest < _FAR:
+        return []
+    return [
+        LogFinding(
+            "units",
+            "fault",
+            "model",
+            f"two joints of the model are {farthest:.4g} m apart: its lengths are in "
+            "millimetres",
+            "divide lengths by 1000, and inertias by 1e6",
+            farthest / _FAR,
+        )
+    ]
+
+
+def _masses(robot: RobotModel) -> list[LogFinding]:
+    """Find links that are denser than any metal."""
+    dense = []
+    for link in robot.links:
+        body = link.nominal
+        if body is None or body.mass <= 0.0:
+            return []
+        # Density of a box with this mass and inertia; a shell or a frame is less dense.
+        central = np.linalg.eigvalsh(body.central_inertia)
+        sides = 12.0 * (central.sum() / 2.0 - central) / body.mass
+        if (sides <= 0.0).any():
+            return []
+        dense.append(body.mass / float(np.sqrt(np.prod(sides))))
+    if min(dense) < _HEAVY or len(dense) < 2 or min(dense) > 1e3 * _HEAVY:
+        return []
+    return [
+        LogFinding(
+            "units",
+            "fault",
+            "model",
+            f"bodies with the masses and inertias of the model's links are denser than "
+            f"{_HEAVY:.3g} kg/m^3, the densest metal: its masses are in grams",
+            "divide masses and inertias by 1000",
+            min(dense) / _HEAVY,
+        )
+    ]
+
+
+def placeholders(robot: RobotModel) -> bool:
+    """Return whether all links have the same inertials, as placeholders do."""
+    bodies = [link.nominal for link in robot.links]
+    known = [body for body in bodies if body is not None]
+    if len(known) < max(len(bodies), 2):
+        return False
+    masses = np.array([body.mass for body in known])
+    central = np.array([body.central_inertia for body in known])
+    alike = np.ptp(masses) <= _EQUAL * masses.max()
+    return bool(alike and np.ptp(central, axis=0).max() <= _EQUAL * central.max())
+
+
+def _placeholders(robot: RobotModel) -> list[LogFinding]:
+    if not placeholders(robot):
+        return []
+    return [
+        LogFinding(
+            "placeholder inertials",
+            "warning",
+            "model",
+            f"all {len(robot)} links of the model have the same mass and inertia: they "
+            "are placeholders",
+            'set masses = "free" (--masses free), or the masses of the datasheet',
+            2.0,
+        )
+    ]
