@@ -34,12 +34,12 @@ _HARMONICS = 5  # of base frequencies that are requested without a number
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DesignRequest:
-    """Forms, aim, limits and surroundings of a path, and how it is to be played.
+    """Forms, aim, limits and scene of a path, and options for playing it.
 
     Parameters
     ----------
     forms : tuple of PathForm
-        To choose from: one, if the number of harmonics is requested.
+        Forms to choose from: one, if the number of harmonics is requested.
     aim : Aim
     limits : MotionLimits
     scene : Scene, optional
@@ -48,9 +48,9 @@ class DesignRequest:
     periods : int, optional
         How often a periodic path is repeated; None to play its duration once.
     notes : tuple of str
-        On bodies that nothing was requested of.
+        Notes on the default scene.
     friction_share : float
-        Of the effort limits, left for friction that is not known.
+        Share of the effort limits that is left for unknown friction.
     """
 
     forms: tuple[PathForm, ...]
@@ -82,8 +82,8 @@ def design_request(problem: Problem) -> DesignRequest:
     if table.rest and table.periods != 1:
         raise ProblemError(
             f"{_TABLE} periods is {table.periods}, but a path that rests at its ends "
-            "is not repeated; give rest = false, or leave periods out and play it as "
-            "often as you like"
+            f"is not repeated; give rest = false, or leave periods out and play it "
+            f"several times"
         )
     limits = _limits(table.limits, problem.moving)
     forms = _forms(table, limits)
@@ -120,7 +120,7 @@ def design_request(problem: Problem) -> DesignRequest:
 def _interest(
     problem: Problem, refine: Objective | Literal["default"] | None
 ) -> tuple[str, ...]:
-    """Return what a motion is for: on a wrench sensor the tool, whatever its bias."""
+    """Return the parameters of interest: for a wrench sensor those of the tool."""
     table, robot = problem.table.excitation, problem.model.robot
     if table.interest or problem.arm is None:
         return interest_names(robot, table.interest)
@@ -188,7 +188,7 @@ def _pose(given: dict[str, float], limits: MotionLimits) -> dict[str, float]:
 
 
 def _require_whole_period(form: PathForm, periods: int) -> None:
-    """Refuse to repeat what is designed and proven, if it is no whole period."""
+    """Refuse to repeat a path whose duration is not a whole period."""
     still = np.zeros((len(form.frequencies), 1))
     path = FourierTrajectory(
         ("any",), form.frequencies, np.zeros(1), still, still, form.duration
@@ -210,13 +210,14 @@ def _require_clear(scene: Scene, pose: dict[str, float]) -> None:
         first, second = scene.names(scene.pairs[k])
         raise ProblemError(
             f"{_TABLE} start_pose: bodies {first!r} and {second!r} are "
-            f"{found.distance[0, k] * 1e3:.1f} mm apart (negative: in one another), at "
-            f"least {scene.pairs[k].wanted * 1e3:.1f} mm are wanted; give another pose"
+            f"{found.distance[0, k] * 1e3:.1f} mm apart (negative: penetration), at "
+            f"least {scene.pairs[k].wanted * 1e3:.1f} mm are required; give another "
+            f"pose"
         )
 
 
 def with_current_limits(limits: MotionLimits, given: LimitsTable) -> MotionLimits:
-    """Return limits whose efforts no current exceeds: ``torque_constant * current``.
+    """Return limits with efforts within current limits: ``torque_constant * current``.
 
     Raises
     ------

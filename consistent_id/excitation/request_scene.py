@@ -73,16 +73,15 @@ def default_scene(
 ) -> tuple[Scene | None, tuple[str, ...]]:
     """Return the collision shapes of a problem's URDF as a scene, and notes on it.
 
-    A shape that cannot be read is no error, since nobody has asked for it: there is no
-    scene then, and the note says why.
+    If a shape cannot be read, there is no scene, and a note gives the reason; it is not
+    an error, because the scene is a default.
 
     Parameters
     ----------
     problem : Problem
         Without ``[excitation.scene]``.
     pose : dict from joint to position, optional
-        In which the robot stands: shapes that touch there are too large, and not
-        watched.
+        Pose of the robot: shapes that touch there are too large, and are not checked.
     """
     urdf = problem.table.model.urdf
     if not problem.table.excitation.collisions:
@@ -97,8 +96,8 @@ def default_scene(
     except ConsistentIdError as cause:
         return None, (f"{_NONE}: {cause}",)
     around = (
-        "the robot keeps off itself, by the shapes of its URDF; of what stands around "
-        "it nothing is known: --ground, [excitation.scene]; --no-collisions"
+        "self-collisions are avoided, by the shapes of the URDF; obstacles are "
+        "unknown: --ground, [excitation.scene]; --no-collisions"
     )
     return (scene if pose is None else _apart_at(scene, pose)), (around,)
 
@@ -197,12 +196,12 @@ def _rod(rod: RodTable, where: str) -> tuple[float, Matrix, Vector]:
 
 
 def _along(way: Vector) -> Matrix:
-    """Return a rotation that takes z to a unit vector."""
+    """Return a rotation of z to a unit vector."""
     return np.asarray(plane(normal=way).rotation)
 
 
 def _apart_at(scene: Scene, pose: dict[str, float]) -> Scene:
-    """Leave out pairs that touch where the robot stands."""
+    """Leave out pairs that touch in the start pose."""
     if not scene.pairs:
         return scene
     q = [[pose[name] for name in scene.robot.joint_names]]

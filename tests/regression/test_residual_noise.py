@@ -140,7 +140,7 @@ def test_few_effective_samples_are_said():
     noise = noise_like("low-passed", rng, clean.torque.shape)
     noisy = replace(clean, torque=clean.torque + noise)
     found = residual_noise(build_regression(model, noisy), base_parameters(model))
-    assert "errors are inaccurate" in found.sentence
+    assert "errors are rough" in found.sentence
 
 
 @pytest.mark.parametrize(("noise", "between"), [(1.0, 1.0), (4.0, 1.0), (1.0, 9.0)])
