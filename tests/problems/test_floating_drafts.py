@@ -127,7 +127,7 @@ def test_the_order_of_a_bare_quaternion_is_told_by_the_gyroscope(folder, order):
     log = columns(folder)
     turned = {f"base_rot_{i}": log[f"quat_{c}"] for i, c in enumerate(order)}
     found, notes = logs_of(folder, {**without(log, "quat"), **turned})
-    assert found.base.order == order and "as the gyroscope turns" in notes
+    assert found.base.order == order and "from the gyroscope" in notes
 
 
 def test_a_unit_is_where_the_robots_file_has_it(folder):

@@ -251,7 +251,7 @@ def test_parquet_columns_without_numbers_are_refused(tmp_path, elbow, message):
     ("names", "message"),
     [
         (("time", "q_elbov"), "no column 'q_elbow'; known: q_elbov"),
-        (("time", "q_elbow", "q_elbow"), "column 'q_elbow' stands there twice"),
+        (("time", "q_elbow", "q_elbow"), "column 'q_elbow' occurs twice"),
     ],
 )
 def test_missing_and_repeated_parquet_columns_are_refused(tmp_path, names, message):

@@ -171,7 +171,7 @@ BAD_ARRAYS = {
     "as many samples as joints": (
         {"t": TIME[:3], "q": VALUES[:3]},
         ARRAY,
-        r"array 'q' has shape \(3, 3\) .*which axis is time cannot be known",
+        r"array 'q' has shape \(3, 3\) .*axis of time is ambiguous known",
     ),
     "too few joints": (
         {"t": TIME, "q": VALUES[:, :2]},
@@ -327,7 +327,10 @@ def test_what_is_no_number_in_matlab_is_refused(tmp_path, attributes):
 
 BAD_STRUCTURES = {
     "no field": ({"log": {"t": TIME}}, "'log' has no field 'q'; known: t"),
-    "no structure": ({"log": {"t": TIME, "q": {"x": 1}}}, "'log.q' is no array of num"),
+    "no structure": (
+        {"log": {"t": TIME, "q": {"x": 1}}},
+        "'log.q' is not an array of num",
+    ),
     "cell": ({"log": {"t": TIME, "q": np.array([1, "a"], object)}}, "'log.q' is no a"),
     "structures": (
         {"log": np.array([(1.0, 2.0)] * 2, dtype=[("t", "f8"), ("q", "f8")])},

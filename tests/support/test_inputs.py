@@ -110,7 +110,7 @@ def test_hdf5_data_that_are_kept_in_other_files_are_not_read(tmp_path):
         layout[:] = h5py.VirtualSource(str(tmp_path / "other.h5"), "x", (5,))
         file.create_virtual_dataset("q_b", layout)
     for joint in "ab":
-        with pytest.raises(RecordingError, match="kept in other files"):
+        with pytest.raises(RecordingError, match="stored in other files"):
             read_recording(tmp_path / "log.h5", [joint], Columns())
 
 
