@@ -1,4 +1,4 @@
-"""What single robots of a fleet carry: a body of each one's own, fixed to a link.
+"""Payloads of single robots of a fleet: a separate body, fixed to a link.
 
 A load's ten columns are those of the link that carries it, so that along its robot's
 motion the link has the parameters ``x + p``, ``x`` shared and ``p`` its own.  Given the
@@ -51,14 +51,14 @@ _TOLD = ("data", "loose", "constraint")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CarriedBody:
-    """What a robot of a fleet carries, beyond the bodies that all share.
+    """The payload of a robot of a fleet.
 
     Parameters
     ----------
     link : str
         That carries it.
     datasheet : Datasheet
-        What is known of the load, in the frame of that link.
+        The datasheet of the load, in the frame of that link.
     """
 
     link: str
@@ -122,7 +122,7 @@ def placed(fleet: FleetModel, carried: CarriedBody, robot: str) -> PlacedBody:
     if carried.link not in links:
         near = did_you_mean(carried.link, links)
         raise ProblemError(
-            f"fleet: {robot} carries something on link {carried.link!r}; {near}"
+            f"fleet: {robot} has a payload on link {carried.link!r}; {near}"
         )
     return PlacedBody(
         carried, fleet.shared.layout.link_slice(links.index(carried.link))
@@ -306,7 +306,7 @@ class FoundPayload:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SharedErrors:
-    """How far the shared parameters may be off.
+    """Errors of the shared parameters.
 
     Parameters
     ----------

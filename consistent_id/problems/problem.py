@@ -38,7 +38,7 @@ from consistent_id.robot.parameters import did_you_mean
 
 @dataclass(frozen=True)
 class Problem:
-    """A problem read from its folder; recordings are read when asked for.
+    """A problem read from its folder; recordings are read when needed.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Problem:
     source : Path, optional
         File that it was read from; a draft was read from none.
     arm : RobotModel, optional
-        That carries a wrench sensor, if the model is of what is behind it.
+        The arm that carries a wrench sensor, if the model is that of its tool.
     """
 
     folder: Path
@@ -105,12 +105,12 @@ class Problem:
 
     @property
     def moving(self) -> RobotModel:
-        """The robot that moves: the arm, where the model is of what it carries."""
+        """The moving robot: the arm, if the model is that of its tool."""
         return self.model.robot if self.arm is None else self.arm
 
     @property
     def recorded_joints(self) -> tuple[str, ...]:
-        """Joints that recordings are of: the robot's, or its carrying arm's."""
+        """Joints of the recordings: the robot's, or its carrying arm's."""
         return self.moving.joint_names
 
     def file(self, path: str) -> Path:
@@ -152,7 +152,7 @@ class Problem:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Recordings of the file that are not there."""
+        """Recordings of the file that are missing."""
         return tuple(f for f in self._log_files if not self._path(f).exists())
 
     @property
@@ -206,21 +206,21 @@ class Problem:
 
     @property
     def gains(self) -> PDGains | None:
-        """What gains of PD-controlled joints really are, if the file states them."""
+        """The real gains of PD-controlled joints, if the file states gains."""
         return self.drives.gains
 
     @property
     def command_delay(self) -> CommandDelay | None:
-        """How late commands are, from the training data, if the file asks for it."""
+        """The delay of commands from the training data, if the file requires it."""
         return self.drives.delay
 
     @property
     def delay_of_commands(self) -> float:
-        """By which commands are taken to be late [s]: stated, or found in the data."""
+        """The delay of commands [s]: stated, or estimated from the data."""
         return self.drives.calibration.delay
 
     def prepare(self, recording: Recording) -> Recording:
-        """Prepare a recording as the file asks; the longest part if it has gaps."""
+        """Prepare a recording as the file states; the longest part if it has gaps."""
         data = self._data()
         return max(Log(recording, data.preparation, self._then()).prepared(), key=len)
 
@@ -263,7 +263,7 @@ class Problem:
 
     @cached_property
     def found_in_training(self) -> FoundInTraining:
-        """What preparation takes from the training data."""
+        """Values that the preparation estimates from the training data."""
         return FoundInTraining.of(self.table, self.model, self._parts, self.constraints)
 
     def _logged(self, role: str) -> Iterator[tuple[Log, tuple[float, float]]]:

@@ -82,7 +82,7 @@ def test_links_into_other_hdf5_files_are_not_followed(tmp_path, place):
         if place == "soft":
             file["soft"] = h5py.SoftLink("/out")
     name = {"direct": "out", "group": "there/x", "soft": "soft"}[place]
-    with pytest.raises(RecordingError, match=r"another file, 'other.h5'.*not followed"):
+    with pytest.raises(RecordingError, match=r"another file, 'other.h5'.*not opened"):
         read_recording(tmp_path / "log.h5", ["a"], Columns("time", name))
 
 
