@@ -1,4 +1,4 @@
-"""Which mistake explains an inertial that cannot be right, if one does.
+"""Mistakes that explain an impossible inertial.
 
 Mistakes are what people and programs do wrong when they write an inertial; each is
 undone, and what results is judged.

@@ -1,4 +1,4 @@
-"""Section: what the training motion makes identifiable."""
+"""Section: the parameters that the training motion makes identifiable."""
 
 from consistent_id.recordings.recording import Recording
 from consistent_id.report.markup import (

@@ -1,4 +1,4 @@
-"""Section: friction over velocity, as observed and as identified."""
+"""Section: observed and identified friction over velocity."""
 
 import numpy as np
 
@@ -63,7 +63,7 @@ def friction_section(content: ReportContent) -> Section | None:
 
 
 def friction_columns(model: TorqueModel) -> IntArray:
-    """Return the places of the parameters that make friction and offsets."""
+    """Return the indices of the parameters of friction and offsets."""
     start = model.layout.inertial_size
     places = [i for i, t in enumerate(model.column_terms, start) if t.friction]
     return np.array(places, dtype=np.intp)
@@ -72,7 +72,7 @@ def friction_columns(model: TorqueModel) -> IntArray:
 def observed_friction(
     estimate: Estimate, recording: Recording, columns: IntArray
 ) -> tuple[Array, Array, Array]:
-    """Return friction as observed and as identified, and the joints' rates.
+    """Return observed and identified friction, and the joints' rates.
 
     Observed is ``tau - Y x + Y_f x_f``, with ``f`` the friction's columns.  All of
     shape (samples, joints with torque).

@@ -1,4 +1,4 @@
-"""Sections: whether each link is physically consistent, and what constraints cost."""
+"""Sections: physical consistency of each link, and costs of constraints."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""Robot models from the forms in which people keep them."""
+"""Robot models from their file formats."""
 
 from consistent_id.robot.loaders.dh import DHRow, from_classical_dh, from_modified_dh
 from consistent_id.robot.loaders.mjcf import load_mjcf
