@@ -1,7 +1,7 @@
 """Mistakes that explain an impossible inertial.
 
-Mistakes are what people and programs do wrong when they write an inertial; each is
-undone, and what results is judged.
+These are mistakes of people and programs when they write an inertial; each is undone,
+and the result is judged.
 """
 
 from collections.abc import Iterator, Sequence

@@ -133,7 +133,7 @@ def test_a_file_of_ones_own_gets_the_identified_robot(source, heavy):
         drive = estimate.parameters[estimate.model.layout.inertial_size :]
         estimate = estimate_of(estimate.model, links, drive)
     export = to_mjcf(estimate, source)
-    word = "what remains without plate" if heavy else "in proportion to the masses"
+    word = "the remainder without plate" if heavy else "in proportion to the masses"
     assert word in "\n".join(export.notes)
     text = export.content.decode()
     # The last joint has no drive terms, and keeps what its class says.

@@ -331,7 +331,10 @@ BAD_STRUCTURES = {
         {"log": {"t": TIME, "q": {"x": 1}}},
         "'log.q' is not an array of num",
     ),
-    "cell": ({"log": {"t": TIME, "q": np.array([1, "a"], object)}}, "'log.q' is no a"),
+    "cell": (
+        {"log": {"t": TIME, "q": np.array([1, "a"], object)}},
+        "'log.q' is not an a",
+    ),
     "structures": (
         {"log": np.array([(1.0, 2.0)] * 2, dtype=[("t", "f8"), ("q", "f8")])},
         "'log' is an array of 2 structures",

@@ -262,7 +262,7 @@ def test_the_command_writes_beside_the_file(broken, capsys):
 def test_the_command_ends_with_1_where_something_is_refused(broken, capsys):
     path = broken('value="1.0"', 'value="-1"')
     assert main(["repair", str(path)]) == 1
-    assert "refused: which mass it has" in capsys.readouterr().out
+    assert "refused: its mass cannot" in capsys.readouterr().out
     assert not path.with_name("robot.repaired.urdf").exists()
     assert main(["repair", str(path), "--mass", "two=1.5"]) == 0
     assert main(["repair", str(path), "--mass", "two"]) == 2

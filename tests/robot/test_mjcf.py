@@ -284,7 +284,7 @@ def test_coupled_joints_may_be_locked(written):
     assert robot.joint_names == ("turn", "slide")
     whole = load_mjcf(path, locked={"roll": 0.0})
     assert whole.joint_names == ("turn", "slide", "lift", "pitch")
-    with pytest.raises(ModelError, match="'turn' is to be kept and to be locked"):
+    with pytest.raises(ModelError, match="'turn' is both kept and locked"):
         load_mjcf(written(), joints=["turn"], locked={"turn": 0.0})
 
 

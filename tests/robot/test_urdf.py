@@ -155,7 +155,7 @@ def test_a_mimic_joint_may_be_locked(tmp_path):
     [
         ({"locked": {"slid": 0.0}}, "no joint 'slid' .*slide"),
         ({"joints": ["trun"]}, "no joint 'trun' .*turn"),
-        ({"joints": ["turn"], "locked": {"turn": 0.0}}, "kept and to be locked"),
+        ({"joints": ["turn"], "locked": {"turn": 0.0}}, "both kept and locked"),
         ({"locked": {"slide": np.nan}}, "'slide' is locked at nan"),
         ({"locked": dict.fromkeys(("turn", "slide", "spin"), 0.0)}, "nothing moves"),
     ],
