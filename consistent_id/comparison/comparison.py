@@ -53,7 +53,7 @@ class EstimateReport:
     distance_to_nominal : ndarray, shape (links,)
         Pullback distance of each link to its reference body.
     findings : tuple of LogFinding
-        What was found in the recordings.
+        Findings in the recordings.
     consistency : ConsistencyTest, optional
         If least squares is impossible: whether the data contradict physics, or noise
         alone explains it.

@@ -71,7 +71,7 @@ _AT_ONCE = 10  # draws simulated before they are counted
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkViolation:
-    """What is wrong with a link, whatever the other links are.
+    """The fault of a link, for any other links.
 
     Parameters
     ----------

@@ -103,7 +103,7 @@ class DriveGains:
 
     @property
     def verdict(self) -> str:
-        """What is identifiable from the runs, and what is missing."""
+        """The parameters that the runs identify, and missing information."""
         if self.scale_open:
             return (
                 "the absolute scale is open: gains and parameters may all be "

@@ -1,4 +1,4 @@
-"""What the ``[excitation]`` table of a problem requests, as values of a design."""
+"""The request of a problem's ``[excitation]`` table, as values of a design."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -28,7 +28,7 @@ class Costs:
     iteration : float
         A step of the solver, with the linear limits.
     measure : float
-        What all guards measure along the grid.
+        Measuring all guards along the grid.
     row : float
         A row of a guard, with its derivatives.
     """

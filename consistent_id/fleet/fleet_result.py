@@ -68,7 +68,7 @@ class Fleet:
     model : TorqueModel
         Of one robot.
     bodies : Estimate
-        What is shared, without outliers; a model without friction.
+        The shared estimate, without outliers; a model without friction.
     robots : tuple of FleetRobot
     spread : float
         Ratio of a typical robot's statistic to that of equal robots.

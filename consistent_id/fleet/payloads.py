@@ -5,8 +5,8 @@ motion the link has the parameters ``x + p``, ``x`` shared and ``p`` its own.  G
 shared parameters, a load is a small cone programme.  Seen from the shared problem, its
 best misfit is a convex function of them, and near a point this is a sum of squares: the
 load moves as its cone allows, held back by a curvature that follows from slacks and
-multipliers.  What the load explains is projected out of the robot's
-rows, joint by joint, so that residuals stay those of joints.
+multipliers.  The part that the load explains is projected out of the robot's rows,
+joint by joint, so residuals remain those of joints.
 """
 
 from collections.abc import Sequence
@@ -98,7 +98,7 @@ FREE = LoadFit(np.zeros(10), np.eye(10), np.zeros((0, 10)))
 
 @dataclass(frozen=True, slots=True)
 class PlacedBody:
-    """What a robot carries, and its carrier's place among the shared parameters."""
+    """A robot's payload, and its carrier's index among the shared parameters."""
 
     carried: CarriedBody
     columns: slice
@@ -265,7 +265,7 @@ def _ratio(multipliers: Array, slacks: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundPayload:
-    """What one robot of a fleet carries.
+    """The payload of one robot of a fleet.
 
     Parameters
     ----------
@@ -361,7 +361,7 @@ def found_payload(
     regression : Regression
         Of this robot, link and load as one body.
     bodies : Estimate
-        What all robots share.
+        The estimate that all robots share.
     errors : SharedErrors
         Of the bodies.
 

@@ -88,7 +88,7 @@ class Settled:
 
 @dataclass(frozen=True, eq=False)
 class _Own:
-    """What is a robot's own, beside given shared parameters.
+    """A robot's own parameters, beside given shared ones.
 
     `surprise` is by how much its squared misfit, relatively, is not what it was thought
     to be when the shared parameters were found.

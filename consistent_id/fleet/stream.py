@@ -306,8 +306,8 @@ def stream_estimate(
 
     The estimate is the weighted constrained one of the training recordings.  It is
     judged by its own fit and by the validation recordings, which are streamed too.
-    What needs recordings as a whole is not done: faults of the log are not looked for,
-    and no other method is compared with.
+    Steps that need recordings as a whole are left out: the log is not checked for
+    faults, and other methods are not compared.
 
     Parameters
     ----------
@@ -360,7 +360,7 @@ def _error(estimate: Estimate, regression: Regression) -> TorqueError:
     rms = regression.residual_rms(estimate.parameters)
     stacked = stacked_of_kinds(estimate.model, counts * rms**2, counts * size**2)
     relative = rms / np.where(size > 0.0, size, np.nan)
-    # What friction can hold at rest is not known sample by sample: it counts as error.
+    # Friction at rest is not known sample by sample, so it is included in the error.
     return TorqueError("all held-out logs", rms, relative, size, stacked, rms, stacked)
 
 

@@ -128,7 +128,7 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class ClockSurvey:
-    """The stretches of a log, and times of rows that were asked for.
+    """The stretches of a log, and times of requested rows.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ def survey(
 
 
 class _Seen:
-    """What has been seen of a stretch so far."""
+    """The rows of a stretch that were read so far."""
 
     def __init__(self, first: int, begin: float) -> None:
         self.first, self.begin = first, float(begin)

@@ -96,8 +96,7 @@ def robot_logs(
     log : Path
         One of the logs; the others have the same columns.
     stated : Statement, optional
-        What is known; of the robot's joints, those that the log does not have are
-        locked.
+        The user's statement; joints of the robot that the log does not have are locked.
     tables : mapping of Path to ColumnTable, optional
         Logs in memory, by the paths that stand for them.
 

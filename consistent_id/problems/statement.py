@@ -22,7 +22,9 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 Part = Literal["robot", "log", "base", "model", "selection"]
-"""What a field is of; a selection has no key, as a problem file holds its result."""
+"""Part that a field describes; a selection has no key, as a problem file has its
+result.
+"""
 
 EVERY = ""
 """In place of a log's name: all logs."""
@@ -71,7 +73,7 @@ _COLUMN = "the log's column, with {joint} or {number} (default: found by its nam
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Statement:
-    """What a user states of a robot and its logs; None for what is not stated.
+    """The statement of a user on a robot and its logs; None for fields not stated.
 
     The fields are the keywords of `draft_problem`, `identify_log` and `load_problem`,
     and the options of the shell's commands; `declarations` has a sentence on each.

@@ -294,7 +294,7 @@ class Study:
         Parameters
         ----------
         costs : bool
-            Whether to compute what constraints cost, instead of when it is asked for.
+            Whether to compute the costs of constraints now, not when needed.
         """
         parts = {**_STAGES, **_COSTS} if costs else _STAGES
         with stages(len(parts), self.progress) as begin:
@@ -327,7 +327,7 @@ class Study:
 
     @cached_property
     def costs(self) -> tuple[ConstraintCost, ...]:
-        """What each constraint costs in fit, with equal weights for all joints."""
+        """The cost of each constraint in fit, with equal weights for all joints."""
         problem = self.problem
         return constraint_costs(
             problem.model, self.regression, problem.constraints, base=self.base
@@ -335,7 +335,7 @@ class Study:
 
     @cached_property
     def prices(self) -> tuple[ShadowPrice, ...]:
-        """What each single row or link condition costs, likewise."""
+        """The cost of each single row or link condition, likewise."""
         problem = self.problem
         return shadow_prices(
             problem.model, self.regression, problem.constraints, base=self.base
@@ -378,7 +378,7 @@ class Study:
 def _says_more(stated: Verdict | None, found: Verdict) -> bool:
     """Return whether a stated verdict is the found one, with more worth knowing.
 
-    What a comparison of all estimates has found besides is not computed again.
+    Further findings of a comparison of all estimates are not computed again.
     """
     if stated is None:
         return False
@@ -411,13 +411,13 @@ def run_study(
     ----------
     problem : Problem
     seed : int
-        Of the bootstrap, if the study's `uncertainty` is asked for.
+        Seed of the bootstrap, if the study's `uncertainty` is needed.
     progress : bool
         Show how far it is, on the standard error.
     accepted : sequence of str
         Kinds of findings and reasons that verdicts ignore.
     costs : bool
-        Whether to compute what constraints cost, instead of when it is asked for.
+        Whether to compute the costs of constraints now, not when needed.
 
     Returns
     -------

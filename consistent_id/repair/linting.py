@@ -63,7 +63,7 @@ def lint_robot(path: str | Path) -> tuple[LintFinding, ...]:
 
     See Also
     --------
-    lint_urdf : What keeps a URDF from being loaded, alone.
+    lint_urdf : Only faults that prevent a URDF from being loaded.
     """
     file = Path(path)
     try:

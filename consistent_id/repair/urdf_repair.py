@@ -59,9 +59,9 @@ def repair_urdf(
     doubtful.  A link stated to have no mass gets no inertia.  Nothing else in the file
     changes by a byte, and a file without faults does not change at all.
 
-    What would have to be made up is refused, unless it is stated: a mass that is
-    missing, not a number or negative, by `masses`; an inertia that is missing or not
-    numbers, by `density`.
+    Values that would have to be invented are refused, unless they are stated: a mass
+    that is missing, not a number or negative, by `masses`; an inertia that is missing
+    or not numbers, by `density`.
 
     Parameters
     ----------

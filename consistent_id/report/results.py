@@ -417,7 +417,7 @@ def write_results(
     page : str
         The report.
     tables : mapping of str to list of Table
-        What each command of `PRINTED` prints; see `tables_of`.
+        Tables of each command of `PRINTED`; see `tables_of`.
     """
     from consistent_id.problems.kept_text import write_problem
 

@@ -81,7 +81,7 @@ def _panel(time: Vector, traces: list[Vector], unit: str, place: str) -> Html:
     """Return one plot: a coarse drawing, and finer numbers for the script."""
     names = ["measured", "main", "plain"] if place == "above" else ["main", "plain"]
     styled = list(zip(names, traces, strict=False))
-    # What is drawn last is on top: the estimate in use.
+    # The last curve is on top: the estimate in use.
     styled.sort(key=lambda pair: ("measured", "plain", "main").index(pair[0]))
     coarse = buckets(len(time), _STATIC)
     height, bottom = (140, 6) if place == "above" else (120, 32)

@@ -64,7 +64,7 @@ class RolloutErrors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Replays:
-    """What is replayed, for any parameters.
+    """The replays of logs, for any parameters.
 
     Parameters
     ----------

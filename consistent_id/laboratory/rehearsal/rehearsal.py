@@ -349,7 +349,7 @@ def rehearse(
     accuracy : PredictedAccuracy
         Of the motion, for this robot's model.
     path, validation : JointPath
-        What is identified from, and another motion whose torque is predicted.
+        The motion for identification, and another motion whose torque is predicted.
     noise : ndarray, shape (joints,), [N m or N]
         That accuracy was predicted for; that of the sensors is `SENSED` times this.
     highest : float, [Hz]

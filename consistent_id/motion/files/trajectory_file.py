@@ -67,7 +67,7 @@ _LEAST = 1e-6  # rad or m; messages round times to nanoseconds
 
 
 class _Probe(msgspec.Struct):
-    """What distinguishes kinds of JSON."""
+    """The keys that distinguish kinds of JSON."""
 
     format: str | None = None
     joint_names: list[str] | None = None

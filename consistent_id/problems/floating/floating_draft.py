@@ -95,7 +95,7 @@ def floating_columns(
     model : Path
         Its file.
     stated : Statement
-        What is known.
+        The user's statement.
 
     Raises
     ------

@@ -15,7 +15,7 @@ _CORNERS = (0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1)
 _FACES = (0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3)
 _GREY = (0.5, 0.5, 0.5)
 
-# What a tendon may do to the joints along its way, by the arrays of MuJoCo's model.
+# Effects of a tendon on the joints along it, by the arrays of MuJoCo's model.
 _PULLS = (
     "stiffness",
     "stiffnesspoly",
@@ -48,8 +48,8 @@ def read_spec(path: Path, mujoco: Any) -> Any:
 def stand_in(spec: Any, path: Path, mujoco: Any) -> tuple[str, ...]:
     """Replace meshes and textures whose files are missing; return their names.
 
-    The file is said to be at `path`.  What a link weighs does not depend on a mesh if
-    its inertial is explicit; then the shape is only for looking at, and for contact.
+    The file is said to be at `path`.  The mass of a link does not depend on a mesh if
+    its inertial is explicit; then the shape is only for display and contact.
     """
     missing = {
         mesh.name: mesh.file

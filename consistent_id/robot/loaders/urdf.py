@@ -67,15 +67,15 @@ def load_urdf(
         link moves freely, as that of a robot that walks, flies or hangs on a rope; it
         is then the first link, with ten parameters of its own.
     tip : str, optional
-        Keep only the links that carry this one, and itself.  What is fixed to them, or
-        hangs on a joint that is locked, stays part of them; other links that they carry
-        are dropped, so lock a gripper whose weight was there.
+        Keep only the links that carry this one, and itself.  Links that are fixed to
+        them, or hang on a locked joint, stay part of them; other links that they carry
+        are dropped, so lock a gripper that was mounted.
     joints : sequence of str, optional
         Keep only these joints, and those that follow them; all others are locked, at
         zero or at their `locked` positions.
     locked : mapping of str to float, optional, [rad or m]
-        Positions of joints that do not move.  What a locked joint carries is merged
-        into the link that carries the joint; what follows it is locked too.
+        Positions of joints that do not move.  The links behind a locked joint are
+        merged into the link that carries the joint; its followers are locked, too.
 
     Returns
     -------
