@@ -97,7 +97,7 @@ def test_mujoco_loads_bodies_at_the_edge_of_what_can_be(body):
     _, robot = random_robot(rng, 3)
     estimate = estimate_of(TorqueModel(robot), [robot.links[0].nominal, body, body])
     export = to_mjcf(estimate, allow_refused=not body.mass)
-    assert "thinner than MuJoCo takes" in export.notes[0]
+    assert "thinner than MuJoCo accepts" in export.notes[0]
     _assert_same_torque(export.content, estimate)
 
 

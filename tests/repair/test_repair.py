@@ -147,10 +147,10 @@ def test_without_mass_there_is_no_inertia(broken):
 @pytest.mark.parametrize(
     ("old", "new", "fault", "remedy"),
     [
-        ('<mass value="1.0"/>', "", "<mass> is missing", "which mass"),
-        ('value="1.0"', 'value="nan"', "<mass value> is 'nan'", "which mass"),
-        ('value="1.0"', 'value="1,0"', "<mass value> is '1,0'", "which mass"),
-        ('value="1.0"', 'value="-1"', "mass is -1 kg", "which mass"),
+        ('<mass value="1.0"/>', "", "<mass> is missing", "its mass"),
+        ('value="1.0"', 'value="nan"', "<mass value> is 'nan'", "its mass"),
+        ('value="1.0"', 'value="1,0"', "<mass value> is '1,0'", "its mass"),
+        ('value="1.0"', 'value="-1"', "mass is -1 kg", "its mass"),
         (f"<inertia {INERTIA}/>", "", "<inertia> is missing", "state a density"),
         ('ixx="0.02"', 'ixx="inf"', "<inertia ixx> is 'inf'", "state a density"),
         (' iyz="0.003"', "", "<inertia iyz> is missing", "state a density"),

@@ -84,7 +84,7 @@ def test_limits_of_speed_and_effort_are_not_demanded(tmp_path, missing, caplog):
     effort = np.inf if missing in ("effort", "both") else 50.0
     assert (limits.lower, limits.upper) == (-2.0, 1.5)
     assert (limits.velocity, limits.effort) == (speed, effort)
-    assert "taken for unlimited" in caplog.text
+    assert "read as unlimited" in caplog.text
 
 
 def test_the_chain_to_a_tip_can_be_loaded_alone(tmp_path):

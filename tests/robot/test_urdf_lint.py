@@ -98,7 +98,7 @@ ODD = [
     ('ixx="0.02"', 'ixx="0.09"', "line 14: link 'one': .* more than the sum"),
     ('ixx="0.02"', 'ixx="-0.02"', "line 14: link 'one': .* one of them negative"),
     ('value="2.0"', 'value="0"', "line 14: link 'one': mass is zero, but"),
-    ('xyz="0.6 0 0.8"', 'xyz="3 0 4"', "line 7: .* length 5; .* direction"),
+    ('xyz="0.6 0 0.8"', 'xyz="3 0 4"', "line 7: .* length 5; .* normalised"),
     ('upper="0.4"', 'upper="0"', "line 20: .*'slide': .* both 0"),
 ]
 
