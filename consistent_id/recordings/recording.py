@@ -151,7 +151,7 @@ class Recording:
             bad = int(np.argmax(abs(time)))
             raise SampleError(
                 f"{self.name}: time of sample {bad} is {time[bad]:.3g} s, expected "
-                "seconds. Say the unit: --units us (or ms, ns)"
+                f"seconds. State the unit: --units us (or ms, ns)"
             )
         steps = np.diff(time)
         if (steps <= 0.0).any():

@@ -123,7 +123,7 @@ def test_the_dialects_of_csv_are_read_alike(tmp_path, text):
 FAULTY_CSV = {
     "missing column": ("time,q_elbov,x\n0,1,2\n", "no column 'q_elbow'.*: q_elbov"),
     "no time": ("t,q_elbow\n0,1\n1,2\n", "no column 'time'; known: "),
-    "repeated column": ("time,q_elbow,q_elbow\n0,1,1\n", "'q_elbow' stands there twi"),
+    "repeated column": ("time,q_elbow,q_elbow\n0,1,1\n", "'q_elbow' occurs twi"),
     "unit row": (
         "time,q_elbow\ns,rad\n0,1\n",
         "row 1 \\(line 2\\), column 'time': 's' is not a n",

@@ -73,7 +73,7 @@ def read_arrays(path: Path, names: Sequence[str], omit: Collection[int] = ()) ->
 def read_batches(
     path: Path, names: Sequence[str], first: int, omit: Collection[int] = ()
 ) -> Iterator[Arrays]:
-    """Yield the named columns from a row on, some rows at a time.
+    """Yield the named columns from a row on, in pieces.
 
     Raises
     ------
@@ -149,7 +149,7 @@ def array_names(path: Path) -> tuple[str, ...]:
 
 
 def _header(path: Path, text: str, names: Sequence[str]) -> _CsvHeader:
-    """Return the header by the one separator that makes it hold all names."""
+    """Return the header by the one separator with which it has all names."""
     first, above = _headers(text)
     fitting = [h for h in first if set(names) <= set(h.names)]
     fitting = fitting or [h for h in above if set(names) <= set(h.names)]
@@ -337,8 +337,8 @@ def _fault(
     if first and all(cells) and set(row) == {None}:
         units = ", ".join(map(repr, cells))
         return (
-            f"{fault}. The row seems to name units ({units}): delete it; values are "
-            "read in s, rad, m, N m and N"
+            f"{fault}. The row seems to contain units ({units}): delete it; values "
+            f"are read in s, rad, m, N m and N"
         )
     return (
         f"{fault}. Only one header row is allowed, and {mark or '.'!r} marks decimals"

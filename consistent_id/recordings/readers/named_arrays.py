@@ -64,7 +64,7 @@ def recording_of(
     omit : sequence of int
         Rows to leave out, counted from 1.
     duplicates : {"refuse", "first", "last"}
-        Which of several rows in a row with one time stamp counts.
+        Which of several successive rows with one time stamp is used.
     numbers : ndarray of int, shape (samples,), optional
         Numbers of the samples' rows in the file, by default from 1 on.
 
@@ -313,7 +313,7 @@ def read_parts(
     Parameters
     ----------
     reader : module
-        Of a format, see `LogFormat`.
+        Reader of a format, see `LogFormat`.
     omit : collection of int
         Rows that are left out afterwards, counted from 1; of text they may hold
         anything.
