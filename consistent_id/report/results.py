@@ -338,7 +338,7 @@ def open_results(folder: str | Path) -> Results:
     >>> from consistent_id import open_results
     >>> open_results("problems/rx60")
     Traceback (most recent call last):
-    consistent_id.errors.ProblemError: problems/rx60 holds no results.json; ...
+    consistent_id.errors.ProblemError: problems/rx60 has no results.json; ...
     """
     folder = Path(folder)
     file = folder / INDEX
