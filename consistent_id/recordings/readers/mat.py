@@ -140,7 +140,7 @@ def _damage(content: bytes, where: object = "file") -> str | None:
     Examples
     --------
     >>> _damage(b" " * 124 + b"\x00\x01IM" + bytes([99, 0, 0, 0, 0, 0, 0, 0]))
-    'an element is of type 99, which there is not'
+    'an element is of type 99, which does not exist'
     """
     mark = content[126:128]
     if 0 in content[:4] or mark not in (b"IM", b"MI"):
