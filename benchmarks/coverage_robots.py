@@ -61,12 +61,12 @@ class Agreement:
         """The targets that the recordings miss."""
         lines, within = [], _within(self.z)
         if within < 0.88:
-            lines.append(f"{self.robot}: {within:.1%}, asked 88 % or more")
+            lines.append(f"{self.robot}: {within:.1%}, target 88 % or more")
         if self.disjoint > 0.01 * self.pairs:
             share = self.disjoint / self.pairs
             names = ", ".join(f"{n} ({k})" for n, k in Counter(self.apart).items())
             lines.append(
-                f"{self.robot}: {share:.1%} disjoint, asked 1 % or less: {names}"
+                f"{self.robot}: {share:.1%} disjoint, target 1 % or less: {names}"
             )
         return lines
 

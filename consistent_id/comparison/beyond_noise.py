@@ -1,12 +1,13 @@
-"""What noise does not show of parameters' errors: blocks of a motion, and known shifts.
+"""Errors of parameters beyond noise: scatter between blocks, and known shifts.
 
-Friction that balances contact forces in joints at rest, and feet that creep, err alike
-for seconds, and not alike in all of a motion.  Noise and its correlation do not show
-how much; parameters found from blocks of the motion do, see `block_scatter`.
+Friction that balances contact forces in joints at rest, and feet that creep, cause
+errors that are correlated over seconds, but differ within a motion.  Noise and its
+correlation do not show their size; parameters from blocks of the motion do, see
+`block_scatter`.
 
-Where a foot touches, or how late a channel is, is known with an error of its own, which
-no scatter of the estimate shows.  The same recordings are prepared once more with it
-changed by its standard error; the parameters of least squares move by theirs.
+The contact point of a foot and the delay of a channel have errors that cause no scatter
+of the estimate.  The recordings are prepared again with such a value changed by its
+standard error; the shift of the least-squares parameters is their error.
 """
 
 from collections.abc import Sequence
@@ -28,15 +29,15 @@ from consistent_id.regression.segments import merged
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloatingBlocks:
-    """Blocks of a recording, and how far parameters differ between them.
+    """Blocks of a recording, and the scatter of parameters between them.
 
     Parameters
     ----------
     between : ndarray, shape (parameters,)
-        Standard deviation between blocks, beyond noise; zero of what is fixed.
+        Standard deviation between blocks, beyond noise; zero for fixed parameters.
     unit : ndarray, shape (parameters,)
-        How far a parameter moves if the weighted squared misfit rises by one, with
-        equalities held; zero of what is fixed or does not differ.
+        Change of a parameter if the weighted squared misfit rises by one, under the
+        equalities; zero for parameters that are fixed or do not differ.
     """
 
     scatter: BlockScatter
@@ -45,12 +46,12 @@ class FloatingBlocks:
 
     @property
     def variance(self) -> Vector:
-        """What the scatter adds to each parameter's variance: that of the mean."""
+        """Contribution of the scatter to the variance of each parameter's mean."""
         return np.asarray(self.between**2 / self.scatter.blocks)
 
     @property
     def squared_misfit(self) -> Vector:
-        """What moving each parameter by the root of its `variance` adds."""
+        """Increase of the squared misfit for moves by the roots of `variance`."""
         free = self.unit > 0.0
         return np.asarray(self.variance * free / np.where(free, self.unit, 1.0) ** 2)
 
@@ -61,11 +62,11 @@ class FloatingBlocks:
 
     @property
     def sentence(self) -> str:
-        """What standard errors contain."""
+        """The content of standard errors, as a sentence."""
         return (
-            f"Scatter of parameters between {self.scatter.blocks} blocks, beyond "
-            f"noise, is added: 95 % are {self.scatter.quantile:.2f} standard errors "
-            "either way"
+            f"The scatter of parameters between {self.scatter.blocks} blocks, beyond "
+            f"noise, is included: 95 % intervals are {self.scatter.quantile:.2f} "
+            f"standard errors either way"
         )
 
 
@@ -75,7 +76,7 @@ def floating_blocks(
     constraints: Sequence[Constraint],
     base: BaseParameters,
 ) -> FloatingBlocks | None:
-    """Find the scatter between `BLOCKS` blocks; None where one leaves parameters open.
+    """Return the scatter between blocks; None if a block does not determine parameters.
 
     Parameters
     ----------
@@ -103,17 +104,17 @@ def floating_blocks(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ParameterShifts:
-    """What errors of things taken for granted add to those of parameters.
+    """Contribution of errors of assumed values to those of parameters.
 
     Parameters
     ----------
     variance : ndarray, shape (parameters,)
         Sum of the squared shifts.
     squared_misfit : ndarray, shape (parameters,)
-        What moving each parameter by the root of its variance adds to the weighted
-        squared misfit, with equalities held.
+        Increase of the weighted squared misfit if each parameter moves by the root of
+        its variance, under the equalities.
     count : int
-        How many things were changed.
+        Number of assumed values that were changed.
     """
 
     variance: Vector
@@ -122,10 +123,10 @@ class ParameterShifts:
 
     @property
     def sentence(self) -> str:
-        """What standard errors contain."""
+        """The content of standard errors, as a sentence."""
         return (
-            f"What {self.count} changes of what is taken for granted move is added, "
-            "each a standard error"
+            f"The shifts from {self.count} changes of assumed values, each by one "
+            f"standard error, are included"
         )
 
 
@@ -143,9 +144,9 @@ def parameter_shifts(
     whole : Regression
         Its `sigma` are the weights.
     variants : sequence of Regression
-        Of the same recordings, each with one thing changed by its standard error.
+        The same recordings, each with one assumed value changed by its standard error.
     constraints : sequence of Constraint
-        Of these the equalities count.
+        Only their equalities are used.
 
     Returns
     -------

@@ -1,18 +1,18 @@
-"""How much parameters differ between recordings, or blocks of one, beyond noise.
+"""Scatter of parameters between recordings, or blocks of one, beyond noise.
 
-Friction changes with temperature, a load is gripped anew, and what the model lacks is
-not alike in two motions.  Of recording ``k`` least squares gives ``x_k`` with variance
-``s_k^2`` by its own noise.  If ``Q = sum_k (x_k - mean)^2 / s_k^2`` is larger than the
-``K - 1`` that noise explains, the recordings' parameters scatter with a variance
+Friction changes with temperature, a load is gripped again, and errors of the model
+differ between motions.  For recording ``k`` least squares gives ``x_k`` with variance
+``s_k^2`` from its own noise.  If ``Q = sum_k (x_k - mean)^2 / s_k^2`` is larger than
+the ``K - 1`` that noise explains, the recordings' parameters scatter with a variance
 
 ``tau^2 = (Q - (K - 1)) / (sum w - sum w^2 / sum w)``,  ``w_k = 1 / s_k^2``
 
 [DerSimonian1986]_: a random effect.  With few recordings each parameter's
-``Q / (K - 1)`` is itself a guess; so it is drawn towards that of all parameters, the
-more so the more alike these are [Smyth2004]_.
+``Q / (K - 1)`` is inaccurate; so it is shrunk towards that of all parameters, more
+strongly if these are similar [Smyth2004]_.
 
-`RecordingScatter` holds this of base parameters and recordings, `BlockScatter` of the
-parameters themselves and blocks of one recording, with what equalities fix held.
+`RecordingScatter` contains this for base parameters and recordings, `BlockScatter` for
+standard parameters and blocks of one recording, under equalities.
 """
 
 from collections.abc import Sequence
@@ -34,26 +34,26 @@ from consistent_id.regression.residual_noise import ResidualNoise, residual_nois
 from consistent_id.regression.segments import merged
 
 BLOCKS = 6
-"""Blocks of a training motion: of chirps of 15 s each has several turns of a joint."""
+"""Blocks of a training motion; for chirps of 15 s, each contains several reversals."""
 
 _LEVEL = 0.975  # quantile of intervals of 95 %
 _NORMAL = 1.96
-_FREE = 1e-9  # part of a parameter that is free, below which it is none
-_LEAST = 1e-12  # ratio of variances below which its logarithm says no more
-_ALIKE = 1e3  # degrees of freedom from which on parameters count as all alike
-_SINGLE = 3  # parameters, fewer of which have nothing in common
+_FREE = 1e-9  # free part of a parameter that counts as zero
+_LEAST = 1e-12  # ratio of variances below which its logarithm is cut off
+_ALIKE = 1e3  # degrees of freedom above which all parameters have the same ratio
+_SINGLE = 3  # least number of parameters for a common ratio
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockScatter:
-    """Parameters that equalities leave free, and how sure they are.
+    """Parameters that equalities leave free, and their standard errors.
 
     Parameters
     ----------
     values : array_like, shape (parameters,)
-        Of weighted least squares with equalities, of all blocks.
+        Values of weighted least squares under equalities, from all blocks.
     noise : array_like, shape (parameters,)
-        Standard errors by noise as correlated as the residuals are.
+        Standard errors for noise as correlated as the residuals.
     between : array_like, shape (parameters,)
         Standard deviation between blocks, beyond noise.
     """
@@ -70,23 +70,23 @@ class BlockScatter:
 
     @property
     def standard_errors(self) -> Vector:
-        """Standard errors of the values, for motion of which the blocks are samples."""
+        """Standard errors of the values; the blocks count as samples of the motion."""
         return np.asarray(np.sqrt(self.noise**2 + self.between**2 / self.blocks))
 
     @property
     def quantile(self) -> float:
-        """Standard errors either way for 95 %: of few blocks more than 1.96."""
+        """Standard errors either way for 95 %: more than 1.96 for few blocks."""
         from scipy.special import stdtrit
 
         return float(stdtrit(self.blocks - 1, _LEVEL)) if self.blocks > 1 else _NORMAL
 
     def holds(self, other: "BlockScatter", *, between: bool = True) -> BoolArray:
-        """Return whether another motion's values are within 95 % intervals of these.
+        """Return whether another motion's values are within these 95 % intervals.
 
         Parameters
         ----------
         other : BlockScatter
-            Of one block of other motion, with the same parameters.
+            Values of one block of other motion, with the same parameters.
         between : bool
             Whether intervals contain the scatter between blocks; else noise alone.
         """
@@ -121,10 +121,10 @@ class BlockScatter:
                 )
             ),
             (
-                "values of least squares with the equalities alone",
-                "a motion of a block's length of its own may differ by the scatter "
-                "between blocks; the standard error is that of their mean, and "
-                f"{self.quantile:.2f} of it either way hold 95 %",
+                "values of least squares under the equalities alone",
+                "a motion as long as a block may differ by the scatter between "
+                "blocks; the standard error is that of their mean, and "
+                f"{self.quantile:.2f} of it either way contain 95 %",
             ),
         )
 
@@ -135,12 +135,12 @@ def block_scatter(
     *,
     constraints: Sequence[Constraint] = (),
 ) -> BlockScatter:
-    """Find the scatter of parameters between blocks; of one block, noise alone.
+    """Return the scatter of parameters between blocks; for one block, noise alone.
 
     Parameters
     ----------
     blocks : sequence of Regression
-        Of consecutive motion, with one weight for each joint; see
+        Blocks of consecutive motion, with one weight for each joint; see
         `segment_regressions`.
     constraints : sequence of Constraint
         Of these the equalities count, such as known bodies and equal motors.
@@ -148,7 +148,7 @@ def block_scatter(
     Raises
     ------
     NotExcitedError
-        If a block leaves a parameter open that all together determine.
+        If a block does not determine a parameter that all together determine.
     """
     free = FreeParameters.of(constraints, model)
     whole = _fit(merged(blocks), free)
@@ -184,7 +184,7 @@ def _fit(regression: Regression, free: FreeParameters) -> _BlockFit:
     scale = np.linalg.norm(A, axis=0)
     if not (scale > 0.0).all() or np.linalg.matrix_rank(A / scale) < A.shape[1]:
         raise NotExcitedError(
-            "a block of the motion leaves parameters open that are free; take fewer "
+            "a block of the motion does not determine all free parameters; use fewer "
             "blocks, or fix these parameters"
         )
     values = free.start + free.directions @ least_squares(A, rest)
@@ -193,12 +193,12 @@ def _fit(regression: Regression, free: FreeParameters) -> _BlockFit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordingScatter:
-    """What recordings of one robot differ by.
+    """The scatter between recordings of one robot.
 
     Parameters
     ----------
     recordings : int
-        How many determine all base parameters by themselves.
+        Number of recordings that determine all base parameters by themselves.
     deviations : ndarray, shape (base,)
         Standard deviation of each base parameter between recordings; zero where noise
         explains the differences.
@@ -213,7 +213,7 @@ class RecordingScatter:
     def added_to(
         self, noise: ResidualNoise, parts: Sequence[Regression], base: BaseParameters
     ) -> ResidualNoise:
-        """Return the noise of all recordings together with what their scatter adds.
+        """Return the noise of all recordings, scatter between them included.
 
         A recording whose parameters are shifted by ``b`` moves the estimate of all by
         ``(A^T A)^-1 A_k^T A_k b``.
@@ -229,7 +229,7 @@ class RecordingScatter:
 def recording_scatter(
     parts: Sequence[Regression], base: BaseParameters
 ) -> RecordingScatter | None:
-    """Find the scatter between recordings; None if fewer than two tell.
+    """Return the scatter between recordings; None if fewer than two determine it.
 
     Parameters
     ----------
@@ -256,7 +256,7 @@ def recording_scatter(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spread:
-    """Observed variance over that of noise, and what one more of it is worth."""
+    """Observed variance over that of noise, and its scale."""
 
     ratio: Vector
     unit: Vector
@@ -264,7 +264,7 @@ class Spread:
 
 
 def excess(x: Array, w: Array) -> Spread:
-    """Return how far values scatter beyond their noise.
+    """Return the scatter of values beyond their noise.
 
     Parameters
     ----------
@@ -287,7 +287,7 @@ def excess(x: Array, w: Array) -> Spread:
 
 @dataclass(frozen=True, slots=True)
 class _Common:
-    """What the ratios of all parameters have in common, worth `freedom` recordings."""
+    """The common ratio of all parameters, with the weight of `freedom` recordings."""
 
     ratio: float
     freedom: float

@@ -1,16 +1,17 @@
-"""Which values a parameter can take among all consistent robots that fit nearly best.
+"""Intervals of each parameter over all consistent robots that fit nearly best.
 
 ``minimise, and maximise, x_i  subject to  the constraints and
 ||R x - z||^2 <= least^2 + added_i``
 
 are two small cone programmes for each parameter.  By default these are 95 % intervals
-by profile likelihood: ``added_i`` is what moving ``x_i`` by ``t`` standard errors adds,
-with ``t`` the quantile of Student's distribution and noise correlated as the residuals
-are.  For all parameters at once (`joint`) it is ``p F``, in the limit ``chi^2_p``.
+by profile likelihood: ``added_i`` is the increase if ``x_i`` moves by ``t`` standard
+errors, with ``t`` the quantile of Student's distribution and noise correlated as the
+residuals are.  For all parameters at once (`joint`) it is ``p F``, in the limit
+``chi^2_p``.
 
-The ends are not the points that the solver stopped at but bounds from its multipliers:
-no robot that satisfies the constraints and fits within the slack has a value outside,
-unless it is a thousand times as large as the nominal one.
+The ends are bounds from the solver's multipliers, not its final points: no robot that
+satisfies the constraints and fits within the slack has a value outside, unless it is a
+thousand times as large as the nominal one.
 """
 
 from collections.abc import Sequence
@@ -42,8 +43,8 @@ from consistent_id.robot.parameters import ParameterLayout
 _WORKERS = 2  # Clarabel frees the interpreter's lock
 _TOLERANCES = (1e-8, 1e-6)
 _RADIUS = 1000.0  # of the ball in which bounds hold, in units of the nominal robot
-_SMALL = 1e-3  # of typical parameters: changes that are none
-_FELT = 0.05  # change of a value with the ball's radius, relative, that is the ball's
+_SMALL = 1e-3  # share of typical parameters that counts as no change
+_FELT = 0.05  # relative change with the ball's radius above which the ball is active
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,15 +55,15 @@ class ConsistentIntervals:
     ----------
     layout : ParameterLayout
     bounds : array_like, shape (parameters, 2)
-        Least and largest values, in the layout's units; infinite where only that size
-        stops them, or no bound was proven.
+        Least and largest values, in the layout's units; infinite if only this size
+        bounds them, or if no bound was proven.
     slack : float
-        Relative misfit above the best constrained fit that counts as fitting; the
-        largest of all parameters'.
+        Relative misfit above the best constrained fit that is allowed; the largest over
+        all parameters.
     level : float, optional
-        How often intervals hold the truth; None if the slack was given.
+        Probability that an interval contains the truth; None if the slack was given.
     joint : bool
-        Whether all intervals do together, and not each by itself.
+        Whether the level is that of all intervals together.
     """
 
     layout: ParameterLayout
@@ -81,11 +82,11 @@ class ConsistentIntervals:
 
     @property
     def meaning(self) -> str:
-        """What the intervals are, in words."""
+        """The definition of the intervals, in words."""
         within = "among robots up to a thousand times the nominal"
         if self.level is None:
             return (
-                "proven bounds on what satisfies the constraints and fits within "
+                "proven bounds over robots that satisfy the constraints and fit within "
                 f"{self.slack:.2%} of the best, {within}"
             )
         each = "for all parameters at once" if self.joint else "for each parameter"
@@ -118,18 +119,18 @@ def consistent_intervals(
         Its `sigma` are the weights.
     constraints : sequence of Constraint
     slack : float, optional
-        Relative misfit that counts as fitting, instead of a level.
+        Allowed relative increase of the misfit, instead of a level.
     level : float
-        How often the intervals are to hold the truth.
+        Probability with which intervals shall contain the truth.
     joint : bool
-        Whether they are to hold it all together, and not each by itself.
+        Whether this is for all intervals together, not for each.
     base : BaseParameters, optional
     noise : ResidualNoise, optional
         Of the regression; with scatter between recordings, if there are several.
     blocks : FloatingBlocks, optional
-        What parameters differ by between blocks of the motion: intervals contain it.
+        Scatter of parameters between blocks of the motion, which intervals include.
     shifts : ParameterShifts, optional
-        What things taken for granted move: intervals contain it.
+        Shifts from errors of assumed values, which intervals include.
 
     Raises
     ------
@@ -204,8 +205,8 @@ def _added(
 def _box(model: TorqueModel, best: BestFit) -> tuple[Vector, Vector]:
     """Return the bounds by rows on single parameters, and those of consistent links.
 
-    Mass and moments of inertia of a consistent link are not negative: where they can
-    vanish, the programmes alone would not find their least value.
+    Mass and moments of inertia of a consistent link are not negative: if they can
+    vanish, the programmes alone do not find their least value.
     """
     low, high = best.scaled.domain.box
     bodies = {block.label for block in best.scaled.domain.blocks}
@@ -218,7 +219,7 @@ def _box(model: TorqueModel, best: BestFit) -> tuple[Vector, Vector]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _IntervalProgramme:
-    """All that fits and is possible, about the best fit as the origin."""
+    """The set of consistent robots that fit, with the best fit as the origin."""
 
     best: BestFit
     rows: tuple[ConeRows, ...]
@@ -243,7 +244,7 @@ class _IntervalProgramme:
                 point = solve_cones(cost, rows, tolerance=tolerance)
             except SolverError:
                 continue
-            # The ball's multiplier is what a radius twice as large would add.
+            # The ball's multiplier is the change for a radius twice as large.
             if point.duals[-1][0] > _FELT * max(abs(float(cost @ point.x)), _SMALL):
                 return -np.inf
             bound = lower_bound(cost, rows, point.duals, self.ball)

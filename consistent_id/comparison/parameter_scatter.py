@@ -1,23 +1,22 @@
-"""What standard errors of parameters rest on: scatter of segments, recordings, blocks.
+"""Sources of standard errors: scatter of segments, recordings and blocks.
 
-Segments that are long show the noise, whatever it is like; shorter ones count as noise
-of so many effective samples.  What recordings, blocks of a floating base's motion, and
-changes of what is taken for granted add comes beside.
+The scatter between long segments is a valid estimate for any noise; short segments are
+treated as noise with a number of effective samples. The scatter between recordings and
+between blocks of a floating base's motion, and shifts from assumed values, are added.
 
 A constrained estimate follows the data along its active constraints (`covariance`).  At
 the optimum ``u`` of ``1/2 ||M u - z||^2 + weight/2 distance(u)^2`` these leave a
-tangent space ``T``: steps that keep equalities, inequalities that hold as such, and the
-rank of each pseudo-inertia, to first order.  It is all of the answer unless a
-constraint is only just active, with a multiplier of zero.  Along it, with the Hessian
-``H`` of the Lagrangian,
+tangent space ``T``: steps that keep equalities, inequalities that are active, and the
+rank of each pseudo-inertia, to first order.  This is exact unless an active constraint
+has a multiplier of zero.  Along it, with the Hessian ``H`` of the Lagrangian,
 
 ``du = T (T^T H T)^-1 T^T ds``  for a change ``ds`` of the scores ``M^T z``
 
 so a covariance ``S`` of the scores becomes one of the parameters [Shapiro1997]_.  ``H``
-contains what bends a semidefinite block's surface, ``2 tr(Z dF F^+ dF)``.
+contains the curvature of a semidefinite block's boundary, ``2 tr(Z dF F^+ dF)``.
 
 All of these are Gram matrices, ``H = A^T A`` and ``S = g^T g``, of which only the
-factors are formed: a faint prior leaves nothing of ``H`` itself but rounding.
+factors are formed: with a weak prior, ``H`` itself would be lost in rounding.
 """
 
 from collections import Counter
@@ -49,33 +48,35 @@ from consistent_id.regression.residual_noise import ResidualNoise
 from consistent_id.regression.segments import lengthened, merged
 
 NORMAL = 1.96
-"""Standard errors either way that hold 95 % if their number of data is large."""
+"""Standard errors either way that contain 95 %, for many data."""
 
 LONG = 10.0
-"""Length of a segment, in correlation lengths, from which on segments are independent:
-their scatter then shows the noise, whatever it is like."""
+"""Length of a segment, in correlation lengths, from which segments are independent:
+their scatter is then a valid estimate for any noise.
+"""
 
 FEW = 10
-"""Degrees of freedom below which segments are called few: the quantile for 95 % is
-then above 2.2, and standard errors are off by a fifth or more."""
+"""Degrees of freedom below which segments are called few: the quantile for 95 % is then
+above 2.2, and the error of standard errors is a fifth or more.
+"""
 
-_ACTIVE = 1e-6  # slack, or eigenvalue, of typical parameters that counts as none
+_ACTIVE = 1e-6  # slack or eigenvalue, of typical parameters, that counts as zero
 
 
 class ParameterScatter(NamedTuple):
-    """Variances of parameters, and what they are of.
+    """Variances of parameters, and their sources.
 
     Parameters
     ----------
     variance : ndarray, shape (parameters,)
     between : ndarray, shape (parameters,)
-        Standard deviation between recordings; NaN of one.
+        Standard deviation between recordings; NaN for one.
     noise : ResidualNoise
-        With what recordings differ by.
+        Noise, scatter between recordings included.
     sentence : str
-        What standard errors rest on.
+        The sources of standard errors, in words.
     quantile : float
-        So many of them either way hold 95 %.
+        Number of standard errors either way that contain 95 %.
     """
 
     variance: Vector
@@ -88,14 +89,14 @@ class ParameterScatter(NamedTuple):
     shifts: ParameterShifts | None = None
 
     def with_blocks(self, blocks: FloatingBlocks | None) -> "ParameterScatter":
-        """Add what blocks of one recording differ by."""
+        """Add the scatter between blocks of one recording."""
         if blocks is None:
             return self
         quantile = max(self.quantile, blocks.scatter.quantile)
         return self._beside(blocks)._replace(blocks=blocks, quantile=quantile)
 
     def with_shifts(self, shifts: ParameterShifts | None) -> "ParameterScatter":
-        """Add what things taken for granted move."""
+        """Add shifts from errors of assumed values."""
         return self if shifts is None else self._beside(shifts)._replace(shifts=shifts)
 
     def _beside(self, more: FloatingBlocks | ParameterShifts) -> "ParameterScatter":
@@ -115,9 +116,9 @@ def parameter_scatter(
     noise: ResidualNoise,
     variants: Sequence[Regression],
 ) -> ParameterScatter:
-    """Say how parameters scatter; arguments as of `uncertainty`, the fit is of all.
+    """Return the scatter of parameters; arguments as for `uncertainty`.
 
-    Segments are joined where they are short; see `long_enough`.
+    The fit is to all data; short segments are joined; see `long_enough`.
     """
     whole, parts = merged(segments), _by_source(segments, sources)
     long, of_long = long_enough(segments, sources, noise)
@@ -143,7 +144,7 @@ def _moved(
     base: BaseParameters,
     recordings: RecordingScatter,
 ) -> Vector:
-    """Return each parameter's variance as the scatter of recordings moves it."""
+    """Return each parameter's variance from the scatter of recordings."""
     scores = shift_scores(fitted, parts, base, recordings.deviations)
     return np.diag(covariance(fitted, scores))
 
@@ -166,7 +167,7 @@ def _by_source(
 def long_enough(
     segments: Sequence[Regression], sources: Sequence[int], noise: ResidualNoise
 ) -> tuple[Sequence[Regression], Sequence[int]]:
-    """Join segments until they are long, if two or more are left."""
+    """Join segments until they are long, if at least two remain."""
     joined = lengthened(segments, sources, LONG * noise.length)
     return joined if len(joined[0]) > 1 else (segments, sources)
 
@@ -187,7 +188,7 @@ def _scores(
     base: BaseParameters,
     noise: ResidualNoise,
 ) -> _Scores:
-    """Take the scatter between segments where they are long, else effective samples."""
+    """Use the scatter between segments if they are long, else effective samples."""
     shortest = np.min([segment.counts for segment in segments], axis=0)
     count = len(segments)
     alone = min(Counter(sources).values()) < 2
@@ -196,19 +197,22 @@ def _scores(
 
         freedom = count - len(set(sources))
         t = float(stdtrit(freedom, 0.975))
-        few = "; they are few, so that errors are rough" if freedom < FEW else ""
+        few = (
+            "; they are few, so standard errors are inaccurate" if freedom < FEW else ""
+        )
         return _Scores(
             segment_scores(fitted, segments, base, sources),
-            f"scatter is that between {count} segments, each {LONG:.0f} correlation "
-            f"lengths long or longer: 95 % are {t:.2f} standard errors either way{few}",
+            f"scatter is that between {count} segments, each at least {LONG:.0f} "
+            f"correlation lengths long: 95 % intervals are {t:.2f} standard errors "
+            f"either way{few}",
             t,
         )
     longest = float(noise.length.max())
     return _Scores(
         white_scores(fitted, whole, base, noise.level),
-        f"recordings are shorter than two segments of {LONG:.0f} correlation lengths, "
-        f"{longest:.0f} samples each; scatter is that of noise with as much "
-        f"correlation: {noise.sentence}. The bootstrap's intervals are too narrow",
+        f"recordings are shorter than two segments of {LONG:.0f} correlation "
+        f"lengths, {longest:.0f} samples each; scatter is computed from correlated "
+        f"noise: {noise.sentence}. The bootstrap's intervals are too narrow",
     )
 
 
@@ -224,8 +228,8 @@ def covariance(fitted: ConstrainedFit, scores: Matrix) -> Matrix:
     Returns
     -------
     ndarray, shape (parameters, parameters)
-        In original units.  Of what the prior settles it is the estimate's scatter,
-        not its error: a firm belief hardly moves.
+        In original units.  For parameters that the prior determines, it is the
+        estimate's scatter, not its error: a strong prior hardly moves.
     """
     root = _response_root(fitted)
     moves = (root @ (root.T @ scores.T)) * fitted.best.scaled.unit[:, None]
@@ -267,7 +271,7 @@ def shift_scores(
     Parameters
     ----------
     parts : sequence of Regression
-        Data whose parameters are shifted by amounts of their own.
+        Data with separate shifts of their parameters.
     deviations : ndarray, shape (base,)
         Standard deviation of the shifts.
 
@@ -293,8 +297,8 @@ def segment_scores(
 
     The covariance is ``k / (k - 1) sum_s g_s g_s^T`` with ``g_s`` the gradient of
     segment ``s`` of ``k``, less their mean: robust to correlation within segments and
-    to noise that is not alike.  If they are from several recordings (`sources`), it is
-    the sum over these, each with its own mean.
+    to noise that varies.  If they are from several recordings (`sources`), it is the
+    sum over these, each with its own mean.
 
     Returns
     -------

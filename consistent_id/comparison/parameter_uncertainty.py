@@ -1,13 +1,13 @@
-"""How sure each parameter of the constrained estimate is, and what determines it.
+"""The uncertainty of each parameter of the constrained estimate, and its source.
 
-Three answers side by side: the standard error, of scatter on the active constraints and
-of the prior's bias together; the bootstrap's interval; and the 95 % interval among all
+There are three results: the standard error, from scatter along the active constraints
+and the prior's bias; the bootstrap's interval; and the 95 % interval among all
 consistent robots.
 
-The bootstrap shows how far the estimate would move, had other data been recorded.
-Segments of the data are drawn with replacement, as many as there are, and the estimate
-is solved for anew each time [Carlstein1986]_: correlation within segments is kept, and
-so is every constraint.  The prior keeps the weight that it had for the data themselves.
+The bootstrap shows how far the estimate would move with other data. Segments of the
+data are drawn with replacement, as many as there are, and the estimate is computed
+again each time [Carlstein1986]_: correlation within segments is kept, and so is every
+constraint.  The prior keeps the weight that it had for the data themselves.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -52,7 +52,7 @@ from consistent_id.regression.segments import merged
 from consistent_id.robot.parameters import ParameterLayout, did_you_mean
 
 _WORKERS = 2  # Clarabel frees the interpreter's lock
-_AT_ONCE = 10  # replicates that another process solves in one go
+_AT_ONCE = 10  # replicates that another process solves together
 _Replicate = tuple[Vector, bool]  # parameters, and whether they are certified
 
 
@@ -66,15 +66,15 @@ class Bootstrap:
     estimates : array_like, shape (replicates, parameters)
         In the layout's units, without those that failed.
     certified : int
-        How many of these optima are certified.
+        Number of certified optima.
     failed : int
-        How many replicates gave no estimate.
+        Number of replicates without an estimate.
     seconds : float
         Wall time, [s].
     interrupted : bool
         Whether the user, or a time limit, ended it before all replicates.
     segments : int
-        How many segments were drawn from; 0 if that is not known.
+        Number of segments that were drawn from; 0 if not known.
     """
 
     layout: ParameterLayout
@@ -96,9 +96,9 @@ class Bootstrap:
     def interval(self, level: float = 0.95) -> Array:
         """Return the central share of each parameter's estimates.
 
-        Of few segments percentiles lie too close together.  They are taken farther out,
-        by the quantile of Student's distribution for so many segments over that of the
-        normal one: the expanded percentile interval [Hesterberg2015]_.
+        For few segments, percentiles are too close together.  They are moved outwards
+        by the quantile of Student's distribution for this number of segments over that
+        of the normal one: the expanded percentile interval [Hesterberg2015]_.
 
         Returns
         -------
@@ -112,7 +112,7 @@ class Bootstrap:
 
 @dataclass(frozen=True, slots=True)
 class ParameterUncertainty:
-    """What is known of one parameter.
+    """The uncertainty of one parameter.
 
     Parameters
     ----------
@@ -120,8 +120,8 @@ class ParameterUncertainty:
         Of the constrained estimate.
     standard_error : float
         Root of the sum of squared scatter (see `sensitivity`, and `RecordingScatter`)
-        and squared `prior_shift`; NaN where the verdict says that the value is not
-        known by it.
+        and squared `prior_shift`; NaN where it would not describe the value's error,
+        according to the verdict.
     prior_shift : float
         How far the prior moved the parameter from the best fit: its bias.
     resampled : tuple of float
@@ -131,8 +131,8 @@ class ParameterUncertainty:
     verdict : str
         What determines it; see `determinations`.
     between_recordings : float
-        Standard deviation of the parameter between recordings, beyond noise; NaN where
-        the data do not see it, or there is only one recording.
+        Standard deviation of the parameter between recordings, beyond noise; NaN if the
+        data do not depend on it, or for one recording.
     """
 
     name: str
@@ -148,13 +148,12 @@ class ParameterUncertainty:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Uncertainty:
-    """What is known of all parameters, and how it was found.
+    """The uncertainty of all parameters, and its sources.
 
-    `scatter` says what standard errors rest on, and `recordings` what recordings differ
-    by; None of one recording, or of several that do not tell by themselves.  `blocks`
-    is what parameters of a floating base's one recording differ by between its blocks,
-    and `quantile` of the standard errors either way hold 95 %.  `shifts` is what things
-    taken for granted move.
+    `scatter` names the sources of standard errors.  `recordings` is the scatter between
+    recordings; None for one recording, or if they do not determine it.  `blocks` is the
+    scatter between blocks of a floating base's only recording, and `quantile` standard
+    errors either way contain 95 %. `shifts` are those from errors of assumed values.
     """
 
     parameters: tuple[ParameterUncertainty, ...]
@@ -207,7 +206,7 @@ def uncertainty(
     sources: Sequence[int] | None = None,
     variants: Sequence[Regression] = (),
 ) -> Uncertainty:
-    """Say how sure the constrained estimate's parameters are.
+    """Return the uncertainty of the constrained estimate's parameters.
 
     Parameters
     ----------
@@ -224,14 +223,14 @@ def uncertainty(
         The recording that each segment is from; see `segment_sources`.  By default all
         are from one.
     variants : sequence of Regression
-        Of the same recordings, each with one thing that is taken for granted changed
-        by its standard error, such as where feet touch: what it moves is added to
-        standard errors and to intervals of consistent robots.
+        The same recordings, each with one assumed value changed by its standard error,
+        such as the radius of feet: the shifts are added to standard errors and to
+        intervals of consistent robots.
 
     Returns
     -------
     Uncertainty
-        One answer for each parameter, in the layout's order.
+        One entry for each parameter, in the layout's order.
 
     Raises
     ------
@@ -297,7 +296,7 @@ def _stated(
     intervals: ConsistentIntervals,
     verdicts: Sequence[str],
 ) -> tuple[ParameterUncertainty, ...]:
-    """Return what is said of each parameter: errors only where they are known."""
+    """Return the entry of each parameter: errors only where they are known."""
     shift = abs(fitted.parameters - fitted.best.parameters)
     errors = np.hypot(root(scatter.variance), shift)
     known = np.array([v in ("data", "constraint") for v in verdicts])
@@ -342,7 +341,7 @@ def bootstrap(
     progress: bool = False,
     executor: str | Executor | None = None,
 ) -> Bootstrap:
-    """Estimate again and again from segments drawn with replacement.
+    """Estimate repeatedly from segments drawn with replacement.
 
     Parameters
     ----------
@@ -356,13 +355,13 @@ def bootstrap(
     progress : bool
         Show a progress bar.
     executor : str or Executor, optional
-        Where replicates are solved, see `stream_regression`; by default as the shell's
-        ``--executor`` says, else in two threads.  The result is the same.
+        Where replicates are solved, see `stream_regression`; by default as stated by
+        the shell's ``--executor``, else in two threads.  The result is the same.
 
     Returns
     -------
     Bootstrap
-        Of the replicates done so far, if interrupted from the keyboard after two.
+        The replicates so far, if interrupted from the keyboard after two.
 
     Raises
     ------
@@ -411,7 +410,7 @@ def bootstrap(
 
 
 def _draws(segments: int, rng: np.random.Generator) -> Iterator[Array]:
-    """Yield how often each segment is drawn."""
+    """Yield the number of times each segment is drawn."""
     while True:
         drawn = rng.integers(segments, size=segments)
         yield np.bincount(drawn, minlength=segments).astype(np.float64)

@@ -1,4 +1,4 @@
-"""From constrained parameters to an estimate: what is examined of each."""
+"""From constrained parameters to an audited estimate."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -28,19 +28,19 @@ from consistent_id.regression.residual_noise import (
     residual_sigma,
 )
 
-_SEED = 0  # of the poses at which mass matrices are examined
+_SEED = 0  # seed of the poses at which mass matrices are examined
 
 
 @dataclass(frozen=True, slots=True)
 class OptimumProof:
-    """What is proven of an optimum.
+    """What is proven about an optimum.
 
     Parameters
     ----------
     statement : str
-        What is proven, or how near it came.
+        What is proven, or how nearly.
     allowed : str
-        What gaps are allowed, for a reader of a failed proof.
+        The allowed gaps, for a reader of a failed proof.
     """
 
     certified: bool
@@ -72,8 +72,8 @@ def audited(
 ) -> Estimate:
     """Return the estimate of parameters `x`, with its certificate.
 
-    Besides the proof of its optimum, these are examined in original units: constraints,
-    each link's pseudo-inertia, and the mass matrix over random poses.
+    Besides the proof of the optimum, the audit checks in original units the
+    constraints, each link's pseudo-inertia, and the mass matrix over random poses.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def audited(
         positive definite then.
     shift : ndarray, shape (parameters,), optional
         How far the prior moved the parameters from the best fit: their bias.  Without
-        it they have no standard errors.
+        it, no standard errors are computed.
     """
     model, regression, base = data.model, data.regression, data.base
     links = link_conditions(model, x)
@@ -137,7 +137,7 @@ def _figures(
 
 
 def _edges(links: Sequence[LinkCondition]) -> tuple[str, ...]:
-    """Say which links are at the edge of what can be, and at which."""
+    """Name the links on the boundary of the consistency cone, and its kind."""
     return tuple(
         f"{link.link} is on the boundary of the consistency cone: {link.edge}"
         for link in links
@@ -148,7 +148,7 @@ def _edges(links: Sequence[LinkCondition]) -> tuple[str, ...]:
 def _certificate(
     proof: OptimumProof, least: float | None, figures: dict[str, float]
 ) -> Certificate:
-    """Return the verdict; `least` is the mass matrix's, where it must be positive."""
+    """Return the certificate; `least`, of the mass matrix, must be positive."""
     if least is not None and least <= 0.0:
         reason = (
             f"{proof.statement}; but the mass matrix has an eigenvalue of {least:.3g}: "
@@ -158,7 +158,7 @@ def _certificate(
     if proof.certified:
         return Certificate("certified", proof.statement, figures)
     reason = (
-        f"{proof.statement} (allowed: {proof.allowed}); the estimate is usable only as "
-        "far as these figures say"
+        f"{proof.statement} (allowed: {proof.allowed}); its optimality is known only "
+        f"to these figures"
     )
     return Certificate("uncertified", reason, figures)

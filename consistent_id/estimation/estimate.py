@@ -1,4 +1,4 @@
-"""An estimate with its provenance: how it came about and how far it can be trusted."""
+"""An estimate with its provenance: method, data, certificate and verdict."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
@@ -39,22 +39,22 @@ if TYPE_CHECKING:
 
 
 ERRORS = (
-    "standard error: of noise as correlated as the residuals, and of the prior's pull; "
-    "without what active inequalities take away and recordings differ by, which "
-    "uncertainty has (--uncertainty); - where the data do not determine the parameter"
+    "standard error: for noise as correlated as the residuals, and the prior's bias; "
+    "uncertainty (--uncertainty) also includes active inequalities and the scatter "
+    "between recordings; - where the data do not determine the parameter"
 )
 """What `Estimate.parameter_errors` are, for people."""
 
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """OptimumVerdict on an estimate, and the recomputed figures behind it.
+    """The optimum's verdict, and the recomputed figures behind it.
 
     Parameters
     ----------
     verdict : {"certified", "uncertified"}
     reason : str
-        In words: what was checked, or what failed.
+        What was checked, or what failed, in words.
     figures : dict of str to float
         Residuals, gaps, eigenvalues, by name.
     """
@@ -65,7 +65,7 @@ class Certificate:
 
 
 class FittedSpan(NamedTuple):
-    """A recording that an estimate was fitted to, by its name and its times.
+    """A recording that an estimate was fitted to: its name and its times.
 
     Parameters
     ----------
@@ -102,14 +102,15 @@ class Estimate:
     model : TorqueModel
     base : BaseParameters
     parameters : array_like, shape (parameters,)
-        Standard parameters; only their base parameters are determined by data.
+        Standard parameters; the data determine only their base parameters.
     base_covariance : array_like, shape (base, base), optional
         Of the base parameters, under noise correlated as the residuals are (white, if
         a note says so); None where it has no simple form.
     origins : tuple of str
-        What determines each parameter: ``"data"``, ``"combination"`` (data fix only
-        sums it is part of), ``"loose"`` (data bound it loosely), ``"constraint"``,
-        ``"prior"``, or ``"convention"`` (the smallest vector); see `determinations`.
+        What determines each parameter: ``"data"``, ``"combination"`` (data determine
+        only sums that contain it), ``"loose"`` (data bound it loosely),
+        ``"constraint"``, ``"prior"``, or ``"convention"`` (the smallest vector); see
+        `determinations`.
     undetermined : tuple of str
         Combinations of base parameters that are not identifiable from the data, as
         readable sums.
@@ -117,23 +118,24 @@ class Estimate:
         Residual standard deviation of each joint whose torque is known.
     certificate : Certificate
     notes : tuple of str
-        What a reader must know before using the numbers.
+        Conditions that a reader must know before using the numbers.
     seconds : float
         Wall time of the estimation.
     fit : Fit, optional
         How well it explains the data that it was fitted to.
     accepted : tuple of str
-        Kinds of reasons that its `verdict` is to overlook, as the user decided.
+        Kinds of reasons that its `verdict` ignores, as the user decided.
     judged : Verdict, optional
-        By somebody who knows more of it than it does itself; see `EstimateReport`.
+        Verdict of a study, with more evidence than the estimate has itself; see
+        `EstimateReport`.
     fitted_to : tuple of FittedSpan
-        Recordings that it was fitted to, which cannot judge it; empty if they are not
-        known.
+        Recordings that it was fitted to, which cannot validate it; empty if they are
+        not known.
     parameter_errors : array_like, shape (parameters,), optional
         Standard errors of the standard parameters, NaN where the data do not determine
-        them: of noise as correlated as the residuals, under the equalities among the
-        constraints, and of the prior's bias.  They lack what active inequalities take
-        away and what recordings differ by; `uncertainty` has both.
+        them.  They contain noise as correlated as the residuals, under the equalities
+        among the constraints, and the prior's bias. They ignore active inequalities and
+        the scatter between recordings; `uncertainty` includes both.
     """
 
     method: str
@@ -177,22 +179,22 @@ class Estimate:
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the robot may be used: as it was judged, or as it judges itself.
+        """Whether the robot may be used, as stated or by its own evidence.
 
-        `compare` and `Study` know more than an estimate: held-out errors, and what is
-        wrong with a log.
+        `compare` and `Study` have more evidence than an estimate: held-out errors, and
+        findings about a log.
         """
         if self.judged is not None:
             return self.judged
         return judge(self.evidence())
 
     def evidence(self, *, seed: int = 0) -> Evidence:
-        """Return what the estimate knows of itself.
+        """Return the evidence that the estimate contains itself.
 
         Parameters
         ----------
         seed : int
-            Of the poses at which the mass matrix is examined.
+            Seed of the poses at which the mass matrix is examined.
         """
         model, x = self.model, self.parameters
         poses = random_poses(model, POSES, seed)
@@ -210,10 +212,9 @@ class Estimate:
 
     @property
     def loose_trunk(self) -> tuple[str, ...]:
-        """What neither data nor constraints determine of a floating base's own body.
+        """Undetermined mass and first moments of a floating base's own body.
 
-        Of mass and first moments, whose sums with other bodies the data may well
-        determine.
+        The data may determine their sums with other bodies.
         """
         robot, determined = self.model.robot, ("data", "constraint")
         if not robot.floating or not len(robot):
@@ -262,7 +263,7 @@ class Estimate:
         return predicted_torque(self.model, self.parameters, recording)
 
     def score(self, recording: Recording) -> TorqueError:
-        """Return how well the estimate predicts the torque of a recording.
+        """Return the error of the predicted torque of a recording.
 
         Its `stacked` is the relative error of all joints, ``||tau - prediction|| /
         ||tau||``; `relative` and `rms` are joint by joint.
@@ -283,8 +284,8 @@ class Estimate:
     def table(self) -> Table:
         """Return the verdict and the parameters, for people.
 
-        Of least squares the base parameters, which alone are determined by the data;
-        else the standard parameters, with what determines each.
+        For least squares, the table has the base parameters, because the data determine
+        only these; else the standard parameters, with the source of each value.
         """
         verdict = self.verdict
         title = verdict.sentence
@@ -358,7 +359,7 @@ class Estimate:
     def to_dict(self) -> dict[str, Any]:
         """Return everything but the model as plain numbers and text.
 
-        What `load` reads back; of the rest, units and base parameters are for people.
+        `load` reads it back; units and base parameters are only for people.
         """
         layout, base = self.model.layout, self.base
         figures = {k: finite_or_none(v) for k, v in self.certificate.figures.items()}
@@ -408,7 +409,7 @@ class Estimate:
         }
 
     def save(self, path: str | Path) -> Path:
-        """Write `to_dict` as JSON; the file is whole or not there.
+        """Write `to_dict` as JSON; the file is complete or not written.
 
         Figures that are not finite are null, and read again as NaN.
         """

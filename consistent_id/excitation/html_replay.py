@@ -1,6 +1,6 @@
 """A move replayed in 3-D: one HTML file that needs neither network nor server.
 
-The robot and what surrounds it are drawn in a viser scene.
+The robot and its obstacles are drawn in a viser scene.
 """
 
 import logging
@@ -36,7 +36,7 @@ _PAUSE = 1.0  # [s] before it begins again
 _WAY, _PATH = (150, 150, 150), (0, 114, 178)  # colours off and on the trajectory
 
 _ROOT = "/robot"
-_LINKS = ((0, 114, 178), (86, 180, 233))  # colours of links, by turns
+_LINKS = ((0, 114, 178), (86, 180, 233))  # alternating colours of links
 _JOINT, _BODY, _OBSTACLE = (90, 90, 90), (86, 180, 233), (213, 94, 0)
 _GROUND = (200, 200, 200)
 _OPACITY = 0.35  # of bodies of a scene
@@ -58,7 +58,7 @@ class Drawn:
     show : callable
         Moves it to a pose, by joint.
     by_shapes : bool
-        Whether it is drawn as its file shapes it, or as sticks.
+        Whether it is drawn by its file's shapes, or as sticks.
     """
 
     show: Show
@@ -78,7 +78,7 @@ def write_replay(
     """Write a page that replays a move; return the file.
 
     Run-in, trajectory and run-out are shown by a label and by the colour of the path of
-    the last link's origin.  The page holds viewer, robot and motion.
+    the last link's origin.  The page contains viewer, robot and motion.
 
     Parameters
     ----------
@@ -86,11 +86,11 @@ def write_replay(
         The robot's file; its visual shapes are drawn by Pinocchio's
         ``ViserVisualizer``.  Without shapes, links are sticks.
     package_dirs : iterable of str or Path
-        Folders in which ``package://name/...`` is looked for, besides those above.
+        Folders in which ``package://name/...`` is searched for, besides those above.
     locked : mapping of str to float, optional, [rad or m]
         Positions of the file's joints that do not move.
     scene : Scene, optional
-        Whose obstacles are drawn too; and the robot's bodies, where sticks are.
+        Scene whose obstacles are drawn, and, with sticks, the robot's bodies.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def write_replay(
     require_viewer(file)
     import viser
 
-    with redirect_stdout(StringIO()):  # of the server's address, which nobody needs
+    with redirect_stdout(StringIO()):  # of the server's address, which is not needed
         server = viser.ViserServer("127.0.0.1", 0, verbose=False)
         try:
             html = _recorded(
@@ -115,12 +115,12 @@ def write_replay(
 
 
 def require_viewer(file: str | Path) -> None:
-    """Refuse to go on without the library that draws.
+    """Require the library for drawing.
 
     Raises
     ------
     ProblemError
-        If it is missing; it says how to install it.
+        If it is missing; the message says how to install it.
     """
     from importlib.util import find_spec
 
@@ -192,7 +192,7 @@ def _phase(move: Move, time: float) -> str:
 
 
 def _seen(by_shapes: bool) -> Callable[[Body], bool]:
-    """Return which bodies of the robot to show: those that shapes do not show."""
+    """Return the bodies of the robot that its shapes do not show."""
 
     def seen(body: Body) -> bool:
         frame = body.frame or ""
@@ -262,7 +262,7 @@ def _meshes(
 
 
 def _sticks(server: Any, robot: RobotModel) -> Show:
-    """Draw each link as rods from its joint to what it carries."""
+    """Draw each link as rods from its joint to the next ones."""
     thick = _THICK * reach_of(robot)
     for number, (link, end) in enumerate(_rods(robot)):
         if np.linalg.norm(end) > thick / 4.0:
@@ -307,7 +307,7 @@ def drawn_bodies(server: Any, scene: Scene, shown: Callable[[Body], bool]) -> Sh
     """
     robot, moving = scene.robot, []
     for number, body in enumerate(scene.bodies):
-        if body.turning:  # a direction has no place
+        if body.turning:  # a direction has no position
             continue
         place = place_of(robot, body)
         folder = "obstacles" if body.frame is None else "bodies"
@@ -329,7 +329,7 @@ def drawn_bodies(server: Any, scene: Scene, shown: Callable[[Body], bool]) -> Sh
 
 
 def reach_of(robot: RobotModel) -> float:
-    """Return how far a robot's links reach at most, stretched out [m]."""
+    """Return the reach of a robot's links, stretched out [m]."""
     steps = [np.linalg.norm(joint.translation) for joint in robot.joints]
     tools = [
         np.linalg.norm(frame.translation)

@@ -87,16 +87,15 @@ def default_scene(
 ) -> tuple[Scene | None, tuple[str, ...]]:
     """Return the collision shapes of a problem's URDF as a scene, and notes on it.
 
-    A shape that cannot be read is no error, since nobody has asked for it: there is no
-    scene then, and the note says why.
+    If a shape cannot be read, there is no scene, and a note gives the reason; it is not
+    an error, because the scene is a default.
 
     Parameters
     ----------
     problem : Problem
         Without ``[excitation.scene]``.
     pose : dict from joint to position, optional
-        In which the robot stands: shapes that touch there are too large, and not
-        watched.
+        Pose of the robot: shapes that touch there are too large, and are not checked.
     """
     urdf = problem.table.model.urdf
     if not problem.table.excitation.collisions:
@@ -111,8 +110,8 @@ def default_scene(
     except ConsistentIdError as cause:
         return None, (f"{_NONE}: {cause}",)
     around = (
-        "the robot keeps off itself, by the shapes of its URDF; of what stands around "
-        "it nothing is known: --ground, [excitation.scene]; --no-collisions"
+        "self-collisions are avoided, by the shapes of the URDF; obstacles are "
+        "unknown: --ground, [excitation.scene]; --no-collisions"
     )
     return (scene if pose is None else _apart_at(scene, pose)), (around,)
 
@@ -211,12 +210,12 @@ def _rod(rod: RodTable, where: str) -> tuple[float, Matrix, Vector]:
 
 
 def _along(way: Vector) -> Matrix:
-    """Return a rotation that takes z to a unit vector."""
+    """Return a rotation of z to a unit vector."""
     return np.asarray(plane(normal=way).rotation)
 
 
 def _apart_at(scene: Scene, pose: dict[str, float]) -> Scene:
-    """Leave out pairs that touch where the robot stands."""
+    """Leave out pairs that touch in the start pose."""
     if not scene.pairs:
         return scene
     q = [[pose[name] for name in scene.robot.joint_names]]
@@ -237,12 +236,12 @@ _HARMONICS = 5  # of base frequencies that are requested without a number
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DesignRequest:
-    """Forms, aim, limits and surroundings of a path, and how it is to be played.
+    """Forms, aim, limits and scene of a path, and options for playing it.
 
     Parameters
     ----------
     forms : tuple of PathForm
-        To choose from: one, if the number of harmonics is requested.
+        Forms to choose from: one, if the number of harmonics is requested.
     aim : Aim
     limits : MotionLimits
     scene : Scene, optional
@@ -251,9 +250,9 @@ class DesignRequest:
     periods : int, optional
         How often a periodic path is repeated; None to play its duration once.
     notes : tuple of str
-        On bodies that nothing was requested of.
+        Notes on the default scene.
     friction_share : float
-        Of the effort limits, left for friction that is not known.
+        Share of the effort limits that is left for unknown friction.
     """
 
     forms: tuple[PathForm, ...]
@@ -285,8 +284,8 @@ def design_request(problem: Problem) -> DesignRequest:
     if table.rest and table.periods != 1:
         raise ProblemError(
             f"{_TABLE} periods is {table.periods}, but a path that rests at its ends "
-            "is not repeated; give rest = false, or leave periods out and play it as "
-            "often as you like"
+            f"is not repeated; give rest = false, or leave periods out and play it "
+            f"several times"
         )
     limits = _limits(table.limits, problem.moving)
     forms = _forms(table, limits)
@@ -323,7 +322,7 @@ def design_request(problem: Problem) -> DesignRequest:
 def _interest(
     problem: Problem, refine: Objective | Literal["default"] | None
 ) -> tuple[str, ...]:
-    """Return what a motion is for: on a wrench sensor the tool, whatever its bias."""
+    """Return the parameters of interest: for a wrench sensor those of the tool."""
     table, robot = problem.table.excitation, problem.model.robot
     if table.interest or problem.arm is None:
         return interest_names(robot, table.interest)
@@ -391,7 +390,7 @@ def _pose(given: dict[str, float], limits: MotionLimits) -> dict[str, float]:
 
 
 def _require_whole_period(form: PathForm, periods: int) -> None:
-    """Refuse to repeat what is designed and proven, if it is no whole period."""
+    """Refuse to repeat a path whose duration is not a whole period."""
     still = np.zeros((len(form.frequencies), 1))
     path = FourierTrajectory(
         ("any",), form.frequencies, np.zeros(1), still, still, form.duration
@@ -413,6 +412,7 @@ def _require_clear(scene: Scene, pose: dict[str, float]) -> None:
         first, second = scene.names(scene.pairs[k])
         raise ProblemError(
             f"{_TABLE} start_pose: bodies {first!r} and {second!r} are "
-            f"{found.distance[0, k] * 1e3:.1f} mm apart (negative: in one another), at "
-            f"least {scene.pairs[k].wanted * 1e3:.1f} mm are wanted; give another pose"
+            f"{found.distance[0, k] * 1e3:.1f} mm apart (negative: penetration), at "
+            f"least {scene.pairs[k].wanted * 1e3:.1f} mm are required; give another "
+            f"pose"
         )

@@ -38,7 +38,7 @@ _LIMITS = (
     "share",
 )
 OPEN = "open"
-"""Word for the parameters that an earlier estimate left open."""
+"""Word for the parameters that an earlier estimate does not determine."""
 _OPEN_ORIGINS = ("loose", "prior", "convention")
 _SCENE = ("ground", "clearance", "planning_scene")
 
@@ -53,7 +53,7 @@ def problem_to_excite(
 ) -> Problem:
     """Return the problem of a file, with changes to its ``[excitation]`` table.
 
-    Masses do not matter to a motion: a problem file may ask for a datasheet's that no
+    Masses do not affect the design: a problem file may require datasheet masses that no
     link has.
 
     Parameters
@@ -83,7 +83,7 @@ def problem_to_excite(
 
 
 def estimated_parameters(problem: Problem, files: Sequence[Path]) -> Matrix | None:
-    """Return the parameters that estimates of a problem's torque model found.
+    """Return the parameters of estimates of a problem's torque model.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def estimated_parameters(problem: Problem, files: Sequence[Path]) -> Matrix | No
     Raises
     ------
     ProblemError
-        If one is no estimate, or of another torque model.
+        If one is not an estimate, or of another torque model.
     """
     if not files:
         return None
@@ -109,7 +109,7 @@ def estimated_parameters(problem: Problem, files: Sequence[Path]) -> Matrix | No
 def earlier_recordings(
     problem: Problem, files: Sequence[Path]
 ) -> tuple[Regression, ...]:
-    """Return the regressions of a problem's torque model that files hold.
+    """Return regressions of a problem's torque model from files.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def earlier_recordings(
     Raises
     ------
     ProblemError
-        If one is no regression, or of another torque model.
+        If one is not a regression, or of another torque model.
     """
     found = []
     for file in files:
@@ -131,30 +131,30 @@ def earlier_recordings(
         except ProblemError as cause:
             raise ProblemError(
                 f"earlier recordings {file}: {cause}. consistent-id compress PROBLEM "
-                "writes them, for the same robot and drive terms; an estimate does not "
-                "hold what its data told"
+                "writes them, for the same robot and drive terms; an estimate does "
+                "not contain the information of its data"
             ) from None
         found.append(regression)
     return tuple(found)
 
 
 def with_open_parameters(problem: Problem, files: Sequence[Path]) -> Problem:
-    """Return the problem with what estimates left open in place of the word "open".
+    """Return the problem with estimates' open parameters instead of the word "open".
 
-    Open is what the data bound only loosely, and what a prior or a convention chose.
-    A parameter is open if one of the estimates says so.
+    A parameter is open if, in one of the estimates, the data bound it only loosely, or
+    a prior or a convention determined it.
 
     Raises
     ------
     ProblemError
-        If there is no estimate, or it left nothing open.
+        If there is no estimate, or nothing is open.
     """
     excitation = problem.table.excitation
     if OPEN not in excitation.interest:
         return problem
     if not files:
         raise ProblemError(
-            f"interest in what is {OPEN!r} needs an estimate that left it so: give "
+            f"interest {OPEN!r} needs an estimate with open parameters: give "
             "--parameters delivered.json"
         )
     base = base_parameters(problem.model)

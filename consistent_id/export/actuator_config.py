@@ -1,7 +1,7 @@
-"""Drives as learning environments configure them: Isaac Lab, and mjlab.
+"""Drives as configurations of learning environments: Isaac Lab, and mjlab.
 
-Python source that makes the configuration when it is imported where that environment
-is installed; it needs nothing of this package.
+They are Python source, to be imported where the environment is installed, without this
+package.
 """
 
 from collections.abc import Mapping
@@ -91,11 +91,12 @@ def to_isaac_lab(
     ----------
     estimate : Estimate
     gains : PDGains, optional
-        Of the joints' drives; without them stiffness and damping are to be filled in.
+        Gains of the joints' drives; without them, stiffness and damping must be filled
+        in.
     delay : float, [s]
         Of commands.
     allow_refused : bool
-        Export what is refused, too.
+        Export refused estimates, too.
 
     Raises
     ------

@@ -56,7 +56,7 @@ def robot_record(estimate: Estimate, *, allow_refused: bool = False) -> dict[str
 
 
 def drive_record(estimate: Estimate) -> dict[str, Any]:
-    """Return the drives alone, for formats that have no place for all of them."""
+    """Return only the drives, for formats that cannot express all of them."""
     return {"format": DRIVES_FORMAT, **_origin(estimate), **_drive_part(estimate)}
 
 

@@ -17,8 +17,8 @@ from consistent_id.robot.loaders import mjcf_spec
 from consistent_id.robot.loaders.mjcf import compiled_body
 from consistent_id.robot.model import FixedFrame, RobotModel
 
-# MuJoCo wants a mass above 1e-15 kg, moments above 1e-14 kg m^2, and A + B >= C of the
-# numbers as they stand.
+# MuJoCo requires a mass above 1e-15 kg, moments above 1e-14 kg m^2, and A + B >= C for
+# the numbers in the file.
 _MASS = 1e-12
 _MOMENT = 2e-14
 _ROUNDING = 1e-14  # of the sum of second moments
@@ -81,7 +81,7 @@ def require_mujoco() -> Any:
 
 
 def set_body(body: Any, what: InertialParameters, *, moves: bool = True) -> list[str]:
-    """Give a body an explicit inertial; say so if it had to be thickened."""
+    """Give a body an explicit inertial; return a note if it had to be thickened."""
     found = principal_body(what, moves)
     body.explicitinertial = True
     body.mass, body.ipos, body.inertia = found.mass, found.com, found.moments
@@ -92,7 +92,7 @@ def set_body(body: Any, what: InertialParameters, *, moves: bool = True) -> list
     if found.raised == 0.0 and found.mass == what.mass:
         return []
     return [
-        f"{body.name} is thinner than MuJoCo takes: second moments raised by up to "
+        f"{body.name} is thinner than MuJoCo accepts: second moments raised by up to "
         f"{found.raised:.1g} kg m^2, mass {found.mass - what.mass:.1g} kg"
     ]
 
@@ -173,8 +173,8 @@ def put_into(source: Source, estimate: Estimate) -> list[str]:
         link, joint = robot.links[k].name, robot.joints[k].name
         whole = InertialParameters(vector)
         if link not in tree.bodies and not whole.vector.any():
-            continue  # between two joints of one body nothing stands
-        free = robot.joints[k].kind == "free"  # a body of the world, held or not
+            continue  # between two joints of one body there is no body
+        free = robot.joints[k].kind == "free"  # a body of the world, fixed or not
         if link not in tree.bodies or (not free and tree.carried.get(joint) != link):
             raise ModelError(
                 f"{source.file}: no body {link!r} that joint {joint!r} alone moves. "

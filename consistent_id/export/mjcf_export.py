@@ -217,7 +217,7 @@ _DRIVE = ("damping", "frictionloss", "armature", "stiffness")
 
 
 class Specified(NamedTuple):
-    """A ``mujoco.MjSpec``, and what it cannot say of the estimate."""
+    """A ``mujoco.MjSpec``, and notes on parts of an estimate that it cannot express."""
 
     spec: Any
     notes: tuple[str, ...]
@@ -247,7 +247,7 @@ def to_mjcf(
     copy_files : bool
         Whether meshes and textures are to be copied there, too.
     allow_refused : bool
-        Export what is refused, too; MuJoCo will not take all of it.
+        Export refused estimates, too; MuJoCo does not accept all of them.
 
     Raises
     ------
@@ -309,7 +309,7 @@ def _preloads(estimate: Estimate) -> set[tuple[str, str]]:
 
 
 def _weak_springs(estimate: Estimate) -> list[str]:
-    """Say which offsets are springs that were not identified."""
+    """Return the note on offsets that are springs which were not identified."""
     weak = [
         drive.joint
         for drive in joint_drives(estimate)
@@ -319,7 +319,7 @@ def _weak_springs(estimate: Estimate) -> list[str]:
         return []
     return [
         f"MuJoCo has no torque offset; those of {', '.join(weak)} are weak springs "
-        f"with preload, off by {100 * WEAK:g} % of the offset per rad or m"
+        f"with preload, with an error of {100 * WEAK:g} % of the offset per rad or m"
     ]
 
 

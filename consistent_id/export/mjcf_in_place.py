@@ -66,7 +66,7 @@ def put_in_place(
     Parameters
     ----------
     spec : mujoco.MjSpec
-        What the file is to say.
+        The new content of the file.
     comment : str
         For its first line.
     folder : Path, optional

@@ -1,12 +1,12 @@
-"""What single robots of a fleet carry: a body of each one's own, fixed to a link.
+"""Payloads of single robots of a fleet: a separate body, fixed to a link.
 
 A load's ten columns are those of the link that carries it, so that along its robot's
 motion the link has the parameters ``x + p``, ``x`` shared and ``p`` its own.  Given the
 shared parameters, a load is a small cone programme.  Seen from the shared problem, its
 best misfit is a convex function of them, and near a point this is a sum of squares: the
 load moves as its cone allows, held back by a curvature that follows from slacks and
-multipliers.  What the load explains is projected out of the robot's
-rows, joint by joint, so that residuals stay those of joints.
+multipliers.  The part that the load explains is projected out of the robot's rows,
+joint by joint, so residuals remain those of joints.
 """
 
 from collections.abc import Sequence
@@ -50,14 +50,14 @@ _TOLD = ("data", "loose", "constraint")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CarriedBody:
-    """What a robot of a fleet carries, beyond the bodies that all share.
+    """The payload of a robot of a fleet.
 
     Parameters
     ----------
     link : str
         That carries it.
     datasheet : Datasheet
-        What is known of the load, in the frame of that link.
+        The datasheet of the load, in the frame of that link.
     """
 
     link: str
@@ -97,7 +97,7 @@ FREE = LoadFit(np.zeros(10), np.eye(10), np.zeros((0, 10)))
 
 @dataclass(frozen=True, slots=True)
 class PlacedBody:
-    """What a robot carries, and its carrier's place among the shared parameters."""
+    """A robot's payload, and its carrier's index among the shared parameters."""
 
     carried: CarriedBody
     columns: slice
@@ -121,7 +121,7 @@ def placed(fleet: FleetModel, carried: CarriedBody, robot: str) -> PlacedBody:
     if carried.link not in links:
         near = did_you_mean(carried.link, links)
         raise ProblemError(
-            f"fleet: {robot} carries something on link {carried.link!r}; {near}"
+            f"fleet: {robot} has a payload on link {carried.link!r}; {near}"
         )
     return PlacedBody(
         carried, fleet.shared.layout.link_slice(links.index(carried.link))
@@ -264,7 +264,7 @@ def _ratio(multipliers: Array, slacks: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundPayload:
-    """What one robot of a fleet carries.
+    """The payload of one robot of a fleet.
 
     Parameters
     ----------
@@ -305,7 +305,7 @@ class FoundPayload:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SharedErrors:
-    """How far the shared parameters may be off.
+    """Errors of the shared parameters.
 
     Parameters
     ----------
@@ -360,7 +360,7 @@ def found_payload(
     regression : Regression
         Of this robot, link and load as one body.
     bodies : Estimate
-        What all robots share.
+        The estimate that all robots share.
     errors : SharedErrors
         Of the bodies.
 

@@ -1,4 +1,4 @@
-"""What a joint's motion may not exceed, at any time."""
+"""Limits of joints' motion that must be kept at all times."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -36,7 +36,7 @@ class MotionLimits:
     Raises
     ------
     ProblemError
-        If a joint has no range to move in, or one that is not finite, or nothing that
+        If a joint has no range to move in, or one that is not finite, or no limit that
         bounds its speed; the message names joint and limit.
     """
 
@@ -82,8 +82,8 @@ class MotionLimits:
                 )
         if not min(getattr(self, name)[j] for name in _ORDERS) < np.inf:
             raise ProblemError(
-                f"{where}: nothing bounds its speed; give velocity, acceleration or "
-                "jerk"
+                f"{where}: no limit bounds its speed; give velocity, acceleration or "
+                f"jerk"
             )
 
     @property
@@ -98,7 +98,7 @@ class MotionLimits:
         return np.asarray(getattr(self, _ORDERS[order - 1]))
 
     def within(self, share: float) -> Self:
-        """Return limits of the same middle, of which only a share is used."""
+        """Return limits with the same middle, reduced to a share."""
         if not 0.0 < share <= 1.0:
             raise ProblemError(f"share of limits is {share}, expected above 0 up to 1")
         half = share * self.derivative(0)
@@ -155,7 +155,7 @@ def motion_limits(
     effort_rate: ArrayLike | Mapping[str, float] | None = None,
     effort_rms: ArrayLike | Mapping[str, float] | None = None,
 ) -> MotionLimits:
-    """Return a robot's limits, with what is given in place of what its file says.
+    """Return a robot's limits; given values replace those of its file.
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ def motion_limits(
     Raises
     ------
     ProblemError
-        If a name is no joint's, or a joint's limits leave it no motion or any motion.
+        If a joint name is unknown, or a joint's limits allow no motion or any motion.
 
     Examples
     --------
@@ -216,7 +216,7 @@ def _each(
     names: tuple[str, ...],
     what: str,
 ) -> Vector:
-    """Return one number per joint, from whatever form it was given in."""
+    """Return one number per joint, from any of the input forms."""
     if given is None:
         return np.array(own)
     if isinstance(given, Mapping):

@@ -1,4 +1,4 @@
-"""The tables of what is measured beside the joints: base, contacts, wrench sensors."""
+"""Tables of measurements beside the joints: base, contacts, wrench sensors."""
 
 from collections.abc import Sequence
 from dataclasses import fields
@@ -37,10 +37,10 @@ class BaseTable(Table, frozen=True, kw_only=True):
 
 
 class ContactTable(Table, frozen=True, kw_only=True):
-    """Where the robot may touch its surroundings, and the column that says when.
+    """A contact of the robot, and the column of its flag.
 
-    Of a foot on which it stands all the time `closed` is true.  Samples closer than the
-    guard [s] to a change are left out.
+    For a foot on which it stands all the time `closed` is true.  Samples closer than
+    the guard [s] to a change are left out.
     """
 
     frame: str

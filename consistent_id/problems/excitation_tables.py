@@ -1,4 +1,4 @@
-"""The ``[excitation]`` table of a problem file: what motion to design, within what."""
+"""The ``[excitation]`` table of a problem file: the motion to design and its limits."""
 
 from typing import Annotated, Literal
 
@@ -63,9 +63,9 @@ class BodyTable(Table, frozen=True, kw_only=True):
 
 
 class WorkspaceTable(Table, frozen=True, kw_only=True):
-    """A box in the base frame that a point of a link may not leave; in m.
+    """A box in the base frame for a point of a link; in m.
 
-    A face that is not given is not there.
+    A missing face is no bound.
     """
 
     link: str
@@ -76,7 +76,7 @@ class WorkspaceTable(Table, frozen=True, kw_only=True):
 
 
 class ConeTable(Table, frozen=True, kw_only=True):
-    """A cone about an axis of the base frame that a link's direction may not leave."""
+    """A cone about an axis of the base frame for a link's direction."""
 
     link: str
     angle_deg: Annotated[float, Meta(ge=1.0, le=179.0)]
@@ -85,7 +85,7 @@ class ConeTable(Table, frozen=True, kw_only=True):
 
 
 class SceneTable(Table, frozen=True, kw_only=True):
-    """What must not touch: the robot's own bodies, and what stands around it."""
+    """Bodies that must not touch: the robot's own, and obstacles."""
 
     robot: Literal["urdf", "bodies"] = "urdf"
     elements: Literal["collision", "visual"] = "collision"

@@ -1,4 +1,4 @@
-"""The problem file: ``problem.toml`` decoded into typed values, nothing unknown kept.
+"""The problem file: ``problem.toml`` decoded into typed values, without unknown keys.
 
 One struct per table of the file; `problem.load_problem` turns them into a problem.
 """
@@ -79,7 +79,7 @@ class LinkTable(Table, frozen=True, kw_only=True):
 
 
 class PayloadTable(LinkTable, frozen=True, kw_only=True):
-    """What the robot carries, and the datasheet of that in the carrier's frame."""
+    """The robot's payload, and its datasheet in the carrier's frame."""
 
     link: str
 
@@ -111,7 +111,7 @@ class ColumnsTable(Table, frozen=True, kw_only=True):
 
 
 class PreparationTable(Table, frozen=True, kw_only=True):
-    """What is done to each recording, in this order."""
+    """The preparation of each recording, in this order."""
 
     max_gap: Positive | None = None
     shortest_part: NonNegative | None = None
@@ -138,7 +138,7 @@ class PreparationTable(Table, frozen=True, kw_only=True):
 
 
 class TrackTable(Table, frozen=True, kw_only=True):
-    """A channel of a recording that was written into a file of its own."""
+    """A channel of a recording in a separate file."""
 
     file: str
     channel: Literal["velocity", "acceleration", "torque"]
@@ -164,11 +164,11 @@ class RecordingTable(Table, frozen=True, kw_only=True):
 class GainsTable(Table, frozen=True, kw_only=True):
     """Gains of PD-controlled joints: one for all, or one each in the robot's order.
 
-    With them torque is computed from what the joints were told, commands being late by
-    a delay [s].  The drives make `scale` times that torque, and encoders read the
-    position plus `encoder_bias` [rad or m]: numbers, or what the training data say.
-    Between motors, where encoders are, and links there are springs of a `stiffness`
-    [N m/rad or N/m], if it is given.
+    With them torque is computed from the joints' commands, delayed by `delay` [s].  The
+    real torque is `scale` times this torque, and encoders read the position plus
+    `encoder_bias` [rad or m]: numbers, or estimated from the training data. Between
+    motors, where encoders are, and links there are springs of a `stiffness` [N m/rad or
+    N/m], if it is given.
     """
 
     kp: NonNegative | list[NonNegative]
@@ -234,7 +234,7 @@ class CombinationTable(Table, frozen=True, kw_only=True):
 
 
 class PublishedTable(Table, frozen=True, kw_only=True):
-    """What a paper printed: its combinations, its experiments, its tables."""
+    """A paper's printed results: its combinations, its experiments, its tables."""
 
     source: str
     motion: str

@@ -33,8 +33,8 @@ def rewritten(
 ) -> str:
     """Return a problem file's text with other tables, comments kept.
 
-    A table that does not change stays as it was written; the comment above it gives
-    way to one of the fresh text.  Of a table that changes, lines stay whose values do.
+    A table that does not change keeps its text; a comment of the fresh text replaces
+    the one above it.  In a table that changes, lines with equal values keep their text.
 
     Parameters
     ----------
@@ -45,8 +45,8 @@ def rewritten(
     changed : sequence of str
         Tables that the fresh text has otherwise, such as ``"data.preparation"``.
     expected : ProblemTable
-        What the file has to say.  Where tables are written in a form that cannot be
-        replaced one by one, or lines are very many, the fresh text is returned.
+        The content that the file must have.  If tables cannot be replaced one by one,
+        or the file is very long, the fresh text is returned.
     """
     if text.count("\n") > _MOST_LINES:
         return fresh
@@ -109,7 +109,7 @@ def _path(header: str) -> str:
 
 
 def _replace(written: Any, anew: Any, path: Sequence[str]) -> None:
-    """Let a table, and those below it, say what the fresh one says."""
+    """Update a table, and those below it, to the fresh content."""
     name, *rest = path
     if name not in anew:
         written.pop(name, None)
@@ -183,7 +183,7 @@ def write_problem(text: str, file: Path) -> Path:
     Raises
     ------
     ProblemError
-        If it is no problem's text, or cannot be written.
+        If it is not the text of a problem, or cannot be written.
     """
     table = problem_table(text, file)
     write_atomically(file, marked(text))
@@ -249,7 +249,7 @@ def problem_name(file: Path) -> str:
 
 
 def bare_key(name: str) -> str:
-    """Return a key as TOML wants it: in quotes if it needs them."""
+    """Return a key in TOML's form: in quotes if it needs them."""
     plain = all(c.isascii() and (c.isalnum() or c in "-_") for c in name)
     return name if plain and name else _value(name)
 

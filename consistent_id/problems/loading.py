@@ -1,4 +1,4 @@
-"""From a problem file, or its content, to the problem that it states."""
+"""From a problem file, or its content, to the problem."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -25,7 +25,7 @@ from consistent_id.recordings.recording import Recording
 
 
 class StatedProblem(NamedTuple):
-    """A problem, and notes on what was stated in place of its file's content."""
+    """A problem, and notes on statements that replace its file's content."""
 
     problem: Problem
     notes: tuple[str, ...] = ()
@@ -42,15 +42,15 @@ def load_problem(path: str | Path, *, trust: bool = False, **stated: Any) -> Pro
         Whether the file may name files outside of its folder and of that of the data
         (``CONSISTENT_ID_DATASETS``), and other environment variables.
     stated
-        In place of what the file states: the fields of `Statement`, such as
+        Statements that replace the file's content: the fields of `Statement`, such as
         ``cutoff=8.0``.
 
     Raises
     ------
     ProblemError
-        If the file does not fit; with the path of the faulty key.  If it names what
-        only a file that is trusted may name.  If the folder has
-        no ``problem.toml`` and holds several problems; with their files.
+        If the file does not fit; with the path of the faulty key.  If it names files or
+        variables that only a trusted file may name.  If the folder has no
+        ``problem.toml`` and holds several problems; with their files.
     ModelError
         If the robot cannot be built.
     """
@@ -60,7 +60,7 @@ def load_problem(path: str | Path, *, trust: bool = False, **stated: Any) -> Pro
 def stated_problem(
     path: Path, stated: Statement, *, trust: bool = False
 ) -> StatedProblem:
-    """Load a problem with what is stated in place of its file's content.
+    """Load a problem with statements that replace its file's content.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def stated_problem(
 
 
 def one_problem_file(path: Path) -> Path:
-    """Return the only problem file that a path stands for.
+    """Return the only problem file of a path.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def problem_of(
         gains_of_drives(table.data)
         check_data(table.data, floating=model.robot.floating and arm is None)
     constraints = constraints_of(assumed(table, model), file.parent, table.joints)
-    lowered(constraints, model)  # a name that is wrong is found here, not after hours
+    lowered(constraints, model)  # check names here, not after hours
     problem = Problem(
         folder=file.parent,
         table=table,

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 DEFAULT_DRIVE = DriveTable(
     viscous=True, coulomb="tanh", velocity_scale=0.02, offset=True
 )
-"""Drive terms of a robot of which nothing is known; the scale in rad/s or m/s."""
+"""Default drive terms of a robot; the scale in rad/s or m/s."""
 
 
 def torque_model(table: ProblemTable, file: Path) -> TorqueModel:
@@ -52,12 +52,12 @@ def torque_model(table: ProblemTable, file: Path) -> TorqueModel:
     Raises
     ------
     ProblemError
-        If a joint is named that there is not.
+        If a named joint does not exist.
     ModelError
         If the robot cannot be built.
     """
     robot = robot_of(table, file.parent)
-    if table.wrist_sensor is None:  # else the datasheet is of what is behind it
+    if table.wrist_sensor is None:  # else the datasheet is that of the tool behind it
         robot = described(robot, table)
     for name in table.joints:
         if name not in robot.joint_names:
@@ -107,7 +107,7 @@ def excitation_table(
 def described(robot: RobotModel, table: ProblemTable) -> RobotModel:
     """Return a robot with the datasheet of a problem file over its own.
 
-    Of a link that carries something, link and load are one body: no datasheet is its.
+    If a link carries a load, both are one body without a datasheet.
     """
     sheets = {name: _datasheet(robot, name, link) for name, link in table.links.items()}
     if table.payload is not None:
@@ -124,12 +124,12 @@ def drive_of(table: ProblemTable, robot: RobotModel) -> TorqueModel:
 
 
 def behind_sensor(table: ProblemTable, model: TorqueModel) -> TorqueModel:
-    """Return the model of what is behind a robot's wrench sensor, if it is asked for.
+    """Return the model of the tool behind a robot's wrench sensor, if requested.
 
     Raises
     ------
     ProblemError
-        If the sensor has no columns, or has no bias and one that drifts.
+        If the sensor has no columns, or a drift without a bias.
     """
     sensor = table.wrist_sensor
     if sensor is None:
@@ -234,7 +234,7 @@ def _datasheet(robot: RobotModel, name: str, table: LinkTable) -> Datasheet:
 
 
 def datasheet_of(table: LinkTable, known: Datasheet = Datasheet()) -> Datasheet:  # noqa: B008  frozen
-    """Return what a table states of a body, over what is known besides."""
+    """Return a table's datasheet of a body, over the known values."""
     bounds = table.mass_bounds
     return Datasheet(
         mass=known.mass if table.mass is None else table.mass,

@@ -1,10 +1,11 @@
 """Files that a problem file names: where they are, and which ones it may name.
 
-A problem file comes with data from others.  What it names is read, and parts of it end
-up in reports; so, unless somebody has said that it is trusted, it may name what lies
-below its own folder or below the folder of the data, and no other environment variable
-than that folder's.  What a run of this user has written may name the files that it
-named then, wherever they are: a record in the user's state folder has a digest of each.
+A problem file comes with data from others.  Files that it names are read, and parts of
+them end up in reports; so, unless somebody has said that it is trusted, it may name
+what lies below its own folder or below the folder of the data, and no other environment
+variable than that folder's.  Problem files that a run of this user has written may name
+the same files as then, anywhere: a record in the user's state folder has a digest of
+each.
 """
 
 import json
@@ -151,7 +152,7 @@ def record_own(table: ProblemTable, file: Path) -> None:
     Parameters
     ----------
     table : ProblemTable
-        What the file says.
+        The content of the file.
     file : Path
     """
     own = [file.parent.resolve()]

@@ -64,7 +64,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Problem:
-    """A problem read from its folder; recordings are read when asked for.
+    """A problem read from its folder; recordings are read when needed.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ class Problem:
     source : Path, optional
         File that it was read from; a draft was read from none.
     arm : RobotModel, optional
-        That carries a wrench sensor, if the model is of what is behind it.
+        The arm that carries a wrench sensor, if the model is that of its tool.
     """
 
     folder: Path
@@ -131,12 +131,12 @@ class Problem:
 
     @property
     def moving(self) -> RobotModel:
-        """The robot that moves: the arm, where the model is of what it carries."""
+        """The moving robot: the arm, if the model is that of its tool."""
         return self.model.robot if self.arm is None else self.arm
 
     @property
     def recorded_joints(self) -> tuple[str, ...]:
-        """Joints that recordings are of: the robot's, or its carrying arm's."""
+        """Joints of the recordings: the robot's, or its carrying arm's."""
         return self.moving.joint_names
 
     def file(self, path: str) -> Path:
@@ -178,7 +178,7 @@ class Problem:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Recordings of the file that are not there."""
+        """Recordings of the file that are missing."""
         return tuple(f for f in self._log_files if not self._path(f).exists())
 
     @property
@@ -244,7 +244,7 @@ class Problem:
 
     @property
     def delay_of_commands(self) -> float:
-        """By which commands are taken to be late [s]: stated, or found in the data."""
+        """The delay of commands [s]: stated, or estimated from the data."""
         return self.drives.calibration.delay
 
     def prepare(self, recording: Recording) -> Recording:

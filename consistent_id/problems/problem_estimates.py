@@ -41,8 +41,8 @@ def identify(
     Least squares and the constrained estimate come with equal weights for all joints,
     and both again weighted by each joint's noise, so that each constrained estimate has
     a twin without constraints.  Besides come robust least squares;
-    ``"box-constrained QP"``: the quadratic programme with every constraint but physical
-    consistency, which shows what masses, bounds and signs contribute by themselves; and
+    ``"box-constrained QP"``: the quadratic programme with every constraint except
+    physical consistency, which shows the effect of masses, bounds and signs alone; and
     ``"cross-validated"``: the constrained estimate with a `Penalty` whose weight is
     chosen from the training data.
 
@@ -114,8 +114,8 @@ def refitted(
 ) -> Estimate:
     """Fit a constrained estimate again, to more data than it was judged with.
 
-    The verdict stays that of the estimate that was judged, which had not seen the data
-    that judged it; the fit, the certificate and all errors are the new one's.
+    The verdict stays that of the judged estimate, which was not fitted to the
+    validation data; the fit, the certificate and all errors are those of the new one.
 
     Parameters
     ----------

@@ -59,22 +59,22 @@ from consistent_id.regression.segments import (
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A problem worked through: each part is computed once, when first asked for.
+    """The study of a problem: each part is computed once, when first needed.
 
     Parameters
     ----------
     problem : Problem
     seed : int
-        Of the bootstrap behind `uncertainty`.
+        Seed of the bootstrap for `uncertainty`.
     progress : bool
-        Whether the bootstrap shows on the standard error how far it is.
+        Whether the bootstrap shows its progress on the standard error.
     accepted : tuple of str
-        Kinds of findings and reasons that verdicts are to overlook.
+        Kinds of findings and reasons that verdicts ignore.
 
     Raises
     ------
     ProblemError, NotExcitedError, InfeasibleError, SolverError
-        Any part, if it cannot be computed.
+        By any part that cannot be computed.
     """
 
     problem: Problem
@@ -142,18 +142,18 @@ class Study:
 
     @cached_property
     def diagnosis(self) -> Diagnosis | None:
-        """What is wrong with the recordings; None if they are simulated."""
+        """Diagnosis of the recordings; None if they are simulated."""
         recorded = self.problem.table.data is not None
         return check_problem(self.problem) if recorded else None
 
     @property
     def findings(self) -> tuple[LogFinding, ...]:
-        """What is wrong with the recordings, as verdicts take it."""
+        """Faults of the recordings that verdicts use."""
         return () if self.diagnosis is None else self.diagnosis.findings
 
     @cached_property
     def recommendation(self) -> Recommendation:
-        """Which estimate to use, chosen from the training data."""
+        """The recommendation of an estimate, from the training data."""
         problem = self.problem
         return recommend(
             problem.model,
@@ -178,8 +178,8 @@ class Study:
     def delivered(self) -> Estimate:
         """The recommended estimate, fitted again to training and validation data.
 
-        Its verdict and its held-out error are those of `recommended`, which had seen
-        the training data alone.  Without validation data it is the same estimate.
+        Its verdict and its held-out error are those of `recommended`, which was fitted
+        to the training data alone.  Without validation data it is the same estimate.
         """
         return self._refitted(self.recommended)
 
@@ -200,13 +200,12 @@ class Study:
         return self.recommended.verdict
 
     def judged(self, estimate: Estimate) -> Verdict:
-        """Return the verdict on an estimate, with all that the study knows.
+        """Return the verdict on an estimate, from all evidence of the study.
 
-        Recordings that it was fitted to are not held out.  If none is left, the verdict
-        that it came with counts, and what is computed now can only make it worse: the
-        fit, the error on the data that it was fitted to, bodies, findings.  If that
-        is so, but the study itself would deliver this estimate, then the verdict is
-        the study's.
+        Recordings that it was fitted to are not held out.  If no others remain, its own
+        verdict is used, and the evidence computed now can only make it worse: the fit,
+        the error on the data that it was fitted to, bodies, findings.  If it does, but
+        the study itself would deliver this estimate, the verdict is the study's.
 
         Parameters
         ----------
@@ -252,12 +251,12 @@ class Study:
         return tuple(r for r, own in spans if not any(own.overlaps(o) for o in others))
 
     def _fit(self, estimate: Estimate) -> Fit:
-        """Return how well an estimate explains the training data."""
+        """Return the errors of an estimate on the training data."""
         model = self.problem.model
         known = lowered(self.problem.constraints, model).A_eq
         x, own = estimate.parameters, estimate.fit
         fit = fit_of(model, self.regression, x, self.base, known=known)
-        # Whether constraints contradict its data, its own optimum says.
+        # Its own optimum shows whether constraints contradict its data.
         return fit if own is None else replace(fit, excess=own.excess)
 
     def _delivered_as(self, estimate: Estimate) -> EstimateReport | None:
@@ -271,7 +270,7 @@ class Study:
         return report if same else None
 
     def answer(self, verdict: Verdict | None = None) -> dict[str, Any]:
-        """Return the verdict as every command has it in its JSON.
+        """Return the verdict in the form of every command's JSON.
 
         Parameters
         ----------
@@ -295,7 +294,7 @@ class Study:
         Parameters
         ----------
         costs : bool
-            Whether to compute what constraints cost, instead of when it is asked for.
+            Whether to compute the costs of constraints now, not when needed.
         """
         parts = {**_STAGES, **_COSTS} if costs else _STAGES
         with stages(len(parts), self.progress) as begin:
@@ -310,14 +309,14 @@ class Study:
 
     @property
     def constrained(self) -> Estimate:
-        """The constrained estimate; alone, if the others have not been asked for."""
+        """The constrained estimate, computed alone if the others are not needed yet."""
         if "estimates" not in self.__dict__:
             return self._constrained
         return self.estimate(Method.CONSTRAINED)
 
     @cached_property
     def comparison(self) -> Comparison:
-        """The estimates side by side."""
+        """The comparison of all estimates."""
         return compare(
             self.estimates,
             self.validation,
@@ -328,7 +327,7 @@ class Study:
 
     @cached_property
     def costs(self) -> tuple[ConstraintCost, ...]:
-        """What each constraint costs in fit, with equal weights for all joints."""
+        """The cost of each constraint in fit, with equal weights for all joints."""
         problem = self.problem
         return constraint_costs(
             problem.model, self.regression, problem.constraints, base=self.base
@@ -336,7 +335,7 @@ class Study:
 
     @cached_property
     def prices(self) -> tuple[ShadowPrice, ...]:
-        """What each single row or link condition costs, likewise."""
+        """The cost of each single row or link condition, likewise."""
         problem = self.problem
         return shadow_prices(
             problem.model, self.regression, problem.constraints, base=self.base
@@ -344,7 +343,7 @@ class Study:
 
     @cached_property
     def uncertainty(self) -> Uncertainty:
-        """How well each parameter of the constrained estimate is determined."""
+        """The uncertainty of each parameter of the constrained estimate."""
         return uncertainty(
             self.problem.model,
             self.segments,
@@ -379,7 +378,7 @@ class Study:
 def _says_more(stated: Verdict | None, found: Verdict) -> bool:
     """Return whether a stated verdict is the found one, with more worth knowing.
 
-    What a comparison of all estimates has found besides is not computed again.
+    Further findings of a comparison of all estimates are not computed again.
     """
     if stated is None:
         return False
@@ -412,13 +411,13 @@ def run_study(
     ----------
     problem : Problem
     seed : int
-        Of the bootstrap, if the study's `uncertainty` is asked for.
+        Seed of the bootstrap, if the study's `uncertainty` is needed.
     progress : bool
         Show how far it is, on the standard error.
     accepted : sequence of str
-        Kinds of findings and reasons that verdicts are to overlook.
+        Kinds of findings and reasons that verdicts ignore.
     costs : bool
-        Whether to compute what constraints cost, instead of when it is asked for.
+        Whether to compute the costs of constraints now, not when needed.
 
     Returns
     -------

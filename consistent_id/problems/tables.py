@@ -1,4 +1,4 @@
-"""Tables of a problem file for drives and constraints, and what they consist of."""
+"""Tables of a problem file for drives and constraints, and their parts."""
 
 from typing import Annotated, Any, Literal, get_type_hints
 
@@ -46,9 +46,9 @@ class EllipsoidTable(Table, frozen=True, kw_only=True):
 
 
 class ShapeTable(Table, frozen=True, kw_only=True):
-    """Where a link's centre of mass or material lies: one of four shapes [m].
+    """Region of a link's centre of mass or material: one of four shapes [m].
 
-    A mesh is a file in the problem's folder, in the link's frame; its hull counts, or
+    A mesh is a file in the problem's folder, in the link's frame; its hull is used, or
     the smallest ellipsoid around it.
     """
 
@@ -115,8 +115,8 @@ class DriveTable(_DriveTable, frozen=True, kw_only=True):  # type: ignore[misc, 
         return DriveTerms(**{name: getattr(self, name) for name in DEFAULTS})
 
 
-# Of a joint a key may be missing: then that of all joints counts.  TOML has no null:
-# zero stands for it.
+# A joint's key may be missing: then that of all joints is used.  TOML has no null: zero
+# stands for it.
 _NONE = {float | None: NonNegative | None}
 _JointDrive: Any = msgspec.defstruct(
     "_JointDrive",
@@ -136,7 +136,7 @@ _DIRECTED = ("asymmetric", "stribeck_velocity", "load_friction")
 
 
 class JointTable(_JointDrive, frozen=True, kw_only=True):  # type: ignore[misc, call-arg]
-    """What one joint has else than all, and what the datasheet says of its motor."""
+    """Exceptions for one joint, and the datasheet of its motor."""
 
     gear_ratio: float | None = None
     motor_inertia: NonNegative | None = None
@@ -150,9 +150,9 @@ class JointTable(_JointDrive, frozen=True, kw_only=True):  # type: ignore[misc, 
     def over(self, drive: DriveTable) -> DriveTable:
         """Return the drive of the joint: its own keys, those of all for the others.
 
-        What is of all and contradicts the joint's own is left out: the width of a sign
-        change that it has not, friction of a direction that it has not, and an offset
-        beside asymmetric friction.
+        Settings for all joints that contradict the joint's own are ignored: the width
+        of a sign change or the friction of a direction that it does not have, and an
+        offset beside asymmetric friction.
         """
         own = {
             k: None if v == 0 and k in _OPTIONAL else v for k, v in self.stated.items()
@@ -168,7 +168,7 @@ class JointTable(_JointDrive, frozen=True, kw_only=True):  # type: ignore[misc, 
 
 
 def exceptions(own: DriveTable, common: DriveTable) -> dict[str, Any]:
-    """Return what one joint has else than all, by key; zero stands for none."""
+    """Return the exceptions of one joint, by key; zero stands for none."""
     values = {key: getattr(own, key) for key in DEFAULTS}
     return {
         key: 0.0 if value is None else value

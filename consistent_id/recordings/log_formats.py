@@ -36,8 +36,8 @@ class LogFormat:
     folders : bool
         Whether a log may be a folder.
     streams : bool
-        Whether it can be read piece by piece, in memory that does not grow with it; of
-        a file, see `in_pieces`.
+        Whether it can be read piece by piece, in constant memory; for a single file,
+        see `in_pieces`.
     states_units : bool
         Whether arrays may state units: its module has ``array_units(path, names)``.
     is_text : bool
@@ -65,7 +65,7 @@ class LogFormat:
         return in_pieces is None or bool(in_pieces(path))
 
     def reader(self, where: object) -> Any:
-        """Return the module that reads it.
+        """Return the module that reads the format.
 
         Raises
         ------
@@ -115,7 +115,7 @@ def log_format(path: Path) -> LogFormat:
     Raises
     ------
     RecordingError
-        If there is none of such a suffix.
+        If no format has this suffix.
     """
     suffix = path.suffix.lower()
     for known in LOG_FORMATS:

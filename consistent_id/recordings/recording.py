@@ -1,4 +1,4 @@
-"""A recording: what a robot's log says, checked once at the door."""
+"""A recording: the data of a robot's log, checked once."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -30,7 +30,7 @@ LATEST = 1e12
 
 _MEASURED = ("position", "velocity", "acceleration", "torque")
 COMMANDS = ("position_command", "velocity_command", "torque_command")
-"""What the controller asked of the joints: held from one sample to the next."""
+"""Commands of the controller to the joints, constant from one sample to the next."""
 
 _CHANNELS = (*_MEASURED, *COMMANDS)
 
@@ -54,20 +54,21 @@ class Recording:
     velocity, acceleration : array_like, shape (samples, joints), optional
     torque : array_like, shape (samples, joints), optional, [N m or N]
     base : BaseMotion, optional
-        How the base moves, if it floats.
+        Motion of the base, if it floats.
     wrenches : tuple of Wrench
         Measured forces on the robot from outside.
     contacts : tuple of ContactFlags
-        Where the robot may touch its surroundings, and when it does.
+        Contacts of the robot with its surroundings.
     torque_known : array_like of bool, shape (samples, joints), optional
-        Where a joint's torque is what a model says of it; elsewhere, as where the joint
-        rests and friction is whatever balances it, there is no row.  By default it is.
+        Where a joint's torque is that of the model; elsewhere there is no row, for
+        example while the joint rests and friction has any value that balances it.  By
+        default true.
     name : str
-        Where it comes from; used in messages.
+        Name of the source; used in messages.
     position_command, velocity_command : array_like, shape (samples, joints), optional
-        Commands of the drives, each held from its sample to the next.
+        Commands of the drives, each constant from its sample to the next.
     torque_command : array_like, shape (samples, joints), optional, [N m or N]
-        Feed-forward torque; `commanded` makes torque of commands.
+        Feed-forward torque; `commanded` computes the torque from commands.
 
     Raises
     ------
@@ -128,13 +129,13 @@ class Recording:
             if len(value) != len(time):
                 raise RecordingError(
                     f"{self.name}: {what} has {len(value)} samples, expected "
-                    f"{len(time)}, as many as there are times; what changes the clock "
-                    "of the joints does not change that of the base"
+                    f"{len(time)}, as many as there are times; a change of the "
+                    f"joints' clock does not change that of the base"
                 )
 
     @property
     def _beside(self) -> list[tuple[str, BaseMotion | Wrench | ContactFlags]]:
-        """What was recorded beside the joints, and what to call it."""
+        """Channels recorded beside the joints, and their names."""
         base = [] if self.base is None else [self.base]
         return [
             *(("base motion", value) for value in base),
@@ -150,7 +151,7 @@ class Recording:
             bad = int(np.argmax(abs(time)))
             raise SampleError(
                 f"{self.name}: time of sample {bad} is {time[bad]:.3g} s, expected "
-                "seconds. Say the unit: --units us (or ms, ns)"
+                f"seconds. State the unit: --units us (or ms, ns)"
             )
         steps = np.diff(time)
         if (steps <= 0.0).any():
@@ -238,7 +239,7 @@ class Recording:
         return replace(self, joints=tuple(joints), torque_known=known, **channels)
 
     def table(self) -> Table:
-        """Return how far each joint moved and how hard it was driven, for people."""
+        """Return each joint's ranges of motion and torque, for people."""
         channels = {name: getattr(self, name) for name in self.channels}
         return Table(
             f"{self.name}: {len(self)} samples, {self.duration:.4g} s at "
@@ -293,7 +294,7 @@ class Recording:
         )
 
     def samples(self, keep: slice | IntArray) -> Self:
-        """Return some samples: a run, every ``keep.step``-th of them, or by place."""
+        """Return some samples: a run, every ``keep.step``-th of them, or by index."""
         channels = {
             channel: values[keep]
             for channel in _CHANNELS
@@ -312,7 +313,7 @@ class Recording:
 
 @dataclass(frozen=True, slots=True)
 class LogFinding:
-    """One thing that is wrong, or worth knowing.
+    """One fault, warning or note on a log.
 
     Parameters
     ----------
@@ -323,13 +324,13 @@ class LogFinding:
     where : str
         Joint, pair of joints, or recording; ``"all joints"``.
     statement : str
-        What was seen, with figures and units.
+        What was found, with figures and units.
     advice : str
         What to do.
     score : float
-        Evidence, one at the threshold and larger beyond it.
+        Strength of the evidence: one at the threshold, larger beyond it.
     recording : str
-        In which it was seen.
+        Recording in which it was found.
     """
 
     kind: str
@@ -357,14 +358,14 @@ def states(recording: Recording) -> tuple[Matrix, Matrix, Matrix]:
 
 
 def velocities(recording: Recording) -> Matrix:
-    """Return velocities, as measured or else by differences of position."""
+    """Return measured velocities, or else differences of position."""
     if recording.velocity is not None:
         return recording.velocity
     return np.gradient(recording.position, recording.time, axis=0)
 
 
 def positions_at(recording: Recording, times: Vector) -> Matrix:
-    """Return positions at other times, on straight lines between samples."""
+    """Return positions at other times, by linear interpolation."""
     joints = recording.position.T
     return np.column_stack([np.interp(times, recording.time, q) for q in joints])
 
@@ -372,7 +373,7 @@ def positions_at(recording: Recording, times: Vector) -> Matrix:
 def joined_in_time(parts: Sequence[Recording]) -> Recording:
     """Return consecutive recordings of the same joints and channels as one.
 
-    Of what was recorded beside the joints nothing is kept.
+    Channels beside the joints are not kept.
     """
     channels: dict[str, Matrix] = {
         channel: np.concatenate([getattr(part, channel) for part in parts])

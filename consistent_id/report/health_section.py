@@ -30,7 +30,7 @@ _STYLE = {"fault": "bad", "warning": "care", "note": "muted"}
 
 
 def health_section(content: ReportContent) -> Section | None:
-    """Return recordings and what is wrong with them; None without recordings."""
+    """Return recordings and their faults; None without recordings."""
     if not content.training and not content.validation:
         return None
     parts = [_recordings(content)]

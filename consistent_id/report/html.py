@@ -23,7 +23,7 @@ def report_html(
     seed: int | None = None,
     command: str = "",
 ) -> str:
-    """Return a study as one HTML file, which needs no other and no network.
+    """Return a study as one HTML file, which needs no other file and no network.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def report_html(
     seed : int, optional
         Of the uncertainty's bootstrap.
     command : str
-        By which the report is made again.
+        Command that reproduces the report.
 
     Examples
     --------
@@ -114,7 +114,7 @@ def comparison_html(
     diagnosis: Diagnosis | None = None,
     uncertainty: Uncertainty | None = None,
 ) -> str:
-    """Return a comparison as one HTML file; what is not known has no section.
+    """Return a comparison as one HTML file; unknown parts have no section.
 
     Parameters
     ----------

@@ -107,7 +107,7 @@ def spread_pose(robot: RobotModel, recordings: tuple[Recording, ...]) -> Vector:
 
 _SIZE = 360  # pixels
 _MARGIN = 1.05
-_THINNEST = 1.5  # pixels of a semi-axis, else nothing is seen
+_THINNEST = 1.5  # least pixels of a semi-axis, to be visible
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,7 +132,7 @@ class DrawnLink:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """A ball that holds what is to be seen: its middle and radius, [m]."""
+    """A ball around the drawn bodies: its middle and radius, [m]."""
 
     middle: Vector
     reach: float

@@ -1,4 +1,4 @@
-"""What a report is made from, and the sections that it consists of."""
+"""The content of a report, and its sections."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -23,7 +23,7 @@ from consistent_id.robot.model import Joint
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReportContent:
-    """Everything that a report can show; what is unknown is None or empty.
+    """The content of a report; unknown parts are None or empty.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class ReportContent:
     delivered : Estimate, optional
         The recommended estimate, fitted again to all data.
     further : tuple of Section
-        Sections that were made elsewhere, such as that of rollouts.
+        Additional sections, such as that of rollouts.
     seed : int, optional
         Of the bootstrap.
     command : str
@@ -88,7 +88,7 @@ class ReportContent:
 
     @property
     def rows(self) -> tuple["Row", ...]:
-        """What is measured and predicted: torques of joints, the wrench on a base."""
+        """The measured and predicted rows: torques of joints, the wrench on a base."""
         robot, names = self.model.robot, self.model.torque_joints
         joints = {joint.name: joint for joint in robot.driven}
         units = ("N" if in_newton(robot, name) else "N m" for name in names)

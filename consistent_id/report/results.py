@@ -1,8 +1,8 @@
 """A study written to a folder, complete, and opened again without computing.
 
-``results.json`` lists what the study was computed from and what it was written to, each
-with its digest, and holds the tables of every command.  A folder is taken at its word
-as long as the digests fit.
+``results.json`` lists the inputs and outputs of the study, each with its digest, and
+contains the tables of every command.  A folder is used without computing as long as the
+digests agree.
 """
 
 import hashlib
@@ -148,7 +148,7 @@ class _StudyRecord(msgspec.Struct, frozen=True):
 
 
 class Index(msgspec.Struct, frozen=True, kw_only=True):
-    """What ``results.json`` holds."""
+    """The content of ``results.json``."""
 
     format: str
     version: str
@@ -319,21 +319,21 @@ def open_results(folder: str | Path) -> Results:
     Raises
     ------
     ProblemError
-        If the folder holds no results, or they are of another form.
+        If the folder has no results, or they have another form.
 
     Examples
     --------
     >>> from consistent_id import open_results
     >>> open_results("problems/rx60")
     Traceback (most recent call last):
-    consistent_id.errors.ProblemError: problems/rx60 holds no results.json; ...
+    consistent_id.errors.ProblemError: problems/rx60 has no results.json; ...
     """
     folder = Path(folder)
     file = folder / INDEX
     if not file.is_file():
         raise ProblemError(
-            f"{folder} holds no {INDEX}; expected a folder that identify or compare "
-            "wrote with --output"
+            f"{folder} has no {INDEX}; expected a folder that identify or compare "
+            f"wrote with --output"
         )
     content = read_input(file, ProblemError, LARGEST_MODEL)
     try:

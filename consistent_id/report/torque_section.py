@@ -89,7 +89,7 @@ def _panel(time: Vector, traces: list[Vector], unit: str, place: str) -> Html:
     """Return one plot: a coarse drawing, and finer numbers for the script."""
     names = ["measured", "main", "plain"] if place == "above" else ["main", "plain"]
     styled = list(zip(names, traces, strict=False))
-    # What is drawn last is on top: the estimate in use.
+    # The last curve is on top: the estimate in use.
     styled.sort(key=lambda pair: ("measured", "plain", "main").index(pair[0]))
     coarse = buckets(len(time), _STATIC)
     height, bottom = (140, 6) if place == "above" else (120, 32)
@@ -193,7 +193,7 @@ def friction_section(content: ReportContent) -> Section | None:
 
 
 def friction_columns(model: TorqueModel) -> IntArray:
-    """Return the places of the parameters that make friction and offsets."""
+    """Return the indices of the parameters of friction and offsets."""
     start = model.layout.inertial_size
     places = [i for i, t in enumerate(model.column_terms, start) if t.friction]
     return np.array(places, dtype=np.intp)
@@ -202,7 +202,7 @@ def friction_columns(model: TorqueModel) -> IntArray:
 def observed_friction(
     estimate: Estimate, recording: Recording, columns: IntArray
 ) -> tuple[Array, Array, Array]:
-    """Return friction as observed and as identified, and the joints' rates.
+    """Return observed and identified friction, and the joints' rates.
 
     Observed is ``tau - Y x + Y_f x_f``, with ``f`` the friction's columns.  All of
     shape (samples, joints with torque).

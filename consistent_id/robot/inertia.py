@@ -11,8 +11,8 @@ index  parameter                                   unit
 =====  ==========================================  =======
 
 The inertia is the matrix ``[[Ixx, Ixy, Ixz], [Ixy, Iyy, Iyz], [Ixz, Iyz, Izz]]`` about
-the origin of the link frame, in the frame's axes.  Anything else is converted at the
-door.
+the origin of the link frame, in the frame's axes.  Other conventions are converted when
+read.
 """
 
 from dataclasses import dataclass

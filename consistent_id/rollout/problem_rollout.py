@@ -1,8 +1,8 @@
 """A study's rollout: its recommended estimate, or one refined, beside other robots.
 
-On request friction is fitted in the form that a file format can say.  What a format
-lacks, an export leaves out, and its share of friction is then missing.  Fitted again
-without these terms, those that the format has take over what they can.
+On request friction is fitted in the form that a file format supports.  An export leaves
+other terms out, and their friction is then missing.  If friction is fitted again
+without these terms, the remaining terms compensate for them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -52,11 +52,12 @@ TERMS: Mapping[str, tuple[str, ...]] = {
     "urdf": _EVERYWHERE,
 }
 """Drive terms that are fitted for a format.  An offset is fitted for all: without it
-friction would take it up; a format that lacks it says so when it is written."""
+friction would compensate for it; an export of a format without it has a note.
+"""
 
 
 class FormLoss(NamedTuple):
-    """What the form of friction of a format costs.
+    """The cost of a format's form of friction.
 
     Parameters
     ----------
@@ -92,11 +93,11 @@ class ProblemRollout:
     rollout : Rollout
         Of the validation logs, or of the training logs if there are no others.
     scatter : BlockScatter, optional
-        How sure a torque fit's parameters are; None where blocks of the training
-        motion do not determine them by themselves.
+        Uncertainty of a torque fit's parameters; None if blocks of the training motion
+        do not determine them.
     trend : TrendAt, optional
-        What to expect of parameters at the speed of the replayed motion; None where
-        blocks are alike in speed.
+        Predicted parameters at the speed of the replayed motion; None if blocks have
+        similar speeds.
     form : FormLoss, optional
         If friction was fitted in the form of a format.
     """
@@ -206,7 +207,7 @@ def rollout_of(
     Parameters
     ----------
     study : Study
-        Of a problem with gains of its drives; only what is needed of it is computed.
+        Of a problem with gains of its drives; only its needed parts are computed.
     against : sequence of str or Path
         MJCF or URDF files of the robot.
     refine : bool
@@ -288,7 +289,7 @@ def _loss(stated: Study, formed: Study, form: str) -> FormLoss:
 
 
 def _sureness(study: Study) -> tuple[BlockScatter | None, TrendAt | None]:
-    """Return how sure parameters are: of the training motion, and at another speed."""
+    """Return the uncertainty of parameters for training motion and at another speed."""
     problem = study.problem
     model, training = problem.model, problem.training
     sigma = joint_noise(model, study.regression, base=study.base)

@@ -1,6 +1,6 @@
 """A rollout as one HTML page, and as a section of a study's report.
 
-Table, errors over time, and how joints follow their commands at each frequency.
+It has tables, errors over time, and frequency responses of joints to commands.
 """
 
 from typing import NamedTuple
@@ -61,7 +61,7 @@ def frequency_response(log: Recording, position: Array) -> FrequencyResponse:
     log : Recording
         With commands of position, on a uniform clock.
     position : ndarray, shape (samples, joints)
-        What followed them: the robot, or a model.
+        Position of the robot, or of a model.
     """
     from scipy.signal import csd, welch
 

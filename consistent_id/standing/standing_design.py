@@ -42,9 +42,10 @@ from consistent_id.standing.trunk_path import (
 )
 
 REST = 0.03
-"""rad/s or m/s, below which a joint's torque tells nothing: at rest, dry friction is
-whatever balances it (`without_rests`; benchmarks/quadruped.py: with such joints the
-moments of G1's torso are 6 % off, without them 1 %)."""
+"""rad/s or m/s, below which a joint's torque is not used: at rest, dry friction has any
+value that balances it (`without_rests`; benchmarks/quadruped.py: with such joints the
+moments of G1's torso are 6 % off, without them 1 %).
+"""
 
 _THIN = 0.01  # m; no trunk is thinner, whatever a file says
 
@@ -120,11 +121,11 @@ def design_standing(
     seed: int = 0,
     tell: Callable[[int, float], None] | None = None,
 ) -> StandingDesign:
-    """Search for the way of a trunk over standing feet that tells most of it.
+    """Search for the motion of a trunk over standing feet that identifies it best.
 
-    Least is the root mean square of the standard errors of the trunk's ten parameters,
-    relative to its own size (`relative_size`; A-optimality), of paths that are as large
-    as their limits allow; see `searched_tones`.
+    The search minimises the root mean square of the standard errors of the trunk's ten
+    parameters, relative to its own size (`relative_size`; A-optimality), of paths that
+    are as large as their limits allow; see `searched_tones`.
 
     Parameters
     ----------

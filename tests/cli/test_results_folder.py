@@ -281,7 +281,7 @@ def test_results_without_recordings_are_checked_as_their_problem_is(
 
 
 def test_a_folder_without_results_is_no_results(tmp_path):
-    with pytest.raises(ci.ProblemError, match=r"holds no results.json"):
+    with pytest.raises(ci.ProblemError, match=r"has no results.json"):
         ci.open_results(tmp_path)
     assert not (Path("problems/rx60") / "results.json").exists()
 

@@ -1,4 +1,4 @@
-"""What is taken for granted, and how far it moves parameters."""
+"""Assumed values, and the shifts of parameters by their errors."""
 
 from dataclasses import replace
 
@@ -85,7 +85,7 @@ def test_shifts_are_in_standard_errors_and_in_intervals(arm, log):
         uncertainty(arm, segments, constraints=constraints, replicates=2, variants=v)
         for v in ((), (variant,))
     )
-    assert "taken for granted" in more.scatter
+    assert "changes of assumed values" in more.scatter
     for one, other in zip(plain.parameters, more.parameters, strict=True):
         if one.verdict != "data":
             continue

@@ -171,7 +171,7 @@ def test_standard_errors_are_in_the_table_and_in_the_file(tmp_path):
     assert float(cells[int(np.argmax(known))]) == pytest.approx(
         found.parameter_errors[known][0], rel=0.05
     )
-    assert any(note.startswith("standard error: of noise") for note in table.notes)
+    assert any(note.startswith("standard error: for noise") for note in table.notes)
     # Files of earlier versions have none.
     record = json.loads((tmp_path / "it.json").read_text())
     for entry in record["parameters"].values():

@@ -139,7 +139,7 @@ def test_a_share_that_masses_do_not_allow_is_reduced():
     bodies = (PhysicalConsistency(), MassBounds(light))
     estimate = constrained_least_squares(model, regression, constraints=bodies)
     assert 0.0 < shares(model, estimate.parameters).min() < 0.03
-    assert "contains 0.01 of its nominal body" in estimate.notes[0]
+    assert "contains at least 0.01 of its nominal body" in estimate.notes[0]
 
 
 def test_none_is_asked_for_without_physical_consistency():

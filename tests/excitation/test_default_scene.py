@@ -66,7 +66,7 @@ def test_shapes_of_the_file_are_watched_by_default_and_adjacent_ones_are_not(tmp
     ("shapes", "changes", "said"),
     [
         ({}, {"collisions": False}, "as requested"),
-        ({"hand": MESH}, {}, "hand.stl' is not there"),
+        ({"hand": MESH}, {}, "hand.stl' was not found"),
         (dict.fromkeys(("base", "upper", "lower", "hand"), ""), {}, "has no <coll"),
     ],
 )
@@ -102,7 +102,7 @@ def test_the_shell_says_what_is_kept_apart(tmp_path, capsys):
     asked = ["excite", str(file), "--acceleration", "5", "--dry-run", "--verbose"]
     assert main(asked) == 0
     told = capsys.readouterr().out
-    assert "Bodies kept apart" in told and "keeps off itself" in told
+    assert "Bodies kept apart" in told and "self-collisions are avoided" in told
     assert main([*asked, "--no-collisions"]) == 0
     told = capsys.readouterr().out
     assert "Bodies kept apart" not in told and "as requested" in told

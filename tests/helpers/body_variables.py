@@ -5,9 +5,9 @@ In typical units, link ``k`` has the pseudo-inertia ``J(theta_k) + margin 1`` wi
 centres of mass and drive parameters that are fixed are left out; the others may have
 bounds.
 
-Constraints are read as variables left out, and as bounds on those that stay.  Read are
-rows, not kinds of constraints: whatever lowers to ``low <= x_i <= high`` on a mass or
-drive parameter, or to ``h = c m``, is understood; the rest is refused.
+Constraints eliminate variables or bound the others.  Their rows are read, not their
+kinds: rows of the form ``low <= x_i <= high`` on a mass or drive parameter, or
+``h = c m``, are supported; all others are refused.
 """
 
 from collections.abc import Iterator, Sequence
@@ -41,7 +41,7 @@ _DUAL_BASIS = inertial_vector(
 
 _BALL = inertial_vector(np.eye(4))  # the body whose pseudo-inertia is one
 _THICKNESS = 0.03  # least thickness of a body to start from, in typical lengths
-_EQUAL = 1e-9  # difference of two typical parameters that is rounding alone
+_EQUAL = 1e-9  # difference of two typical parameters that counts as rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +53,7 @@ class BodyVariables:
     margin : float
         Of `PhysicalConsistency`.
     known : ndarray, shape (parameters,)
-        Values in ``u`` of masses and drive parameters that are fixed; elsewhere nan.
+        Values in ``u`` of fixed masses and drive parameters; elsewhere nan.
     centres : ndarray, shape (links, 3)
         Centres of mass that are fixed, in typical lengths; elsewhere nan.
     lower, upper : ndarray, shape (free,)
@@ -119,13 +119,13 @@ class BodyVariables:
         masses = self.known[:n:10]
         fixed = ~np.isnan(masses)
         theta[fixed, MASS] = np.log(masses[fixed] - self.margin)
-        # A fixed centre is that of the body with its margin; without, it is farther.
+        # A fixed centre is that of the body with its margin; without it, it is farther.
         grown = self.centres * (1.0 + self.margin * np.exp(-theta[:, MASS, None]))
         theta[:, COM] = np.where(np.isnan(self.centres), theta[:, COM], grown)
         return theta, everything[n:]
 
     def _inner(self, theta: Array) -> Array:
-        """Return how variables move with each other: fixed centres with the mass."""
+        """Return how variables depend on each other: fixed centres on the mass."""
         inner = np.tile(np.eye(10), (self.links, 1, 1))
         inner[:, COM, MASS] = np.nan_to_num(
             -self.margin * np.exp(-theta[:, MASS, None]) * self.centres
@@ -141,7 +141,7 @@ class BodyVariables:
 
 
 def _thickened(body: Vector) -> Vector:
-    """Raise mass and central second moments to what has a finite logarithm."""
+    """Raise mass and central second moments to values with a finite logarithm."""
     J = pseudo_inertia(body)
     mass = max(J[3, 3], _THICKNESS**2)
     c = J[:3, 3] / mass
@@ -155,7 +155,7 @@ def _thickened(body: Vector) -> Vector:
 def body_variables(
     model: TorqueModel, constraints: Sequence[Constraint], unit: Vector
 ) -> BodyVariables:
-    """Return the variables that constraints leave, with their bounds.
+    """Return the variables that constraints leave free, with their bounds.
 
     Parameters
     ----------
@@ -165,8 +165,8 @@ def body_variables(
     Raises
     ------
     ProblemError
-        If a constraint says anything else, or not exactly one says that links are
-        bodies, or a mass has no logarithm.
+        If a constraint has another form, if `PhysicalConsistency` is not stated exactly
+        once, or if a mass has no logarithm.
     InfeasibleError
         If two of them contradict each other.
     """
@@ -203,7 +203,7 @@ class _Fact(NamedTuple):
 
 
 def _facts(constraint: Constraint, model: TorqueModel, unit: Vector) -> Iterator[_Fact]:
-    """Yield what a constraint says, one quantity at a time, or refuse it."""
+    """Yield a constraint's rows, one quantity at a time, or refuse it."""
     says, n = constraint.lower(model).normalised(unit), model.layout.inertial_size
     labels = [*says.eq_labels, *says.in_labels]
     rows, limits = np.vstack([says.A_eq, says.A_in]), np.append(says.b_eq, says.b_in)

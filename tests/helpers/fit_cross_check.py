@@ -1,4 +1,4 @@
-"""Two ways to the best constrained fit that have little in common, side by side."""
+"""Two independent methods for the best constrained fit, compared."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -31,12 +31,12 @@ class CrossCheck:
     cone_misfit, smooth_misfit : float
         ``||R x - z||`` of both, on the weighted regression.
     difference : float
-        ``(smooth - cone) / cone``, with a millionth of the torque's norm in the
-        denominator where the fit is better than that.
+        ``(smooth - cone) / cone``, with at least a millionth of the torque's norm in
+        the denominator.
     cone_verdict : {"certified", "uncertified"}
-        Of the cone programme's optimum.
+        Verdict of the cone programme's optimum.
     smooth : Estimate
-        The smooth search's, with a certificate of its own.
+        The estimate of the smooth search, with its own certificate.
     """
 
     cone_misfit: float
@@ -47,9 +47,9 @@ class CrossCheck:
 
     @property
     def agrees(self) -> bool:
-        """Whether the optimum is not undercut, and met: -1e-6 to 1e-4, relative.
+        """Whether both misfits agree: a relative difference of -1e-6 to 1e-4.
 
-        Undercut would mean that the cone programme, or its proof, is wrong.
+        A lower misfit of the smooth search would prove an error of the cone programme.
         """
         return -AHEAD <= self.difference <= BEHIND
 

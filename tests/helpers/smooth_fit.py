@@ -1,18 +1,17 @@
-"""The best consistent fit once more, by a smooth search without a cone programme.
+"""The best consistent fit by a smooth search, without a cone programme.
 
-Links are physically consistent by construction [Rucker2022]_: what is estimated are
+Links are physically consistent by construction [Rucker2022]_: the search is in
 log-Cholesky variables.  The search shares no solver, cone or base parameter with the
-semidefinite programme, so that each checks the other; nor does it need a model to be
-linear.
+semidefinite programme, so each checks the other; and the model need not be linear.
 
 ``1/2 ||A u(v) - z||^2 + pull/2 ||v - start||^2``
 
 is minimised by Newton's method for one pull after another, each a hundredth of the one
 before, the last of them too faint to matter.  The pull keeps bodies thick while they
-are far from optimal: one that has become flat too early has hardly a gradient left to
-grow again by.  Gauss-Newton does not do: where a body gets flat, residuals become
-linear in ``Lii^2 = exp(2 v)``, whose curvature by ``v`` Gauss-Newton omits, and it
-crawls.  The curvature of the parametrisation is known exactly, so it is used.
+are far from optimal: a body that has become flat too early has too small a gradient to
+grow again. Gauss-Newton is not suitable: for flat bodies, residuals are linear in
+``Lii^2 = exp(2 v)``; Gauss-Newton omits the curvature by ``v`` and converges slowly.
+The curvature of the parametrisation is known exactly, so it is used.
 
 The point found is judged by the same certificate.  Its multipliers are read off the
 gradient: where ``<Z_k, J_k(x)>`` has the gradient's entries of link ``k``, optimality
@@ -55,15 +54,15 @@ from consistent_id.regression.residual_noise import residual_noise, residual_sig
 from consistent_id.robot.inertia import PSEUDO_INERTIA_BASIS, pseudo_inertia
 from consistent_id.robot.scaling import reference_bodies
 
-_ACTIVE = 1e-9  # distance to a bound, in typical parameters, at which it holds
+_ACTIVE = 1e-9  # distance to a bound, in typical parameters, at which it is active
 
 PULLS = 10.0 ** np.arange(0, -15, -2)
 """Weights of the pull towards the start, in units of the squared residual."""
 
-_STEPS = 300  # Newton steps for each pull, at the most
-_STILL = 1e-4  # decrease, in pulls, at which the next pull's turn has come
+_STEPS = 300  # most Newton steps for each pull
+_STILL = 1e-4  # decrease, in pulls, below which the next pull is used
 _REACH = 2.0  # longest step of a variable: a factor of 7 for a mass or a thickness
-_TRIALS = 40  # shorter and shorter steps tried
+_TRIALS = 40  # number of shorter steps tried
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +79,7 @@ class SmoothFit:
         Norm of the derivatives of ``1/2 misfit^2`` by the variables, but for those
         whose bounds stop them.
     pulled : float
-        What the last pull adds to the misfit's square.
+        Contribution of the last pull to the misfit's square.
     steps : int
         Newton steps in all.
     """
@@ -109,8 +108,8 @@ def smooth_least_squares(
     regression : Regression
         Its `sigma` are the weights; see `joint_noise`.
     constraints : sequence of Constraint
-        `PhysicalConsistency`, once; else what fixes a centre of mass or fixes or bounds
-        a single mass or drive parameter: `FixedMasses`, `MassBounds`,
+        `PhysicalConsistency`, once, and constraints that fix a centre of mass, or fix
+        or bound a single mass or drive parameter: `FixedMasses`, `MassBounds`,
         `FixedCentresOfMass`, `NonNegativeDrive`, `FixedParameters`, `ParameterBounds`.
     start : array_like, shape (parameters,), optional
         By default `reference_bodies`, without friction.
@@ -119,8 +118,8 @@ def smooth_least_squares(
     Returns
     -------
     Estimate
-        Certified if no other parameters fit better, which is proven afterwards; what
-        is not identifiable is near the start, but not the nearest: see
+        Certified if it is proven afterwards that no other parameters fit better.
+        Unidentifiable parameters are near the start, but not the nearest: see
         `constrained_least_squares` for that.
 
     Raises
@@ -164,7 +163,7 @@ def smooth_least_squares(
         undetermined=open_combinations(solution, base.names),
         sigma=residual_sigma(regression, x, len(base)),
         certificate=_certificate(fit, _proof(scaled, variables, fit.u)),
-        notes=("what the data do not determine is near the start of the search",),
+        notes=("unidentifiable parameters are near the start of the search",),
         seconds=perf_counter() - started,
         fit=fit_of(model, regression, x, base),
     )
@@ -178,7 +177,7 @@ def _start(model: TorqueModel, start: ArrayLike | None) -> Vector:
 
 
 def _proof(scaled: ScaledFit, variables: BodyVariables, u: Vector) -> Optimality:
-    """Certify a point as the cone programme's is, with multipliers of its own."""
+    """Certify a point like the cone programme's, with its own multipliers."""
     problem = scaled.problem
     centre = scaled.centre
     solution = ConeSolution(u, _multipliers(problem, variables, u), "smooth", 0.0, 0.0)
@@ -188,7 +187,7 @@ def _proof(scaled: ScaledFit, variables: BodyVariables, u: Vector) -> Optimality
 def _multipliers(
     problem: LeastNorm, variables: BodyVariables, u: Vector
 ) -> Multipliers:
-    """Multipliers that explain as much of the gradient as their signs allow."""
+    """Multipliers that explain the gradient as far as their signs allow."""
     domain, n = problem.domain, 10 * variables.links
     rest = problem.G.T @ (problem.G @ u - problem.g)
     blocks = []
@@ -230,8 +229,8 @@ def _certificate(fit: SmoothFit, proof: Optimality) -> Certificate:
     if proof.verdict == "certified":
         return Certificate(
             "certified",
-            f"best fit proven to a relative {proof.gap:.1e}; where the data leave "
-            "parameters open, others fit as well",
+            f"best fit proven to a relative {proof.gap:.1e}; if the data do not "
+            f"determine all parameters, others fit equally well",
             figures,
         )
     return Certificate(
@@ -251,7 +250,7 @@ def smooth_fit(
     ----------
     A : ndarray, shape (rows, parameters)
     z : ndarray, shape (rows,)
-        In units of a misfit that matters.
+        In units of a significant misfit.
     start : ndarray, shape (parameters,)
     """
     origin = variables.variables(start)
@@ -319,8 +318,8 @@ class _Trial(NamedTuple):
 def _step(problem: _Pulled, v: Vector, value: float, damping: float) -> _Trial | None:
     """Return a step that lowers the value, if there is one.
 
-    ``-(|H| + damping)^-1 g`` over the variables that no bound holds, ``|H|`` with the
-    eigenvalues' magnitudes, so that it descends where the objective is not convex.
+    ``-(|H| + damping)^-1 g`` over the variables without an active bound, ``|H|`` with
+    the eigenvalues' magnitudes, so that it descends where the objective is not convex.
     """
     bounds = problem.variables
     gradient, hessian = problem.derivatives(v)

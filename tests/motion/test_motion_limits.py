@@ -46,7 +46,7 @@ def test_a_continuous_joint_gets_one_turn():
     [
         (JointLimits(1.0, 1.0, 1.0), {}, "joint1.*cannot move"),
         (JointLimits(velocity=1.0), {}, "joint1.*-inf and inf.*give its range"),
-        (JointLimits(-1.0, 1.0), {}, "joint1.*nothing bounds its speed"),
+        (JointLimits(-1.0, 1.0), {}, "joint1.*no limit bounds its speed"),
         (JointLimits(-1.0, 1.0, 0.0), {}, "joint1.*velocity is 0"),
         (JointLimits(-1.0, 1.0, 1.0), {"jerk": -1.0}, "joint1.*jerk is -1"),
         (JointLimits(-1.0, 1.0, 1.0), {"effort": np.nan}, "joint1.*effort is nan"),

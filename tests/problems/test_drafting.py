@@ -283,9 +283,7 @@ def test_commands_and_currents_are_not_taken_for_what_was_measured(tmp_path):
 def test_what_was_chosen_between_is_said(tmp_path):
     guess = guessed(tmp_path, "time,q1,q2,motor_q1,motor_q2,tau1,tau2")
     assert guess.columns.position == "q{number}"
-    assert guess.notes == (
-        "position is taken from q{number}, not from motor_q{number}",
-    )
+    assert guess.notes == ("position is read from q{number}, not from motor_q{number}",)
 
 
 def test_of_joints_whose_names_begin_alike_the_longer_is_meant(tmp_path):

@@ -207,7 +207,7 @@ def test_check_reads_a_log_as_identify_does(arm, tmp_path, capsys):
     assert main(["check", str(urdf), str(maker)]) == 2
     assert "--torque-gain" in capsys.readouterr().err
     assert main(["check", str(urdf), str(maker), "--torque-gain", "50", "20"]) == 0
-    assert "position is in deg, as AIPos.A{number} says" in capsys.readouterr().out
+    assert "position is in deg, according to AIPos.A{number}" in capsys.readouterr().out
 
 
 def test_a_joint_is_locked_where_the_shell_says(arm, capsys):

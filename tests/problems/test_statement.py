@@ -137,7 +137,7 @@ def test_a_width_needs_friction_that_has_one(problem):
 
 
 def test_of_a_problem_without_logs_nothing_of_logs_can_be_stated():
-    with pytest.raises(ci.ProblemError, match=r"--torque-gain is of logs.*names none"):
+    with pytest.raises(ci.ProblemError, match=r"--torque-gain is for logs.*names none"):
         ci.load_problem("problems/rx60", torque_gain=[2.0])
 
 

@@ -123,7 +123,7 @@ def test_the_dialects_of_csv_are_read_alike(tmp_path, text):
 FAULTY_CSV = {
     "missing column": ("time,q_elbov,x\n0,1,2\n", "no column 'q_elbow'.*: q_elbov"),
     "no time": ("t,q_elbow\n0,1\n1,2\n", "no column 'time'; known: "),
-    "repeated column": ("time,q_elbow,q_elbow\n0,1,1\n", "'q_elbow' stands there twi"),
+    "repeated column": ("time,q_elbow,q_elbow\n0,1,1\n", "'q_elbow' occurs twi"),
     "unit row": (
         "time,q_elbow\ns,rad\n0,1\n",
         "row 1 \\(line 2\\), column 'time': 's' is not a n",
@@ -251,7 +251,7 @@ def test_parquet_columns_without_numbers_are_refused(tmp_path, elbow, message):
     ("names", "message"),
     [
         (("time", "q_elbov"), "no column 'q_elbow'; known: q_elbov"),
-        (("time", "q_elbow", "q_elbow"), "column 'q_elbow' stands there twice"),
+        (("time", "q_elbow", "q_elbow"), "column 'q_elbow' occurs twice"),
     ],
 )
 def test_missing_and_repeated_parquet_columns_are_refused(tmp_path, names, message):

@@ -157,19 +157,19 @@ def test_one_joint_under_two_names_is_refused():
     ],
 )
 def test_a_position_in_another_unit_is_refused_by_its_name(tmp_path, pattern):
-    refused(tmp_path, "", "says .*not converted", Columns(position=pattern))
+    refused(tmp_path, "", "contains .*not converted", Columns(position=pattern))
 
 
 @pytest.mark.parametrize("name", ["time_ms", "t [ns]", "stamp_us", "time (µs)"])
 def test_a_time_in_another_unit_is_refused_by_its_name(tmp_path, name):
-    refused(tmp_path, "", "says .*not converted", Columns(time=name))
+    refused(tmp_path, "", "contains .*not converted", Columns(time=name))
 
 
 @pytest.mark.parametrize(
     "pattern", ["dq_{joint} [deg/s]", "{joint}_rpm", "v_deg_per_s"]
 )
 def test_a_rate_in_another_unit_is_refused_by_its_name(tmp_path, pattern):
-    refused(tmp_path, "", "says .*not converted", Columns(velocity=pattern))
+    refused(tmp_path, "", "contains .*not converted", Columns(velocity=pattern))
 
 
 def test_units_of_joint_names_and_of_torque_are_left_alone(tmp_path):
@@ -225,15 +225,18 @@ FAULTY = {
         'time,q_elbow,"a\nb"\n0,1,2\nx,1,2\n',
         "row 2 \\(line 4\\), column 'time'",
     ),
-    "two separators": ("time,q_elbow,;time;q_elbow\n0,1,2\n", "whether ',' and ';'"),
+    "two separators": (
+        "time,q_elbow,;time;q_elbow\n0,1,2\n",
+        "with each of ',' and ';'",
+    ),
     "ragged to and fro": (
         "time,q_elbow\n0,1,2\n1\n",
         "row 1 \\(line 2\\): 3 fields, the header",
     ),
-    "twice": ("time;q_elbow;q_elbow\n0;1;1\n", "'q_elbow' stands there twice"),
+    "twice": ("time;q_elbow;q_elbow\n0;1;1\n", "'q_elbow' occurs twice"),
     "other separator": ("time;q_elbov\n0;1\n", "no column 'q_elbow'; known: q_elbov"),
     "commas for all": ("time,q_elbow\n0,5,1,0\n", "4 fields.*If commas mark decimals"),
-    "no header": ("0,1\n1,2\n", "first row holds numbers"),
+    "no header": ("0,1\n1,2\n", "first row contains numbers"),
     "empty cell": (
         "time,q_elbow\n0,1\n1,\n",
         "row 2 \\(line 3\\), column 'q_elbow' is empty",

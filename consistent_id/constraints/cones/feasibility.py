@@ -1,11 +1,11 @@
-"""Interior points of convex sets, proofs that there are none, and what is to blame.
+"""Interior points of convex sets, or proofs and causes of emptiness.
 
 ``maximise t  subject to  F_k(u) >= t 1,  A_in u <= b_in - t,  A_eq u = b_eq,  t <= 1``
 
 For ``t < 0`` the multipliers ``Z_k >= 0`` are a proof of emptiness in the manner of
 Farkas: ``sum_k <Z_k, F_k(u)>`` is the same negative number for every candidate ``u``,
-while any consistent ``u`` would make it zero or more.  What rounding leaves of its
-slope is bounded in a ball of a thousand units, or ten times as far as the best point.
+while any consistent ``u`` would make it zero or more.  Rounding of its slope is bounded
+in a ball of a thousand units, or ten times the best point's norm.
 """
 
 from dataclasses import dataclass
@@ -23,16 +23,16 @@ from consistent_id.constraints.cones.programmes import (
 from consistent_id.constraints.cones.sets import ConicSet, block_rows, stacked
 from consistent_id.errors import SolverError
 
-_REACH = 1e3  # radius of the ball of proofs, at the least
-_FARTHER = 10.0  # how far it reaches, in units of the best point
+_REACH = 1e3  # least radius of the ball of proofs
+_FARTHER = 10.0  # its radius, in units of the best point's norm
 _TOLERANCES = (1e-11, 1e-8)
 _EQUAL = 1e-9  # residual beyond which equalities contradict each other
-# Of several best points, prefer a small one.  That leaves so much slope to a proof that
-# a small margin needs another solution without it.
+# Of several best points, prefer a small one.  The weight adds a slope to the proof, so
+# a small margin is solved again without it.
 _SMALL = (1e-7, 1e-12)
 _ROUNDING = 1e-9  # bound nearer to zero than this proves nothing
-_VALUES = 3  # equalities named in a proof, at the most
-_SHARE = 0.01  # least share of the blame, of the largest, that is worth naming
+_VALUES = 3  # most equalities named in a proof
+_SHARE = 0.01  # least multiplier, relative to the largest, that is named
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,9 +99,9 @@ def find_interior(domain: ConicSet) -> Interior:
 def irreducible_conflict(domain: ConicSet) -> tuple[int, ...]:
     """Return members that contradict each other, none of them superfluous.
 
-    Members are left out one after another for as long as what remains is proven empty
-    [Chinneck2008]_.  Of those that are left, each is needed for the contradiction, and
-    leaving out any one of them resolves it.
+    Members are left out one after another as long as the others are proven to be
+    contradictory [Chinneck2008]_.  Each of the remaining members is needed for the
+    contradiction, and leaving out any one of them resolves it.
 
     Parameters
     ----------
@@ -131,11 +131,11 @@ def _proven_empty(domain: ConicSet) -> bool:
 
 
 def _best_point(domain: ConicSet, size: float, small: float) -> Interior:
-    """Solve once; of several best points a `small` weight of size decides."""
-    # The solver sees a problem of unit size, however wild the equalities' values are.
+    """Solve once; a `small` weight of the norm selects one of several best points."""
+    # The solver gets a problem of unit size, for any values of the equalities.
     original, domain = domain, domain.shrunk(size)
     width = domain.A_eq.shape[1]
-    # Variables (t, r, u): t <= 1 and ||u|| <= r, of which a little is to be small.
+    # Variables (t, r, u): t <= 1 and ||u|| <= r; r has a small weight.
     norm = np.zeros((1 + width, 2 + width))
     norm[0, 1], norm[1:, 2:] = -1.0, -np.eye(width)
     cost, capped = np.zeros(2 + width), np.zeros((1, 2 + width))
@@ -160,7 +160,7 @@ def _best_point(domain: ConicSet, size: float, small: float) -> Interior:
 
 
 def _solved(cost: Vector, rows: list[ConeRows]) -> ConePoint:
-    """Solve as tightly as the solver can: slopes are paid for in a large ball."""
+    """Solve with the tightest tolerance: slopes are multiplied by a large radius."""
     for tolerance in _TOLERANCES[:-1]:
         try:
             return solve_cones(cost, rows, tolerance=tolerance)
@@ -170,11 +170,10 @@ def _solved(cost: Vector, rows: list[ConeRows]) -> ConePoint:
 
 
 def _contradiction(domain: ConicSet) -> tuple[Interior | None, float]:
-    """Return the proof that the equalities alone exclude each other, if they do.
+    """Return the proof that the equalities contradict each other, if they do.
 
-    And the size of the smallest point that satisfies them, one at the least.
-
-    The residual ``y`` of the best approximation obeys ``A_eq^T y = 0`` and
+    The second value is the norm of the smallest point that satisfies them, at least
+    one. The residual ``y`` of the best approximation obeys ``A_eq^T y = 0`` and
     ``y.b_eq = ||y||^2 > 0``.
     """
     if len(domain.b_eq) == 0:
@@ -206,7 +205,7 @@ def _margin(domain: ConicSet, u: Vector) -> float:
 
 
 def _reach_of(u: Vector) -> float:
-    """Return the radius in which what is proven about a best point holds."""
+    """Return the radius in which proofs about a best point are valid."""
     return max(_REACH, _FARTHER * float(np.linalg.norm(u)))
 
 
@@ -239,7 +238,7 @@ def _bound(
 def _blame(
     domain: ConicSet, Z: tuple[Matrix, ...], y: Vector, taken: Vector
 ) -> tuple[str, ...]:
-    """Labels of blocks and inequalities in the proof, then of the weightiest values."""
+    """Labels of blocks and inequalities in the proof, then of the largest values."""
     shares = [
         (float(np.trace(z)), block.description)
         for block, z in zip(domain.blocks, Z, strict=True)

@@ -85,7 +85,7 @@ class IdentifiedExperiment:
     Parameters
     ----------
     synchronised_log : SynchronisedLog
-        What was identified from.
+        Recordings of the identification.
     vectors : ndarray, shape (estimates, combinations)
         In the paper's combinations.
     """
@@ -355,7 +355,7 @@ class InertiaTable:
         Whether torque determines the entry, given masses and centres of mass; others
         come from the convention of the smallest vector, or from a prior.
     bodies : tuple of str
-        What is wrong with the mean of each link, in words.
+        The inconsistency of each link's mean, in words.
     """
 
     method: str

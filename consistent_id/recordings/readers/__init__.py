@@ -1,4 +1,4 @@
-"""Recordings from the logs that exist: tables, arrays, joint states, data frames."""
+"""Recordings from logs: tables, arrays, joint states, data frames."""
 
 from consistent_id._support.face import face
 

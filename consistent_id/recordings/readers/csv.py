@@ -26,7 +26,7 @@ _PIECE = 2**22  # bytes of text that are read at a time
 
 @dataclass(frozen=True, slots=True)
 class _CsvHeader:
-    """The names, how they are separated, and where the rows begin.
+    """The names, their separator, and the begin of the rows.
 
     Parameters
     ----------
@@ -49,8 +49,8 @@ def read_arrays(path: Path, names: Sequence[str], omit: Collection[int] = ()) ->
     """Return the named columns.
 
     The separator is the one of comma, semicolon and tab by which the header has all
-    names.  Lines before the header that begin with ``#`` are passed over; the last of
-    them may be the header.
+    names.  Lines before the header that begin with ``#`` are ignored; the last of them
+    may be the header.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def read_arrays(path: Path, names: Sequence[str], omit: Collection[int] = ()) ->
 def read_batches(
     path: Path, names: Sequence[str], first: int, omit: Collection[int] = ()
 ) -> Iterator[Arrays]:
-    """Yield the named columns from a row on, some rows at a time.
+    """Yield the named columns from a row on, in pieces.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def _readable(path: Path) -> Iterator[None]:
 
 
 def _pieces_of_lines(path: Path) -> Iterator[str]:
-    """Yield the text of a file, some whole lines at a time."""
+    """Yield the text of a file in pieces of whole lines."""
     rest = b""
     with path.open("rb") as file:
         file.seek(len(BOM_UTF8) if file.read(len(BOM_UTF8)) == BOM_UTF8 else 0)
@@ -132,9 +132,9 @@ def _has_other_lines(text: str) -> bool:
 
 
 def array_names(path: Path) -> tuple[str, ...]:
-    """Return the header: the first line, or above numbers the last comment.
+    """Return the header: the first line, or the last comment above numbers.
 
-    Its fields are separated by what makes the most of them.
+    Its separator is the one that gives the most fields.
     """
     try:
         with _readable(path):
@@ -149,21 +149,22 @@ def array_names(path: Path) -> tuple[str, ...]:
 
 
 def _header(path: Path, text: str, names: Sequence[str]) -> _CsvHeader:
-    """Return the header by the one separator that makes it hold all names."""
+    """Return the header by the one separator with which it has all names."""
     first, above = _headers(text)
     fitting = [h for h in first if set(names) <= set(h.names)]
     fitting = fitting or [h for h in above if set(names) <= set(h.names)]
     if len(fitting) > 1:
         marks = " and ".join(repr(header.separator) for header in fitting)
         raise RecordingError(
-            f"{path}: the header has all columns whether {marks} separates them; "
-            "rename columns that contain a separator"
+            f"{path}: the header has all columns with each of {marks} as separator; "
+            f"rename columns that contain a separator"
         )
     header = fitting[0] if fitting else max(first, key=lambda h: len(h.names))
     if not fitting and header.names and all(map(_is_number, header.names)):
         raise RecordingError(
-            f"{path}: the first row holds numbers ({', '.join(header.names[:3])}), "
-            "expected a header that names the columns. Add one: joints are matched by "
+            f"{path}: the first row contains numbers "
+            f"({', '.join(header.names[:3])}), expected a header that names the "
+            f"columns. Add one: joints are matched by "
             "name"
         )
     require(str(path), names, header.names)
@@ -291,7 +292,7 @@ def _miscounted(fields: Sequence[str], header: _CsvHeader) -> str:
     more = len(fields) > len(header.names)
     if header.separator == "," and more and not any("." in cell for cell in fields):
         fault += (
-            ". If commas mark decimals, something else has to separate: export with "
+            ". If commas mark decimals, another separator is needed: export with "
             "semicolons or tabs"
         )
     return fault
@@ -312,8 +313,8 @@ def _decimal_mark(cells: Iterable[str]) -> str | None:
 
 
 def _number(cell: str, mark: str | None) -> float | None:
-    """Return the number in a cell, None if it is none with this decimal mark."""
-    if "_" in cell or not cell.isascii():  # Python's float() would take them
+    """Return the number in a cell, None if it is not one with this decimal mark."""
+    if "_" in cell or not cell.isascii():  # Python's float() would accept them
         return None
     if mark == ",":
         if "." in cell:
@@ -336,8 +337,8 @@ def _fault(
     if first and all(cells) and set(row) == {None}:
         units = ", ".join(map(repr, cells))
         return (
-            f"{fault}. The row seems to name units ({units}): delete it; values are "
-            "read in s, rad, m, N m and N"
+            f"{fault}. The row seems to contain units ({units}): delete it; values "
+            f"are read in s, rad, m, N m and N"
         )
     return (
         f"{fault}. Only one header row is allowed, and {mark or '.'!r} marks decimals"

@@ -1,6 +1,6 @@
-"""Named arrays, as a file holds them, become a recording.
+"""A recording from named arrays of a file.
 
-A name may be some columns of an array, counted from 0: ``qpos[7:19]``.
+A name may select some columns of an array, counted from 0: ``qpos[7:19]``.
 """
 
 import re
@@ -31,7 +31,7 @@ from consistent_id.recordings.recording import LATEST, Recording, SampleError
 Arrays = Mapping[str, NDArray[Any]]
 
 Duplicates = Literal["refuse", "first", "last"]
-"""Which of several rows with one time stamp counts."""
+"""Which of several rows with one time stamp is used."""
 
 _MOST = 20  # rows to leave out that are listed; more are no single broken ones
 _GAP = 10.0  # usual steps without a sample
@@ -51,7 +51,7 @@ def recording_of(
     duplicates: Duplicates = "refuse",
     numbers: IntArray | None = None,
 ) -> Recording:
-    """Return the recording that the wanted arrays make.
+    """Return the recording of the wanted arrays.
 
     Parameters
     ----------
@@ -59,19 +59,20 @@ def recording_of(
         Columns of shape (samples,), (samples, 1) or (1, samples); two-dimensional
         arrays of shape (samples, width) or its transpose, by the length of time.
     where, name : str
-        Of the file: in messages, and of the recording.
+        Names of the file, for messages, and of the recording.
     torque_gain : array_like, shape () or (joints,)
     omit : sequence of int
         Rows to leave out, counted from 1.
     duplicates : {"refuse", "first", "last"}
-        Which of several rows in a row with one time stamp counts.
+        Which of several successive rows with one time stamp is used.
     numbers : ndarray of int, shape (samples,), optional
         Numbers of the samples' rows in the file, by default from 1 on.
 
     Raises
     ------
     RecordingError
-        If there is no such row, an array holds no numbers, or shapes do not fit.
+        If there is no such row, an array does not contain numbers, or shapes do not
+        fit.
     """
     time = vector_of(arrays, want.time, where)
     channels: dict[str, Matrix] = {}
@@ -169,7 +170,7 @@ def omit_advice(rows: Sequence[int], of: int) -> str:
 
 
 def _distinct(time: Vector, duplicates: Duplicates) -> BoolArray:
-    """Return which rows count where several have one stamp; all, to be refused."""
+    """Return the rows to use if several have one stamp; all, to refuse them later."""
     repeated = np.zeros(len(time), dtype=bool)
     if duplicates == "first":
         repeated[1:] = time[1:] == time[:-1]
@@ -210,13 +211,13 @@ def gained(
 ) -> Recording:
     """Return a recording in SI units, its torque multiplied by a gain, joint by joint.
 
-    Torque of joints at the places `without_torque` becomes zero, whatever it is.
+    Torque of joints at the indices `without_torque` becomes zero.
     """
     if (unit := needs_gain(units)) and np.ndim(torque_gain) == 0 and torque_gain == 1.0:
         raise RecordingError(
-            f"{name}: torque is in {unit}, without a gain. Give what makes torque of "
-            "it at each joint, gear ratio included, the rated torque in N m or N m per "
-            "ampere: --torque-gain NUMBER ... (torque_gain)"
+            f"{name}: torque is in {unit}, without a gain. Give the conversion to "
+            f"torque at each joint, gear ratio included, the rated torque in N m or "
+            f"N m per ampere: --torque-gain NUMBER ... (torque_gain)"
         )
     time = time * factors(units, "time", joints[:1])
     channels = {
@@ -262,7 +263,7 @@ def vector_of(arrays: Arrays, name: str, where: str) -> Vector:
     Raises
     ------
     RecordingError
-        If it holds no numbers, or has another shape.
+        If it does not contain numbers, or has another shape.
     """
     values = _numbers(arrays, name, where)
     if values.ndim == 2 and 1 in values.shape:
@@ -286,7 +287,7 @@ def _matrix(
     if upright == lying:
         raise RecordingError(
             f"{where}: array {name!r} has shape {values.shape} with as many samples as "
-            "joints: which axis is time cannot be known. Name single columns instead"
+            "joints: the axis of time is ambiguous. Name single columns instead"
         )
     if values.shape not in (upright, lying):
         raise RecordingError(
@@ -299,7 +300,7 @@ def _matrix(
 
 
 def stored_name(name: str) -> str:
-    """Return the name of the array that a name is, or is a part, of."""
+    """Return the name of the array that a name denotes, as a whole or in part."""
     part = _PART.fullmatch(name)
     return name if part is None else part["name"]
 
@@ -307,12 +308,12 @@ def stored_name(name: str) -> str:
 def read_parts(
     reader: Any, path: Path, names: Sequence[str], omit: Collection[int] = ()
 ) -> dict[str, NDArray[Any]]:
-    """Return named arrays, and parts of arrays, by the names asked for.
+    """Return named arrays, and parts of arrays, by the requested names.
 
     Parameters
     ----------
     reader : module
-        Of a format, see `LogFormat`.
+        Reader of a format, see `LogFormat`.
     omit : collection of int
         Rows that are left out afterwards, counted from 1; of text they may hold
         anything.
@@ -328,14 +329,14 @@ def read_parts(
 
 
 def stored_names(names: Sequence[str]) -> list[str]:
-    """Return the names of the arrays that are asked for, or of which parts are."""
+    """Return the names of the arrays that are requested as a whole or in part."""
     return list(dict.fromkeys(map(stored_name, names)))
 
 
 def parts_of(
     arrays: Mapping[str, NDArray[Any]], names: Sequence[str], where: Path | str
 ) -> dict[str, NDArray[Any]]:
-    """Return the arrays that are asked for, and the parts of arrays.
+    """Return the requested arrays and parts of arrays.
 
     Raises
     ------

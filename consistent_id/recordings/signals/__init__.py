@@ -1,4 +1,4 @@
-"""From a raw log to motion and torque that belong together.
+"""From a raw log to consistent motion and torque.
 
 Each function takes a `Recording` and returns a new one, or a small value.
 """

@@ -1,4 +1,4 @@
-"""Robot models from the forms in which people keep them."""
+"""Robot models from their file formats."""
 
 from consistent_id._support.face import face
 

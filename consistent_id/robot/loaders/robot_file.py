@@ -1,4 +1,4 @@
-"""Robots from a file, URDF or MJCF, whichever it is."""
+"""Robots from a file, URDF or MJCF."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -46,7 +46,7 @@ def load_robot(
     Raises
     ------
     ModelError
-        If the file cannot be read or describes no robot; see `load_urdf` and
+        If the file cannot be read or does not describe a robot; see `load_urdf` and
         `load_mjcf`.
 
     See Also
