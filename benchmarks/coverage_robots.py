@@ -9,9 +9,9 @@ import numpy as np
 from scipy import stats
 
 import consistent_id as ci
-from consistent_id.comparison.block_scatter import recording_scatter
-from consistent_id.comparison.intervals import consistent_intervals
 from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.uncertainties.block_scatter import recording_scatter
+from consistent_id.estimation.uncertainties.intervals import consistent_intervals
 from consistent_id.regression.residual_noise import joint_noise, residual_noise
 from consistent_id.regression.segments import merged
 

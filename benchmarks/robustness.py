@@ -22,7 +22,10 @@ from consistent_id.constraints.cones.programmes import Multipliers
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.constraints.links import link_conditions
 from consistent_id.constraints.priors import nominal_distance
-from consistent_id.estimation.constrained import ConstrainedFit, constrained_fit
+from consistent_id.estimation.constrained_fit import (
+    ConstrainedFit,
+    constrained_fit,
+)
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from robots import random_body, random_robot

@@ -3,8 +3,10 @@ from consistent_id.estimation.base_least_squares import (
     weighted_least_squares,
 )
 from consistent_id.estimation.constrained import (
-    Contradiction,
     constrained_least_squares,
+)
+from consistent_id.estimation.constrained_fit import (
+    Contradiction,
     contradiction,
 )
 from consistent_id.estimation.cross_validation import (

@@ -24,6 +24,7 @@ from consistent_id.constraints.cones.certificate import (
     FEASIBILITY_TOLERANCE,
     GAP_TOLERANCE,
     ConicOptimum,
+    OptimumProof,
     conic_optimum,
 )
 from consistent_id.constraints.cones.least_norm import ConeSolution
@@ -31,9 +32,12 @@ from consistent_id.constraints.cones.programmes import Multipliers, set_multipli
 from consistent_id.constraints.cones.sets import ConicSet, stacked
 from consistent_id.constraints.priors import EntropicDistance, NominalDistance, Prior
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.audit import FitProblem, OptimumProof, audited
 from consistent_id.estimation.best_fit import REFERENCE, ScaledFit
-from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS, constrained_fit
+from consistent_id.estimation.constrained import FitProblem, audited
+from consistent_id.estimation.constrained_fit import (
+    DEFAULT_CONSTRAINTS,
+    constrained_fit,
+)
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.penalised import certify_penalised
 from consistent_id.regression.base import BaseParameters, base_parameters

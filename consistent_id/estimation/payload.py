@@ -21,8 +21,10 @@ from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.estimation.base_least_squares import least_squares
 from consistent_id.estimation.constrained import (
-    DEFAULT_CONSTRAINTS,
     constrained_least_squares,
+)
+from consistent_id.estimation.constrained_fit import (
+    DEFAULT_CONSTRAINTS,
 )
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.loaded_robot import (

@@ -22,7 +22,9 @@ from consistent_id.errors import (
     ProblemError,
     SolverError,
 )
-from consistent_id.estimation.constrained import constrained_fit
+from consistent_id.estimation.constrained_fit import (
+    constrained_fit,
+)
 from consistent_id.estimation.torque_error import stacked_of_kinds
 from consistent_id.estimation.verdict import percent
 from consistent_id.regression.base import BaseParameters

@@ -17,7 +17,9 @@ import numpy as np
 from consistent_id._support.executors import Executor, single_threaded, tree_reduced
 from consistent_id._support.progress import counted, stages
 from consistent_id.errors import NotExcitedError, ProblemError, RecordingError
-from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.constrained import (
+    constrained_least_squares,
+)
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.judgement import judge
 from consistent_id.estimation.method import Method

@@ -9,7 +9,9 @@ from consistent_id.constraints import PhysicalConsistency
 from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.base_least_squares import least_squares
-from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.constrained import (
+    constrained_least_squares,
+)
 from consistent_id.estimation.cross_validation import (
     RegularisationPath,
     cross_validated,

@@ -16,10 +16,11 @@ from consistent_id.comparison.constraint_prices import (
     constraint_costs,
     shadow_prices,
 )
-from consistent_id.comparison.parameter_uncertainty import Uncertainty, uncertainty
 from consistent_id.constraints import lowered
 from consistent_id.diagnosis import Diagnosis
-from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.constrained import (
+    constrained_least_squares,
+)
 from consistent_id.estimation.cross_validation import RegularisationPath
 from consistent_id.estimation.estimate import Estimate, fitted_spans
 from consistent_id.estimation.fit import Fit, fit_of
@@ -29,6 +30,10 @@ from consistent_id.estimation.recommendation import (
     MethodCandidate,
     Recommendation,
     recommend,
+)
+from consistent_id.estimation.uncertainties.parameter_uncertainty import (
+    Uncertainty,
+    uncertainty,
 )
 from consistent_id.estimation.verdict import Verdict, confirmed
 from consistent_id.problems.log_check import check_problem

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from consistent_id._support.files import write_atomically
 from consistent_id.comparison.comparison import Comparison
-from consistent_id.comparison.parameter_uncertainty import Uncertainty
 from consistent_id.diagnosis import Diagnosis
+from consistent_id.estimation.uncertainties.parameter_uncertainty import Uncertainty
 from consistent_id.problems.study import Study
 from consistent_id.recordings.recording import Recording
 from consistent_id.report.advice import advise

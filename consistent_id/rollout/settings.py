@@ -19,7 +19,9 @@ from consistent_id.errors import (
     RecordingError,
     SolverError,
 )
-from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.constrained import (
+    constrained_least_squares,
+)
 from consistent_id.estimation.estimate import Estimate, fitted_spans
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.transmission_springs import joint_springs

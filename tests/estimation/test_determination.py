@@ -21,7 +21,6 @@ from consistent_id import (
     least_squares,
     simulate_torque,
 )
-from consistent_id.comparison.parameter_uncertainty import uncertainty
 from consistent_id.constraints import Penalty
 from consistent_id.estimation.determination import (
     determinations,
@@ -29,6 +28,7 @@ from consistent_id.estimation.determination import (
     parameter_sizes,
     stated_errors,
 )
+from consistent_id.estimation.uncertainties.parameter_uncertainty import uncertainty
 from consistent_id.regression import base_parameters
 from consistent_id.regression.residual_noise import residual_noise
 from consistent_id.regression.segments import merged, segment_regressions

@@ -39,7 +39,7 @@ from consistent_id.constraints.cones.certificate import (
 from consistent_id.constraints.cones.least_norm import ConeSolution, LeastNorm
 from consistent_id.constraints.cones.programmes import Multipliers
 from consistent_id.estimation.best_fit import REFERENCE, ScaledFit, scaled_fit
-from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
+from consistent_id.estimation.constrained_fit import DEFAULT_CONSTRAINTS
 from consistent_id.estimation.determination import determinations, linear_errors
 from consistent_id.estimation.estimate import Certificate, Estimate
 from consistent_id.estimation.fit import fit_of

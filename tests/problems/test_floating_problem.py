@@ -11,7 +11,7 @@ from walking import walk, write_csv
 
 import consistent_id as ci
 from consistent_id.cli import main
-from consistent_id.comparison.beyond_noise import parameter_shifts
+from consistent_id.estimation.uncertainties.beyond_noise import parameter_shifts
 from consistent_id.problems.problem_estimates import variant_regressions
 from consistent_id.problems.study import Study, run_study
 from consistent_id.regression.rows.sensor_drift import driftless_regression

@@ -22,7 +22,7 @@ multipliers in the dual cone, no feasible ``y'`` of a ball has less than
 
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
@@ -77,6 +77,24 @@ RADIUS = 10.0
 
 CLARABEL = {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10}
 """Options of the solver."""
+
+
+@dataclass(frozen=True, slots=True)
+class OptimumProof:
+    """What is proven of an optimum.
+
+    Parameters
+    ----------
+    statement : str
+        What is proven, or how near it came.
+    allowed : str
+        What gaps are allowed, for a reader of a failed proof.
+    """
+
+    certified: bool
+    statement: str
+    allowed: str
+    figures: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,9 +15,12 @@ from consistent_id import (
     least_squares,
     simulate_torque,
 )
-from consistent_id.comparison.block_scatter import excess, recording_scatter
-from consistent_id.comparison.intervals import consistent_intervals
-from consistent_id.comparison.parameter_uncertainty import uncertainty
+from consistent_id.estimation.uncertainties.block_scatter import (
+    excess,
+    recording_scatter,
+)
+from consistent_id.estimation.uncertainties.intervals import consistent_intervals
+from consistent_id.estimation.uncertainties.parameter_uncertainty import uncertainty
 from consistent_id.regression import base_parameters, segment_regressions
 from consistent_id.regression.residual_noise import residual_noise
 from consistent_id.regression.segments import merged, segment_sources

@@ -15,10 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Vector
-from consistent_id.comparison.block_scatter import BLOCKS, BlockScatter, block_scatter
 from consistent_id.constraints import Constraint
 from consistent_id.errors import NotExcitedError
 from consistent_id.estimation.equalities import FreeParameters, least_squares
+from consistent_id.estimation.uncertainties.block_scatter import (
+    BLOCKS,
+    BlockScatter,
+    block_scatter,
+)
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel

@@ -20,7 +20,6 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Vector, freeze_arrays
 from consistent_id._support.executors import single_threaded, worker_threads
-from consistent_id.comparison.beyond_noise import FloatingBlocks, ParameterShifts
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.programmes import (
     Ball,
@@ -32,7 +31,13 @@ from consistent_id.constraints.cones.programmes import (
 from consistent_id.constraints.priors import misfit_increase
 from consistent_id.errors import ProblemError, SolverError
 from consistent_id.estimation.best_fit import BestFit, best_fit
-from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
+from consistent_id.estimation.constrained_fit import (
+    DEFAULT_CONSTRAINTS,
+)
+from consistent_id.estimation.uncertainties.beyond_noise import (
+    FloatingBlocks,
+    ParameterShifts,
+)
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel

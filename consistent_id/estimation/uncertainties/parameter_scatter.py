@@ -27,21 +27,23 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
-from consistent_id.comparison.beyond_noise import (
+from consistent_id.constraints import Constraint
+from consistent_id.constraints.cones.sets import SemidefiniteBlock, row_spaces, svec
+from consistent_id.errors import ProblemError
+from consistent_id.estimation.best_fit import base_factor
+from consistent_id.estimation.constrained_fit import (
+    ConstrainedFit,
+)
+from consistent_id.estimation.uncertainties.beyond_noise import (
     FloatingBlocks,
     ParameterShifts,
     floating_blocks,
     parameter_shifts,
 )
-from consistent_id.comparison.block_scatter import (
+from consistent_id.estimation.uncertainties.block_scatter import (
     RecordingScatter,
     recording_scatter,
 )
-from consistent_id.constraints import Constraint
-from consistent_id.constraints.cones.sets import SemidefiniteBlock, row_spaces, svec
-from consistent_id.errors import ProblemError
-from consistent_id.estimation.best_fit import base_factor
-from consistent_id.estimation.constrained import ConstrainedFit
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel

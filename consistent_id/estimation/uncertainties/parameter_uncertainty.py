@@ -23,27 +23,33 @@ from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.executors import Executor, single_threaded, worker_threads
 from consistent_id._support.progress import counted
 from consistent_id._support.run import note_stop
-from consistent_id.comparison.beyond_noise import FloatingBlocks, ParameterShifts
-from consistent_id.comparison.block_scatter import RecordingScatter
-from consistent_id.comparison.intervals import ConsistentIntervals, consistent_intervals
-from consistent_id.comparison.parameter_scatter import (
-    NORMAL,
-    ParameterScatter,
-    long_enough,
-    parameter_scatter,
-    root,
-)
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ConsistentIdError, ProblemError, SolverError
 from consistent_id.estimation.best_fit import base_factor
-from consistent_id.estimation.constrained import (
+from consistent_id.estimation.constrained_fit import (
     DEFAULT_CONSTRAINTS,
     ConstrainedFit,
     constrained_fit,
 )
 from consistent_id.estimation.determination import determinations, linear_errors
 from consistent_id.estimation.penalised import penalised_fit
+from consistent_id.estimation.uncertainties.beyond_noise import (
+    FloatingBlocks,
+    ParameterShifts,
+)
+from consistent_id.estimation.uncertainties.block_scatter import RecordingScatter
+from consistent_id.estimation.uncertainties.intervals import (
+    ConsistentIntervals,
+    consistent_intervals,
+)
+from consistent_id.estimation.uncertainties.parameter_scatter import (
+    NORMAL,
+    ParameterScatter,
+    long_enough,
+    parameter_scatter,
+    root,
+)
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
