@@ -12,12 +12,13 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.executors import single_threaded
+from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.estimation.determination import (
     determinations,
     linear_errors,
     stated_errors,
 )
-from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.method import Method
 from consistent_id.regression.base import (

@@ -1,13 +1,13 @@
 """The constrained estimate: the best fit, and what is examined of it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 from consistent_id._support.arrays import Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import Constraint, PhysicalConsistency
-from consistent_id.constraints.cones.certificate import OptimumProof
+from consistent_id.constraints.cones.certificate import Certificate, OptimumProof
 from consistent_id.constraints.links import LinkCondition, link_conditions
 from consistent_id.constraints.priors import Prior
 from consistent_id.estimation.best_fit import ScaledFit
@@ -20,8 +20,9 @@ from consistent_id.estimation.determination import (
     linear_errors,
     stated_errors,
 )
-from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
+from consistent_id.estimation.fitted import FittedUnder
 from consistent_id.estimation.method import Method
 from consistent_id.regression.base import (
     BaseParameters,
@@ -97,7 +98,7 @@ def constrained_least_squares(
     started = perf_counter()
     base = base_parameters(model) if base is None else base
     fitted = constrained_fit(model, regression, constraints, prior, base)
-    return audited(
+    estimate = audited(
         FitProblem(model, regression, constraints, base),
         fitted.best.scaled,
         fitted.parameters,
@@ -107,6 +108,8 @@ def constrained_least_squares(
         started=started,
         shift=abs(fitted.parameters - fitted.best.parameters),
     )
+    under = FittedUnder(tuple(constraints), prior, regression.sigma)
+    return replace(estimate, fitted_under=under)
 
 
 def audited(

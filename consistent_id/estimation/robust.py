@@ -9,9 +9,10 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
 from consistent_id._support.executors import single_threaded
+from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.base_least_squares import least_squares
-from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.method import Method
 from consistent_id.recordings.recording import Recording

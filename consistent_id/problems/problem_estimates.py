@@ -16,7 +16,8 @@ from consistent_id.estimation.cross_validation import (
     RegularisationPath,
     cross_validated,
 )
-from consistent_id.estimation.estimate import Estimate, fitted_spans
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.fitted import fitted_spans
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.robust import huber
 from consistent_id.problems.problem import Problem

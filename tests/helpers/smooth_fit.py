@@ -33,6 +33,7 @@ from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.constraints.cones.certificate import (
     GAP_TOLERANCE,
+    Certificate,
     Optimality,
     certify,
 )
@@ -41,7 +42,7 @@ from consistent_id.constraints.cones.programmes import Multipliers
 from consistent_id.estimation.best_fit import REFERENCE, ScaledFit, scaled_fit
 from consistent_id.estimation.constrained_fit import DEFAULT_CONSTRAINTS
 from consistent_id.estimation.determination import determinations, linear_errors
-from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
 from consistent_id.regression.base import (
     BaseParameters,

@@ -98,6 +98,24 @@ class OptimumProof:
 
 
 @dataclass(frozen=True, slots=True)
+class Certificate:
+    """OptimumVerdict on an estimate, and the recomputed figures behind it.
+
+    Parameters
+    ----------
+    verdict : {"certified", "uncertified"}
+    reason : str
+        In words: what was checked, or what failed.
+    figures : dict of str to float
+        Residuals, gaps, eigenvalues, by name.
+    """
+
+    verdict: OptimumVerdict
+    reason: str
+    figures: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
 class Optimality:
     """What was recomputed of a solution.
 
