@@ -135,7 +135,14 @@ class EstimateReport:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """Reports on several estimates of one robot, in the order given."""
+    """Reports on several estimates of one robot, in the order given.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    reports : tuple of EstimateReport
+        In the order in which the estimates were given.
+    """
 
     model: TorqueModel
     reports: tuple[EstimateReport, ...]

@@ -122,6 +122,12 @@ def weighted_least_squares(
     """Estimate with each joint weighted by its own noise level, found by iteration.
 
     See `joint_noise` and `least_squares`.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    regression : Regression
+    base : BaseParameters, optional
     """
     started = perf_counter()
     base = base_parameters(model) if base is None else base

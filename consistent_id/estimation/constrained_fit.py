@@ -323,6 +323,13 @@ def contradiction(
 ) -> Contradiction | None:
     """Find which constraints exclude each other, and what each costs in torque.
 
+    Parameters
+    ----------
+    model : TorqueModel
+    regression : Regression
+    constraints : sequence of Constraint
+    base : BaseParameters, optional
+
     Returns
     -------
     Contradiction or None

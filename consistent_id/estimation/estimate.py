@@ -499,6 +499,14 @@ class Estimate:
 
         Covariances are not kept in the file.
 
+        Parameters
+        ----------
+        path : str or Path
+        model : TorqueModel
+            The one that the estimate is of.
+        base : BaseParameters
+            Of the model.
+
         Raises
         ------
         ProblemError

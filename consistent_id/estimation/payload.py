@@ -110,6 +110,13 @@ class Payload:
         """Return torques along a motion with or without the load.
 
         Shape (samples, torque joints), [N m or N].
+
+        Parameters
+        ----------
+        recording : Recording
+            With velocity and acceleration.
+        loaded : bool
+            Whether the robot carries the payload.
         """
         return self.robot.predict(self.estimate.parameters, recording, loaded=loaded)
 

@@ -98,7 +98,16 @@ def mujoco_spec(
     *,
     allow_refused: bool = False,
 ) -> Specified:
-    """Return the ``mujoco.MjSpec`` that `to_mjcf` writes, not compiled yet."""
+    """Return the ``mujoco.MjSpec`` that `to_mjcf` writes, not compiled yet.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    source : str or Path, optional
+        See `to_mjcf`.
+    allow_refused : bool
+        Export what is refused, too.
+    """
     mujoco = require_mujoco()
     if source is None:
         spec, more = _built(estimate, mujoco)

@@ -101,6 +101,12 @@ def held(robot: RobotModel, positions: Mapping[str, float]) -> RobotModel:
     parameters, masses and centres of mass add up.  Bounds of either part bound the
     whole no longer, and are dropped.  Joints that follow one at rest are at rest too.
 
+    Parameters
+    ----------
+    robot : RobotModel
+    positions : mapping of str to float, [rad or m]
+        By joint.
+
     Raises
     ------
     ModelError

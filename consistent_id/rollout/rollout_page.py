@@ -78,7 +78,13 @@ def frequency_response(log: Recording, position: Array) -> FrequencyResponse:
 
 
 def rollout_html(rollout: Rollout, title: str) -> str:
-    """Return a rollout as one HTML file that needs nothing else."""
+    """Return a rollout as one HTML file that needs nothing else.
+
+    Parameters
+    ----------
+    rollout : Rollout
+    title : str
+    """
     sections = [
         Section("errors", "Errors", _errors(rollout)),
         *(

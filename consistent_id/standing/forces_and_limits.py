@@ -330,7 +330,15 @@ def standing_motion(
     path: TrunkPath,
     time: Vector,
 ) -> StandingMotion:
-    """Return what a trunk's path asks of joints and ground."""
+    """Return what a trunk's path asks of joints and ground.
+
+    Parameters
+    ----------
+    stance : Stance
+    limits : StandingLimits
+    path : TrunkPath
+    time : ndarray, shape (samples,), [s]
+    """
     robot = stance.robot
     trunk = path.motion(time, np.asarray(robot.gravity))
     moved = joint_motion(stance, trunk)

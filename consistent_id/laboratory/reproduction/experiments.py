@@ -271,7 +271,14 @@ def perform_experiments(
 def identify_experiment(
     problem: Problem, name: str, log: ExperimentLog
 ) -> IdentifiedExperiment:
-    """Identify one experiment, by each method of `perform_experiments`."""
+    """Identify one experiment, by each method of `perform_experiments`.
+
+    Parameters
+    ----------
+    problem : Problem
+    name : str
+    log : ExperimentLog
+    """
     table, mine = laboratory_table(problem), parametrisation_of(problem)
     together = synchronised(log, cutoff=table.cutoff, trim=table.trim)
     recording = together.recording

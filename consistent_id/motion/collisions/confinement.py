@@ -95,6 +95,11 @@ class OrientationCone:
 def within_workspaces(scene: Scene, workspaces: Iterable[Workspace]) -> Scene:
     """Return a scene in which points of the robot stay within boxes, too.
 
+    Parameters
+    ----------
+    scene : Scene
+    workspaces : sequence of Workspace
+
     Raises
     ------
     ModelError
@@ -122,6 +127,11 @@ def within_workspaces(scene: Scene, workspaces: Iterable[Workspace]) -> Scene:
 
 def within_cones(scene: Scene, cones: Iterable[OrientationCone]) -> Scene:
     """Return a scene in which directions of the robot stay within cones, too.
+
+    Parameters
+    ----------
+    scene : Scene
+    cones : sequence of OrientationCone
 
     Raises
     ------

@@ -242,6 +242,14 @@ def fourier_differentiated(
     fit's residual first: what does not repeat, as the way to the start of the motion,
     is not in the series, and belongs cut off.
 
+    Parameters
+    ----------
+    recording : Recording
+        With position.
+    period : float, [s]
+    harmonics : int, optional
+        See `fourier_fit`.
+
     Raises
     ------
     RecordingError
