@@ -35,7 +35,7 @@ from consistent_id.constraints.cones.certificate import (
     Optimality,
     solve_certified,
 )
-from consistent_id.constraints.cones.feasibility import irreducible_conflict
+from consistent_id.constraints.cones.interior import irreducible_conflict
 from consistent_id.constraints.cones.least_norm import ConeSolution, LeastNorm
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.constraints.priors import nominal_point

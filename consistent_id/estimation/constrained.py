@@ -22,7 +22,7 @@ from consistent_id.estimation.determination import (
 )
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
-from consistent_id.estimation.fitted import FittedUnder
+from consistent_id.estimation.fitted_to import FittedUnder
 from consistent_id.estimation.method import Method
 from consistent_id.regression.base import (
     BaseParameters,

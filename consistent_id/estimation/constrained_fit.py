@@ -30,7 +30,7 @@ from consistent_id.constraints.cones.certificate import (
     OptimumProof,
     solve_certified,
 )
-from consistent_id.constraints.cones.feasibility import irreducible_conflict
+from consistent_id.constraints.cones.interior import irreducible_conflict
 from consistent_id.constraints.cones.least_norm import LeastNorm
 from consistent_id.constraints.priors import (
     NominalDistance,

@@ -21,7 +21,7 @@ from consistent_id.estimation.estimate_file import (
     read_estimate,
 )
 from consistent_id.estimation.fit import Fit
-from consistent_id.estimation.fitted import FittedSpan, FittedUnder
+from consistent_id.estimation.fitted_to import FittedSpan, FittedUnder
 from consistent_id.estimation.judgement import Evidence, judge
 from consistent_id.estimation.torque_error import (
     TorqueError,

@@ -218,7 +218,7 @@ def identify_payload(
     )
 
 
-class _Fitted(NamedTuple):
+class _LoadedFit(NamedTuple):
     regression: Regression
     free: Estimate
 
@@ -227,13 +227,15 @@ def _fitted(
     robot: LoadedRobot,
     runs: tuple[Sequence[Recording], Sequence[Recording]],
     weighted: bool,
-) -> _Fitted:
+) -> _LoadedFit:
     """Return the regression of both runs, and least squares."""
     regression = robot.regression(*runs)
     if weighted:
         sigma = joint_noise(robot.model, regression, base=robot.base)
         regression = regression.weighted(sigma)
-    return _Fitted(regression, least_squares(robot.model, regression, base=robot.base))
+    return _LoadedFit(
+        regression, least_squares(robot.model, regression, base=robot.base)
+    )
 
 
 def datasheet_constraints(load: Link) -> list[Constraint]:

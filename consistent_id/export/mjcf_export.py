@@ -16,7 +16,7 @@ from consistent_id.export.drive_values import (
 )
 from consistent_id.export.export_formats import Export, exporter, provenance
 from consistent_id.export.mjcf_bodies import (
-    Source,
+    MjcfSource,
     put_into,
     quaternion,
     read_spec,
@@ -115,7 +115,7 @@ def mujoco_spec(
     else:
         spec, model = read_spec(Path(source))
         tree = spec_tree(spec)
-        more = put_into(Source(spec, tree, model, Path(source).name), estimate)
+        more = put_into(MjcfSource(spec, tree, model, Path(source).name), estimate)
     for drive in joint_drives(estimate):
         if drive.terms.names:
             _set_drive(spec, tree.joints[drive.joint], drive)

@@ -18,7 +18,7 @@ from consistent_id.export.mjcf_bodies import read_spec, require_mujoco
 from consistent_id.export.mjcf_text import exact_xml
 from consistent_id.robot.loaders.mjcf import compiled_body
 from consistent_id.robot.loaders.mjcf_spec import stand_in
-from consistent_id.robot.loaders.splice import Document, Edit, joined
+from consistent_id.robot.loaders.splice import Edit, XmlText, joined
 from consistent_id.robot.loaders.urdf_inertial import number
 from consistent_id.robot.loaders.xml import Element
 
@@ -76,7 +76,7 @@ def put_in_place(
     """
     home = source.parent
     folder = home if folder is None else folder
-    document = Document.read(source)
+    document = XmlText.read(source)
     files = tuple(dict.fromkeys(asset_files(document, home))) if copies else ()
     outside = [name for _, name in files if ".." in name.parts or name.is_absolute()]
     if outside:
@@ -194,7 +194,7 @@ def places_in(root: Element, model: Any) -> Places | None:
 
 
 def number_edits(
-    document: Document,
+    document: XmlText,
     places: Places,
     before: Any,
     after: Any,
@@ -226,7 +226,7 @@ def number_edits(
     return edits
 
 
-def tendon_edits(document: Document, before: Any, after: Any) -> list[Edit]:
+def tendon_edits(document: XmlText, before: Any, after: Any) -> list[Edit]:
     """Return edits that add the tendons that only the later model has."""
     sections = []
     for t in range(before.ntendon, after.ntendon):
@@ -247,7 +247,7 @@ def tendon_edits(document: Document, before: Any, after: Any) -> list[Edit]:
 
 
 def site_edits(
-    document: Document, places: Places, before: Any, after: Any
+    document: XmlText, places: Places, before: Any, after: Any
 ) -> list[Edit]:
     """Return edits that add the sites that only the later model has."""
     known = {before.site(s).name for s in range(before.nsite)}
@@ -280,7 +280,7 @@ def _end(model: Any, wrap: int) -> str:
 
 
 def set_section(
-    document: Document, tag: str, attributes: Mapping[str, str]
+    document: XmlText, tag: str, attributes: Mapping[str, str]
 ) -> list[Edit]:
     """Return edits of a section's attributes; the section is added if it lacks."""
     found = list(document.root.all(tag))
@@ -291,7 +291,7 @@ def set_section(
     return [document.insert(document.root, [[f"<{tag} {pairs}/>"]])]
 
 
-def _inertial(document: Document, body: Element, model: Any, b: int) -> list[Edit]:
+def _inertial(document: XmlText, body: Element, model: Any, b: int) -> list[Edit]:
     values = {
         "pos": _text(model.body_ipos[b]),
         "quat": _text(model.body_iquat[b]),
@@ -306,7 +306,12 @@ def _inertial(document: Document, body: Element, model: Any, b: int) -> list[Edi
 
 
 def _joint(
-    document: Document, element: Element, before: Any, after: Any, j: int, degree: bool
+    document: XmlText,
+    element: Element,
+    before: Any,
+    after: Any,
+    j: int,
+    degree: bool,
 ) -> list[Edit]:
     """Return edits of what a joint has of drives and springs, where it changed."""
     found, wanted = _drive(before, j), _drive(after, j)
@@ -355,7 +360,7 @@ def _text(values: Any) -> str:
     return " ".join(number(value) for value in values)
 
 
-def path_edits(document: Document, home: Path, folder: Path) -> list[Edit]:
+def path_edits(document: XmlText, home: Path, folder: Path) -> list[Edit]:
     """Return edits by which files that lie beside `home` are found from `folder`."""
     if home.resolve() == folder.resolve() or not any(asset_files(document, home)):
         return []
@@ -375,7 +380,7 @@ def path_edits(document: Document, home: Path, folder: Path) -> list[Edit]:
     return edits + (set_section(document, "compiler", default) if default else [])
 
 
-def asset_files(document: Document, home: Path) -> Iterator[tuple[Path, Path]]:
+def asset_files(document: XmlText, home: Path) -> Iterator[tuple[Path, Path]]:
     """Yield files that are there: where, and where as the MJCF file says it."""
     root = document.root
     settings: dict[str, str] = {}

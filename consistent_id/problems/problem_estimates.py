@@ -17,7 +17,7 @@ from consistent_id.estimation.cross_validation import (
     cross_validated,
 )
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.fitted import fitted_spans
+from consistent_id.estimation.fitted_to import fitted_spans
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.robust import huber
 from consistent_id.problems.problem import Problem

@@ -24,7 +24,7 @@ from consistent_id.estimation.constrained import (
 from consistent_id.estimation.cross_validation import RegularisationPath
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import Fit, fit_of
-from consistent_id.estimation.fitted import fitted_spans
+from consistent_id.estimation.fitted_to import fitted_spans
 from consistent_id.estimation.judgement import judge
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.recommendation import (

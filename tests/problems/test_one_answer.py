@@ -12,7 +12,7 @@ from logged import write_arm
 
 from consistent_id import Estimate, Recording, compare, load_problem
 from consistent_id.cli import main
-from consistent_id.estimation.fitted import FittedSpan, fitted_spans
+from consistent_id.estimation.fitted_to import FittedSpan, fitted_spans
 from consistent_id.estimation.verdict import Reason, Verdict, confirmed
 from consistent_id.problems.study import Study, run_study
 

@@ -109,7 +109,7 @@ JOINT_STATE = Columns("header.stamp", "position", "velocity", torque="effort")
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class WantedChannels:
     """What is to be taken from a table or a file of arrays.
 
     Parameters
@@ -144,7 +144,7 @@ class Wanted:
         return [name for name in dict.fromkeys(every) if name]
 
 
-def wanted(columns: Columns, joints: Sequence[str], where: str) -> Wanted:
+def wanted(columns: Columns, joints: Sequence[str], where: str) -> WantedChannels:
     """Return the names that patterns make for the joints.
 
     Raises
@@ -163,7 +163,7 @@ def wanted(columns: Columns, joints: Sequence[str], where: str) -> Wanted:
     if "torque" in single:
         named = enumerate(single["torque"])
         single["torque"] = tuple("" if i in silent else name for i, name in named)
-    return Wanted(
+    return WantedChannels(
         joints,
         columns.time,
         single,
