@@ -123,7 +123,7 @@ class EstimateReport:
         return judge(self.evidence)
 
     @property
-    def judged(self) -> Estimate:
+    def with_verdict(self) -> Estimate:
         """The estimate with this report's verdict, as it is shown and written."""
         return replace(self.estimate, judged=self.verdict)
 

@@ -191,7 +191,7 @@ class Study:
 
     def _refitted(self, report: EstimateReport) -> Estimate:
         """Return a constrained estimate, fitted again to all data."""
-        judged = report.judged
+        judged = report.with_verdict
         if not self.validation:
             return judged
         crossed = judged.method == Method.CROSS_VALIDATED
@@ -205,7 +205,7 @@ class Study:
         """Whether the recommended estimate may be used, and why."""
         return self.recommended.verdict
 
-    def judged(self, estimate: Estimate) -> Verdict:
+    def verdict_on(self, estimate: Estimate) -> Verdict:
         """Return the verdict on an estimate, with all that the study knows.
 
         Recordings that it was fitted to are not held out.  If none is left, the verdict

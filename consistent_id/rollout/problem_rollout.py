@@ -245,9 +245,9 @@ def rollout_of(
     ridge = _ridge(problem, refine, choose)
     done = None if ridge is None else _refined(study, gains, ridge)
     if done is None:
-        estimate = study.run(costs=False).recommended.judged
+        estimate = study.run(costs=False).recommended.with_verdict
     else:
-        estimate = replace(done.estimate, judged=study.judged(done.estimate))
+        estimate = replace(done.estimate, judged=study.verdict_on(done.estimate))
     loss = None if form is None else _loss(stated, study, form)
     training = problem.logs("training")
     replays = rollout(

@@ -212,7 +212,7 @@ def rollout_section(study: Study) -> tuple[Section, ...]:
     training = problem.logs("training")
     try:
         done = rollout(
-            study.recommended.judged,
+            study.recommended.with_verdict,
             problem.logs("validation") or training,
             gains,
             against=[file for file in problem.model_files.values() if file is not None],

@@ -249,7 +249,7 @@ def test_the_verdict_says_when_a_trunk_is_told_with_its_legs_alone(folder):
     (folder / "nothing.toml").write_text("\n".join(lines))
     nothing = Study(ci.load_problem(folder / "nothing.toml"))
     kinds = [
-        {reason.kind for reason in study.judged(study.constrained).reasons}
+        {reason.kind for reason in study.verdict_on(study.constrained).reasons}
         for study in (known, nothing)
     ]
     assert "trunk" not in kinds[0] and "trunk" in kinds[1]
