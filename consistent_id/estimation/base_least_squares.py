@@ -86,13 +86,7 @@ def least_squares(
     known = np.zeros((0, len(model.layout)))
     errors = linear_errors(base, noise, known)
     origins = determinations(
-        model,
-        regression,
-        base,
-        errors,
-        parameters,
-        known=known,
-        elsewhere="convention",
+        model, regression, errors, parameters, elsewhere="convention"
     )
     undetermined = open_combinations(solution, base.names)
     return Estimate(
@@ -108,7 +102,7 @@ def least_squares(
         notes=_notes(model, regression, base, solution, noise),
         seconds=perf_counter() - started,
         fit=fit_of(model, regression, parameters, base),
-        parameter_errors=stated_errors(errors, origins) if redundant else None,
+        parameter_errors=stated_errors(errors.values, origins) if redundant else None,
     )
 
 

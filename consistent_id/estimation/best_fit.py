@@ -394,35 +394,38 @@ class InnerFit:
         )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FitProblem:
+    """What a constrained estimate is computed from."""
+
+    model: TorqueModel
+    regression: Regression
+    constraints: Sequence[Constraint]
+    base: BaseParameters
+
+
 def inner_fit(
-    model: TorqueModel,
-    regression: Regression,
-    constraints: Sequence[Constraint],
-    best: BestFit,
-    *,
-    share: float,
-    noise: ResidualNoise,
-    base: BaseParameters,
+    problem: FitProblem, best: BestFit, *, share: float, noise: ResidualNoise
 ) -> InnerFit:
     """Return the best fit whose links contain a share of their nominal bodies.
 
     Parameters
     ----------
-    constraints : sequence of Constraint
+    problem : FitProblem
         Of `best`; without `PhysicalConsistency` nothing is changed.
     share : float
         Wanted; as much of it is taken as moves the best fit by no more than `MOVE`.
     noise : ResidualNoise
         Of the regression.
     """
-    if not any(isinstance(c, PhysicalConsistency) for c in constraints):
+    if not any(isinstance(c, PhysicalConsistency) for c in problem.constraints):
         return InnerFit(best)
-    A = regression.stacked()[:, list(base.independent)]
+    A = problem.regression.stacked()[:, list(problem.base.independent)]
     score = (A @ noise.steps).T @ A @ best.scaled.projection
     for _ in range(_TRIES):
         if share < _LEAST:
             break
-        found = _containing(model, constraints, best, share)
+        found = _containing(problem.model, problem.constraints, best, share)
         if found is None:  # another constraint does not allow it
             share *= _LESS
             continue

@@ -10,7 +10,7 @@ from consistent_id.constraints import Constraint, PhysicalConsistency
 from consistent_id.constraints.cones.certificate import Certificate, OptimumProof
 from consistent_id.constraints.links import LinkCondition, link_conditions
 from consistent_id.constraints.priors import Prior
-from consistent_id.estimation.best_fit import ScaledFit
+from consistent_id.estimation.best_fit import FitProblem, ScaledFit
 from consistent_id.estimation.constrained_fit import (
     DEFAULT_CONSTRAINTS,
     constrained_fit,
@@ -46,13 +46,28 @@ _SEED = 0  # of the poses at which mass matrices are examined
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FitProblem:
-    """What a constrained estimate is computed from."""
+class FoundOptimum:
+    """Parameters that a programme found, and what is proven of them.
 
-    model: TorqueModel
-    regression: Regression
-    constraints: Sequence[Constraint]
-    base: BaseParameters
+    Parameters
+    ----------
+    scaled : ScaledFit
+        The programme's data.
+    parameters : ndarray, shape (parameters,)
+        In original units.
+    proof : OptimumProof
+    note : str
+        How they were found.
+    shift : ndarray, shape (parameters,), optional
+        How far the prior moved the parameters from the best fit: their bias.  Without
+        it they have no standard errors.
+    """
+
+    scaled: ScaledFit
+    parameters: Vector
+    proof: OptimumProof
+    note: str
+    shift: Vector | None = None
 
 
 @single_threaded
@@ -97,53 +112,38 @@ def constrained_least_squares(
     """
     started = perf_counter()
     base = base_parameters(model) if base is None else base
-    fitted = constrained_fit(model, regression, constraints, prior, base)
-    estimate = audited(
-        FitProblem(model, regression, constraints, base),
+    problem = FitProblem(model, regression, constraints, base)
+    fitted = constrained_fit(problem, prior)
+    found = FoundOptimum(
         fitted.best.scaled,
         fitted.parameters,
         fitted.proof,
-        method=method,
-        note=fitted.note,
-        started=started,
-        shift=abs(fitted.parameters - fitted.best.parameters),
+        fitted.note,
+        abs(fitted.parameters - fitted.best.parameters),
     )
+    estimate = audited(problem, found, method=method, started=started)
     under = FittedUnder(tuple(constraints), prior, regression.sigma)
     return replace(estimate, fitted_under=under)
 
 
 def audited(
-    problem: FitProblem,
-    scaled: ScaledFit,
-    x: Vector,
-    proof: OptimumProof,
-    *,
-    method: str,
-    note: str,
-    started: float,
-    shift: Vector | None = None,
+    problem: FitProblem, found: FoundOptimum, *, method: str, started: float
 ) -> Estimate:
-    """Return the estimate of parameters `x`, with its certificate.
+    """Return the estimate of parameters that were found, with its certificate.
 
     Besides the proof of its optimum, these are examined in original units: constraints,
     each link's pseudo-inertia, and the mass matrix over random poses.
-
-    Parameters
-    ----------
-    shift : ndarray, shape (parameters,), optional
-        How far the prior moved the parameters from the best fit: their bias.  Without
-        it they have no standard errors.
     """
     model, regression, base = problem.model, problem.regression, problem.base
+    x, proof, shift = found.parameters, found.proof, found.shift
     links = link_conditions(model, x)
     least = least_mass_eigenvalue(model, x, random_poses(model, POSES, _SEED))
-    figures = _figures(problem, scaled, x, proof, least, links)
+    figures = _figures(problem, found, least, links)
     consistent = any(isinstance(c, PhysicalConsistency) for c in problem.constraints)
-    solution, known = base_solution(regression, base), scaled.constraints.A_eq
+    solution = base_solution(regression, base)
+    known = found.scaled.constraints.A_eq
     errors = linear_errors(base, residual_noise(regression, base), known)
-    origins = determinations(
-        model, regression, base, errors, x, known=known, elsewhere="prior"
-    )
+    origins = determinations(model, regression, errors, x, elsewhere="prior")
     return Estimate(
         method=method,
         model=model,
@@ -154,30 +154,27 @@ def audited(
         undetermined=open_combinations(solution, base.names),
         sigma=residual_sigma(regression, x, len(base)),
         certificate=_certificate(proof, least if consistent else None, figures),
-        notes=(note, *_edges(links)),
+        notes=(found.note, *_edges(links)),
         seconds=perf_counter() - started,
         fit=fit_of(model, regression, x, base, known=known),
         parameter_errors=(
-            None if shift is None else stated_errors(errors, origins, shift)
+            None if shift is None else stated_errors(errors.values, origins, shift)
         ),
     )
 
 
 def _figures(
     problem: FitProblem,
-    scaled: ScaledFit,
-    x: Vector,
-    proof: OptimumProof,
+    found: FoundOptimum,
     least: float,
     links: Sequence[LinkCondition],
 ) -> dict[str, float]:
     """Return the certificate's figures; `least` is the mass matrix's eigenvalue."""
-    rms = zip(
-        problem.regression.joints, problem.regression.residual_rms(x), strict=True
-    )
+    regression, x = problem.regression, found.parameters
+    rms = zip(regression.joints, regression.residual_rms(x), strict=True)
     return {
-        "violation in original units": scaled.constraints.violation(x),
-        **proof.figures,
+        "violation in original units": found.scaled.constraints.violation(x),
+        **found.proof.figures,
         f"least eigenvalue of M(q) over {POSES} poses": least,
         **{f"RMS residual of {joint}": float(value) for joint, value in rms},
         **{

@@ -12,7 +12,7 @@ constraints exclude each other, `contradiction` finds what giving up one would c
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,6 +43,7 @@ from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.best_fit import (
     REFERENCE,
     BestFit,
+    FitProblem,
     ScaledFit,
     attained_fit,
     inner_fit,
@@ -50,6 +51,7 @@ from consistent_id.estimation.best_fit import (
 )
 from consistent_id.estimation.penalised import (
     DISTANCE_GAP,
+    NearestFit,
     PenalisedFit,
     nearest_within,
     penalised_fit,
@@ -157,13 +159,7 @@ class ConstrainedFit:
 
 
 def constrained_fit(
-    model: TorqueModel,
-    regression: Regression,
-    constraints: Sequence[Constraint],
-    prior: Prior | None,
-    base: BaseParameters,
-    *,
-    weight: float | None = None,
+    problem: FitProblem, prior: Prior | None, *, weight: float | None = None
 ) -> ConstrainedFit:
     """Fit under constraints, then let the prior choose where the data do not.
 
@@ -176,23 +172,17 @@ def constrained_fit(
         See `constrained_least_squares`.
     """
     prior = PointToSet() if prior is None else prior
+    model, regression, base = problem.model, problem.regression, problem.base
     try:
-        attained = attained_fit(model, regression, constraints, base=base)
+        attained = attained_fit(model, regression, problem.constraints, base=base)
     except InfeasibleError:
-        found = contradiction(model, regression, constraints, base=base)
+        found = contradiction(model, regression, problem.constraints, base=base)
         if found is None:
             raise
         raise InfeasibleError(found.sentence) from None
     noise = residual_noise(regression, base)
-    inner = inner_fit(
-        model,
-        regression,
-        attained.constraints,
-        attained.best,
-        share=prior.inside,
-        noise=noise,
-        base=base,
-    )
+    attained_problem = replace(problem, constraints=attained.constraints)
+    inner = inner_fit(attained_problem, attained.best, share=prior.inside, noise=noise)
     best = inner.best
     distance = nominal_distance(model, prior.distance, best.scaled.unit)
     notes = tuple(filter(None, (inner.note, attained.note)))
@@ -202,18 +192,18 @@ def constrained_fit(
     least = max(best.misfit, best.scaled.size) ** 2
     left = noise.one_error * (1.0 - inner.move) ** 2
     slack = prior.relative_slack(left, least)
-    return _nearest(best, distance, prior, slack, notes, weight)
+    near = nearest_within(best, distance, slack, first=weight)
+    return _nearest(best, distance, prior, near, notes)
 
 
 def _nearest(
     best: BestFit,
     distance: NominalDistance,
     prior: PointToSet,
-    slack: float,
+    near: NearestFit,
     notes: tuple[str, ...],
-    weight: float | None,
 ) -> ConstrainedFit:
-    near = nearest_within(best, distance, slack, first=weight)
+    slack = near.slack
     note = (
         f"nearest to nominal ({prior.distance} distance) among estimates whose misfit "
         f"is within {slack:.2g} (relative) of the best constrained fit"

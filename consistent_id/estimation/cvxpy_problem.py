@@ -32,8 +32,8 @@ from consistent_id.constraints.cones.programmes import Multipliers, set_multipli
 from consistent_id.constraints.cones.sets import ConicSet, stacked
 from consistent_id.constraints.priors import EntropicDistance, NominalDistance, Prior
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.best_fit import REFERENCE, ScaledFit
-from consistent_id.estimation.constrained import FitProblem, audited
+from consistent_id.estimation.best_fit import REFERENCE, FitProblem, ScaledFit
+from consistent_id.estimation.constrained import FoundOptimum, audited
 from consistent_id.estimation.constrained_fit import (
     DEFAULT_CONSTRAINTS,
     constrained_fit,
@@ -186,7 +186,7 @@ def to_cvxpy(
 
     base = base_parameters(model) if base is None else base
     source = FitProblem(model, regression, tuple(constraints), base)
-    fitted = constrained_fit(model, regression, constraints, prior, base)
+    fitted = constrained_fit(source, prior)
     scaled, distance, layout = fitted.best.scaled, fitted.distance, model.layout
     u = cp.Variable(len(layout), name="parameters in typical units")
     x = cp.multiply(scaled.unit, u)
@@ -294,15 +294,8 @@ def _solved(
         )
     else:
         proof, note = _proof(form, u), f"{form.note}; solved by CVXPY"
-    return audited(
-        form.source,
-        form.scaled,
-        u * form.scaled.unit,
-        proof,
-        method=method,
-        note=note,
-        started=started,
-    )
+    found = FoundOptimum(form.scaled, u * form.scaled.unit, proof, note)
+    return audited(form.source, found, method=method, started=started)
 
 
 def _proof(form: CvxpyProblem, u: Vector) -> OptimumProof:

@@ -396,6 +396,6 @@ def _own_errors(own: LoadProblem, estimate: Estimate) -> Vector:
     model = own.model
     known = np.vstack([c.lower(model).A_eq for c in own.constraints])
     noise = residual_noise(own.regression, own.base)
-    found = linear_errors(own.base, noise, known)
+    found = linear_errors(own.base, noise, known).values
     told = np.array([origin in _TOLD for origin in estimate.origins])
     return np.where(told, found, np.inf)

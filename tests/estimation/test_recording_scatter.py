@@ -15,6 +15,7 @@ from consistent_id import (
     least_squares,
     simulate_torque,
 )
+from consistent_id.estimation.uncertainties.beyond_noise import ScatterCauses
 from consistent_id.estimation.uncertainties.block_scatter import (
     excess,
     recording_scatter,
@@ -170,5 +171,7 @@ def test_uncertainty_has_it_in_errors_intervals_and_a_figure_of_its_own():
         mine, its = (np.ptp(q.consistent) for q in (p, alone[name]))
         assert mine > 1.5 * its
     noise = residual_noise(merged(segments), BASE)
-    same = consistent_intervals(MODEL, merged(segments), base=BASE, noise=noise)
+    same = consistent_intervals(
+        MODEL, merged(segments), base=BASE, causes=ScatterCauses(noise)
+    )
     assert same.bounds == pytest.approx(alone.intervals.bounds, rel=1e-9)

@@ -9,6 +9,7 @@ from experiments import experiment
 
 from consistent_id import InertialParameters, ProblemError, SolverError, simulate_torque
 from consistent_id.constraints.priors import Penalty
+from consistent_id.estimation.best_fit import FitProblem
 from consistent_id.estimation.constrained_fit import (
     DEFAULT_CONSTRAINTS,
     constrained_fit,
@@ -125,7 +126,7 @@ def test_its_scatter_is_the_covariance_from_segments_and_that_of_white_noise():
     model, segments, sigma = simulated(2, count=80, noise=0.02)
     found = bootstrap(model, segments, prior=PRIOR, replicates=300)
     base, whole = base_parameters(model), merged(segments)
-    fitted = constrained_fit(model, whole, DEFAULT_CONSTRAINTS, PRIOR, base)
+    fitted = constrained_fit(FitProblem(model, whole, DEFAULT_CONSTRAINTS, base), PRIOR)
     predicted = [
         np.sqrt(np.diag(covariance(fitted, scores)))
         for scores in (

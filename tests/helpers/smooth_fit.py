@@ -156,10 +156,8 @@ def smooth_least_squares(
         origins=determinations(
             model,
             regression,
-            base,
             linear_errors(base, residual_noise(regression, base), known),
             x,
-            known=known,
             elsewhere="prior",
         ),
         undetermined=open_combinations(solution, base.names),

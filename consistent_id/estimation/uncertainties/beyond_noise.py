@@ -11,6 +11,7 @@ changed by its standard error; the parameters of least squares move by theirs.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from consistent_id.estimation.uncertainties.block_scatter import (
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import joint_noise
+from consistent_id.regression.residual_noise import ResidualNoise, joint_noise
 from consistent_id.regression.segments import merged
 
 
@@ -131,6 +132,24 @@ class ParameterShifts:
             f"What {self.count} changes of what is taken for granted move is added, "
             "each a standard error"
         )
+
+
+class ScatterCauses(NamedTuple):
+    """What parameters scatter by: noise, and what is beyond it.
+
+    Parameters
+    ----------
+    noise : ResidualNoise
+        Of the regression; with scatter between recordings, if there are several.
+    blocks : FloatingBlocks, optional
+        What parameters differ by between blocks of the motion.
+    shifts : ParameterShifts, optional
+        What things taken for granted move.
+    """
+
+    noise: ResidualNoise
+    blocks: FloatingBlocks | None = None
+    shifts: ParameterShifts | None = None
 
 
 def parameter_shifts(

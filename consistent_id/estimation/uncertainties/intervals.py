@@ -34,14 +34,11 @@ from consistent_id.estimation.best_fit import BestFit, best_fit
 from consistent_id.estimation.constrained_fit import (
     DEFAULT_CONSTRAINTS,
 )
-from consistent_id.estimation.uncertainties.beyond_noise import (
-    FloatingBlocks,
-    ParameterShifts,
-)
+from consistent_id.estimation.uncertainties.beyond_noise import ScatterCauses
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import ResidualNoise, residual_noise
+from consistent_id.regression.residual_noise import residual_noise
 from consistent_id.robot.parameters import ParameterLayout
 
 _WORKERS = 2  # Clarabel frees the interpreter's lock
@@ -110,9 +107,7 @@ def consistent_intervals(
     level: float = 0.95,
     joint: bool = False,
     base: BaseParameters | None = None,
-    noise: ResidualNoise | None = None,
-    blocks: FloatingBlocks | None = None,
-    shifts: ParameterShifts | None = None,
+    causes: ScatterCauses | None = None,
 ) -> ConsistentIntervals:
     """Bound every standard parameter over all robots that fit and satisfy constraints.
 
@@ -129,12 +124,8 @@ def consistent_intervals(
     joint : bool
         Whether they are to hold it all together, and not each by itself.
     base : BaseParameters, optional
-    noise : ResidualNoise, optional
-        Of the regression; with scatter between recordings, if there are several.
-    blocks : FloatingBlocks, optional
-        What parameters differ by between blocks of the motion: intervals contain it.
-    shifts : ParameterShifts, optional
-        What things taken for granted move: intervals contain it.
+    causes : ScatterCauses, optional
+        What intervals contain; by default the noise of the regression alone.
 
     Raises
     ------
@@ -152,8 +143,9 @@ def consistent_intervals(
     # A misfit below a millionth of the torque counts as that: see `ScaledFit`.
     least = max(best.misfit, best.scaled.size) ** 2
     if slack is None:
-        noise = residual_noise(regression, base) if noise is None else noise
-        added = _added(noise, base, level, joint, blocks, shifts)
+        if causes is None:
+            causes = ScatterCauses(residual_noise(regression, base))
+        added = _added(causes, base, level, joint)
     else:
         added = np.full(len(model.layout), ((1.0 + slack) ** 2 - 1.0) * least)
     unit = best.scaled.unit
@@ -181,16 +173,12 @@ def consistent_intervals(
 
 
 def _added(
-    noise: ResidualNoise,
-    base: BaseParameters,
-    level: float,
-    joint: bool,
-    blocks: FloatingBlocks | None,
-    shifts: ParameterShifts | None,
+    causes: ScatterCauses, base: BaseParameters, level: float, joint: bool
 ) -> Vector:
     """Return the squared misfit that each parameter's interval allows."""
     from scipy.special import fdtri, stdtrit
 
+    noise, blocks, shifts = causes
     of_parameters = base.lift(np.eye(len(base)))
     freedom = noise.freedoms(of_parameters)
     squared = noise.squared_misfit(of_parameters)
