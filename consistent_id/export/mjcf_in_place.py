@@ -95,9 +95,7 @@ def put_in_place(
     edits = number_edits(
         document,
         places,
-        before,
-        after,
-        degree=before_spec.compiler.degree,
+        _CompiledPair(before, after, before_spec.compiler.degree),
         every_body=every,
     )
     if every:
@@ -193,33 +191,43 @@ def places_in(root: Element, model: Any) -> Places | None:
     return Places(tuple(bodies), tuple(joints))
 
 
+class _CompiledPair(NamedTuple):
+    """Models of the file as it is, and as it is to be.
+
+    Parameters
+    ----------
+    before, after : mujoco.MjModel
+    degree : bool
+        Whether angles of the file are in degrees.
+    """
+
+    before: Any
+    after: Any
+    degree: bool
+
+
 def number_edits(
     document: XmlText,
     places: Places,
-    before: Any,
-    after: Any,
+    change: _CompiledPair,
     *,
-    degree: bool,
     every_body: bool,
 ) -> list[Edit]:
     """Return edits of inertials, joints and gravity that differ between two models.
 
     Parameters
     ----------
-    before, after : mujoco.MjModel
-        Of the file as it is, and as it is to be.
-    degree : bool
-        Whether angles of the file are in degrees.
     every_body : bool
         Write all inertials, because before they were computed from shapes.
     """
     edits: list[Edit] = []
+    before, after = change.before, change.after
     for b, element in enumerate(places.bodies, start=1):
         if every_body or not _same_body(before, after, b):
             edits += _inertial(document, element, after, b)
     for j, element in enumerate(places.joints):
         if element.tag != "freejoint":
-            edits += _joint(document, element, before, after, j, degree)
+            edits += _joint(document, element, change, j)
     if not np.array_equal(before.opt.gravity, after.opt.gravity):
         values = {"gravity": _text(after.opt.gravity)}
         edits += set_section(document, "option", values)
@@ -308,16 +316,15 @@ def _inertial(document: XmlText, body: Element, model: Any, b: int) -> list[Edit
 def _joint(
     document: XmlText,
     element: Element,
-    before: Any,
-    after: Any,
+    change: _CompiledPair,
     j: int,
-    degree: bool,
 ) -> list[Edit]:
     """Return edits of what a joint has of drives and springs, where it changed."""
-    found, wanted = _drive(before, j), _drive(after, j)
+    after = change.after
+    found, wanted = _drive(change.before, j), _drive(after, j)
     changed = {name: value for name, value in wanted.items() if value != found[name]}
     hinge = after.jnt_type[j] == require_mujoco().mjtJoint.mjJNT_HINGE
-    if degree and hinge and "springref" in changed:
+    if change.degree and hinge and "springref" in changed:
         changed["springref"] = float(np.rad2deg(changed["springref"]))
     values = {name: number(value) for name, value in changed.items()}
     if not element.name:  # as `load_mjcf` calls it, so that it can be found
