@@ -17,8 +17,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from coverage_robots import SPLITS, real_robots
 
 import consistent_id as ci
-from consistent_id.comparison.intervals import consistent_intervals
 from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.uncertainties.intervals import consistent_intervals
 
 KINDS = ("white", "AR(1) 0.9", "low-passed", "outliers", "unmodelled friction")
 STATIONARY = KINDS[:3]

@@ -72,7 +72,7 @@ def writers() -> dict[str, Callable[[Path, int], object]]:
             study.constrained
         ).save(folder / "robot"),
         "report": lambda folder, version: write_report(
-            study, folder / "report.html", seed=version
+            study, folder / "report.html", command=str(version)
         ),
         "compare": compare,
     }

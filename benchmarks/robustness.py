@@ -22,7 +22,11 @@ from consistent_id.constraints.cones.programmes import Multipliers
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.constraints.links import link_conditions
 from consistent_id.constraints.priors import nominal_distance
-from consistent_id.estimation.constrained import ConstrainedFit, constrained_fit
+from consistent_id.estimation.best_fit import FitProblem
+from consistent_id.estimation.constrained_fit import (
+    ConstrainedFit,
+    constrained_fit,
+)
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from robots import random_body, random_robot
@@ -159,7 +163,9 @@ def mistakes(
     scaled = estimate.parameters / np.maximum(abs(estimate.parameters), 1.0)
     if linear.violation(scaled) > 1e-6:
         found.append("a row is violated")
-    fitted = constrained_fit(model, regression, problem.constraints, None, base)
+    fitted = constrained_fit(
+        FitProblem(model, regression, problem.constraints, base), None
+    )
     fit = fitted.best
     mine = fit.optimality.objective
     truth = problem.truth / fit.scaled.unit

@@ -159,7 +159,7 @@ def _chosen(options: argparse.Namespace) -> _Chosen:
         estimate, verdict, answer = study.delivered, study.verdict, study.answer()
     else:
         estimate = Estimate.load(options.estimate, problem.model, study.base)
-        verdict = study.judged(estimate)
+        verdict = study.verdict_on(estimate)
         answer = study.answer(verdict)
         stated = (*stated, *_as_stated(study, estimate, verdict))
     # What is behind a wrench sensor is in no file of the arm's.

@@ -183,7 +183,6 @@ class Computed:
             self.study,
             uncertainty=self.study.uncertainty,
             further=kept_sections("rollouts", rollout_section, self.study),
-            seed=self.study.seed,
             command=self.command,
         )
 

@@ -5,8 +5,11 @@ from consistent_id.comparison.constraint_prices import (
     shadow_prices,
 )
 from consistent_id.comparison.feasibility import base_feasibility
-from consistent_id.comparison.intervals import ConsistentIntervals, consistent_intervals
-from consistent_id.comparison.parameter_uncertainty import (
+from consistent_id.estimation.uncertainties.intervals import (
+    ConsistentIntervals,
+    consistent_intervals,
+)
+from consistent_id.estimation.uncertainties.parameter_uncertainty import (
     Bootstrap,
     Uncertainty,
     bootstrap,

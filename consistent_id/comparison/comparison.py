@@ -123,8 +123,8 @@ class EstimateReport:
         return judge(self.evidence)
 
     @property
-    def judged(self) -> Estimate:
-        """The estimate with this report's verdict."""
+    def with_verdict(self) -> Estimate:
+        """The estimate with this report's verdict, as it is shown and written."""
         return replace(self.estimate, judged=self.verdict)
 
     @property
@@ -135,7 +135,14 @@ class EstimateReport:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """Reports on several estimates of one robot, in the order given."""
+    """Reports on several estimates of one robot, in the order given.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    reports : tuple of EstimateReport
+        In the order in which the estimates were given.
+    """
 
     model: TorqueModel
     reports: tuple[EstimateReport, ...]

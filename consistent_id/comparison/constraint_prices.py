@@ -161,6 +161,14 @@ def constraint_costs(
 
     Costs do not add up: each of two equivalent constraints costs nothing.
 
+    Parameters
+    ----------
+    model : TorqueModel
+    regression : Regression
+        Its `sigma` are the weights.
+    constraints : sequence of Constraint
+    base : BaseParameters, optional
+
     Raises
     ------
     InfeasibleError

@@ -33,7 +33,7 @@ from consistent_id._support.arrays import Array, Matrix, Vector, frozen
 from consistent_id._support.executors import Executor, single_threaded, worker_threads
 from consistent_id.constraints import Constraint, PhysicalConsistency, lowered
 from consistent_id.constraints.cones.certificate import OptimumVerdict, solve_certified
-from consistent_id.constraints.cones.feasibility import Interior, find_interior
+from consistent_id.constraints.cones.interior import Interior, find_interior
 from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_norm
 from consistent_id.constraints.cones.programmes import COARSE
 from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock, block_rows

@@ -16,8 +16,8 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, Vector, freeze_arrays
 from consistent_id._support.tables import Table
-from consistent_id.comparison.block_scatter import BlockScatter
 from consistent_id.errors import NotExcitedError
+from consistent_id.estimation.uncertainties.block_scatter import BlockScatter
 from consistent_id.recordings.recording import Recording
 
 _BISECTIONS = 60  # of the random effect's variance

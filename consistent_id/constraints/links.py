@@ -230,7 +230,14 @@ class CentreOfMassBoxes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CentreOfMassIn:
-    """A link's centre of mass lies in an ellipsoid or a polytope."""
+    """A link's centre of mass lies in an ellipsoid or a polytope.
+
+    Parameters
+    ----------
+    link : str
+    shape : Ellipsoid or Polytope
+        In the link's frame, [m].
+    """
 
     link: str
     shape: Ellipsoid | Polytope
@@ -270,6 +277,12 @@ class DensityOn:
     For an ellipsoid ``tr(J Q) >= 0``, which with ``J >= 0`` is exact: a density exists
     iff it holds.  For a polytope ``l_i J l_j >= 0`` for all pairs of facets, which is
     necessary.
+
+    Parameters
+    ----------
+    link : str
+    shape : Ellipsoid or Polytope
+        In the link's frame, [m].
     """
 
     link: str

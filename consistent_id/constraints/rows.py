@@ -21,7 +21,13 @@ class Constraint(Protocol):
 
 
 def lowered(constraints: Sequence[Constraint], model: TorqueModel) -> ConicSet:
-    """Return the intersection of constraints over the parameters of `model`."""
+    """Return the intersection of constraints over the parameters of `model`.
+
+    Parameters
+    ----------
+    constraints : sequence of Constraint
+    model : TorqueModel
+    """
     sets = (constraint.lower(model) for constraint in constraints)
     return intersection(sets, len(model.layout))
 

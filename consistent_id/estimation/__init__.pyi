@@ -1,10 +1,13 @@
+from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.estimation.base_least_squares import (
     least_squares,
     weighted_least_squares,
 )
 from consistent_id.estimation.constrained import (
-    Contradiction,
     constrained_least_squares,
+)
+from consistent_id.estimation.constrained_fit import (
+    Contradiction,
     contradiction,
 )
 from consistent_id.estimation.cross_validation import (
@@ -19,7 +22,7 @@ from consistent_id.estimation.drive_calibration import (
     command_delay,
     fit_calibration,
 )
-from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import Fit
 from consistent_id.estimation.foot_radius import (
     ContactRadius,

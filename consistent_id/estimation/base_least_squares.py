@@ -12,12 +12,13 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.executors import single_threaded
+from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.estimation.determination import (
     determinations,
     linear_errors,
     stated_errors,
 )
-from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.method import Method
 from consistent_id.regression.base import (
@@ -85,13 +86,7 @@ def least_squares(
     known = np.zeros((0, len(model.layout)))
     errors = linear_errors(base, noise, known)
     origins = determinations(
-        model,
-        regression,
-        base,
-        errors,
-        parameters,
-        known=known,
-        elsewhere="convention",
+        model, regression, errors, parameters, elsewhere="convention"
     )
     undetermined = open_combinations(solution, base.names)
     return Estimate(
@@ -107,7 +102,7 @@ def least_squares(
         notes=_notes(model, regression, base, solution, noise),
         seconds=perf_counter() - started,
         fit=fit_of(model, regression, parameters, base),
-        parameter_errors=stated_errors(errors, origins) if redundant else None,
+        parameter_errors=stated_errors(errors.values, origins) if redundant else None,
     )
 
 
@@ -121,6 +116,12 @@ def weighted_least_squares(
     """Estimate with each joint weighted by its own noise level, found by iteration.
 
     See `joint_noise` and `least_squares`.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    regression : Regression
+    base : BaseParameters, optional
     """
     started = perf_counter()
     base = base_parameters(model) if base is None else base

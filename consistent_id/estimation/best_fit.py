@@ -35,7 +35,7 @@ from consistent_id.constraints.cones.certificate import (
     Optimality,
     solve_certified,
 )
-from consistent_id.constraints.cones.feasibility import irreducible_conflict
+from consistent_id.constraints.cones.interior import irreducible_conflict
 from consistent_id.constraints.cones.least_norm import ConeSolution, LeastNorm
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.constraints.priors import nominal_point
@@ -398,35 +398,38 @@ class InnerFit:
         )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FitProblem:
+    """What a constrained estimate is computed from."""
+
+    model: TorqueModel
+    regression: Regression
+    constraints: Sequence[Constraint]
+    base: BaseParameters
+
+
 def inner_fit(
-    model: TorqueModel,
-    regression: Regression,
-    constraints: Sequence[Constraint],
-    best: BestFit,
-    *,
-    share: float,
-    noise: ResidualNoise,
-    base: BaseParameters,
+    problem: FitProblem, best: BestFit, *, share: float, noise: ResidualNoise
 ) -> InnerFit:
     """Return the best fit whose links contain a share of their nominal bodies.
 
     Parameters
     ----------
-    constraints : sequence of Constraint
-        The constraints of `best`; without `PhysicalConsistency` nothing is changed.
+    problem : FitProblem
+        Of `best`; without `PhysicalConsistency` nothing is changed.
     share : float
         The wanted share; it is reduced until it moves the best fit by at most `MOVE`.
     noise : ResidualNoise
         Of the regression.
     """
-    if not any(isinstance(c, PhysicalConsistency) for c in constraints):
+    if not any(isinstance(c, PhysicalConsistency) for c in problem.constraints):
         return InnerFit(best)
-    A = regression.stacked()[:, list(base.independent)]
+    A = problem.regression.stacked()[:, list(problem.base.independent)]
     score = (A @ noise.steps).T @ A @ best.scaled.projection
     for _ in range(_TRIES):
         if share < _LEAST:
             break
-        found = _containing(model, constraints, best, share)
+        found = _containing(problem.model, problem.constraints, best, share)
         if found is None:  # another constraint does not allow it
             share *= _LESS
             continue

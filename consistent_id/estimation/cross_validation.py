@@ -34,7 +34,9 @@ from consistent_id.constraints.priors import (
 )
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.best_fit import ScaledFit, base_factor, scaled_fit
-from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
+from consistent_id.estimation.constrained_fit import (
+    DEFAULT_CONSTRAINTS,
+)
 from consistent_id.estimation.penalised import PenalisedFit, penalised_fit
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression, triangle

@@ -18,11 +18,12 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
 from consistent_id._support.executors import single_threaded
-from consistent_id.constraints import Constraint, PhysicalConsistency
+from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.certificate import (
     FEASIBILITY_TOLERANCE,
     GAP_TOLERANCE,
     ConicOptimum,
+    OptimumProof,
     conic_optimum,
 )
 from consistent_id.constraints.cones.least_norm import ConeSolution
@@ -30,9 +31,12 @@ from consistent_id.constraints.cones.programmes import Multipliers, set_multipli
 from consistent_id.constraints.cones.sets import ConicSet, stacked
 from consistent_id.constraints.priors import EntropicDistance, NominalDistance, Prior
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.audit import FitData, OptimumProof, audited
-from consistent_id.estimation.best_fit import REFERENCE, ScaledFit
-from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS, constrained_fit
+from consistent_id.estimation.best_fit import REFERENCE, FitProblem, ScaledFit
+from consistent_id.estimation.constrained import FoundOptimum, audited
+from consistent_id.estimation.constrained_fit import (
+    DEFAULT_CONSTRAINTS,
+    constrained_fit,
+)
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.penalised import certify_penalised
 from consistent_id.regression.base import BaseParameters, base_parameters
@@ -69,8 +73,7 @@ class CvxpyProblem:
     weight : float
     """
 
-    source: FitData
-    consistent: bool
+    source: FitProblem
     scaled: ScaledFit
     distance: NominalDistance
     weight: float
@@ -181,8 +184,8 @@ def to_cvxpy(
     import cvxpy as cp
 
     base = base_parameters(model) if base is None else base
-    source = FitData(model, regression, base)
-    fitted = constrained_fit(model, regression, constraints, prior, base)
+    source = FitProblem(model, regression, tuple(constraints), base)
+    fitted = constrained_fit(source, prior)
     scaled, distance, layout = fitted.best.scaled, fitted.distance, model.layout
     u = cp.Variable(len(layout), name="parameters in typical units")
     x = cp.multiply(scaled.unit, u)
@@ -191,7 +194,6 @@ def to_cvxpy(
     prior_term = fitted.final.weight * _half_squared_distance(u, distance)
     return CvxpyProblem(
         source=source,
-        consistent=any(isinstance(c, PhysicalConsistency) for c in constraints),
         scaled=scaled,
         distance=distance,
         weight=fitted.final.weight,
@@ -291,16 +293,8 @@ def _solved(
         )
     else:
         proof, note = _proof(form, u), f"{form.note}; solved by CVXPY"
-    return audited(
-        form.source,
-        form.scaled,
-        u * form.scaled.unit,
-        proof,
-        consistent=form.consistent,
-        method=method,
-        note=note,
-        started=started,
-    )
+    found = FoundOptimum(form.scaled, u * form.scaled.unit, proof, note)
+    return audited(form.source, found, method=method, started=started)
 
 
 def _proof(form: CvxpyProblem, u: Vector) -> OptimumProof:

@@ -6,7 +6,7 @@ ignores inequalities, which may determine parameters that data do not.
 """
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -50,49 +50,76 @@ _WIDTH = 2 * 1.96  # of a 95 % interval, in standard errors
 _NULL = 1e-9  # singular value of equalities, relative to the largest, that is zero
 
 
+class LinearErrors(NamedTuple):
+    """Standard errors in least squares, and the equalities under which they hold.
+
+    Parameters
+    ----------
+    values : ndarray, shape (parameters,)
+    base : BaseParameters
+    known : ndarray, shape (rows, parameters)
+        Rows of the equalities.
+    """
+
+    values: Vector
+    base: BaseParameters
+    known: Matrix
+
+
 def determinations(
     model: TorqueModel,
     regression: Regression,
-    base: BaseParameters,
-    errors: Vector,
+    errors: LinearErrors,
     x: Vector,
     *,
-    known: Matrix,
     elsewhere: Determination,
-    width: Vector | None = None,
 ) -> tuple[Determination, ...]:
     """Return the source of each parameter's value.
 
     Parameters
     ----------
-    errors : ndarray, shape (parameters,)
-        Standard errors under the same equalities; see `linear_errors`.
+    errors : LinearErrors
+        Of the data, under the equalities that hold by assumption.
     x : ndarray, shape (parameters,)
         The estimate.
-    known : ndarray, shape (rows, parameters)
-        Rows of the equalities that hold by assumption.
     elsewhere : str
-        The source of parameters that neither data nor equalities determine.
-    width : ndarray, shape (parameters,), optional
-        Width of consistent intervals: parameters with narrow ones are determined by
-        constraints.
+        What determines parameters that neither data nor equalities touch.
     """
+    base = errors.base
     rows = base_solution(regression, base).row_space @ base.projection
-    origins = parameter_origins(rows, known, elsewhere=elsewhere)
+    origins = parameter_origins(rows, errors.known, elsewhere=elsewhere)
     size = parameter_sizes(model, regression, x)
-    loose = _WIDTH * errors > KNOWN * size
-    pinned = np.zeros(len(x), dtype=bool) if width is None else width <= PINNED * size
+    loose = _WIDTH * errors.values > KNOWN * size
     found: list[Determination] = []
-    for origin, is_loose, is_pinned in zip(origins, loose, pinned, strict=True):
-        if origin == "data" and not is_loose:
-            found.append("data")
-        elif origin == "constraint" or is_pinned:
+    for origin, is_loose in zip(origins, loose, strict=True):
+        if origin == "data":
+            found.append("loose" if is_loose else "data")
+        elif origin == "constraint":
             found.append("constraint")
-        elif origin == "data":
-            found.append("loose")
         else:
             found.append("combination" if origin == "combination" else elsewhere)
     return tuple(found)
+
+
+def pinned(
+    found: Sequence[Determination], width: Vector, size: Vector
+) -> tuple[Determination, ...]:
+    """Say of which parameters, that data do not determine, constraints leave no room.
+
+    Parameters
+    ----------
+    found : sequence of str
+        See `determinations`.
+    width : ndarray, shape (parameters,)
+        Of consistent intervals.
+    size : ndarray, shape (parameters,)
+        See `parameter_sizes`.
+    """
+    held = width <= PINNED * size
+    return tuple(
+        "constraint" if is_held and origin != "data" else origin
+        for origin, is_held in zip(found, held, strict=True)
+    )
 
 
 def stated_errors(
@@ -128,7 +155,9 @@ def parameter_sizes(model: TorqueModel, regression: Regression, x: Vector) -> Ve
     return np.maximum(sizes, abs(x))
 
 
-def linear_errors(base: BaseParameters, noise: ResidualNoise, known: Matrix) -> Vector:
+def linear_errors(
+    base: BaseParameters, noise: ResidualNoise, known: Matrix
+) -> LinearErrors:
     """Return each parameter's standard error in least squares under equalities.
 
     For parameters that data and equalities do not determine, it is that of the smallest
@@ -138,11 +167,12 @@ def linear_errors(base: BaseParameters, noise: ResidualNoise, known: Matrix) -> 
     free = _unseen(known)
     A = free.along(M)
     if not A.any():
-        return np.zeros(M.shape[1])
+        return LinearErrors(np.zeros(M.shape[1]), base, known)
     inverse = solve_linear(A, np.zeros(len(A))).pseudo_inverse
     values, axes = np.linalg.eigh(noise.scatter)
     root = axes * np.sqrt(np.maximum(values, 0.0))
-    return np.asarray(np.linalg.norm(free.steps @ (inverse @ root), axis=1))
+    values = np.linalg.norm(free.steps @ (inverse @ root), axis=1)
+    return LinearErrors(values, base, known)
 
 
 def _unseen(rows: Matrix) -> Equalities:

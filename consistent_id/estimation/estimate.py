@@ -1,10 +1,10 @@
 """An estimate with its provenance: method, data, certificate and verdict."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from math import nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Self, cast
+from typing import TYPE_CHECKING, Any, Self, cast
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.extras import pandas
 from consistent_id._support.files import write_json
 from consistent_id._support.tables import Table
-from consistent_id.constraints.cones.certificate import OptimumVerdict
+from consistent_id.constraints.cones.certificate import Certificate, OptimumVerdict
 from consistent_id.constraints.links import link_conditions
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate_file import (
@@ -21,8 +21,14 @@ from consistent_id.estimation.estimate_file import (
     read_estimate,
 )
 from consistent_id.estimation.fit import Fit
+from consistent_id.estimation.fitted_to import FittedSpan, FittedUnder
 from consistent_id.estimation.judgement import Evidence, judge
-from consistent_id.estimation.torque_error import TorqueError, prediction_errors
+from consistent_id.estimation.torque_error import (
+    TorqueError,
+    measured_torque,
+    prediction_errors,
+)
+from consistent_id.estimation.torque_plot import draw_torque, torque_curves
 from consistent_id.estimation.verdict import Verdict
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
@@ -33,9 +39,17 @@ from consistent_id.regression.mass_matrix import (
 )
 from consistent_id.regression.motion_arrays import predicted_torque
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import residual_sigma
+from consistent_id.regression.segments import (
+    merged,
+    segment_regressions,
+    segment_sources,
+)
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+    from consistent_id.estimation.uncertainties.parameter_uncertainty import Uncertainty
 
 
 ERRORS = (
@@ -44,52 +58,6 @@ ERRORS = (
     "between recordings; - where the data do not determine the parameter"
 )
 """What `Estimate.parameter_errors` are, for people."""
-
-
-@dataclass(frozen=True, slots=True)
-class Certificate:
-    """The optimum's verdict, and the recomputed figures behind it.
-
-    Parameters
-    ----------
-    verdict : {"certified", "uncertified"}
-    reason : str
-        What was checked, or what failed, in words.
-    figures : dict of str to float
-        Residuals, gaps, eigenvalues, by name.
-    """
-
-    verdict: OptimumVerdict
-    reason: str
-    figures: dict[str, float] = field(default_factory=dict)
-
-
-class FittedSpan(NamedTuple):
-    """A recording that an estimate was fitted to: its name and its times.
-
-    Parameters
-    ----------
-    recording : str
-        The recording's name; parts of one log share it.
-    start, stop : float, [s]
-        Times of the first and the last sample.
-    """
-
-    recording: str
-    start: float
-    stop: float
-
-    def overlaps(self, other: "FittedSpan") -> bool:
-        """Return whether two spans share more than an instant of one recording."""
-        same = self.recording == other.recording
-        return same and self.start < other.stop and other.start < self.stop
-
-
-def fitted_spans(recordings: Iterable[Recording]) -> tuple[FittedSpan, ...]:
-    """Return the spans of recordings, in their order."""
-    return tuple(
-        FittedSpan(r.name, float(r.time[0]), float(r.time[-1])) for r in recordings
-    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,9 +101,12 @@ class Estimate:
         not known.
     parameter_errors : array_like, shape (parameters,), optional
         Standard errors of the standard parameters, NaN where the data do not determine
-        them.  They contain noise as correlated as the residuals, under the equalities
-        among the constraints, and the prior's bias. They ignore active inequalities and
-        the scatter between recordings; `uncertainty` includes both.
+        them: of noise as correlated as the residuals, under the equalities among the
+        constraints, and of the prior's bias.  They lack what active inequalities take
+        away and what recordings differ by; `uncertainty` has both.
+    fitted_under : FittedUnder, optional
+        Constraints, prior and weights of a constrained estimate; None of any other, and
+        of one that was read from a file.
     """
 
     method: str
@@ -154,6 +125,7 @@ class Estimate:
     judged: Verdict | None = None
     fitted_to: tuple[FittedSpan, ...] = ()
     parameter_errors: Vector | None = None
+    fitted_under: FittedUnder | None = None
 
     def __post_init__(self) -> None:
         p, b, n = len(self.model.layout), len(self.base), len(self.model.torque_joints)
@@ -280,6 +252,113 @@ class Estimate:
             )
         (error,) = torque_errors([self], recording)
         return error
+
+    def uncertainty(
+        self,
+        recordings: Recording | Sequence[Recording],
+        *,
+        replicates: int = 200,
+        seed: int = 0,
+        progress: bool = False,
+    ) -> "Uncertainty":
+        """Return how sure each parameter is: error, bootstrap, and proven interval.
+
+        Of constrained estimates.  The estimate knows its constraints, prior and
+        weights; only the data are needed.  Of an estimate from a problem file
+        `Study.uncertainty` needs nothing.
+
+        Parameters
+        ----------
+        recordings : Recording or sequence of Recording
+            Those that the estimate was fitted to.
+        replicates, seed, progress
+            See `bootstrap`.
+
+        Returns
+        -------
+        Uncertainty
+            One answer for each parameter, in the layout's order.
+
+        Raises
+        ------
+        ProblemError
+            If the estimate is not a constrained one, or was fitted to other data.
+        NotExcitedError, InfeasibleError, SolverError
+            See `consistent_id.uncertainty`.
+        """
+        from consistent_id.estimation.uncertainties.parameter_uncertainty import (
+            uncertainty,
+        )
+
+        under = self.fitted_under
+        if under is None:
+            raise ProblemError(
+                f"{self.method} is not known to be a constrained estimate: call "
+                "consistent_id.uncertainty(model, segments, constraints=...), or take "
+                "standard_errors of least squares"
+            )
+        logs = [recordings] if isinstance(recordings, Recording) else list(recordings)
+        segments = segment_regressions(self.model, logs, sigma=under.weights)
+        residual = residual_sigma(merged(segments), self.parameters, len(self.base))
+        if not np.allclose(residual, self.sigma, rtol=1e-6):
+            names = ", ".join(recording.name for recording in logs)
+            own = ", ".join(dict.fromkeys(span.recording for span in self.fitted_to))
+            raise ProblemError(
+                f"{self.method} was not fitted to {names} as given here; hand over the "
+                f"recordings that it was fitted to, prepared alike{own and ': '}{own}"
+            )
+        return uncertainty(
+            self.model,
+            segments,
+            constraints=under.constraints,
+            prior=under.prior,
+            base=self.base,
+            replicates=replicates,
+            seed=seed,
+            progress=progress,
+            sources=segment_sources(logs),
+        )
+
+    def plot(
+        self,
+        recording: Recording,
+        *,
+        joints: Sequence[str] | None = None,
+        axes: Any = None,
+    ) -> Any:
+        """Draw measured and predicted torque along a recording, joint by joint.
+
+        Each joint's relative error, ``||tau - prediction|| / ||tau||``, stands above
+        its torque.  Without measured torque only the prediction is drawn.  To compare
+        estimates, draw one into the axes that another one returned.
+
+        Parameters
+        ----------
+        recording : Recording
+            With velocity and acceleration.
+        joints : sequence of str, optional
+            Which torques to draw; by default all that the model has.
+        axes : matplotlib.axes.Axes or array_like of it, shape (joints,), optional
+            By default those of a new figure of `matplotlib.pyplot`.
+
+        Returns
+        -------
+        ndarray of matplotlib.axes.Axes, shape (joints,)
+
+        Raises
+        ------
+        ProblemError
+            If the recording has no velocity or acceleration, a joint has no torque in
+            the model, or the number of axes is not that of the joints.
+        """
+        curves = torque_curves(
+            self.model,
+            self.predict(recording),
+            measured_torque(self.model, recording),
+            recording.time,
+            joints,
+        )
+        return draw_torque(curves, self.method, axes)
 
     def table(self) -> Table:
         """Return the verdict and the parameters, for people.
@@ -420,6 +499,14 @@ class Estimate:
         """Read what `save` wrote, for the same torque model.
 
         Covariances are not kept in the file.
+
+        Parameters
+        ----------
+        path : str or Path
+        model : TorqueModel
+            The one that the estimate is of.
+        base : BaseParameters
+            Of the model.
 
         Raises
         ------

@@ -102,7 +102,14 @@ def contact_radius(
 
 
 def with_radii(recording: Recording, offset: float) -> Recording:
-    """Return a recording whose round feet have a radius larger by an offset [m]."""
+    """Return a recording whose round feet have a radius larger by an offset [m].
+
+    Parameters
+    ----------
+    recording : Recording
+        With contacts.
+    offset : float, [m]
+    """
     contacts = tuple(
         replace(flags, radius=flags.radius + offset) if flags.radius else flags
         for flags in recording.contacts

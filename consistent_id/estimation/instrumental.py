@@ -19,8 +19,9 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id._support.executors import single_threaded
+from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.errors import ProblemError, RecordingError
-from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.method import Method
 from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.base import (

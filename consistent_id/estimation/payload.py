@@ -21,8 +21,10 @@ from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.estimation.base_least_squares import least_squares
 from consistent_id.estimation.constrained import (
-    DEFAULT_CONSTRAINTS,
     constrained_least_squares,
+)
+from consistent_id.estimation.constrained_fit import (
+    DEFAULT_CONSTRAINTS,
 )
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.loaded_robot import (
@@ -108,6 +110,13 @@ class Payload:
         """Return torques along a motion with or without the load.
 
         Shape (samples, torque joints), [N m or N].
+
+        Parameters
+        ----------
+        recording : Recording
+            With velocity and acceleration.
+        loaded : bool
+            Whether the robot carries the payload.
         """
         return self.robot.predict(self.estimate.parameters, recording, loaded=loaded)
 
@@ -210,7 +219,7 @@ def identify_payload(
     )
 
 
-class _Fitted(NamedTuple):
+class _LoadedFit(NamedTuple):
     regression: Regression
     free: Estimate
 
@@ -219,13 +228,15 @@ def _fitted(
     robot: LoadedRobot,
     runs: tuple[Sequence[Recording], Sequence[Recording]],
     weighted: bool,
-) -> _Fitted:
+) -> _LoadedFit:
     """Return the regression of both runs, and least squares."""
     regression = robot.regression(*runs)
     if weighted:
         sigma = joint_noise(robot.model, regression, base=robot.base)
         regression = regression.weighted(sigma)
-    return _Fitted(regression, least_squares(robot.model, regression, base=robot.base))
+    return _LoadedFit(
+        regression, least_squares(robot.model, regression, base=robot.base)
+    )
 
 
 def datasheet_constraints(load: Link) -> list[Constraint]:

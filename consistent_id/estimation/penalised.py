@@ -283,6 +283,8 @@ class NearestFit:
 
     Parameters
     ----------
+    slack : float
+        Relative misfit that may be given up.
     distance_gap : float
         Bound on the relative excess of its squared distance (or of 0.01, where it is
         less) over the least within the slack; infinite if its misfit exceeds that.
@@ -291,6 +293,7 @@ class NearestFit:
     """
 
     fit: PenalisedFit
+    slack: float
     distance_gap: float
     allowed: float
 
@@ -345,7 +348,7 @@ def nearest_within(
         if excess <= allowed:
             short = (allowed - excess) / weight + found.distance_gap
             gap = short / max(found.squared_distance, _SMALL)
-            now = NearestFit(found, gap, allowed)
+            now = NearestFit(found, slack, gap, allowed)
             if kept is None or (certified and now.distance_gap < kept.distance_gap):
                 kept = now
             if kept.distance_gap <= DISTANCE_GAP or unproven >= _UNPROVEN:
@@ -358,7 +361,7 @@ def nearest_within(
         return kept
     if closest is None:
         raise SolverError("no weight of the prior was tried")
-    return NearestFit(closest, np.inf, allowed)
+    return NearestFit(closest, slack, np.inf, allowed)
 
 
 class _WeightedPoint(NamedTuple):

@@ -22,7 +22,10 @@ from consistent_id.errors import (
     ProblemError,
     SolverError,
 )
-from consistent_id.estimation.constrained import constrained_fit
+from consistent_id.estimation.best_fit import FitProblem
+from consistent_id.estimation.constrained_fit import (
+    constrained_fit,
+)
 from consistent_id.estimation.torque_error import stacked_of_kinds
 from consistent_id.estimation.verdict import percent
 from consistent_id.regression.base import BaseParameters
@@ -156,9 +159,8 @@ def _left_out(
         try:
             if candidate.weighted:
                 rest = rest.weighted(joint_noise(model, rest, base=base))
-            fit = constrained_fit(
-                model, rest, constraints, candidate.prior, base, weight=weight
-            )
+            problem = FitProblem(model, rest, constraints, base)
+            fit = constrained_fit(problem, candidate.prior, weight=weight)
         except (InfeasibleError, NotExcitedError, SolverError):
             errors.append(np.inf)
             continue

@@ -9,9 +9,10 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
 from consistent_id._support.executors import single_threaded
+from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.base_least_squares import least_squares
-from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.method import Method
 from consistent_id.recordings.recording import Recording
@@ -81,7 +82,8 @@ def huber(
     floor = 1e-6 * np.maximum(plain.torque_rms, 1e-12)
     motions = [motion_of(model, recording, None) for recording in recordings]
     x = base_solution(plain.weighted(sigma), base).x
-    reached = _settled(model, base, motions, x, k, floor, iterations, tolerance)
+    rules = _Rules(k, floor, iterations, tolerance)
+    reached = _settled(model, base, motions, x, rules)
     scale = reached.scale
     final = reweighted(model, motions, reached.weights, noise=True).weighted(scale)
     estimate = least_squares(model, final, base=base, method=Method.HUBER)
@@ -95,6 +97,15 @@ def huber(
         seconds=perf_counter() - started,
         fit=fit_of(model, plain, estimate.parameters, base),
     )
+
+
+class _Rules(NamedTuple):
+    """Where the loss bends, the least scale of each joint, and when to stop."""
+
+    k: float
+    floor: Vector
+    iterations: int
+    tolerance: float
 
 
 class _Reached(NamedTuple):
@@ -111,12 +122,10 @@ def _settled(
     base: BaseParameters,
     motions: Sequence[Motion],
     x: Vector,
-    k: float,
-    floor: Vector,
-    iterations: int,
-    tolerance: float,
+    rules: _Rules,
 ) -> _Reached:
-    """Reweight rows until convergence, starting from base parameters."""
+    """Reweight rows until nothing changes any more, from base parameters on."""
+    k, floor, iterations, tolerance = rules
     counted = np.vstack([motion.counted for motion in motions])
     columns = list(base.independent)
     residuals = _residuals(model, base.lift(x), motions)

@@ -74,6 +74,22 @@ class TorqueError:
         return self.rms**2
 
 
+def measured_torque(model: TorqueModel, recording: Recording) -> Array | None:
+    """Return the torque of a recording in the model's order, NaN where not known.
+
+    Returns
+    -------
+    ndarray, shape (samples, torque joints), [N m or N], or None
+        None if the recording has no torque.
+    """
+    if not model.robot.floating and recording.of(model.torque_joints).torque is None:
+        return None
+    motion = motion_of(model, recording, None)
+    if motion.weights is None:
+        return motion.torque
+    return np.where(motion.weights > 0.0, motion.torque, np.nan)
+
+
 def prediction_errors(
     model: TorqueModel,
     predictions: Iterable[tuple[Vector, Vector | None]],

@@ -4,7 +4,7 @@ The robot and its obstacles are drawn in a viser scene.
 """
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
@@ -65,14 +65,30 @@ class Drawn:
     by_shapes: bool
 
 
+@dataclass(frozen=True, slots=True)
+class ShapesFile:
+    """A URDF with visual shapes, and where the rest of it is.
+
+    Parameters
+    ----------
+    urdf : Path
+    package_dirs : tuple of str or Path
+        Folders in which ``package://name/...`` is looked for, besides those above.
+    locked : mapping of str to float, optional, [rad or m]
+        Positions of the file's joints that do not move.
+    """
+
+    urdf: Path
+    package_dirs: tuple[str | Path, ...] = ()
+    locked: Mapping[str, float] | None = None
+
+
 def write_replay(
     move: Move,
     robot: RobotModel,
     file: str | Path,
     *,
-    urdf: Path | None = None,
-    package_dirs: Iterable[str | Path] = (),
-    locked: Mapping[str, float] | None = None,
+    shapes: ShapesFile | None = None,
     scene: Scene | None = None,
 ) -> Path:
     """Write a page that replays a move; return the file.
@@ -82,13 +98,9 @@ def write_replay(
 
     Parameters
     ----------
-    urdf : Path, optional
+    shapes : ShapesFile, optional
         The robot's file; its visual shapes are drawn by Pinocchio's
         ``ViserVisualizer``.  Without shapes, links are sticks.
-    package_dirs : iterable of str or Path
-        Folders in which ``package://name/...`` is searched for, besides those above.
-    locked : mapping of str to float, optional, [rad or m]
-        Positions of the file's joints that do not move.
     scene : Scene, optional
         Scene whose obstacles are drawn, and, with sticks, the robot's bodies.
 
@@ -103,9 +115,7 @@ def write_replay(
     with redirect_stdout(StringIO()):  # of the server's address, which is not needed
         server = viser.ViserServer("127.0.0.1", 0, verbose=False)
         try:
-            html = _recorded(
-                server, move, robot, urdf, package_dirs, locked, scene
-            ).as_html()
+            html = _recorded(server, move, robot, shapes, scene).as_html()
         finally:
             server.stop()
     title = f"<title>{robot.name}: {move.duration:.1f} s</title>"
@@ -134,14 +144,12 @@ def _recorded(
     server: Any,
     move: Move,
     robot: RobotModel,
-    urdf: Path | None,
-    package_dirs: Iterable[str | Path],
-    locked: Mapping[str, float] | None,
+    shapes: ShapesFile | None,
     scene: Scene | None,
 ) -> Any:
     samples = sampled(move, _RATE)
     tip = _draw_path(server, move, robot)
-    drawn = drawn_robot(server, robot, urdf, package_dirs, locked)
+    drawn = drawn_robot(server, robot, shapes)
     shows = [drawn.show]
     if scene is not None:
         shows.append(drawn_bodies(server, scene, _seen(drawn.by_shapes)))
@@ -203,35 +211,27 @@ def _seen(by_shapes: bool) -> Callable[[Body], bool]:
 
 
 def drawn_robot(
-    server: Any,
-    robot: RobotModel,
-    urdf: Path | None = None,
-    package_dirs: Iterable[str | Path] = (),
-    locked: Pose | None = None,
+    server: Any, robot: RobotModel, shapes: ShapesFile | None = None
 ) -> Drawn:
     """Draw a robot by its file's visual shapes, or as sticks.
 
     Parameters
     ----------
-    urdf : Path, optional
+    shapes : ShapesFile, optional
         Without one, or without shapes that can be read, sticks are drawn.
-    package_dirs : iterable of str or Path
-        As `scene_from_urdf`.
-    locked : mapping of str to float, optional, [rad or m]
-        Positions of the file's joints that the robot model does not have.
     """
-    if urdf is not None:
+    if shapes is not None:
         try:
-            return Drawn(_meshes(server, urdf, package_dirs, locked or {}), True)
+            return Drawn(_meshes(server, shapes), True)
         except (ValueError, OSError, ImportError) as cause:
-            _log.warning("%s: drawn as sticks: %s", urdf, cause)
+            _log.warning("%s: drawn as sticks: %s", shapes.urdf, cause)
             server.scene.remove_by_name(_ROOT)
     return Drawn(_sticks(server, robot), False)
 
 
-def _meshes(
-    server: Any, urdf: Path, package_dirs: Iterable[str | Path], locked: Pose
-) -> Show:
+def _meshes(server: Any, shapes: ShapesFile) -> Show:
+    urdf, package_dirs = shapes.urdf, shapes.package_dirs
+    locked: Pose = shapes.locked or {}
     import pinocchio as pin
     from pinocchio.visualize import ViserVisualizer
 
@@ -239,11 +239,11 @@ def _meshes(
     folders += [str(folder) for folder in urdf.absolute().parents]
     model = pin.buildModelFromUrdf(str(urdf))
     kind = pin.GeometryType.VISUAL
-    shapes = pin.buildGeomFromUrdf(model, str(urdf), kind, package_dirs=folders)
-    if not len(shapes.geometryObjects):
+    drawn = pin.buildGeomFromUrdf(model, str(urdf), kind, package_dirs=folders)
+    if not len(drawn.geometryObjects):
         raise ValueError("it has no visual shapes")
     # The visualizer cannot do without a collision model: an empty one.
-    visualizer = ViserVisualizer(model, pin.GeometryModel(), shapes)
+    visualizer = ViserVisualizer(model, pin.GeometryModel(), drawn)
     visualizer.initViewer(viewer=server)
     visualizer.loadViewerModel(_ROOT)
     neutral = pin.neutral(model)

@@ -24,7 +24,7 @@ from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.aims import PathForm
 from consistent_id.excitation.design_record import design_record, design_tables
 from consistent_id.excitation.designed import ExcitationDesign
-from consistent_id.excitation.html_replay import write_replay
+from consistent_id.excitation.html_replay import ShapesFile, write_replay
 from consistent_id.excitation.interest import parameters_named
 from consistent_id.excitation.playable import (
     TRAINING,
@@ -135,13 +135,15 @@ def replay_design(problem: Problem, playable: PlayableDesign, folder: Path) -> P
     if TRAINING not in playable.moves:
         raise InfeasibleError(f"nothing to replay: {playable.refusals[0]}")
     model, scene = problem.table.model, problem.table.excitation.scene
+    shapes = None
+    if model.urdf is not None:
+        packages = tuple(problem.file(name) for name in scene.packages) if scene else ()
+        shapes = ShapesFile(problem.file(model.urdf), packages, model.locked)
     return write_replay(
         playable.moves[TRAINING],
         problem.moving,
         folder / REPLAY,
-        urdf=None if model.urdf is None else problem.file(model.urdf),
-        package_dirs=[problem.file(name) for name in scene.packages] if scene else [],
-        locked=model.locked,
+        shapes=shapes,
         scene=playable.design.demands.scene,
     )
 

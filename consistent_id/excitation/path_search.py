@@ -113,7 +113,7 @@ def search(
     """
     given = start.variables is not None
     variables = problem.random(start.number) if not given else start.variables
-    run = _Run(problem, FoundPath(start.number), Meter(work), ended, report)
+    run = _PathSearch(problem, FoundPath(start.number), Meter(work), ended, report)
     run.consider_near(np.asarray(variables))
     for power, iterations in _phases(problem.objective, given):
         variables = run.sharpened(np.asarray(variables), power, iterations)
@@ -138,8 +138,8 @@ def _phases(objective: str, given: bool) -> tuple[tuple[float, int], ...]:
     return _SHARPENING[1:] if given else _SHARPENING
 
 
-class _Run:
-    """A running search: the best path so far, and the guards' rows."""
+class _PathSearch:
+    """A search under way: the best path so far, and where guards have rows."""
 
     def __init__(
         self,

@@ -16,7 +16,7 @@ from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.aims import Aim
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.designed import ExcitationDesign
-from consistent_id.excitation.proven_moves import ProvenMove, proven_move
+from consistent_id.excitation.proven_moves import Playing, ProvenMove, proven_move
 from consistent_id.excitation.request import DesignRequest, design_request
 from consistent_id.excitation.validating import ValidationPath, validation_trajectory
 from consistent_id.excitation.verification import Demands, PathProof
@@ -175,9 +175,7 @@ def _played(
             path,
             proof,
             design.demands,
-            request.start_pose,
-            periods=periods,
-            smooth=design.form.smooth,
+            Playing(request.start_pose, periods, design.form.smooth),
             seed=design.seed,
         )
     except InfeasibleError as cause:

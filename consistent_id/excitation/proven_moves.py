@@ -9,6 +9,7 @@ they meet [Kuffner2000]_; then corners are cut off.
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -72,14 +73,30 @@ class _Way:
     made: Callable[[], Move | None]
 
 
+class Playing(NamedTuple):
+    """How a path is played.
+
+    Parameters
+    ----------
+    pose : dict of str to float, optional, [rad or m]
+        From where, and back to where.
+    periods : int, optional
+        How often the path is repeated.
+    smooth : bool
+        See `move_along`.
+    """
+
+    pose: dict[str, float] | None
+    periods: int | None = None
+    smooth: bool = False
+
+
 def proven_move(
     path: FourierTrajectory,
     proof: PathProof,
     demands: Demands,
-    pose: dict[str, float] | None,
+    played: Playing,
     *,
-    periods: int | None = None,
-    smooth: bool = False,
     seed: int = 0,
 ) -> ProvenMove:
     """Return a move along a proven path, from a pose and back to it.
@@ -91,10 +108,8 @@ def proven_move(
     ----------
     proof : PathProof
         Of this path.
-    periods : int, optional
-        How often the path is repeated.
-    smooth : bool
-        See `move_along`.
+    played : Playing
+        From where, how often, and how smoothly.
     seed : int
         Seed of moves through other poses.
 
@@ -104,7 +119,7 @@ def proven_move(
         If no move is found; the message names the bodies in the straight one.
     """
     cause: ConsistentIdError | None = None
-    for number, way in enumerate(_ways(path, demands, pose, periods, smooth, seed)):
+    for number, way in enumerate(_ways(path, demands, played, seed)):
         try:
             move = way.made()
             if move is None or (number and not _seems_clear(move, demands)):
@@ -112,19 +127,18 @@ def proven_move(
             return ProvenMove(move, _whole(move, path, proof, demands, way), way.note)
         except (InfeasibleError, ProblemError) as failed:
             cause = cause or failed
-    tried = "the straight path" if pose is None else "straight paths and others"
+    tried = "the straight way" if played.pose is None else "straight ways and others"
     raise InfeasibleError(f"{cause}; of {tried}, none was proven") from cause
 
 
 def _ways(
     path: FourierTrajectory,
     demands: Demands,
-    pose: dict[str, float] | None,
-    periods: int | None,
-    smooth: bool,
+    played: Playing,
     seed: int,
 ) -> Iterator[_Way]:
     """Yield ways to play a path, the simplest first."""
+    pose, periods, smooth = played
     limits, rng = demands.limits, np.random.default_rng(seed)
 
     def along(

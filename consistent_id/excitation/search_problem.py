@@ -93,7 +93,7 @@ class PathInformation:
     def __call__(self, variables: Matrix) -> Information:
         """Return the information of a path; the last one is remembered."""
         if self not in _EVALUATORS:
-            _EVALUATORS[self] = _Evaluator(self)
+            _EVALUATORS[self] = _PathEvaluator(self)
         return _EVALUATORS[self](variables)
 
 
@@ -267,7 +267,7 @@ def _gram(model: RowModel, base: BaseParameters, aim: Aim) -> Matrix | None:
     return np.asarray(np.einsum("jps,jqs->pq", V, V) / (len(V) * len(log)))
 
 
-class _Evaluator:
+class _PathEvaluator:
     """The compiled regressor of a `PathInformation`, and the last information."""
 
     def __init__(self, of: PathInformation) -> None:
@@ -304,8 +304,8 @@ class _Evaluator:
         return Information(M + self._earlier, pull)
 
 
-# CasADi functions with their own memory, which are not sent to other processes.
-_EVALUATORS: WeakKeyDictionary[PathInformation, _Evaluator] = WeakKeyDictionary()
+# CasADi functions on memory of their own, which go to no other process.
+_EVALUATORS: WeakKeyDictionary[PathInformation, _PathEvaluator] = WeakKeyDictionary()
 
 
 def clear_start(

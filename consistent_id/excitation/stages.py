@@ -119,7 +119,7 @@ def design_stages(
     """
     prove = _proving_once(demands)
     objectives = aim.objectives
-    search = _Search(aim, means, meter, prove)
+    search = _DesignSearch(aim, means, meter, prove)
     random = [FoundPath(number) for number in range(means.starts)]
     last = len(objectives) == 1
     problem = replace(problem, objective=objectives[0])
@@ -188,8 +188,8 @@ def _proving_once(demands: Demands) -> Prove:
 
 
 @dataclass(frozen=True, slots=True)
-class _Search:
-    """The common data of the stages of a design."""
+class _DesignSearch:
+    """What the stages of one design have in common."""
 
     aim: Aim
     means: Means

@@ -6,6 +6,7 @@ package.
 
 from collections.abc import Mapping
 from pprint import pformat
+from typing import NamedTuple
 
 import numpy as np
 
@@ -113,7 +114,8 @@ def to_isaac_lab(
     }
     expressed = ("damping", "friction", "armature")
     notes = not_expressed(estimate, "Isaac Lab", expressed)
-    return _export(estimate, "isaaclab", _ISAAC_LAB, tables, gains, delay, notes)
+    source = _Template("isaaclab", _ISAAC_LAB, tables, notes)
+    return _export(estimate, source, gains, delay)
 
 
 @exporter("mjlab")
@@ -130,19 +132,23 @@ def to_mjlab(
     """
     joints: dict[str, object] = {"JOINTS": list(estimate.model.robot.joint_names)}
     note = "the MJCF file has armature, damping, friction and offsets: export it, too"
-    return _export(estimate, "mjlab", _MJLAB, joints, gains, delay, (note,))
+    source = _Template("mjlab", _MJLAB, joints, (note,))
+    return _export(estimate, source, gains, delay)
+
+
+class _Template(NamedTuple):
+    """A format's name, its Python source with gaps, tables to fill in, and notes."""
+
+    form: str
+    text: str
+    tables: Mapping[str, object]
+    notes: tuple[str, ...]
 
 
 def _export(
-    estimate: Estimate,
-    form: str,
-    template: str,
-    tables: Mapping[str, object],
-    gains: PDGains | None,
-    delay: float,
-    notes: tuple[str, ...],
+    estimate: Estimate, template: _Template, gains: PDGains | None, delay: float
 ) -> Export:
-    given = dict(tables)
+    given, notes = dict(template.tables), template.notes
     names = {"kp": "None", "kd": "None", "limit": "None"}
     if gains is not None:
         of_joints = gains.of(len(estimate.model.robot))
@@ -165,10 +171,10 @@ def _export(
         for name, table in given.items()
     )
     line = provenance(estimate).replace('"""', "'''").replace("\\", "/")
-    text = template.format(
+    text = template.text.format(
         line=line, delay=float(delay), tables=written, **names, **single
     )
-    return Export(form, text.encode(), notes)
+    return Export(template.form, text.encode(), notes)
 
 
 def _values(estimate: Estimate, parameter: str) -> dict[str, float]:

@@ -77,6 +77,12 @@ class Functions(NamedTuple):
 def to_casadi(estimate: Estimate, *, allow_refused: bool = False) -> Functions:
     """Return the dynamics of the identified robot as CasADi functions.
 
+    Parameters
+    ----------
+    estimate : Estimate
+    allow_refused : bool
+        Export what is refused, too.
+
     Raises
     ------
     ProblemError

@@ -22,7 +22,7 @@ from consistent_id.estimation.verdict import HELP
 if TYPE_CHECKING:  # `consistent-id --help` lists the formats
     from consistent_id.estimation.estimate import Estimate
     from consistent_id.recordings.signals import PDGains
-    from consistent_id.robot.loaders.splice import Document, Edit
+    from consistent_id.robot.loaders.splice import Edit, XmlText
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -299,7 +299,7 @@ def provenance(estimate: "Estimate") -> str:
     )
 
 
-def comment_edit(document: "Document", text: str) -> "Edit":
+def comment_edit(document: "XmlText", text: str) -> "Edit":
     """Return the edit that puts a comment first, in place of an earlier one."""
     text = text.replace("--", "- -").replace(">", "")
     edit = document.insert(document.root, [[f"<!-- {text} -->"]])

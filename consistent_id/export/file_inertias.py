@@ -16,7 +16,7 @@ _ROUNDING = 1e-12  # of the largest eigenvalue: the digits of a difference of in
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Part:
+class FileLink:
     """A link of the file: its parameters in its own frame, and that frame's place.
 
     `rotation` and `translation` place it in the frame of the moving link.
@@ -49,7 +49,7 @@ class SplitInertia:
     note: str = ""
 
 
-def split_inertia(whole: InertialParameters, parts: Sequence[Part]) -> SplitInertia:
+def split_inertia(whole: InertialParameters, parts: Sequence[FileLink]) -> SplitInertia:
     """Divide the whole among parts, of which the first is the moving link itself.
 
     The others keep the file's values if these, and the remainder for the first, are

@@ -25,6 +25,12 @@ def robot_record(estimate: Estimate, *, allow_refused: bool = False) -> dict[str
     its joint; inertias are about the centre of mass, in the link's axes.  Infinite
     limits are null.  A joint that follows another has ``mimic``, and no drive.
 
+    Parameters
+    ----------
+    estimate : Estimate
+    allow_refused : bool
+        Export what is refused, too.
+
     Raises
     ------
     ProblemError
@@ -66,7 +72,14 @@ def json_text(record: dict[str, Any]) -> bytes:
 
 
 def to_json(estimate: Estimate, *, allow_refused: bool = False) -> Export:
-    """Return `robot_record` as JSON, which YAML readers read too."""
+    """Return `robot_record` as JSON, which YAML readers read too.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    allow_refused : bool
+        Export what is refused, too.
+    """
     record = robot_record(estimate, allow_refused=allow_refused)
     return Export("json", json_text(record))
 

@@ -11,7 +11,7 @@ from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id._support.extras import needed
 from consistent_id.errors import ModelError
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.export.file_inertias import Part, central, split_inertia
+from consistent_id.export.file_inertias import FileLink, central, split_inertia
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders import mjcf_spec
 from consistent_id.robot.loaders.mjcf import compiled_body
@@ -134,7 +134,7 @@ def _below(body: Any) -> Iterator[Any]:
         child = body.next_body(child)
 
 
-class Source(NamedTuple):
+class MjcfSource(NamedTuple):
     """A file's specification, its bodies and joints, and its compiled model."""
 
     spec: Any
@@ -157,7 +157,7 @@ def read_spec(path: Path) -> tuple[Any, Any]:
         raise ModelError(f"{path}: MuJoCo refuses it: {cause}") from None
 
 
-def put_into(source: Source, estimate: Estimate) -> list[str]:
+def put_into(source: MjcfSource, estimate: Estimate) -> list[str]:
     """Put the estimate's bodies into a file's; return notes."""
     mujoco = require_mujoco()
     robot, spec, tree = estimate.model.robot, source.spec, source.tree
@@ -186,7 +186,7 @@ def put_into(source: Source, estimate: Estimate) -> list[str]:
 
 
 def _set_link(
-    source: Source, robot: RobotModel, k: int, whole: InertialParameters
+    source: MjcfSource, robot: RobotModel, k: int, whole: InertialParameters
 ) -> list[str]:
     link = robot.links[k]
     own = FixedFrame(link.name, np.eye(3), np.zeros(3))
@@ -204,7 +204,7 @@ def _set_link(
     return [split.note, *notes] if split.note else notes
 
 
-def _part(source: Source, frame: FixedFrame) -> Part:
+def _part(source: MjcfSource, frame: FixedFrame) -> FileLink:
     """Return a body where a link's frame is: its origin lies on the joint's axis."""
     hinge = require_mujoco().mjtJoint.mjJNT_HINGE
     anchor = np.zeros(3)
@@ -213,4 +213,4 @@ def _part(source: Source, frame: FixedFrame) -> Part:
         if body == frame.name and joint.type == hinge:
             anchor = np.array(joint.pos)
     origin = frame.translation - frame.rotation @ anchor
-    return Part(frame.name, source.body(frame.name), frame.rotation, origin)
+    return FileLink(frame.name, source.body(frame.name), frame.rotation, origin)

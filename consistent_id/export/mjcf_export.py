@@ -31,7 +31,7 @@ from consistent_id.export.drive_values import (
 )
 from consistent_id.export.export_formats import Export, exporter, provenance
 from consistent_id.export.mjcf_bodies import (
-    Source,
+    MjcfSource,
     put_into,
     quaternion,
     read_spec,
@@ -279,7 +279,16 @@ def mujoco_spec(
     *,
     allow_refused: bool = False,
 ) -> Specified:
-    """Return the ``mujoco.MjSpec`` that `to_mjcf` writes, not compiled yet."""
+    """Return the ``mujoco.MjSpec`` that `to_mjcf` writes, not compiled yet.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    source : str or Path, optional
+        See `to_mjcf`.
+    allow_refused : bool
+        Export what is refused, too.
+    """
     mujoco = require_mujoco()
     if source is None:
         spec, more = _built(estimate, mujoco)
@@ -287,7 +296,7 @@ def mujoco_spec(
     else:
         spec, model = read_spec(Path(source))
         tree = spec_tree(spec)
-        more = put_into(Source(spec, tree, model, Path(source).name), estimate)
+        more = put_into(MjcfSource(spec, tree, model, Path(source).name), estimate)
     for drive in joint_drives(estimate):
         if drive.terms.names:
             _set_drive(spec, tree.joints[drive.joint], drive)

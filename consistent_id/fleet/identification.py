@@ -22,8 +22,10 @@ from consistent_id.constraints.priors import Prior
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.estimation.best_fit import base_factor
 from consistent_id.estimation.constrained import (
-    DEFAULT_CONSTRAINTS,
     constrained_least_squares,
+)
+from consistent_id.estimation.constrained_fit import (
+    DEFAULT_CONSTRAINTS,
 )
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.fleet.fleet_model import (

@@ -20,7 +20,9 @@ from consistent_id.constraints import Constraint, PhysicalConsistency
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.best_fit import BestFit, best_fit
-from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.constrained import (
+    constrained_least_squares,
+)
 from consistent_id.estimation.determination import linear_errors
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.loaded_robot import likely_body
@@ -393,6 +395,6 @@ def _own_errors(own: LoadProblem, estimate: Estimate) -> Vector:
     model = own.model
     known = np.vstack([c.lower(model).A_eq for c in own.constraints])
     noise = residual_noise(own.regression, own.base)
-    found = linear_errors(own.base, noise, known)
+    found = linear_errors(own.base, noise, known).values
     told = np.array([origin in _TOLD for origin in estimate.origins])
     return np.where(told, found, np.inf)

@@ -17,7 +17,9 @@ import numpy as np
 from consistent_id._support.executors import Executor, single_threaded, tree_reduced
 from consistent_id._support.progress import counted, stages
 from consistent_id.errors import NotExcitedError, ProblemError, RecordingError
-from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.constrained import (
+    constrained_least_squares,
+)
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.judgement import judge
 from consistent_id.estimation.method import Method
@@ -211,7 +213,7 @@ def _compressed_whole(model: TorqueModel, log: WholeLog) -> Compressed:
 
 
 @dataclass(frozen=True, eq=False)
-class _Source:
+class _StreamedLog:
     """A log, what its entry says of it, and how it is prepared."""
 
     log: RowSource
@@ -239,7 +241,7 @@ def _parts(
             yield WholeLog(replace(problem, table=table), role)
         else:
             log = _rows_of(problem, data, entry, spool / f"{number}.rows")
-            yield from _kept(_Source(log, entry, data.preparation), executor)
+            yield from _kept(_StreamedLog(log, entry, data.preparation), executor)
 
 
 def _rows_of(
@@ -255,7 +257,7 @@ def _rows_of(
     return LogRows(path, joints, columns, gain, tuple(entry.omit))
 
 
-def _kept(source: _Source, executor: Executor) -> Iterator[KeptRows]:
+def _kept(source: _StreamedLog, executor: Executor) -> Iterator[KeptRows]:
     """Yield what counts of a log, stretch by stretch."""
     log, entry, table = source.log, source.entry, source.table
     ends = rows_of(entry)

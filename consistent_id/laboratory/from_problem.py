@@ -25,11 +25,11 @@ from consistent_id.problems.laboratory_tables import (
     BulbTable,
     CircleTable,
     EllipseTable,
-    EllipsoidTable,
     HelixTable,
     LaboratoryTable,
     OutlineTable,
     PointsTable,
+    SpiralTable,
     TaskTable,
 )
 from consistent_id.problems.problem import Problem
@@ -73,7 +73,7 @@ def curve_of(table: TaskTable) -> Curve:
         case BulbTable():
             a, b = table.semi_axes
             return bulb((a, b), taper=table.taper, **place)
-        case EllipsoidTable():
+        case SpiralTable():
             a, b, c = table.semi_axes
             latitude = float(np.radians(table.latitude_deg))
             return ellipsoid((a, b, c), latitude=latitude, **place)

@@ -132,8 +132,14 @@ class Move:
     def evaluate(self, time: ArrayLike, derivatives: int = 2) -> Array:
         """Return position and derivatives, shape (derivatives + 1, samples, joints).
 
-        At a junction, those of the later piece.  Before the start and after the end the
-        robot rests.
+        At a junction, those of the piece that begins.  Before the start and after the
+        end the robot rests.
+
+        Parameters
+        ----------
+        time : array_like, shape (samples,), [s]
+        derivatives : int
+            Highest one.
         """
         given = checked(time, (None,), "time")
         t = np.clip(given, self.start, end_of(self.pieces[-1]))
@@ -152,7 +158,13 @@ class Move:
         return np.asarray(np.max(bounds, axis=0))
 
     def recording(self, rate: float, name: str = "move") -> Recording:
-        """Sample position, velocity and acceleration; see `paths.sampled`."""
+        """Sample position, velocity and acceleration; see `paths.sampled`.
+
+        Parameters
+        ----------
+        rate : float, [Hz]
+        name : str
+        """
         return sampled(self, rate, name)
 
 

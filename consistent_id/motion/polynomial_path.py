@@ -50,6 +50,12 @@ class PolynomialPath:
         """Return position and derivatives, shape (derivatives + 1, samples, joints).
 
         Before the start and after the end, those at the start and at the end.
+
+        Parameters
+        ----------
+        time : array_like, shape (samples,), [s]
+        derivatives : int
+            Highest one.
         """
         s = checked(time, (None,), "time") - self.start
         u = np.clip(s / self.duration, 0.0, 1.0)

@@ -65,13 +65,25 @@ class MotionState:
 
     @classmethod
     def at_rest(cls, joints: tuple[str, ...], position: ArrayLike) -> Self:
-        """Return the state of rest in a pose, shape (joints,), [rad or m]."""
+        """Return a pose, shape (joints,), [rad or m], that is not left.
+
+        Parameters
+        ----------
+        joints : sequence of str
+        position : array_like, shape (joints,), [rad or m]
+        """
         pose = frozen(position, (len(joints),), "pose")
         return cls(joints, np.vstack([pose, np.zeros((3, len(pose)))]))
 
     @classmethod
     def of(cls, path: JointPath, time: float) -> Self:
-        """Return the state that a path has at a time [s]."""
+        """Return the state that a path has at a time [s].
+
+        Parameters
+        ----------
+        path : JointPath
+        time : float, [s]
+        """
         return cls(path.joints, path.evaluate([time], derivatives=3)[:, 0])
 
 

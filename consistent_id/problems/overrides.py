@@ -21,9 +21,9 @@ from consistent_id.problems.model import robot_of
 from consistent_id.problems.paths import as_named
 from consistent_id.problems.stated_drive import stated_drive
 from consistent_id.problems.statement import Statement, declarations
-from consistent_id.problems.tables import JointTable, Table
+from consistent_id.problems.tables import FileTable, JointTable
 
-_MADE: dict[str, Callable[[], Table]] = {
+_MADE: dict[str, Callable[[], FileTable]] = {
     "columns": ColumnsTable,
     "base": BaseTable,
     "scene": SceneTable,
@@ -112,10 +112,10 @@ def _shown(table: Any, key: str) -> str:
             return "; ".join(filter(None, (_shown(member, key) for member in table)))
         part, _, key = key.partition(".")
         table = getattr(table, part, None)
-    if isinstance(table, Table):
+    if isinstance(table, FileTable):
         values = msgspec.structs.asdict(table)
         return ", ".join(f"{k} {v}" for k, v in values.items() if v)
-    if isinstance(table, list) and table and isinstance(table[0], Table):
+    if isinstance(table, list) and table and isinstance(table[0], FileTable):
         return f"{len(table)} tables"
     if table is None or table in ([], {}):
         return ""

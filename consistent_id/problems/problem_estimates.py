@@ -9,12 +9,15 @@ from consistent_id.constraints import PhysicalConsistency
 from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.base_least_squares import least_squares
-from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.constrained import (
+    constrained_least_squares,
+)
 from consistent_id.estimation.cross_validation import (
     RegularisationPath,
     cross_validated,
 )
-from consistent_id.estimation.estimate import Estimate, fitted_spans
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.fitted_to import fitted_spans
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.robust import huber
 from consistent_id.problems.problem import Problem

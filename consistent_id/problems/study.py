@@ -16,19 +16,25 @@ from consistent_id.comparison.constraint_prices import (
     constraint_costs,
     shadow_prices,
 )
-from consistent_id.comparison.parameter_uncertainty import Uncertainty, uncertainty
 from consistent_id.constraints import lowered
 from consistent_id.diagnosis import Diagnosis
-from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.constrained import (
+    constrained_least_squares,
+)
 from consistent_id.estimation.cross_validation import RegularisationPath
-from consistent_id.estimation.estimate import Estimate, fitted_spans
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import Fit, fit_of
+from consistent_id.estimation.fitted_to import fitted_spans
 from consistent_id.estimation.judgement import judge
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.recommendation import (
     MethodCandidate,
     Recommendation,
     recommend,
+)
+from consistent_id.estimation.uncertainties.parameter_uncertainty import (
+    Uncertainty,
+    uncertainty,
 )
 from consistent_id.estimation.verdict import Verdict, confirmed
 from consistent_id.problems.log_check import check_problem
@@ -185,7 +191,7 @@ class Study:
 
     def _refitted(self, report: EstimateReport) -> Estimate:
         """Return a constrained estimate, fitted again to all data."""
-        judged = report.judged
+        judged = report.with_verdict
         if not self.validation:
             return judged
         crossed = judged.method == Method.CROSS_VALIDATED
@@ -199,8 +205,8 @@ class Study:
         """Whether the recommended estimate may be used, and why."""
         return self.recommended.verdict
 
-    def judged(self, estimate: Estimate) -> Verdict:
-        """Return the verdict on an estimate, from all evidence of the study.
+    def verdict_on(self, estimate: Estimate) -> Verdict:
+        """Return the verdict on an estimate, with all that the study knows.
 
         Recordings that it was fitted to are not held out.  If no others remain, its own
         verdict is used, and the evidence computed now can only make it worse: the fit,

@@ -18,11 +18,11 @@ Three = Annotated[list[float], Meta(min_length=3, max_length=3)]
 Pair = Annotated[list[float], Meta(min_length=2, max_length=2)]
 
 
-class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+class FileTable(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
     """A table of the file; a key that it does not name is an error."""
 
 
-class RelationTable(Table, frozen=True, kw_only=True):
+class RelationTable(FileTable, frozen=True, kw_only=True):
     """A linear relation of parameters by name."""
 
     terms: dict[str, float]
@@ -30,7 +30,7 @@ class RelationTable(Table, frozen=True, kw_only=True):
     upper: float | None = None
 
 
-class EqualLinksTable(Table, frozen=True, kw_only=True):
+class EqualLinksTable(FileTable, frozen=True, kw_only=True):
     """Two links that are alike, or mirror images."""
 
     first: str
@@ -38,15 +38,15 @@ class EqualLinksTable(Table, frozen=True, kw_only=True):
     mirror: Literal["x", "y", "z"] | None = None
 
 
-class EllipsoidTable(Table, frozen=True, kw_only=True):
+class EllipsoidTable(FileTable, frozen=True, kw_only=True):
     """An ellipsoid along a link frame's axes [m]."""
 
     centre: Three
     semi_axes: Three
 
 
-class ShapeTable(Table, frozen=True, kw_only=True):
-    """Region of a link's centre of mass or material: one of four shapes [m].
+class ShapeTable(FileTable, frozen=True, kw_only=True):
+    """Where a link's centre of mass or material lies: one of four shapes [m].
 
     A mesh is a file in the problem's folder, in the link's frame; its hull is used, or
     the smallest ellipsoid around it.
@@ -61,7 +61,7 @@ class ShapeTable(Table, frozen=True, kw_only=True):
     mesh_shape: Literal["hull", "ellipsoid"] = "hull"
 
 
-class ConstraintsTable(Table, frozen=True, kw_only=True):
+class ConstraintsTable(FileTable, frozen=True, kw_only=True):
     """Constraints of the constrained estimate."""
 
     margin: Annotated[float, Meta(ge=0.0, lt=1.0)] = 1e-6
@@ -84,7 +84,7 @@ class ConstraintsTable(Table, frozen=True, kw_only=True):
     density_on: list[ShapeTable] = []
 
 
-class PriorTable(Table, frozen=True, kw_only=True):
+class PriorTable(FileTable, frozen=True, kw_only=True):
     """The prior on parameters that are not identifiable: a slack, or a weight."""
 
     slack: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
@@ -100,7 +100,7 @@ _DriveTable: Any = msgspec.defstruct(
         (name, _POSITIVE.get(kind, kind), DEFAULTS[name])
         for name, kind in get_type_hints(DriveOptions).items()
     ],
-    bases=(Table,),
+    bases=(FileTable,),
     frozen=True,
     kw_only=True,
 )
@@ -128,7 +128,7 @@ _JointDrive: Any = msgspec.defstruct(
         )
         for name, kind in get_type_hints(DriveOptions).items()
     ],
-    bases=(Table,),
+    bases=(FileTable,),
     frozen=True,
     kw_only=True,
 )

@@ -72,7 +72,14 @@ class BaseMotion:
 
     @classmethod
     def at_rest(cls, samples: int, gravity: ArrayLike = (0.0, 0.0, -9.81)) -> Self:
-        """Return the motion of a base that stands still, its axes those of gravity."""
+        """Return the motion of a base that stands still, its axes those of gravity.
+
+        Parameters
+        ----------
+        samples : int
+        gravity : array_like, shape (3,), [m/s^2]
+            In the base frame.
+        """
         still = np.zeros((samples, 3))
         g = checked(gravity, (3,), "gravity")
         return cls(still, still, still - g, np.tile(np.eye(3), (samples, 1, 1)))

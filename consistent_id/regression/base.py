@@ -285,6 +285,14 @@ def condition_number(
 
     A triangular factor has the same singular values as the matrix it came from.
 
+    Parameters
+    ----------
+    matrix : ndarray, shape (rows, columns)
+    basis : str
+        Which columns the matrix has.
+    unit_columns : bool
+        Whether columns are divided by their norms first.
+
     Raises
     ------
     NotExcitedError

@@ -28,7 +28,7 @@ from consistent_id.repair.file_evidence import (
 )
 from consistent_id.repair.link_repair import LinkRepair, Repair, RepairOptions, Status
 from consistent_id.robot.inertia import second_moments
-from consistent_id.robot.loaders.splice import Document, Edit
+from consistent_id.robot.loaders.splice import Edit, XmlText
 from consistent_id.robot.loaders.urdf_inertial import inertia_attributes, number
 from consistent_id.robot.loaders.urdf_lint import unexpanded
 from consistent_id.robot.loaders.xml import Element
@@ -90,7 +90,7 @@ def repair_urdf(
         `masses`.
     """
     path = Path(source)
-    document = Document.read(path)
+    document = XmlText.read(path)
     options = RepairOptions(dict(masses or {}), density, thickness, dict(choices or {}))
     _check(path, document.root, options)
     known = FileEvidence.of(path, document.root)
@@ -130,7 +130,7 @@ def _check(path: Path, root: Element, options: RepairOptions) -> None:
 
 
 def repaired_link(
-    document: Document,
+    document: XmlText,
     link: Element,
     inertial: Element,
     options: RepairOptions,
@@ -269,7 +269,7 @@ def _keeps(inertia: Matrix, mass: float, options: RepairOptions) -> bool:
 
 
 def _edits(
-    document: Document, inertial: Element, stated: StatedInertial, done: Remedy
+    document: XmlText, inertial: Element, stated: StatedInertial, done: Remedy
 ) -> list[Edit]:
     edits, missing = [], []
     old = {} if stated.inertia is None else inertia_attributes(stated.inertia)

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from consistent_id._support.tables import Table
-from consistent_id.comparison.block_scatter import RecordingScatter
-from consistent_id.comparison.parameter_scatter import FEW
-from consistent_id.comparison.parameter_uncertainty import (
+from consistent_id.estimation.estimate import ERRORS, Estimate
+from consistent_id.estimation.method import Method
+from consistent_id.estimation.uncertainties.block_scatter import RecordingScatter
+from consistent_id.estimation.uncertainties.parameter_scatter import FEW
+from consistent_id.estimation.uncertainties.parameter_uncertainty import (
     ParameterUncertainty,
     Uncertainty,
 )
-from consistent_id.estimation.estimate import ERRORS, Estimate
-from consistent_id.estimation.method import Method
 from consistent_id.report.markup import (
     Html,
     folded,

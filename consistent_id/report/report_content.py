@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 from consistent_id.comparison.comparison import Comparison, EstimateReport
 from consistent_id.comparison.constraint_prices import ConstraintCost, ShadowPrice
-from consistent_id.comparison.parameter_uncertainty import Uncertainty
 from consistent_id.diagnosis import Diagnosis
 from consistent_id.estimation.cross_validation import RegularisationPath
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.method import Method
+from consistent_id.estimation.uncertainties.parameter_uncertainty import Uncertainty
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.published import PublishedReport
 from consistent_id.recordings.recording import Recording

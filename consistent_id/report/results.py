@@ -113,16 +113,16 @@ class TableRecord(msgspec.Struct, frozen=True):
         return Table(self.title, self.header, self.rows, self.notes)
 
 
-class _Finding(msgspec.Struct, frozen=True):
+class _SavedFinding(msgspec.Struct, frozen=True):
     kind: str
     severity: Literal["note", "warning", "fault"]
 
 
-class _Findings(msgspec.Struct, frozen=True):
-    findings: list[_Finding] = []
+class _SavedFindings(msgspec.Struct, frozen=True):
+    findings: list[_SavedFinding] = []
 
 
-class _Answer(msgspec.Struct, frozen=True):
+class _SavedAnswer(msgspec.Struct, frozen=True):
     verdict: Word
     method: str
     reasons: list[Reason]
@@ -363,7 +363,10 @@ def _fault(results: Results) -> str:
     for name, tables in index.tables.items():
         if any(len(row) != len(t.header) for t in tables for row in t.rows):
             return f"a table of {name} has rows that do not fit its header"
-    kinds: list[tuple[str, Any]] = [("findings", _Findings), ("answer", _Answer)]
+    kinds: list[tuple[str, Any]] = [
+        ("findings", _SavedFindings),
+        ("answer", _SavedAnswer),
+    ]
     for name, kind in kinds:
         try:
             msgspec.convert(getattr(index, name), type=kind)

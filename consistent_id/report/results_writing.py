@@ -170,7 +170,7 @@ def _estimates(study: "Study", folder: Path) -> list[Path]:
     paths = [study.delivered.save(folder / DELIVERED)]
     for report in study.comparison.reports:
         name = _file_name(report.estimate.method)
-        paths.append(report.judged.save(folder / f"{name}.json"))
+        paths.append(report.with_verdict.save(folder / f"{name}.json"))
     return paths
 
 

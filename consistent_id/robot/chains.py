@@ -102,6 +102,12 @@ def held(robot: RobotModel, positions: Mapping[str, float]) -> RobotModel:
     do not bound the whole, and are dropped.  Joints that follow one at rest are at rest
     too.
 
+    Parameters
+    ----------
+    robot : RobotModel
+    positions : mapping of str to float, [rad or m]
+        By joint.
+
     Raises
     ------
     ModelError

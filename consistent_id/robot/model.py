@@ -207,6 +207,12 @@ class FixedFrame:
 
     `rotation`, shape (3, 3), and `translation`, shape (3,) [m], place the frame in that
     of the link it is fixed to.
+
+    Parameters
+    ----------
+    name : str
+    rotation : array_like, shape (3, 3)
+    translation : array_like, shape (3,), [m]
     """
 
     name: str

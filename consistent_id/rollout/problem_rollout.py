@@ -14,7 +14,6 @@ import msgspec
 import numpy as np
 
 from consistent_id._support.tables import Table
-from consistent_id.comparison.block_scatter import BLOCKS, BlockScatter, block_scatter
 from consistent_id.comparison.speed_trend import (
     TrendAt,
     joint_speeds,
@@ -23,6 +22,11 @@ from consistent_id.comparison.speed_trend import (
 )
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.uncertainties.block_scatter import (
+    BLOCKS,
+    BlockScatter,
+    block_scatter,
+)
 from consistent_id.export.mjcf_bodies import require_mujoco
 from consistent_id.problems.loading import problem_of
 from consistent_id.problems.problem import Problem
@@ -242,9 +246,9 @@ def rollout_of(
     ridge = _ridge(problem, refine, choose)
     done = None if ridge is None else _refined(study, gains, ridge)
     if done is None:
-        estimate = study.run(costs=False).recommended.judged
+        estimate = study.run(costs=False).recommended.with_verdict
     else:
-        estimate = replace(done.estimate, judged=study.judged(done.estimate))
+        estimate = replace(done.estimate, judged=study.verdict_on(done.estimate))
     loss = None if form is None else _loss(stated, study, form)
     training = problem.logs("training")
     replays = rollout(

@@ -18,8 +18,9 @@ import numpy as np
 from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
 from consistent_id._support.executors import single_threaded, worker_threads
 from consistent_id.constraints import Constraint, lowered
+from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.estimation.best_fit import best_fit
-from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.method import Method
 from consistent_id.recordings.recording import Recording

@@ -78,7 +78,13 @@ def frequency_response(log: Recording, position: Array) -> FrequencyResponse:
 
 
 def rollout_html(rollout: Rollout, title: str) -> str:
-    """Return a rollout as one HTML file that needs nothing else."""
+    """Return a rollout as one HTML file that needs nothing else.
+
+    Parameters
+    ----------
+    rollout : Rollout
+    title : str
+    """
     sections = [
         Section("errors", "Errors", _errors(rollout)),
         *(
@@ -206,7 +212,7 @@ def rollout_section(study: Study) -> tuple[Section, ...]:
     training = problem.logs("training")
     try:
         done = rollout(
-            study.recommended.judged,
+            study.recommended.with_verdict,
             problem.logs("validation") or training,
             gains,
             against=[file for file in problem.model_files.values() if file is not None],

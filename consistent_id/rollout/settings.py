@@ -18,8 +18,11 @@ from consistent_id.errors import (
     RecordingError,
     SolverError,
 )
-from consistent_id.estimation.constrained import constrained_least_squares
-from consistent_id.estimation.estimate import Estimate, fitted_spans
+from consistent_id.estimation.constrained import (
+    constrained_least_squares,
+)
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.fitted_to import fitted_spans
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.transmission_springs import joint_springs
 from consistent_id.problems.file import JointTable

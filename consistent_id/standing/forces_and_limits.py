@@ -330,7 +330,15 @@ def standing_motion(
     path: TrunkPath,
     time: Vector,
 ) -> StandingMotion:
-    """Return the joint motion and ground forces of a trunk's path."""
+    """Return what a trunk's path asks of joints and ground.
+
+    Parameters
+    ----------
+    stance : Stance
+    limits : StandingLimits
+    path : TrunkPath
+    time : ndarray, shape (samples,), [s]
+    """
     robot = stance.robot
     trunk = path.motion(time, np.asarray(robot.gravity))
     moved = joint_motion(stance, trunk)

@@ -172,7 +172,7 @@ def joint_motion(
     return LegMotion(q, dq, ddq, off, singular)
 
 
-class _Wanted(NamedTuple):
+class _FootPath(NamedTuple):
     """How a foot moves, seen from the trunk, in the trunk's axes."""
 
     place: Matrix
@@ -181,7 +181,7 @@ class _Wanted(NamedTuple):
     acceleration: Matrix
 
 
-def _wanted(trunk: TrunkMotion, start: FrameMotion) -> _Wanted:
+def _wanted(trunk: TrunkMotion, start: FrameMotion) -> _FootPath:
     """Return how a foot that stands still in the world is seen to move."""
     base = trunk.base
     into = np.swapaxes(np.asarray(base.rotation), 1, 2)
@@ -190,7 +190,7 @@ def _wanted(trunk: TrunkMotion, start: FrameMotion) -> _Wanted:
     place = (into @ (start.position[0] - trunk.place)[..., None])[..., 0]
     speed = -v - np.cross(w, place)
     pull = -a - np.cross(dw, place) - np.cross(w, speed) + np.cross(w, v)
-    return _Wanted(
+    return _FootPath(
         place, into @ start.rotation[0], np.hstack([speed, -w]), np.hstack([pull, -dw])
     )
 
@@ -209,7 +209,9 @@ def _of_leg(
 
 
 def _errors(
-    feet: Sequence[StandingFoot], seen: Sequence[FrameMotion], wanted: Sequence[_Wanted]
+    feet: Sequence[StandingFoot],
+    seen: Sequence[FrameMotion],
+    wanted: Sequence[_FootPath],
 ) -> Matrix:
     """Return how far feet are off, shape (samples, rows)."""
     both = [

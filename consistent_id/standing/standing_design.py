@@ -247,6 +247,15 @@ def trunk_errors(
     the ground enters, without joints slower than `REST`.  The trunk is a link of the
     robot, by default the base.
 
+    Parameters
+    ----------
+    stance : Stance
+    model : TorqueModel
+    motion : StandingMotion
+    rate : float, [Hz]
+    link : str, optional
+        The trunk; by default the base.
+
     Raises
     ------
     NotExcitedError
@@ -386,7 +395,15 @@ def standing_record(design: StandingDesign) -> dict[str, Any]:
 
 
 def write_standing(design: StandingDesign, folder: Path, rate: float) -> list[Path]:
-    """Write joints' samples (CSV, ROS), figure and record; return the files."""
+    """Write joints' samples (CSV, ROS), figure and record; return the files.
+
+    Parameters
+    ----------
+    design : StandingDesign
+    folder : Path
+    rate : float, [Hz]
+        Of the samples.
+    """
     samples = design.recording(rate)
     table, message, picture, record = (folder / name for name in NAMES)
     text = json.dumps(standing_record(design), indent=1, allow_nan=False)

@@ -42,7 +42,7 @@ from consistent_id.constraints import (
     lowered,
 )
 from consistent_id.estimation.best_fit import scaled_fit
-from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
+from consistent_id.estimation.constrained_fit import DEFAULT_CONSTRAINTS
 from consistent_id.regression import joint_noise
 from consistent_id.regression.base import base_parameters
 from consistent_id.robot import Datasheet

@@ -9,7 +9,9 @@ from smooth_fit import smooth_least_squares
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.certificate import OptimumVerdict
 from consistent_id.estimation.best_fit import EXACT_FIT, best_fit
-from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
+from consistent_id.estimation.constrained_fit import (
+    DEFAULT_CONSTRAINTS,
+)
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression

@@ -32,15 +32,16 @@ from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.constraints.cones.certificate import (
     GAP_TOLERANCE,
+    Certificate,
     Optimality,
     certify,
 )
 from consistent_id.constraints.cones.least_norm import ConeSolution, LeastNorm
 from consistent_id.constraints.cones.programmes import Multipliers
 from consistent_id.estimation.best_fit import REFERENCE, ScaledFit, scaled_fit
-from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
+from consistent_id.estimation.constrained_fit import DEFAULT_CONSTRAINTS
 from consistent_id.estimation.determination import determinations, linear_errors
-from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
 from consistent_id.regression.base import (
     BaseParameters,
@@ -154,10 +155,8 @@ def smooth_least_squares(
         origins=determinations(
             model,
             regression,
-            base,
             linear_errors(base, residual_noise(regression, base), known),
             x,
-            known=known,
             elsewhere="prior",
         ),
         undetermined=open_combinations(solution, base.names),

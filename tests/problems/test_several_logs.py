@@ -108,7 +108,7 @@ def studied(urdf, first, third):
 def test_what_is_delivered_is_fitted_to_all_data_and_judged_before(arm):
     urdf, first, _, third = arm
     study = studied(urdf, first, third)
-    delivered, judged = study.delivered, study.recommended.judged
+    delivered, judged = study.delivered, study.recommended.with_verdict
     assert delivered.method == judged.method
     assert delivered.verdict == judged.verdict
     assert delivered.notes[0].startswith("fitted again")

@@ -22,7 +22,7 @@ multipliers in the dual cone, no feasible ``y'`` of a ball has less than
 
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
@@ -82,6 +82,42 @@ norm.
 
 CLARABEL = {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10}
 """Options of the solver."""
+
+
+@dataclass(frozen=True, slots=True)
+class OptimumProof:
+    """What is proven of an optimum.
+
+    Parameters
+    ----------
+    statement : str
+        What is proven, or how near it came.
+    allowed : str
+        What gaps are allowed, for a reader of a failed proof.
+    """
+
+    certified: bool
+    statement: str
+    allowed: str
+    figures: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """OptimumVerdict on an estimate, and the recomputed figures behind it.
+
+    Parameters
+    ----------
+    verdict : {"certified", "uncertified"}
+    reason : str
+        In words: what was checked, or what failed.
+    figures : dict of str to float
+        Residuals, gaps, eigenvalues, by name.
+    """
+
+    verdict: OptimumVerdict
+    reason: str
+    figures: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,9 @@ from consistent_id._support.tables import Table
 from consistent_id.constraints import NonNegativeDrive, PhysicalConsistency
 from consistent_id.errors import SolverError
 from consistent_id.estimation.base_least_squares import least_squares
-from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.constrained import (
+    constrained_least_squares,
+)
 from consistent_id.estimation.estimate import Estimate, torque_errors
 from consistent_id.excitation.accuracy import PredictedAccuracy
 from consistent_id.laboratory.closed_loop import Controller

@@ -158,7 +158,7 @@ def worst_clearance(reports: Sequence[ClearanceReport]) -> ClearanceReport:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Motion:
+class _BoundedPath:
     """A path in the robot's order of joints, with bounds of its derivatives."""
 
     path: JointPath
@@ -172,7 +172,7 @@ class _Motion:
         return np.minimum(self.velocity * half, curved)
 
 
-def _motion(scene: Scene, path: JointPath) -> _Motion:
+def _motion(scene: Scene, path: JointPath) -> _BoundedPath:
     names, own = scene.robot.joint_names, tuple(path.joints)
     if set(names) != set(own) or len(own) != len(names):
         raise ProblemError(
@@ -180,12 +180,12 @@ def _motion(scene: Scene, path: JointPath) -> _Motion:
         )
     order = [own.index(name) for name in names]
     velocity, acceleration = (path.derivative_bound(k)[order] for k in (1, 2))
-    return _Motion(path, order, velocity, acceleration)
+    return _BoundedPath(path, order, velocity, acceleration)
 
 
 @dataclass(slots=True)
-class _Search:
-    """The state of a search for the least slack: computed and proven values."""
+class _LeastSlack:
+    """The state of a search for the least slack: what was seen, what is proven."""
 
     best: float = np.inf
     distance: float = np.inf
@@ -213,7 +213,7 @@ class _Search:
 
 def _proof(scene: Scene, path: JointPath, tolerance: float) -> ClearanceReport:
     motion = _motion(scene, path)
-    search = _Search(time=path.start)
+    search = _LeastSlack(time=path.start)
     count = max(1, int(np.ceil(path.duration / _FIRST)))
     interval, which = (index.ravel() for index in np.indices((count, len(scene.pairs))))
     half = path.duration / count / 2.0
@@ -247,8 +247,8 @@ def _proof(scene: Scene, path: JointPath, tolerance: float) -> ClearanceReport:
 
 def _level(
     scene: Scene,
-    motion: _Motion,
-    search: _Search,
+    motion: _BoundedPath,
+    search: _LeastSlack,
     interval: IntArray,
     which: IntArray,
     half: float,

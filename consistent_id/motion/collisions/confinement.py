@@ -97,6 +97,11 @@ class OrientationCone:
 def within_workspaces(scene: Scene, workspaces: Iterable[Workspace]) -> Scene:
     """Return a scene in which points of the robot must stay within boxes.
 
+    Parameters
+    ----------
+    scene : Scene
+    workspaces : sequence of Workspace
+
     Raises
     ------
     ModelError
@@ -124,6 +129,11 @@ def within_workspaces(scene: Scene, workspaces: Iterable[Workspace]) -> Scene:
 
 def within_cones(scene: Scene, cones: Iterable[OrientationCone]) -> Scene:
     """Return a scene in which directions of the robot must stay within cones.
+
+    Parameters
+    ----------
+    scene : Scene
+    cones : sequence of OrientationCone
 
     Raises
     ------

@@ -36,15 +36,15 @@ ExactPath = FourierTrajectory | PolynomialPath | Move
 _Piece = FourierTrajectory | PolynomialPath
 
 
-class _Table(msgspec.Struct, forbid_unknown_fields=True, tag_field="kind"):
-    """Keys that pieces of both kinds have."""
+class _PieceRecord(msgspec.Struct, forbid_unknown_fields=True, tag_field="kind"):
+    """What pieces of both kinds have."""
 
     joints: list[str]
     duration_s: float
     start_s: float
 
 
-class _Fourier(_Table, tag="fourier"):
+class _Fourier(_PieceRecord, tag="fourier"):
     frequencies_hz: list[float]
     offset: list[float]
     sine: list[list[float]]
@@ -63,7 +63,7 @@ class _Fourier(_Table, tag="fourier"):
         )
 
 
-class _Polynomial(_Table, tag="polynomial"):
+class _Polynomial(_PieceRecord, tag="polynomial"):
     control: list[list[float]]
 
     def path(self) -> PolynomialPath:
@@ -77,7 +77,7 @@ class _Header(msgspec.Struct):
     format: str
 
 
-class _Document(msgspec.Struct, forbid_unknown_fields=True):
+class _TrajectoryRecord(msgspec.Struct, forbid_unknown_fields=True):
     format: str
     kind: Literal["fourier", "polynomial", "move"]
     pieces: list[_Fourier | _Polynomial]
@@ -98,7 +98,7 @@ def path_of_json(content: bytes, where: Path) -> ExactPath:
     """
     try:
         _check_format(msgspec.json.decode(content, type=_Header).format, where)
-        document = msgspec.json.decode(content, type=_Document)
+        document = msgspec.json.decode(content, type=_TrajectoryRecord)
     except msgspec.ValidationError as cause:
         raise ProblemError(f"{where}: {cause} ($ is the file)") from None
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as cause:
@@ -142,7 +142,7 @@ def path_of_npz(where: Path) -> ExactPath:
         "pieces": [pieces[number] for number in sorted(pieces)],
     }
     try:
-        document = msgspec.convert(record, type=_Document)
+        document = msgspec.convert(record, type=_TrajectoryRecord)
     except msgspec.ValidationError as cause:
         raise ProblemError(f"{where}: {cause} ($ is the file)") from None
     return _path(document, where)
@@ -192,7 +192,7 @@ def _piece(piece: _Piece) -> dict[str, Any]:
     return record | times
 
 
-def _path(document: _Document, where: Path) -> ExactPath:
+def _path(document: _TrajectoryRecord, where: Path) -> ExactPath:
     kinds = [piece.__struct_config__.tag for piece in document.pieces]
     of_move = document.kind == "move" and kinds.count("fourier") == 1
     if not of_move and kinds != [document.kind]:
@@ -211,7 +211,7 @@ def _rows(rows: list[list[float]], width: int) -> Matrix:
     return rows if rows else np.zeros((0, width))  # type: ignore[return-value]
 
 
-def _assembled(document: _Document) -> ExactPath:
+def _assembled(document: _TrajectoryRecord) -> ExactPath:
     paths = [piece.path() for piece in document.pieces]
     if document.kind != "move":
         return paths[0]

@@ -197,8 +197,8 @@ def _cells(path: JointPath, curvature: Vector, scale: Vector) -> int:
 
 
 @dataclass(slots=True)
-class _Search:
-    """Best values so far, and the bound of all finished stretches."""
+class _FoundExtremes:
+    """Best values so far, and the bound of all stretches that are done with."""
 
     reached: Vector
     at: Vector
@@ -234,7 +234,7 @@ def peaks(
     ends = np.array([start, start + duration])
     value = enclose(ends, 0.0, cell[[0, -1]]).value
     nothing = np.full(value.shape[1], -np.inf)
-    search = _Search(nothing, nothing, nothing)
+    search = _FoundExtremes(nothing, nothing, nothing)
     search.see(ends, value)
     alive = np.ones((cells, value.shape[1]), dtype=bool)
     while True:

@@ -109,8 +109,8 @@ JOINT_STATE = Columns("header.stamp", "position", "velocity", torque="effort")
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
-    """The data to read from a table or a file of arrays.
+class WantedChannels:
+    """What is to be taken from a table or a file of arrays.
 
     Parameters
     ----------
@@ -144,8 +144,8 @@ class Wanted:
         return [name for name in dict.fromkeys(every) if name]
 
 
-def wanted(columns: Columns, joints: Sequence[str], where: str) -> Wanted:
-    """Return the names of the patterns for the joints.
+def wanted(columns: Columns, joints: Sequence[str], where: str) -> WantedChannels:
+    """Return the names that patterns make for the joints.
 
     Raises
     ------
@@ -163,7 +163,7 @@ def wanted(columns: Columns, joints: Sequence[str], where: str) -> Wanted:
     if "torque" in single:
         named = enumerate(single["torque"])
         single["torque"] = tuple("" if i in silent else name for i, name in named)
-    return Wanted(
+    return WantedChannels(
         joints,
         columns.time,
         single,

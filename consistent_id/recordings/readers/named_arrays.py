@@ -24,7 +24,7 @@ from consistent_id._support.arrays import (
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.log_formats import log_format
 from consistent_id.recordings.readers.beside_columns import BesideColumns
-from consistent_id.recordings.readers.columns import Wanted
+from consistent_id.recordings.readers.columns import WantedChannels
 from consistent_id.recordings.readers.units import Units, factors, needs_gain
 from consistent_id.recordings.recording import LATEST, Recording, SampleError
 
@@ -42,7 +42,7 @@ _PART = re.compile(r"(?P<name>.+)\[(?P<first>\d*):(?P<end>\d*)\]")
 
 def recording_of(
     arrays: Arrays,
-    want: Wanted,
+    want: WantedChannels,
     *,
     where: str,
     name: str,
@@ -278,7 +278,7 @@ def vector_of(arrays: Arrays, name: str, where: str) -> Vector:
 
 
 def _matrix(
-    arrays: Arrays, name: str, samples: int, want: Wanted, where: str
+    arrays: Arrays, name: str, samples: int, want: WantedChannels, where: str
 ) -> Matrix:
     values = _numbers(arrays, name, where)
     if values.ndim == 1 and want.width == 1:

@@ -26,7 +26,7 @@ from consistent_id.recordings.log_formats import LOG_FORMATS, log_format
 from consistent_id.recordings.readers.columns import (
     JOINT_STATE,
     Columns,
-    Wanted,
+    WantedChannels,
     wanted,
 )
 from consistent_id.recordings.readers.jointstate import (
@@ -318,8 +318,8 @@ def reader_of(path: Path) -> Any:
     return known.reader(path)
 
 
-def wanted_of(path: Path, columns: Columns, joints: Sequence[str]) -> Wanted:
-    """Return the data to read from a file of arrays, in the units that it states.
+def wanted_of(path: Path, columns: Columns, joints: Sequence[str]) -> WantedChannels:
+    """Return what is wanted of a file of arrays, in the units that it states.
 
     Raises
     ------
@@ -365,8 +365,10 @@ def _require_room(path: Path) -> None:
         )
 
 
-def _in_stated_units(want: Wanted, said: Mapping[str, str], where: str) -> Wanted:
-    """Return the data to read, in the file's stated units if no others are given.
+def _in_stated_units(
+    want: WantedChannels, said: Mapping[str, str], where: str
+) -> WantedChannels:
+    """Return what is wanted, in the units that the file states where no one else does.
 
     Parameters
     ----------
@@ -409,7 +411,7 @@ def _in_stated_units(want: Wanted, said: Mapping[str, str], where: str) -> Wante
     return replace(want, units=units)
 
 
-def _names(want: Wanted) -> dict[str, Sequence[str]]:
+def _names(want: WantedChannels) -> dict[str, Sequence[str]]:
     arrays = {channel: (name,) for channel, name in want.arrays.items()}
     channels = {"time": (want.time,), **arrays, **want.columns}
     return {c: names for c, names in channels.items() if c in KNOWN}

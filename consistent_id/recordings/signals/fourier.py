@@ -242,6 +242,14 @@ def fourier_differentiated(
     fit's residual first: parts that do not repeat, such as the move to the start, are
     not in the series and must be cut off.
 
+    Parameters
+    ----------
+    recording : Recording
+        With position.
+    period : float, [s]
+    harmonics : int, optional
+        See `fourier_fit`.
+
     Raises
     ------
     RecordingError

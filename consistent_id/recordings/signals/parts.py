@@ -19,6 +19,12 @@ def trimmed(
     """Keep the samples with ``start <= time <= stop`` [s].
 
     Trim after filtering: a filter needs the samples before and after.
+
+    Parameters
+    ----------
+    recording : Recording
+    start, stop : float, [s]
+        On the recording's clock.
     """
     if np.isnan(start) or np.isnan(stop):
         raise RecordingError(f"{recording.name}: trimmed from {start} s to {stop} s")

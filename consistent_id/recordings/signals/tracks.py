@@ -104,6 +104,11 @@ class Track:
 def track(recording: Recording, channel: Channel) -> Track:
     """Return one channel of a recording as a track.
 
+    Parameters
+    ----------
+    recording : Recording
+    channel : {"position", "velocity", "acceleration", "torque"}
+
     Raises
     ------
     RecordingError

@@ -20,7 +20,14 @@ from consistent_id.robot.model import RobotModel
 
 
 class GivenRows(NamedTuple):
-    """What estimators take: a model, its regression and its base parameters."""
+    """What estimators take: a model, its regression and its base parameters.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    regression : Regression
+    base : BaseParameters
+    """
 
     model: TorqueModel
     regression: Regression

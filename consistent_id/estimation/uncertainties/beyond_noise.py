@@ -12,18 +12,23 @@ standard error; the shift of the least-squares parameters is their error.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from consistent_id._support.arrays import Vector
-from consistent_id.comparison.block_scatter import BLOCKS, BlockScatter, block_scatter
 from consistent_id.constraints import Constraint
 from consistent_id.errors import NotExcitedError
 from consistent_id.estimation.equalities import FreeParameters, least_squares
+from consistent_id.estimation.uncertainties.block_scatter import (
+    BLOCKS,
+    BlockScatter,
+    block_scatter,
+)
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import joint_noise
+from consistent_id.regression.residual_noise import ResidualNoise, joint_noise
 from consistent_id.regression.segments import merged
 
 
@@ -128,6 +133,24 @@ class ParameterShifts:
             f"The shifts from {self.count} changes of assumed values, each by one "
             f"standard error, are included"
         )
+
+
+class ScatterCauses(NamedTuple):
+    """What parameters scatter by: noise, and what is beyond it.
+
+    Parameters
+    ----------
+    noise : ResidualNoise
+        Of the regression; with scatter between recordings, if there are several.
+    blocks : FloatingBlocks, optional
+        What parameters differ by between blocks of the motion.
+    shifts : ParameterShifts, optional
+        What things taken for granted move.
+    """
+
+    noise: ResidualNoise
+    blocks: FloatingBlocks | None = None
+    shifts: ParameterShifts | None = None
 
 
 def parameter_shifts(

@@ -26,24 +26,25 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
-from consistent_id.comparison.beyond_noise import (
+from consistent_id.constraints.cones.sets import SemidefiniteBlock, row_spaces, svec
+from consistent_id.errors import ProblemError
+from consistent_id.estimation.best_fit import FitProblem, base_factor
+from consistent_id.estimation.constrained_fit import (
+    ConstrainedFit,
+)
+from consistent_id.estimation.uncertainties.beyond_noise import (
     FloatingBlocks,
     ParameterShifts,
+    ScatterCauses,
     floating_blocks,
     parameter_shifts,
 )
-from consistent_id.comparison.block_scatter import (
+from consistent_id.estimation.uncertainties.block_scatter import (
     RecordingScatter,
     recording_scatter,
 )
-from consistent_id.constraints import Constraint
-from consistent_id.constraints.cones.sets import SemidefiniteBlock, row_spaces, svec
-from consistent_id.errors import ProblemError
-from consistent_id.estimation.best_fit import base_factor
-from consistent_id.estimation.constrained import ConstrainedFit
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regression import Regression
-from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import ResidualNoise
 from consistent_id.regression.segments import lengthened, merged
 
@@ -88,6 +89,11 @@ class ParameterScatter(NamedTuple):
     blocks: FloatingBlocks | None = None
     shifts: ParameterShifts | None = None
 
+    @property
+    def causes(self) -> ScatterCauses:
+        """Noise and what is beyond it, for intervals."""
+        return ScatterCauses(self.noise, self.blocks, self.shifts)
+
     def with_blocks(self, blocks: FloatingBlocks | None) -> "ParameterScatter":
         """Add the scatter between blocks of one recording."""
         if blocks is None:
@@ -106,23 +112,60 @@ class ParameterScatter(NamedTuple):
         )
 
 
+class Segments(NamedTuple):
+    """The data in segments, and the recording that each is from.
+
+    Parameters
+    ----------
+    regressions : sequence of Regression
+        In the order of time.
+    sources : sequence of int
+        The recording of each.
+    """
+
+    regressions: Sequence[Regression]
+    sources: Sequence[int]
+
+    @property
+    def by_source(self) -> list[Regression]:
+        """The regression of each recording."""
+        pairs = list(zip(self.regressions, self.sources, strict=True))
+        return [
+            merged([s for s, k in pairs if k == source])
+            for source in dict.fromkeys(self.sources)
+        ]
+
+    def long_enough(self, noise: ResidualNoise) -> "Segments":
+        """Join segments until they are long, if two or more are left."""
+        joined = lengthened(self.regressions, self.sources, LONG * noise.length)
+        return Segments(*joined) if len(joined[0]) > 1 else self
+
+
 def parameter_scatter(
-    model: TorqueModel,
+    problem: FitProblem,
     fitted: ConstrainedFit,
-    segments: Sequence[Regression],
-    sources: Sequence[int],
-    constraints: Sequence[Constraint],
-    base: BaseParameters,
+    segments: Segments,
     noise: ResidualNoise,
     variants: Sequence[Regression],
 ) -> ParameterScatter:
-    """Return the scatter of parameters; arguments as for `uncertainty`.
+    """Say how parameters scatter.
 
-    The fit is to all data; short segments are joined; see `long_enough`.
+    Parameters
+    ----------
+    problem : FitProblem
+        Of all segments together.
+    fitted : ConstrainedFit
+        Its solution.
+    segments : Segments
+        Joined where they are short.
+    noise : ResidualNoise
+        Of all segments together.
+    variants : sequence of Regression
+        See `uncertainty`.
     """
-    whole, parts = merged(segments), _by_source(segments, sources)
-    long, of_long = long_enough(segments, sources, noise)
-    scores = _scores(fitted, long, of_long, whole, base, noise)
+    model, whole, base = problem.model, problem.regression, problem.base
+    parts, long = segments.by_source, segments.long_enough(noise)
+    scores = _scores(fitted, long, whole, base, noise)
     variance = np.diag(covariance(fitted, scores.rows))
     between = np.full(len(variance), np.nan)
     recordings = recording_scatter(parts, base)
@@ -134,8 +177,11 @@ def parameter_scatter(
         variance, between, noise, scores.sentence, scores.quantile, recordings
     )
     if recordings is None and model.robot.floating:
-        found = found.with_blocks(floating_blocks(model, long, constraints, base))
-    return found.with_shifts(parameter_shifts(model, whole, variants, constraints))
+        found = found.with_blocks(
+            floating_blocks(model, long.regressions, problem.constraints, base)
+        )
+    shifts = parameter_shifts(model, whole, variants, problem.constraints)
+    return found.with_shifts(shifts)
 
 
 def _moved(
@@ -154,24 +200,6 @@ def root(variance: Vector) -> Vector:
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
-def _by_source(
-    segments: Sequence[Regression], sources: Sequence[int]
-) -> list[Regression]:
-    """Return the regression of each recording."""
-    return [
-        merged([s for s, k in zip(segments, sources, strict=True) if k == source])
-        for source in dict.fromkeys(sources)
-    ]
-
-
-def long_enough(
-    segments: Sequence[Regression], sources: Sequence[int], noise: ResidualNoise
-) -> tuple[Sequence[Regression], Sequence[int]]:
-    """Join segments until they are long, if at least two remain."""
-    joined = lengthened(segments, sources, LONG * noise.length)
-    return joined if len(joined[0]) > 1 else (segments, sources)
-
-
 class _Scores(NamedTuple):
     """Factor of the scores' covariance, and where it comes from."""
 
@@ -182,15 +210,15 @@ class _Scores(NamedTuple):
 
 def _scores(
     fitted: ConstrainedFit,
-    segments: Sequence[Regression],
-    sources: Sequence[int],
+    segments: Segments,
     whole: Regression,
     base: BaseParameters,
     noise: ResidualNoise,
 ) -> _Scores:
-    """Use the scatter between segments if they are long, else effective samples."""
-    shortest = np.min([segment.counts for segment in segments], axis=0)
-    count = len(segments)
+    """Take the scatter between segments where they are long, else effective samples."""
+    parts, sources = segments
+    shortest = np.min([part.counts for part in parts], axis=0)
+    count = len(parts)
     alone = min(Counter(sources).values()) < 2
     if (shortest >= LONG * noise.length).all() and not alone:
         from scipy.special import stdtrit  # scipy.stats takes a second to import
@@ -201,10 +229,9 @@ def _scores(
             "; they are few, so standard errors are inaccurate" if freedom < FEW else ""
         )
         return _Scores(
-            segment_scores(fitted, segments, base, sources),
-            f"scatter is that between {count} segments, each at least {LONG:.0f} "
-            f"correlation lengths long: 95 % intervals are {t:.2f} standard errors "
-            f"either way{few}",
+            segment_scores(fitted, parts, base, sources),
+            f"scatter is that between {count} segments, each {LONG:.0f} correlation "
+            f"lengths long or longer: 95 % are {t:.2f} standard errors either way{few}",
             t,
         )
     longest = float(noise.length.max())

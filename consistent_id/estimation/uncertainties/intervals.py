@@ -21,7 +21,6 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Vector, freeze_arrays
 from consistent_id._support.executors import single_threaded, worker_threads
-from consistent_id.comparison.beyond_noise import FloatingBlocks, ParameterShifts
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.programmes import (
     Ball,
@@ -33,11 +32,14 @@ from consistent_id.constraints.cones.programmes import (
 from consistent_id.constraints.priors import misfit_increase
 from consistent_id.errors import ProblemError, SolverError
 from consistent_id.estimation.best_fit import BestFit, best_fit
-from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
+from consistent_id.estimation.constrained_fit import (
+    DEFAULT_CONSTRAINTS,
+)
+from consistent_id.estimation.uncertainties.beyond_noise import ScatterCauses
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import ResidualNoise, residual_noise
+from consistent_id.regression.residual_noise import residual_noise
 from consistent_id.robot.parameters import ParameterLayout
 
 _WORKERS = 2  # Clarabel frees the interpreter's lock
@@ -106,9 +108,7 @@ def consistent_intervals(
     level: float = 0.95,
     joint: bool = False,
     base: BaseParameters | None = None,
-    noise: ResidualNoise | None = None,
-    blocks: FloatingBlocks | None = None,
-    shifts: ParameterShifts | None = None,
+    causes: ScatterCauses | None = None,
 ) -> ConsistentIntervals:
     """Bound every standard parameter over all robots that fit and satisfy constraints.
 
@@ -125,12 +125,8 @@ def consistent_intervals(
     joint : bool
         Whether this is for all intervals together, not for each.
     base : BaseParameters, optional
-    noise : ResidualNoise, optional
-        Of the regression; with scatter between recordings, if there are several.
-    blocks : FloatingBlocks, optional
-        Scatter of parameters between blocks of the motion, which intervals include.
-    shifts : ParameterShifts, optional
-        Shifts from errors of assumed values, which intervals include.
+    causes : ScatterCauses, optional
+        What intervals contain; by default the noise of the regression alone.
 
     Raises
     ------
@@ -148,8 +144,9 @@ def consistent_intervals(
     # A misfit below a millionth of the torque counts as that: see `ScaledFit`.
     least = max(best.misfit, best.scaled.size) ** 2
     if slack is None:
-        noise = residual_noise(regression, base) if noise is None else noise
-        added = _added(noise, base, level, joint, blocks, shifts)
+        if causes is None:
+            causes = ScatterCauses(residual_noise(regression, base))
+        added = _added(causes, base, level, joint)
     else:
         added = np.full(len(model.layout), ((1.0 + slack) ** 2 - 1.0) * least)
     unit = best.scaled.unit
@@ -177,16 +174,12 @@ def consistent_intervals(
 
 
 def _added(
-    noise: ResidualNoise,
-    base: BaseParameters,
-    level: float,
-    joint: bool,
-    blocks: FloatingBlocks | None,
-    shifts: ParameterShifts | None,
+    causes: ScatterCauses, base: BaseParameters, level: float, joint: bool
 ) -> Vector:
     """Return the squared misfit that each parameter's interval allows."""
     from scipy.special import fdtri, stdtrit
 
+    noise, blocks, shifts = causes
     of_parameters = base.lift(np.eye(len(base)))
     freedom = noise.freedoms(of_parameters)
     squared = noise.squared_misfit(of_parameters)

@@ -17,19 +17,22 @@ from consistent_id import (
     build_regression,
     simulate_torque,
 )
-from consistent_id.comparison.parameter_scatter import (
+from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_norm
+from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock, smat, svec
+from consistent_id.constraints.priors import Penalty, QuadraticDistance
+from consistent_id.estimation.best_fit import FitProblem, base_factor
+from consistent_id.estimation.constrained_fit import (
+    DEFAULT_CONSTRAINTS,
+    constrained_fit,
+)
+from consistent_id.estimation.penalised import penalised_fit
+from consistent_id.estimation.uncertainties.parameter_scatter import (
     _ACTIVE,
     _response_root,
     covariance,
     segment_scores,
     white_scores,
 )
-from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_norm
-from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock, smat, svec
-from consistent_id.constraints.priors import Penalty, QuadraticDistance
-from consistent_id.estimation.best_fit import base_factor
-from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS, constrained_fit
-from consistent_id.estimation.penalised import penalised_fit
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.segments import segment_regressions
 
@@ -42,7 +45,7 @@ def prepared(seed, noise, prior, constraints=DEFAULT_CONSTRAINTS, **options):
     log = simulate_torque(model, truth, exact, noise=sigma, rng=rng)
     regression = build_regression(model, log).weighted(sigma)
     base = base_parameters(model)
-    fitted = constrained_fit(model, regression, constraints, prior, base)
+    fitted = constrained_fit(FitProblem(model, regression, constraints, base), prior)
     return SimpleNamespace(**locals())
 
 
@@ -138,7 +141,7 @@ def test_the_covariance_is_that_of_estimates_under_white_noise():
         return build_regression(model, log).weighted(sigma)
 
     fitted = constrained_fit(
-        model, drawn(sigma), DEFAULT_CONSTRAINTS, Penalty(0.1), base
+        FitProblem(model, drawn(sigma), DEFAULT_CONSTRAINTS, base), Penalty(0.1)
     )
 
     def estimate(noise):

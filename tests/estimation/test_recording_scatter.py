@@ -15,9 +15,13 @@ from consistent_id import (
     least_squares,
     simulate_torque,
 )
-from consistent_id.comparison.block_scatter import excess, recording_scatter
-from consistent_id.comparison.intervals import consistent_intervals
-from consistent_id.comparison.parameter_uncertainty import uncertainty
+from consistent_id.estimation.uncertainties.beyond_noise import ScatterCauses
+from consistent_id.estimation.uncertainties.block_scatter import (
+    excess,
+    recording_scatter,
+)
+from consistent_id.estimation.uncertainties.intervals import consistent_intervals
+from consistent_id.estimation.uncertainties.parameter_uncertainty import uncertainty
 from consistent_id.regression import base_parameters, segment_regressions
 from consistent_id.regression.residual_noise import residual_noise
 from consistent_id.regression.segments import merged, segment_sources
@@ -167,5 +171,7 @@ def test_uncertainty_has_it_in_errors_intervals_and_a_figure_of_its_own():
         mine, its = (np.ptp(q.consistent) for q in (p, alone[name]))
         assert mine > 1.5 * its
     noise = residual_noise(merged(segments), BASE)
-    same = consistent_intervals(MODEL, merged(segments), base=BASE, noise=noise)
+    same = consistent_intervals(
+        MODEL, merged(segments), base=BASE, causes=ScatterCauses(noise)
+    )
     assert same.bounds == pytest.approx(alone.intervals.bounds, rel=1e-9)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import consistent_id as ci
-from consistent_id.comparison.block_scatter import BLOCKS
-from consistent_id.comparison.parameter_uncertainty import uncertainty
+from consistent_id.estimation.uncertainties.block_scatter import BLOCKS
+from consistent_id.estimation.uncertainties.parameter_uncertainty import uncertainty
 from consistent_id.regression.segments import segment_regressions
 
 TOOL = ci.InertialParameters.from_central(1.3, [0.02, 0, 0.08], 4e-3 * np.eye(3))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import consistent_id as ci
-from consistent_id.comparison.beyond_noise import parameter_shifts
-from consistent_id.comparison.parameter_uncertainty import uncertainty
+from consistent_id.estimation.uncertainties.beyond_noise import parameter_shifts
+from consistent_id.estimation.uncertainties.parameter_uncertainty import uncertainty
 from consistent_id.regression.segments import segment_regressions
 
 SAMPLES, NOISE = 2400, 0.05

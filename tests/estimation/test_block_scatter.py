@@ -5,8 +5,8 @@ import pytest
 from robots import random_robot
 
 from consistent_id import DriveTerms, NotExcitedError, Recording, TorqueModel
-from consistent_id.comparison.block_scatter import block_scatter
 from consistent_id.constraints import FixedParameters
+from consistent_id.estimation.uncertainties.block_scatter import block_scatter
 from consistent_id.regression.regression import build_regression
 
 RATE, BLOCKS = 100.0, 24

@@ -23,27 +23,38 @@ from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.executors import Executor, single_threaded, worker_threads
 from consistent_id._support.progress import counted
 from consistent_id._support.run import note_stop
-from consistent_id.comparison.beyond_noise import FloatingBlocks, ParameterShifts
-from consistent_id.comparison.block_scatter import RecordingScatter
-from consistent_id.comparison.intervals import ConsistentIntervals, consistent_intervals
-from consistent_id.comparison.parameter_scatter import (
-    NORMAL,
-    ParameterScatter,
-    long_enough,
-    parameter_scatter,
-    root,
-)
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ConsistentIdError, ProblemError, SolverError
-from consistent_id.estimation.best_fit import base_factor
-from consistent_id.estimation.constrained import (
+from consistent_id.estimation.best_fit import FitProblem, base_factor
+from consistent_id.estimation.constrained_fit import (
     DEFAULT_CONSTRAINTS,
     ConstrainedFit,
     constrained_fit,
 )
-from consistent_id.estimation.determination import determinations, linear_errors
+from consistent_id.estimation.determination import (
+    determinations,
+    linear_errors,
+    parameter_sizes,
+    pinned,
+)
 from consistent_id.estimation.penalised import penalised_fit
+from consistent_id.estimation.uncertainties.beyond_noise import (
+    FloatingBlocks,
+    ParameterShifts,
+)
+from consistent_id.estimation.uncertainties.block_scatter import RecordingScatter
+from consistent_id.estimation.uncertainties.intervals import (
+    ConsistentIntervals,
+    consistent_intervals,
+)
+from consistent_id.estimation.uncertainties.parameter_scatter import (
+    NORMAL,
+    ParameterScatter,
+    Segments,
+    parameter_scatter,
+    root,
+)
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
@@ -239,15 +250,14 @@ def uncertainty(
     """
     base = base_parameters(model) if base is None else base
     sources = [0] * len(segments) if sources is None else list(sources)
-    whole = merged(segments)
-    fitted = constrained_fit(model, whole, constraints, prior, base)
+    parts, whole = Segments(segments, sources), merged(segments)
+    problem = FitProblem(model, whole, constraints, base)
+    fitted = constrained_fit(problem, prior)
     noise = residual_noise(whole, base)
-    scatter = parameter_scatter(
-        model, fitted, segments, sources, constraints, base, noise, variants
-    )
+    scatter = parameter_scatter(problem, fitted, parts, noise, variants)
     resampled = bootstrap(
         model,
-        long_enough(segments, sources, noise)[0],
+        parts.long_enough(noise).regressions,
         constraints=constraints,
         prior=prior,
         base=base,
@@ -261,20 +271,14 @@ def uncertainty(
         constraints=constraints,
         slack=slack,
         base=base,
-        noise=scatter.noise,
-        blocks=scatter.blocks,
-        shifts=scatter.shifts,
+        causes=scatter.causes,
     )
-    known = fitted.best.scaled.constraints.A_eq
-    verdicts = determinations(
-        model,
-        whole,
-        base,
-        linear_errors(base, scatter.noise, known),
-        fitted.parameters,
-        known=known,
-        elsewhere="prior",
-        width=intervals.width,
+    known, x = fitted.best.scaled.constraints.A_eq, fitted.parameters
+    errors = linear_errors(base, scatter.noise, known)
+    verdicts = pinned(
+        determinations(model, whole, errors, x, elsewhere="prior"),
+        intervals.width,
+        parameter_sizes(model, whole, x),
     )
     return Uncertainty(
         parameters=_stated(model, fitted, scatter, resampled, intervals, verdicts),
@@ -376,7 +380,8 @@ def bootstrap(
             f"{len(segments)} segments and {replicates} replicates, expected 2 or more"
         )
     base = base_parameters(model) if base is None else base
-    fitted = constrained_fit(model, merged(segments), constraints, prior, base)
+    problem = FitProblem(model, merged(segments), constraints, base)
+    fitted = constrained_fit(problem, prior)
     factors = [base_factor(segment, base) for segment in segments]
     scaled, weight = fitted.best.scaled, fitted.final.weight
 

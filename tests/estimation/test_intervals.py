@@ -17,9 +17,9 @@ from consistent_id import (
     least_squares,
     simulate_torque,
 )
-from consistent_id.comparison.intervals import consistent_intervals
 from consistent_id.constraints import FixedCentresOfMass, ParameterBounds, PointToSet
 from consistent_id.constraints.priors import Distance
+from consistent_id.estimation.uncertainties.intervals import consistent_intervals
 from consistent_id.regression import joint_noise
 
 SIGMA = 0.2
@@ -176,5 +176,5 @@ def test_a_slack_that_is_none_is_refused():
 def test_the_number_of_workers_does_not_matter(monkeypatch):
     model, _, regression = noisy_pendulum()
     first = consistent_intervals(model, regression).bounds
-    monkeypatch.setattr("consistent_id.comparison.intervals._WORKERS", 1)
+    monkeypatch.setattr("consistent_id.estimation.uncertainties.intervals._WORKERS", 1)
     assert np.array_equal(consistent_intervals(model, regression).bounds, first)

@@ -8,21 +8,27 @@ import pytest
 from experiments import experiment
 
 from consistent_id import InertialParameters, ProblemError, SolverError, simulate_torque
-from consistent_id.comparison import parameter_uncertainty
-from consistent_id.comparison.parameter_scatter import (
+from consistent_id.constraints.priors import Penalty
+from consistent_id.estimation.best_fit import FitProblem
+from consistent_id.estimation.constrained_fit import (
+    DEFAULT_CONSTRAINTS,
+    constrained_fit,
+)
+from consistent_id.estimation.cross_validation import cross_validated
+from consistent_id.estimation.uncertainties import parameter_uncertainty
+from consistent_id.estimation.uncertainties.parameter_scatter import (
     covariance,
     segment_scores,
     white_scores,
 )
-from consistent_id.comparison.parameter_uncertainty import bootstrap
-from consistent_id.constraints.priors import Penalty
-from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS, constrained_fit
-from consistent_id.estimation.cross_validation import cross_validated
+from consistent_id.estimation.uncertainties.parameter_uncertainty import bootstrap
 from consistent_id.regression import joint_noise
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.segments import merged, segment_regressions
 
 PRIOR = Penalty(0.1)
+
+HERE = "consistent_id.estimation.uncertainties.parameter_uncertainty"
 
 
 @lru_cache
@@ -43,7 +49,8 @@ def test_the_same_seed_gives_the_same_result_whatever_the_number_of_workers(
     first = bootstrap(model, segments, replicates=20, seed=3)
     for workers in (1, 3):
         monkeypatch.setattr(
-            "consistent_id.comparison.parameter_uncertainty._WORKERS", workers
+            f"{HERE}._WORKERS",
+            workers,
         )
         again = bootstrap(model, segments, replicates=20, seed=3)
         assert np.array_equal(again.estimates, first.estimates)
@@ -119,7 +126,7 @@ def test_its_scatter_is_the_covariance_from_segments_and_that_of_white_noise():
     model, segments, sigma = simulated(2, count=80, noise=0.02)
     found = bootstrap(model, segments, prior=PRIOR, replicates=300)
     base, whole = base_parameters(model), merged(segments)
-    fitted = constrained_fit(model, whole, DEFAULT_CONSTRAINTS, PRIOR, base)
+    fitted = constrained_fit(FitProblem(model, whole, DEFAULT_CONSTRAINTS, base), PRIOR)
     predicted = [
         np.sqrt(np.diag(covariance(fitted, scores)))
         for scores in (
@@ -147,9 +154,10 @@ def failing(monkeypatch, fails, error):
             raise error
         return solve(*args, **options)
 
-    monkeypatch.setattr("consistent_id.comparison.parameter_uncertainty._WORKERS", 1)
+    monkeypatch.setattr(f"{HERE}._WORKERS", 1)
     monkeypatch.setattr(
-        "consistent_id.comparison.parameter_uncertainty.penalised_fit", sometimes
+        f"{HERE}.penalised_fit",
+        sometimes,
     )
 
 

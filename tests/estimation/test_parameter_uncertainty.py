@@ -19,8 +19,8 @@ from consistent_id import (
     from_modified_dh,
     simulate_torque,
 )
-from consistent_id.comparison.parameter_uncertainty import uncertainty
 from consistent_id.constraints import ParameterBounds
+from consistent_id.estimation.uncertainties.parameter_uncertainty import uncertainty
 from consistent_id.regression.segments import segment_regressions
 from consistent_id.robot import Datasheet
 
