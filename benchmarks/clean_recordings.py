@@ -1,4 +1,4 @@
-"""What is said of real robots' recordings, with default models: none is faulty.
+"""Verdicts on real robots' recordings, with default models: none is faulty.
 
 ``python benchmarks/clean_recordings.py [--only ur10e ...] [--results FILE] [--write
 FILE]`` drafts a problem of each recording of ``$CONSISTENT_ID_DATASETS`` and works it
@@ -195,20 +195,20 @@ def page(answers: list[Answer], recorded: int) -> str:
         f"{', '.join(dict.fromkeys(r.partition(':')[0] for r in a.reasons)) or '-'} |"
         for a in answers
     ]
-    text = f"""# What is said of clean recordings
+    text = f"""# Verdicts on clean recordings
 
-Measured by `python benchmarks/clean_recordings.py`: recordings of real robots, each
-drafted and worked through with the model that its training part selects. Nothing is
-wrong with them. A selected model may be too simple, and then the verdict says so; but
-no finding may call a recording faulty, nor say that a model does not explain what it
-predicts. Recordings with a load (`load` in the name) are of a robot whose URDF lacks
-it: of these `load` or `masses or gain` is right.
-`python benchmarks/clean_simulations.py` looks through simulated logs of nine
-published arms in the same way. Their friction, rotors, encoders, noise and motion are
-drawn at random; exit code 1 says that one was accused.
+Measured by `python benchmarks/clean_recordings.py`: for each recording of a real
+robot, a problem is drafted and run with the model that its training part selects. The
+recordings have no faults. A selected model may be too simple, and then the verdict
+says so. But no finding may call a recording faulty, nor call a model unable to
+explain a torque that it predicts. For recordings with a load (`load` in the name),
+the load is not in the URDF, so `load` and `masses or gain` are correct findings.
+`python benchmarks/clean_simulations.py` checks simulated logs of nine published arms
+in the same way. Their friction, rotors, encoders, noise and motion are drawn at
+random. Exit code 1 means that a log was called faulty.
 
-{len(answers)} of {recorded} recordings were worked through: {counts}. Wrongly accused
-or refused: {faulty}, marked *.
+{len(answers)} of {recorded} recordings were run: {counts}. Wrongly called faulty or
+refused: {faulty}, marked *.
 
 | recording | verdict | held-out error | expected | because of |
 |---|---|---:|---:|---|

@@ -1,4 +1,4 @@
-"""What is said of clean simulated logs of published arms: none is faulty.
+"""Verdicts on clean simulated logs of published arms: none is faulty.
 
 ``python benchmarks/clean_simulations.py --seeds 0-29 [--folder FOLDER]``: a
 seed is an arm, its friction, rotors and noise, and a motion, all drawn at random.  A

@@ -17,8 +17,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from coverage_robots import SPLITS, real_robots
 
 import consistent_id as ci
-from consistent_id.comparison.intervals import consistent_intervals
 from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.uncertainties.intervals import consistent_intervals
 
 KINDS = ("white", "AR(1) 0.9", "low-passed", "outliers", "unmodelled friction")
 STATIONARY = KINDS[:3]
@@ -163,17 +163,17 @@ def simulated(replicates: int, few: int) -> tuple[list[str], list[str]]:
 def _missed(where: str, shares: dict[str, tuple[float, float]]) -> list[str]:
     """Return the targets that shares of intervals miss under stationary noise."""
     missed = [
-        f"{where}, {method}: {shares[method][0]:.1%}, asked 93 to 97 %"
+        f"{where}, {method}: {shares[method][0]:.1%}, target 93 to 97 %"
         for method in METHODS[:2]
         if abs(shares[method][0] - 0.95) > 0.02
     ]
     constrained = shares["constrained"][0]
     if constrained < 0.93:
-        missed.append(f"{where}, constrained: {constrained:.1%}, asked 93 % or more")
+        missed.append(f"{where}, constrained: {constrained:.1%}, target 93 % or more")
     return missed
 
 
-TEMPLATE = """# How often intervals hold the truth
+TEMPLATE = """# How often intervals contain the truth
 
 Measured by `python benchmarks/coverage.py --replicates {replicates} --few {few}`, in
 {seconds} CPU seconds.
@@ -181,12 +181,12 @@ Measured by `python benchmarks/coverage.py --replicates {replicates} --few {few}
 ## Simulated noise
 
 Arms of two, three and six joints move for {duration} s; noise is {level} of each
-torque. Of least squares (equal weights and by joint) and of Huber's estimate it is
-counted how many base parameters are within 1.96 standard errors of the truth; of the
-constrained fit how many bounded 95 % intervals by profile likelihood hold the true
-standard parameter. There are {replicates} data sets for least squares, and {few} for
-Huber's estimate and the constrained fit. Parameters of one set hang together: the error
-beside each figure is that of the mean over sets.
+torque. For least squares (equal weights and by joint) and for Huber's estimate, the
+figure is the share of base parameters within 1.96 standard errors of the truth. For
+the constrained fit, it is the share of bounded 95 % intervals by profile likelihood
+that contain the true standard parameter. There are {replicates} data sets for least
+squares, and {few} for Huber's estimate and the constrained fit. Parameters of one set
+are correlated, so the error of each figure is computed from the means of the sets.
 
 Targets: least squares 93 to 97 % under stationary noise (the first three kinds),
 constrained 93 % or more.
@@ -196,12 +196,12 @@ constrained 93 % or more.
 {simulated}
 
 Outliers are 1 % of samples, twenty deviations high. Unmodelled friction is a Stribeck
-peak of five deviations that the model does not have: its error is not noise, and no
-interval for noise can hold what a wrong model says.
+peak of five deviations that the model does not have: its error is not noise, and
+intervals for noise cannot cover the error of a wrong model.
 
 ## Real robots
 
-Each recording (of the TX40: each half of its only one) is fitted by weighted least
+Each recording (for the TX40, each half of its only one) is fitted by weighted least
 squares. Differences of base parameters between two recordings are divided by their
 standard errors; 95 % should be within 1.96. The column of white noise is for
 comparison. The last column counts pairs of 95 % intervals of one standard parameter
@@ -215,22 +215,22 @@ Targets: 88 % or more within 1.96; 1 % or less disjoint.
 
 ## Halves of ten recordings
 
-The UR10e's ten recordings are dealt into two halves, {splits} times. Counted are base
-parameters whose difference is within what both halves state (95 % each, combined as
-errors that are independent), without and with scatter between recordings as a
-[random effect](uncertainty.md).
+The UR10e's ten recordings are divided into two halves, {splits} times. The table
+counts the base parameters whose difference is within the combined 95 % intervals of
+both halves (errors assumed independent), without and with scatter between recordings
+as a [random effect](uncertainty.md).
 
 | scatter between recordings | differences within | disjoint |
 |---|---:|---:|
 {halved}
 
-## What is missed
+## Missed targets
 
 {missed}
 
-What differs between single recordings is mostly friction and what stands in for it: a
-recording tells of its own temperature and motion, and nothing in it says how much
-another one would differ. Only several recordings do.
+Single recordings differ mostly in friction and in parameters that compensate for it.
+A recording depends on its own temperature and motion, and does not show how much
+another one would differ. Only several recordings show this.
 """
 
 

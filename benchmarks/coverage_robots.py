@@ -9,9 +9,10 @@ import numpy as np
 from scipy import stats
 
 import consistent_id as ci
-from consistent_id.comparison.block_scatter import recording_scatter
-from consistent_id.comparison.intervals import consistent_intervals
 from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.uncertainties.beyond_noise import ScatterCauses
+from consistent_id.estimation.uncertainties.block_scatter import recording_scatter
+from consistent_id.estimation.uncertainties.intervals import consistent_intervals
 from consistent_id.regression.residual_noise import joint_noise, residual_noise
 from consistent_id.regression.segments import merged
 
@@ -61,12 +62,12 @@ class Agreement:
         """The targets that the recordings miss."""
         lines, within = [], _within(self.z)
         if within < 0.88:
-            lines.append(f"{self.robot}: {within:.1%}, asked 88 % or more")
+            lines.append(f"{self.robot}: {within:.1%}, target 88 % or more")
         if self.disjoint > 0.01 * self.pairs:
             share = self.disjoint / self.pairs
             names = ", ".join(f"{n} ({k})" for n, k in Counter(self.apart).items())
             lines.append(
-                f"{self.robot}: {share:.1%} disjoint, asked 1 % or less: {names}"
+                f"{self.robot}: {share:.1%} disjoint, target 1 % or less: {names}"
             )
         return lines
 
@@ -173,7 +174,11 @@ def halves(
             t = stats.t.ppf(0.975, noise.freedoms(np.eye(len(base))))
             variance = np.diag(noise.steps @ noise.scatter @ noise.steps.T)
             bounds = consistent_intervals(
-                model, whole, constraints=problem.constraints, base=base, noise=noise
+                model,
+                whole,
+                constraints=problem.constraints,
+                base=base,
+                causes=ScatterCauses(noise),
             ).bounds
             found.append((estimate.base_values, t * np.sqrt(variance), bounds))
         (x, dx, a), (y, dy, b) = found

@@ -167,23 +167,24 @@ def table(motions: tuple[str, ...] = tuple(MOTIONS)) -> str:
 TEXT = f"""# From position to velocity and acceleration
 
 Measured by `python benchmarks/differentiation.py`: motions given by formulas,
-{DURATION:g} s of {JOINTS} joints, read by three encoders. Errors are root-mean-square,
-velocity / acceleration, relative to the true ones, without {ENDS:.0%} of the samples at
-each end; medians over {len(SEEDS)} seeds.
+{DURATION:g} s of {JOINTS} joints, measured by three encoders. Errors are
+root-mean-square, velocity / acceleration, relative to the true ones; {ENDS:.0%} of
+the samples at each end are left out. The table shows medians over {len(SEEDS)} seeds.
 
 {{table}}
 
 \\* The best cut-off and the best window are those with the least true error, which
 cannot be known from a log; all other rows use the log alone.
 
-- Periodic motion: take the Fourier series. All periods are averaged and its derivatives
-  are exact.
-- Otherwise take the smoother. It needs no setting, and is almost as accurate as the
-  Butterworth filter with the best cut-off: equal on moves, at most a few times its
-  error on tones. Maximum likelihood chooses its noise levels, which are at least the
-  encoder's own step, and the derivative of the position that is taken for white noise.
-  With jerk alone (the common choice) accelerations are several times worse.
-- Where a filter is wanted, choose its cut-off by the torque that it predicts:
+- Periodic motion: use the Fourier series. It averages all periods, and its
+  derivatives are exact.
+- Otherwise use the smoother. It needs no setting, and is almost as accurate as the
+  Butterworth filter with the best cut-off: equally accurate on moves, with at most a
+  few times its error on tones. Maximum likelihood chooses its noise levels, which are
+  at least the encoder's own step, and the derivative of the position that is modelled
+  as white noise. If this is always the jerk (the common choice), accelerations are
+  several times worse.
+- If you want a filter, choose its cut-off by the torque that it predicts:
   `best_cutoff`.
 """
 

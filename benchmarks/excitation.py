@@ -202,56 +202,56 @@ def sections(effort: Effort, figure: Path | None) -> list[Section]:
 ABOUT_RECORDED = """\
 Same duration, number of harmonics (12), base columns and sampling (100 Hz) for all;
 periodic paths, limits as the data set's `meta.json` and the URDF's speeds. Recorded
-motions are the series fitted to what lies between two standstills, and the recorded
-samples themselves. Designs keep all limits, at all times, by proof; the recorded
-motions do not, as listed below the table."""
+motions are given as the series fitted between two standstills, and as the recorded
+samples. Designs keep all limits at all times, by proof. The recorded motions exceed
+some limits, as listed below the table."""
 ABOUT_RX60 = """\
 10 s, five harmonics, from rest to rest; 15 base columns of the first three joints.
 The paper gives no joint limits: ranges of 160, 127.5 and 134.5 degrees to both sides
-and speeds of 287, 287 and 319 degrees/s are assumptions of this page. Nor does it
-give the size of its writing: the wrist draws within 0.12 m, in 10 s."""
+and speeds of 287, 287 and 319 degrees/s are assumptions of this page. The size of its
+writing is not given either: here the wrist draws within 0.12 m, in 10 s."""
 ABOUT_EXAMPLES = """\
 10 s, five harmonics, from rest to rest, limits of the URDFs, base columns unscaled.
 Published: 121.9 for the motion of the Panda's authors, 94 to 106 for the WAM, and
-116.7 that robot_payload_id reports after 100 000 evaluations; other robots, bases,
-limits and scalings, so that these are no comparison."""
+116.7 that robot_payload_id reports after 100 000 evaluations; their robots, bases,
+limits and scalings differ, so these numbers are not comparable."""
 ABOUT_OTHERS = """\
 UR10, 10 s, five harmonics, rest to rest, 54 variables, the least condition number
-found by a time. All search in the same variables; all candidates are scaled into the
-limits and measured in the same way, at the same 100 samples. All have two processes;
-times are of the processor, in each of them, so that 15 s are 30 s in all and the rest
-of the machine's work does not count. FIGAROH, in an environment of its own, searches
-for splines that rest every 2 s, its default, in 30 variables, by finite differences;
-its limits of torque and collisions are off, as in the others, and all paths it looks
-at are judged like theirs. This is one run with two seeds; others end
-elsewhere, as in (e)."""
+found up to each time. All methods search in the same variables. All candidates are
+scaled into the limits and measured in the same way, at the same 100 samples. All
+methods have two processes. Times are processor times of each process, so 15 s are 30
+s in total, and other work of the machine does not count. FIGAROH runs in a separate
+environment. It searches for splines that rest every 2 s, its default, in 30
+variables, by finite differences. Its limits of torque and collisions are off, as in
+the other methods, and all its paths are measured like the others. This is one run
+with two seeds; other runs end with other numbers, as in (e)."""
 ABOUT_SEEDS = """\
-The condition number that a single search reaches from its random path, in the
-search's own 100 samples (UR10e: 20 s, 12 harmonics, periodic; others as above)."""
+The condition number that a single search reaches from its random path, at its own 100
+samples (UR10e: 20 s, 12 harmonics, periodic; others as above)."""
 ABOUT_TIMES = """\
-One thread; the smooth condition number with its gradient in all variables, against
-the objective alone, and that as often as forward differences need it. First the Panda
-with its last joints locked, then the UR10 with more samples, then with more harmonics
-(3, 5, 10 and 20). Each the least of many times."""
+One thread; the smooth condition number with its gradient in all variables, compared
+with the objective alone, and with the objective as often as forward differences need
+it. The rows are the Panda with its last joints locked, then the UR10 with more
+samples, then with more harmonics (3, 5, 10 and 20). Each time is the least of many."""
 ABOUT_PAYING = """\
 Weighted least squares on simulated recordings of equal length, rate and noise, 500
 draws of the noise. Standard errors of the base parameters are relative to the median
-of those of 9 random paths that use all of the limits; the torque error is that of
-predictions on a motion that none of them is. Condition numbers are of unscaled,
-unweighted base columns; designs were made for the noise."""
+over 9 random paths that use the whole limits. The torque error is that of predictions
+on another motion. Condition numbers are those of unscaled, unweighted base columns.
+Designs were made for the stated noise."""
 
 
 INTRODUCTION = """\
 # Evidence for designed trajectories
 
 Measured by `python benchmarks/excitation.py`, each section on the day that it names,
-on a machine with two processors that others used too: *busy before* counts those at
-work with something else when a timed part began. More than 0 means that less was
-reached than on an idle machine. `--only "(d)"` measures one section again.
+on a shared machine with two processors. *Busy before* is the number of processors
+that did other work when a timed part began. If it is above 0, an idle machine would
+have found better designs. `--only "(d)"` measures one section again.
 
-A condition number depends on the columns, their scaling and the samples;
-each table says which, and compares like with like. *Unit columns* are
-scaled by their size on the path itself, which hides joints that hardly move.
+A condition number depends on the columns, their scaling and the samples; each table
+states them, and compares only equal ones. *Unit columns* are scaled by their size on
+the path itself, which hides joints that hardly move.
 """
 
 

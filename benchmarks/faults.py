@@ -1,4 +1,4 @@
-"""What is said of faulty logs: of 89 kinds, on five robots that no threshold knows.
+"""Verdicts on faulty logs of 89 kinds, on five robots that no threshold was set on.
 
 ``python benchmarks/faults.py [--seeds 1 3] [--shell] [--write docs/faults.md]`` draws a
 robot and a log (`faults_robots`), puts one fault into the URDF or the log
@@ -270,7 +270,7 @@ def page(outcomes: Sequence[Outcome], seeds: Sequence[int], stride: int = 1) -> 
     chosen = f"at random, of the {planned} that are every {stride}th" if share else ""
     seen = [k for k in seeds if k in SEEN]
     lines = [
-        "# What is said of faulty logs",
+        "# Verdicts on faulty logs",
         "",
         f"Measured by `python benchmarks/faults.py --quick --seeds {numbers}{share}`:",
         f"{len(faulty)} faulty logs ({len(labels) - len(CLEAN)} of {len(CATALOGUE)} "
@@ -279,17 +279,18 @@ def page(outcomes: Sequence[Outcome], seeds: Sequence[int], stride: int = 1) -> 
         "Their torque has Stribeck and load friction, which the default model lacks.",
         "Odd seeds are for development.",
         *(f"Seed {k} was looked at before, and is not held out." for k in seen),
-        "Where something is found, the verdict is",
-        "not `use`, and no estimate was made (no error is shown).",
+        "If a fault is found, the verdict is not `use`, and no estimate is computed",
+        "(no error is shown).",
         "",
         f"- Silently wrong (verdict `use`, error above {WRONG:.0%} and {_TIMES:g}",
         f"  times that of the clean log): {len(quiet)} of {len(faulty)}.",
-        f"- Causes named rightly: {sum(o.right for o in named)} of {len(named)} logs",
+        f"- Causes named correctly: {sum(o.right for o in named)} of {len(named)} logs",
         "  with a named cause.",
         f"- Clean logs with a fault or a warning: {sum(bool(o.kinds) for o in whole)}",
         f"  of {len(whole)}; not `use`: {sum(o.said != 'use' for o in whole)}.",
         "",
-        "Error: median, on another motion of the robot as it is, over the torque.",
+        "The error is the median torque error on another motion of the true robot,",
+        "divided by the torque.",
         "",
         "| fault | use | with care | do not use | refused | error | named rightly "
         "| silently wrong |",

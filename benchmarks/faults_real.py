@@ -1,4 +1,4 @@
-"""What is said of recordings of four real arms that were spoilt as users spoil logs.
+"""Verdicts on recordings of four real arms that were spoilt as users spoil logs.
 
 ``python benchmarks/faults_real.py [--only ur10e/payload ...] [--results FILE] [--write
 FILE]`` takes one recording of each arm of ``$CONSISTENT_ID_DATASETS``, spoils it or the
@@ -304,13 +304,14 @@ def page(outcomes: dict[str, Outcome]) -> str:
     counts = ", ".join(f"{answers.count(a)} {a}" for a in dict.fromkeys(answers))
     spoilt = len(RECORDINGS) * (len(SPOILS) - 1)
     lines = [
-        "# What is said of spoilt recordings",
+        "# Verdicts on spoilt recordings",
         "",
         "Measured by `python benchmarks/faults_real.py --quick`: a recording of each",
-        "arm, spoilt as users spoil logs, drafted and worked through. The error is of",
-        "predicting another recording, which is whole. An estimate is called well if",
-        f"it is wrong by no more than {TIMES:g} times as much as from the whole log.",
-        "Where a fault is found, no estimate is made (no error is shown).",
+        "arm gets a typical fault, a problem is drafted from it, and the problem is",
+        "run. The error is that of predicting another recording, which has no fault.",
+        f"An estimate is called `estimated well` if its error is at most {TIMES:g}",
+        "times the error without the fault. If a fault is found, no estimate is",
+        "computed (no error is shown).",
         "",
         f"{len(answers)} of {spoilt} spoilt logs: {counts}.",
         "",

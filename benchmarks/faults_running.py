@@ -50,7 +50,8 @@ def writers() -> dict[str, Callable[[Path, int], object]]:
     """Return what writes files into a folder: one of two versions of each."""
     from consistent_id.problems.opening import Opened
     from consistent_id.report.html import write_report
-    from consistent_id.report.results import PRINTED, tables_of, write_results
+    from consistent_id.report.results import PRINTED
+    from consistent_id.report.results_writing import tables_of, write_results
 
     study = ci.run_study(ci.load_problem(ROOT / PROBLEM))
     versions = [e for e in study.estimates if e.certificate.verdict == "certified"]
@@ -71,7 +72,7 @@ def writers() -> dict[str, Callable[[Path, int], object]]:
             study.constrained
         ).save(folder / "robot"),
         "report": lambda folder, version: write_report(
-            study, folder / "report.html", seed=version
+            study, folder / "report.html", command=str(version)
         ),
         "compare": compare,
     }

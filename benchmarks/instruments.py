@@ -13,6 +13,7 @@ import argparse
 import numpy as np
 
 import consistent_id as ci
+from consistent_id.diagnosis.coverage import column_noise
 from consistent_id.laboratory import (
     Controller,
     Encoders,
@@ -22,7 +23,6 @@ from consistent_id.laboratory import (
 )
 from consistent_id.recordings.joint_paths import Sinusoid, SinusoidalMotion
 from consistent_id.recordings.signals.derivatives import noise_gain
-from consistent_id.regression.column_noise import column_noise
 
 CUTOFFS = (5.0, 10.0, 20.0, 40.0, 70.0, 100.0, 150.0)  # [Hz]
 MODERATE = 15.0  # [Hz]

@@ -121,8 +121,9 @@ def section(found: Pairs, shown: dict[str, str]) -> list[str]:
     return [
         "## ur10e, all pairs",
         "",
-        f"Each of {len(found.names)} recordings of full motion predicts each other:",
-        f"{pairs} pairs. Standstill is cut off at both ends. Settings are those of the",
+        f"Each of {len(found.names)} recordings of full motion is used to predict each",
+        f"other one: {pairs} pairs. Standstill is cut off at both ends. Settings are",
+        "those of the",
         "problem file: velocity scale and friction under load were chosen on the",
         "recording of 30 s; cut-offs and drive gains come with the recordings.",
         "",

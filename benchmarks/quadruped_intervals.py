@@ -20,9 +20,9 @@ from standing_robots import ROBOTS, StandingRobot
 from standing_simulation import RobotFellError, prepared, simulated
 
 import consistent_id as ci
-from consistent_id.comparison.parameter_scatter import NORMAL
-from consistent_id.comparison.parameter_uncertainty import uncertainty
 from consistent_id.constraints import Constraint
+from consistent_id.estimation.uncertainties.parameter_scatter import NORMAL
+from consistent_id.estimation.uncertainties.parameter_uncertainty import uncertainty
 from consistent_id.regression.segments import segment_regressions
 
 

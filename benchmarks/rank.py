@@ -14,7 +14,7 @@ import numpy as np
 import consistent_id as ci
 from consistent_id.export.urdf_export import rpy_of
 from consistent_id.regression.base import column_kinds
-from consistent_id.regression.independent_columns import (
+from consistent_id.regression.linear import (
     STRUCTURAL_TOLERANCE,
     independent_columns,
     split_at_gap,

@@ -22,7 +22,11 @@ from consistent_id.constraints.cones.programmes import Multipliers
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.constraints.links import link_conditions
 from consistent_id.constraints.priors import nominal_distance
-from consistent_id.estimation.constrained import ConstrainedFit, constrained_fit
+from consistent_id.estimation.best_fit import FitProblem
+from consistent_id.estimation.constrained_fit import (
+    ConstrainedFit,
+    constrained_fit,
+)
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from robots import random_body, random_robot
@@ -159,7 +163,9 @@ def mistakes(
     scaled = estimate.parameters / np.maximum(abs(estimate.parameters), 1.0)
     if linear.violation(scaled) > 1e-6:
         found.append("a row is violated")
-    fitted = constrained_fit(model, regression, problem.constraints, None, base)
+    fitted = constrained_fit(
+        FitProblem(model, regression, problem.constraints, base), None
+    )
     fit = fitted.best
     mine = fit.optimality.objective
     truth = problem.truth / fit.scaled.unit
@@ -230,12 +236,13 @@ def page(results: list[Result]) -> str:
         "robots of 2 to 9 joints, serial and branched, turning and sliding, with",
         "friction; masses fixed or free; 60 to 2000 samples; amplitudes of 1e-4 to 1;",
         "some joints at rest; noise of 1e-4 to 1 N m. In every twentieth problem the",
-        "datasheet asks for a negative moment of inertia: the right answer is that no",
-        "robot exists. An answer is wrong if it says so and there is one, if a",
-        "certified estimate breaks a constraint or has an inconsistent link, or if",
-        "the true parameters, or a second formulation or solver, fit better by more",
-        "than the stated gap, in either stage. Proofs reach ten times as far from the",
-        "nominal robot as the estimate is; a better point beyond is counted by itself.",
+        "datasheet requires a negative moment of inertia; the right answer is then",
+        "that no robot exists. An answer is wrong in three cases: it says that no",
+        "robot exists although one does; a certified estimate violates a constraint",
+        "or has an inconsistent link; or the true parameters, or the result of a",
+        "second formulation or solver, fit better by more than the stated gap, in",
+        "either stage. Proofs are valid up to ten times the distance of the estimate",
+        "from the nominal robot; better points beyond are counted separately.",
         "",
         "| condition number (unit columns) | problems | "
         + " | ".join((*verdicts[:-1], "no robot exists"))
@@ -256,8 +263,8 @@ def page(results: list[Result]) -> str:
         least = min(r.condition for r in open_ended)
         most = max(r.gap for r in open_ended)
         lines += [
-            f"The uncertified ones have condition numbers of {least:.0e} and more, and",
-            f"gaps of up to {most:.0e}.",
+            f"Uncertified estimates have condition numbers of {least:.0e} and",
+            f"more, and gaps of up to {most:.0e}.",
         ]
     return "\n".join(lines) + "\n"
 

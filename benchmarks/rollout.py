@@ -26,8 +26,12 @@ import msgspec
 import numpy as np
 
 import consistent_id as ci
-from consistent_id.comparison.block_scatter import BLOCKS, BlockScatter, block_scatter
 from consistent_id.comparison.speed_trend import joint_speeds, speed_of, speed_trend
+from consistent_id.estimation.uncertainties.block_scatter import (
+    BLOCKS,
+    BlockScatter,
+    block_scatter,
+)
 from consistent_id.problems.loading import problem_of
 from consistent_id.regression.segments import merged, segments_of
 from consistent_id.rollout import rollout

@@ -163,9 +163,9 @@ _SIMULATED_INTRO = (
     "error is that of the true torque of another motion:"
 )
 _BARE_INTRO = (
-    "`identify robot.urdf log`, told column names, gains and which joints have torque "
-    "or stand still. The last part of the one log of `staubli_tx40`, which none of the "
-    "two learnt from, is the judge there:"
+    "`identify robot.urdf log`, with stated column names, gains, joints with torque "
+    "and joints that stand still. For `staubli_tx40`, the error is that on the last "
+    "part of its one log, which neither model was trained on:"
 )
 
 

@@ -39,7 +39,7 @@ def bare(name: str) -> list[str]:
     except ci.ConsistentIdError as cause:
         return [name, "", "", f"refused: {cause}", ""]
     judges = unseen(hand.validation, draft)
-    estimates = (recommended(Study(hand)), study.recommended.judged)
+    estimates = (recommended(Study(hand)), study.recommended.with_verdict)
     errors = [_errors(estimate, judges) for estimate in estimates]
     kinds = ", ".join(dict.fromkeys(reason.kind for reason in verdict.grounds))
     selection = draft.selection

@@ -24,7 +24,9 @@ from consistent_id.constraints.cones import certificate
 from consistent_id.constraints.cones.least_norm import solve_least_norm
 from consistent_id.estimation import best_fit
 from consistent_id.estimation.best_fit import REFERENCE
-from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
+from consistent_id.estimation.constrained_fit import (
+    DEFAULT_CONSTRAINTS,
+)
 from consistent_id.regression.segments import merged
 
 DRIVE = ci.DriveTerms(viscous=True, coulomb="sign", offset=True, rotor_inertia=True)

@@ -5,7 +5,7 @@ arrow is a function, each noun a frozen value.
 
 Public names are those of ``__init__.pyi`` and of submodules such as
 `consistent_id.signals` or `consistent_id.constraints`; what a name stands for is
-imported when it is first asked for.
+imported when it is first used.
 """
 
 __version__ = "0.1.0"

@@ -18,7 +18,6 @@ from consistent_id import signals as signals
 from consistent_id import standing as standing
 from consistent_id._support.run import large_files
 from consistent_id.comparison.comparison import Comparison, compare
-from consistent_id.comparison.parameter_uncertainty import Uncertainty, uncertainty
 from consistent_id.constraints import (
     FixedMasses,
     MassBounds,
@@ -38,9 +37,15 @@ from consistent_id.errors import (
     SolverError,
 )
 from consistent_id.estimation.base_least_squares import least_squares
-from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.constrained import (
+    constrained_least_squares,
+)
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.robust import huber
+from consistent_id.estimation.uncertainties.parameter_uncertainty import (
+    Uncertainty,
+    uncertainty,
+)
 from consistent_id.estimation.verdict import Verdict
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.design import design_trajectory

@@ -70,11 +70,11 @@ class PathError(ProblemError):
 
 
 class NotExcitedError(ConsistentIdError):
-    """The motion carries no information on what is asked for."""
+    """The motion carries no information on the required parameters."""
 
 
 class InfeasibleError(ConsistentIdError):
-    """No parameters satisfy the constraints that were asked for."""
+    """No parameters satisfy the stated constraints."""
 
 
 class SolverError(ConsistentIdError):

@@ -183,3 +183,13 @@ def test_files_that_the_page_of_the_rooms_names_exist():
     roots = (PACKAGE, DOCS.parent)
     assert len(named) > 9
     assert not [n for n in named if not any((root / n).exists() for root in roots)]
+
+
+def test_a_class_name_means_one_thing():
+    places: dict[str, list[str]] = {}
+    for path, tree in _modules().items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ClassDef):
+                places.setdefault(node.name.lstrip("_"), []).append(str(path))
+    assert len(places) > 300
+    assert not {name: where for name, where in places.items() if len(where) > 1}

@@ -1,5 +1,6 @@
 """README's and the pages' Python runs as it stands; .ci/run runs README's commands."""
 
+import importlib
 import re
 from operator import attrgetter
 from pathlib import Path
@@ -98,6 +99,27 @@ def test_every_public_name_is_documented_once():
         if module.removeprefix("consistent_id.") in STUBS:
             public = set(homes(module)) - set(consistent_id.__all__)
             assert set(names) == public, module
+
+
+def in_code(text):
+    """Words of a page that stand in code: fenced, indented or between backticks."""
+    fences = re.findall(r"^```.*?^```", text, re.DOTALL | re.MULTILINE)
+    rest = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+    indented = re.findall(r"^    .*$", rest, re.MULTILINE)
+    inline = [code for part in rest.split("\n\n") for code in part.split("`")[1::2]]
+    code = "\n".join([*fences, *indented, *inline])
+    return set(re.findall(r"\w+", code))
+
+
+def test_every_public_name_stands_in_a_page_that_uses_it():
+    """Pages of the reference list all names; a reader meets them in others."""
+    texts = [text for name, text in TEXTS.items() if not name.startswith("api/")]
+    used = set().union(*map(in_code, [README, *texts]))
+    owners = ["consistent_id", *(f"consistent_id.{room}" for room in ROOMS)]
+    owners += [f"consistent_id.laboratory.{p}" for p in ("rehearsal", "reproduction")]
+    names = {name for o in owners for name in importlib.import_module(o).__all__}
+    assert len(names) > 300
+    assert sorted(names - used) == []
 
 
 def test_every_key_that_is_cited_is_in_the_references():

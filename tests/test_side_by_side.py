@@ -113,7 +113,8 @@ def test_an_interrupt_keeps_the_replicates_so_far(where, monkeypatch):
         yield count
 
     monkeypatch.setattr(
-        "consistent_id.comparison.parameter_uncertainty.counted", impatient
+        "consistent_id.estimation.uncertainties.parameter_uncertainty.counted",
+        impatient,
     )
     with running(Run(executor=where)) as run:
         some = bootstrap(model, segments, replicates=24, seed=3)

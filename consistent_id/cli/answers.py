@@ -60,24 +60,37 @@ def tables_answer(
 AnswerTo = Callable[[argparse.Namespace], Answer]
 
 
-def answered(options: argparse.Namespace, answer_to: AnswerTo) -> int:
+def answered(
+    options: argparse.Namespace,
+    answer_to: AnswerTo,
+    *,
+    opens: bool = False,
+    file: bool = False,
+) -> int:
     """Answer for every problem that ``options.problem`` stands for.
 
     Parameters
     ----------
     answer_to : callable
         From the options, ``problem`` being one file, to an `Answer`.
+    opens : bool
+        Whether it opens folders of results: ``problem`` is then the folder of a file
+        that has some.
+    file : bool
+        Whether ``--output`` names a file, not a folder.
 
     Returns
     -------
     int
         The highest exit code.
     """
-    from consistent_id.problems.folder import problem_files
+    from consistent_id.problems.folder import problem_files, results_or_file
 
     files = problem_files(options.problem)
+    if opens and options.problem.is_dir():
+        files = tuple(map(results_or_file, files))
     if len(files) > 1:
-        return _each(options, files, answer_to)
+        return _each(options, files, answer_to, file=file)
     return show(options, answer_to(_of(options, files[0])))
 
 
@@ -158,18 +171,24 @@ def shows_progress(options: argparse.Namespace) -> bool:
 
 
 def _each(
-    options: argparse.Namespace, files: Sequence[Path], answer_to: AnswerTo
+    options: argparse.Namespace,
+    files: Sequence[Path],
+    answer_to: AnswerTo,
+    *,
+    file: bool,
 ) -> int:
     """Work through several problems; one that fails does not stop the others."""
     from consistent_id.problems.file import read_problem_table
     from consistent_id.problems.several import require_distinct
 
     codes, records, names = [], {}, []
-    for file in files:
+    for source in files:
         try:
-            names.append(read_problem_table(file).name)
+            # Results of one problem may be several: their folders tell them apart.
+            own = source.name if source.is_dir() else read_problem_table(source).name
+            names.append(own)
             require_distinct(names)
-            answer = answer_to(_of(options, file, names[-1]))
+            answer = answer_to(_of(options, source, names[-1], file=file))
             if not options.json:
                 print_text(options, f"=== {names[-1]}\n\n{_shown(options, answer)}")
             _write(options, answer)
@@ -186,15 +205,23 @@ def _each(
 
 
 def _of(
-    options: argparse.Namespace, file: Path, name: str | None = None
+    options: argparse.Namespace,
+    problem: Path,
+    name: str | None = None,
+    *,
+    file: bool = False,
 ) -> argparse.Namespace:
     """Return the options for one problem; of several, each has its own files."""
-    chosen = argparse.Namespace(**{**vars(options), "problem": file})
-    if name is not None and getattr(options, "output", None) is not None:
-        chosen.output = options.output / name
-    if name is not None and getattr(options, "report", None) is not None:
-        file = options.report
-        chosen.report = file.with_name(f"{file.stem}-{name}{file.suffix}")
+    chosen = argparse.Namespace(**{**vars(options), "problem": problem})
+    for option in ("output", "report") if name is not None else ():
+        path: Path | None = getattr(options, option, None)
+        if path is None:
+            continue
+        if option == "report" or file:
+            path = path.with_name(f"{path.stem}-{name}{path.suffix}")
+        else:
+            path /= str(name)
+        setattr(chosen, option, path)
     return chosen
 
 

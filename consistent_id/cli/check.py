@@ -2,7 +2,6 @@
 
 import argparse
 from dataclasses import replace
-from typing import Any
 
 from consistent_id.cli.answers import Answer, shows_progress
 from consistent_id.cli.options import ACCEPT, TIME_LIMIT, add_command
@@ -20,12 +19,10 @@ consistent-id check robot.urdf log.csv --position q_{joint} --torque tau_{joint}
 """
 
 
-def add_check(commands: Any) -> None:
-    """Add the command to a parser's commands."""
+def add_check(command: argparse.ArgumentParser) -> None:
+    """Give the command its options."""
     add_command(
-        commands,
-        "check",
-        "look for what is wrong with a log",
+        command,
         run_check,
         *SOURCE,
         ACCEPT,

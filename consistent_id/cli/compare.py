@@ -3,7 +3,6 @@
 import argparse
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from consistent_id.cli.answers import Answer, show, tables_answer
 from consistent_id.cli.options import (
@@ -31,12 +30,10 @@ consistent-id compare results/monday results/tuesday
 """
 
 
-def add_compare(commands: Any) -> None:
-    """Add the command to a parser's commands."""
+def add_compare(command: argparse.ArgumentParser) -> None:
+    """Give the command its options."""
     add_command(
-        commands,
-        "compare",
-        "compare least squares with constrained estimates",
+        command,
         run_compare,
         *SOURCE,
         *RESULTS,
@@ -83,7 +80,7 @@ def _side_by_side(options: argparse.Namespace, folders: list[Path]) -> Answer:
 def _compare(options: argparse.Namespace) -> Answer:
     from consistent_id.cli.source import Computed
     from consistent_id.problems.folder import is_results
-    from consistent_id.report.results import require_place
+    from consistent_id.report.results_writing import require_place
 
     own = options.problem if is_results(options.problem) else None
 

@@ -19,12 +19,10 @@ consistent-id completion bash > ~/.local/share/bash-completion/completions/consi
 """
 
 
-def add_completion(commands: Any) -> None:
-    """Add the command to a parser's commands."""
+def add_completion(command: argparse.ArgumentParser) -> None:
+    """Give the command its options."""
     add_command(
-        commands,
-        "completion",
-        "print a script for tab completion",
+        command,
         run_completion,
         Option("shell", "that the script is for", choices=("bash", "zsh", "fish")),
         more=_MORE,

@@ -2,7 +2,6 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from consistent_id.cli.answers import Answer, show, shows_progress
 from consistent_id.cli.options import (
@@ -24,12 +23,10 @@ consistent-id compress problem.toml --output regression.json --executor processe
 """
 
 
-def add_compress(commands: Any) -> None:
-    """Add the command to a parser's commands."""
+def add_compress(command: argparse.ArgumentParser) -> None:
+    """Give the command its options."""
     add_command(
-        commands,
-        "compress",
-        "compress recordings of any size into a regression",
+        command,
         run_compress,
         ONE_PROBLEM,
         Option("--output FILE", "file to write", required=True),

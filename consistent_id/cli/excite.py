@@ -198,12 +198,10 @@ STANDING = Group(
 )
 
 
-def add_excite(commands: Any) -> None:
-    """Add the command to a parser's commands."""
+def add_excite(command: argparse.ArgumentParser) -> None:
+    """Give the command its options."""
     add_command(
-        commands,
-        "excite",
-        "design an exciting trajectory within the robot's limits",
+        command,
         run_excite,
         PROBLEM,
         *ROBOT,

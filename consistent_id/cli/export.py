@@ -29,12 +29,10 @@ consistent-id export problems/rx60 --format json --output rx60.json --dry-run
 """
 
 
-def add_export(commands: Any) -> None:
-    """Add the command to a parser's commands."""
+def add_export(command: argparse.ArgumentParser) -> None:
+    """Give the command its options."""
     add_command(
-        commands,
-        "export",
-        "write the estimate that identify delivers for other programs",
+        command,
         run_export,
         *SOURCE,
         Option(
@@ -43,7 +41,11 @@ def add_export(commands: Any) -> None:
             choices=[known.name for known in EXPORT_FORMATS],
             required=True,
         ),
-        Option("--output FILE", "file to write", required=True),
+        Option(
+            "--output FILE",
+            "file to write; of several problems FILE-NAME",
+            required=True,
+        ),
         Option(
             "--estimate FILE",
             "an estimate that identify --output wrote (default: the one that identify "
@@ -67,7 +69,7 @@ def add_export(commands: Any) -> None:
 
 def run_export(options: argparse.Namespace) -> int:
     """Export an estimate; return the exit code."""
-    return each(options, _export)
+    return each(options, _export, file=True)
 
 
 @dataclass(frozen=True)
@@ -157,7 +159,7 @@ def _chosen(options: argparse.Namespace) -> _Chosen:
         estimate, verdict, answer = study.delivered, study.verdict, study.answer()
     else:
         estimate = Estimate.load(options.estimate, problem.model, study.base)
-        verdict = study.judged(estimate)
+        verdict = study.verdict_on(estimate)
         answer = study.answer(verdict)
         stated = (*stated, *_as_stated(study, estimate, verdict))
     # What is behind a wrench sensor is in no file of the arm's.

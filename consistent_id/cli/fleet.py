@@ -3,7 +3,6 @@
 import argparse
 import glob
 from pathlib import Path
-from typing import Any
 
 from consistent_id.cli.answers import show, shows_progress, tables_answer
 from consistent_id.cli.options import EXECUTOR, OUTPUT, TIME_LIMIT, Option, add_command
@@ -23,12 +22,10 @@ consistent-id fleet 'logs/*/problem.toml' --executor dask:tcp://10.0.0.5:8786
 _MARK = "<!-- consistent-id: tables of a fleet -->"
 
 
-def add_fleet(commands: Any) -> None:
-    """Add the command to a parser's commands."""
+def add_fleet(command: argparse.ArgumentParser) -> None:
+    """Give the command its options."""
     add_command(
-        commands,
-        "fleet",
-        "identify robots of one type together, and name outliers",
+        command,
         run_fleet,
         Option(
             "problem ...",

@@ -2,7 +2,6 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from consistent_id.cli.answers import Answer, show, shows_progress, tables_answer
 from consistent_id.cli.options import (
@@ -32,12 +31,10 @@ consistent-id identify problems/ur10e --uncertainty --output results/ur10e
 """
 
 
-def add_identify(commands: Any) -> None:
-    """Add the command to a parser's commands."""
+def add_identify(command: argparse.ArgumentParser) -> None:
+    """Give the command its options."""
     add_command(
-        commands,
-        "identify",
-        "estimate parameters by every method",
+        command,
         run_identify,
         *SOURCE,
         *OUTPUT,
@@ -70,7 +67,7 @@ def run_identify(options: argparse.Namespace) -> int:
 
 def _identify(options: argparse.Namespace) -> Answer:
     from consistent_id._support.files import require_writable_file, write_atomically
-    from consistent_id.report.results import require_place
+    from consistent_id.report.results_writing import require_place
 
     def before(name: str) -> None:
         if options.dry_run:

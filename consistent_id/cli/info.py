@@ -2,7 +2,6 @@
 
 import argparse
 from dataclasses import asdict
-from typing import Any
 
 from consistent_id.cli.answers import Answer, show, tables_answer
 from consistent_id.cli.options import add_command
@@ -15,12 +14,10 @@ consistent-id info problems/ur10e/payload.toml --json
 """
 
 
-def add_info(commands: Any) -> None:
-    """Add the command to a parser's commands."""
+def add_info(command: argparse.ArgumentParser) -> None:
+    """Give the command its options."""
     add_command(
-        commands,
-        "info",
-        "show a problem's robot, datasheet and base parameters",
+        command,
         run_info,
         *SOURCE,
         *STATED,

@@ -2,7 +2,7 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from consistent_id.cli.answers import Answer, show, shows_progress
 from consistent_id.cli.options import WRITES, Option, add_command
@@ -26,12 +26,10 @@ consistent-id init robot.urdf log.csv --dry-run
 """
 
 
-def add_init(commands: Any) -> None:
-    """Add the command to a parser's commands."""
+def add_init(command: argparse.ArgumentParser) -> None:
+    """Give the command its options."""
     add_command(
-        commands,
-        "init",
-        "write a commented problem file for a robot, and a log if there is one",
+        command,
         run_init,
         Option("model", "URDF or MJCF file", Path),
         Option("log [...]", ", ".join(known.name for known in LOG_FORMATS), Path),

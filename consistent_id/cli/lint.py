@@ -2,7 +2,6 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from consistent_id.cli.answers import Answer, show, warnings_unless
 from consistent_id.cli.options import Option, add_command
@@ -18,12 +17,10 @@ consistent-id lint left.urdf right.urdf --sarif findings.sarif
 """
 
 
-def add_lint(commands: Any) -> None:
-    """Add the command to a parser's commands."""
+def add_lint(command: argparse.ArgumentParser) -> None:
+    """Give the command its options."""
     add_command(
-        commands,
-        "lint",
-        "find what is wrong or odd in a URDF or MJCF file",
+        command,
         run_lint,
         Option("files ...", "URDF or MJCF files", Path),
         Option("--strict", "warnings end with exit code 1, too"),

@@ -210,25 +210,19 @@ SEARCH_EXECUTOR = replace(
 
 
 def add_command(
-    commands: Any,
-    name: str,
-    text: str,
+    command: argparse.ArgumentParser,
     run: Run,
     *options: Option | Group,
     more: str = "",
     examples: str,
     reads: bool = True,
-) -> argparse.ArgumentParser:
-    """Add a command to a parser's commands, with what every command takes.
+) -> None:
+    """Give a command its options, and those that every command takes.
 
     Parameters
     ----------
-    commands : object
-        What ``argparse.ArgumentParser.add_subparsers`` returns; the options of others
-        than ``commands.wanted`` are left out, unless it is None.
-    name : str
-    text : str
-        One line, for the list of commands.
+    command : argparse.ArgumentParser
+        With one line of description.
     run : callable
         From the options that were given to the exit code.
     options : Option or Group
@@ -241,15 +235,8 @@ def add_command(
         Whether it reads files.
     """
     shown = "\n".join(f"  {line}" for line in examples.strip().splitlines())
-    command: argparse.ArgumentParser = commands.add_parser(
-        name,
-        help=text,
-        description=f"{text[0].upper()}{text[1:]}.\n{more}".strip(),
-        epilog=f"examples:\n{shown}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    command.description = f"{command.description}\n{more}".strip()
+    command.epilog = f"examples:\n{shown}"
     command.set_defaults(run=run)
-    if commands.wanted in (None, name):
-        for option in (PRINTED, *((STRANGERS,) if reads else ()), *options):
-            option.add_to(command)
-    return command
+    for option in (PRINTED, *((STRANGERS,) if reads else ()), *options):
+        option.add_to(command)

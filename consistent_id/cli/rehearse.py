@@ -1,7 +1,6 @@
 """``consistent-id rehearse PROBLEM | ROBOT``: its options, and what it prints."""
 
 import argparse
-from typing import Any
 
 from consistent_id.cli.answers import Answer, answered, shows_progress, tables_answer
 from consistent_id.cli.excite import (
@@ -26,12 +25,10 @@ consistent-id rehearse problems/arm --for open --parameters delivered.json
 """
 
 
-def add_rehearse(commands: Any) -> None:
-    """Add the command to a parser's commands."""
+def add_rehearse(command: argparse.ArgumentParser) -> None:
+    """Give the command its options."""
     add_command(
-        commands,
-        "rehearse",
-        "play a designed motion on simulated robots of planted parameters",
+        command,
         run_rehearse,
         PROBLEM,
         *ROBOT,

@@ -2,7 +2,6 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from consistent_id.cli.answers import Answer, show
 from consistent_id.cli.options import WRITES, Option, add_command
@@ -21,12 +20,10 @@ consistent-id repair robot.urdf --density 1000 --thickness 0.001
 """
 
 
-def add_repair(commands: Any) -> None:
-    """Add the command to a parser's commands."""
+def add_repair(command: argparse.ArgumentParser) -> None:
+    """Give the command its options."""
     add_command(
-        commands,
-        "repair",
-        "make the inertials of a URDF physically consistent, by undoing mistakes",
+        command,
         run_repair,
         Option("urdf", "the file", Path),
         Option("--output FILE", "file to write (default: NAME.repaired.urdf)"),

@@ -2,9 +2,8 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
-from consistent_id.cli.answers import Answer, show
+from consistent_id.cli.answers import Answer
 from consistent_id.cli.options import (
     ACCEPT,
     FITS_EXECUTOR,
@@ -14,7 +13,7 @@ from consistent_id.cli.options import (
     Option,
     add_command,
 )
-from consistent_id.cli.source import SOURCE, STATED, studied
+from consistent_id.cli.source import SOURCE, STATED, each, studied
 
 _MORE = """It begins with the estimate to use, and why; faults of the data, parameters
 with intervals, links, validation torque and residuals follow. The file needs no other
@@ -27,15 +26,17 @@ consistent-id report results/robot --output robot.html
 """
 
 
-def add_report(commands: Any) -> None:
-    """Add the command to a parser's commands."""
+def add_report(command: argparse.ArgumentParser) -> None:
+    """Give the command its options."""
     add_command(
-        commands,
-        "report",
-        "write everything about a problem into one HTML file",
+        command,
         run_report,
         *SOURCE,
-        Option("--output FILE", "file to write (default: results/NAME/report.html)"),
+        Option(
+            "--output FILE",
+            "file to write (default: results/NAME/report.html); of several problems "
+            "FILE-NAME",
+        ),
         FORCE,
         SEED_OF_BOOTSTRAP,
         ACCEPT,
@@ -48,7 +49,11 @@ def add_report(commands: Any) -> None:
 
 
 def run_report(options: argparse.Namespace) -> int:
-    """Write a report; return the exit code."""
+    """Write a report, of several problems one each; return the exit code."""
+    return each(options, _report, file=True)
+
+
+def _report(options: argparse.Namespace) -> Answer:
     from consistent_id._support.files import require_writable_file, write_atomically
     from consistent_id.problems.folder import is_results
     from consistent_id.report.results import REPORT
@@ -66,4 +71,4 @@ def run_report(options: argparse.Namespace) -> int:
     text = "\n\n".join(table.text() for table in tables)
     text += f"\nwritten: {file} ({file.stat().st_size / 1000:.0f} kB)"
     record = found.answer | {"written": str(file)}
-    return show(options, Answer(0 if found.verdict.usable else 1, text, record))
+    return Answer(0 if found.verdict.usable else 1, text, record)

@@ -3,7 +3,6 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
 
 from consistent_id.cli.answers import Answer, answered, shows_progress, tables_answer
 from consistent_id.cli.options import RESULTS, Option, add_command
@@ -18,12 +17,10 @@ consistent-id reproduce problems/rx60 --quick --output results/paper
 """
 
 
-def add_reproduce(commands: Any) -> None:
-    """Add the command to a parser's commands."""
+def add_reproduce(command: argparse.ArgumentParser) -> None:
+    """Give the command its options."""
     add_command(
-        commands,
-        "reproduce",
-        "do a paper's study again: experiments, tables, explanation, verification",
+        command,
         run_reproduce,
         PROBLEM,
         Option("--quick", "fewer experiments, one set of exciting motions, one draw"),

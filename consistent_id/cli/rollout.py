@@ -2,7 +2,7 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from consistent_id.cli.answers import Answer, tables_answer
 from consistent_id.cli.options import ACCEPT, OUTPUT, TIME_LIMIT, Option, add_command
@@ -22,12 +22,10 @@ consistent-id rollout problems/unitree_z1 --choose --refine --output results/z1
 """
 
 
-def add_rollout(commands: Any) -> None:
-    """Add the command to a parser's commands."""
+def add_rollout(command: argparse.ArgumentParser) -> None:
+    """Give the command its options."""
     add_command(
-        commands,
-        "rollout",
-        "replay logged commands in MuJoCo",
+        command,
         run_rollout,
         *SOURCE,
         Option(

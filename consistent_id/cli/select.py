@@ -3,7 +3,6 @@
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from consistent_id.cli.answers import Answer, answered, shows_progress
 from consistent_id.cli.options import (
@@ -26,12 +25,10 @@ consistent-id select problem.toml --output problem.toml --force
 """
 
 
-def add_select(commands: Any) -> None:
-    """Add the command to a parser's commands."""
+def add_select(command: argparse.ArgumentParser) -> None:
+    """Give the command its options."""
     add_command(
-        commands,
-        "select",
-        "choose the model that the training data ask for",
+        command,
         run_select,
         PROBLEM,
         Option(

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from consistent_id.problems.opening import Opened
     from consistent_id.problems.statement import Statement
     from consistent_id.problems.study import Study
-    from consistent_id.report.results import Results
+    from consistent_id.report.results import Results, StudyOutcome
 
 
 _TITLES: dict[Part, tuple[str, str]] = {
@@ -109,18 +109,26 @@ def opened(options: argparse.Namespace) -> "Opened":
 def each(
     options: argparse.Namespace,
     answer_to: Callable[[argparse.Namespace], Answer],
+    *,
+    file: bool = False,
 ) -> int:
-    """Answer for the robot and logs, or for every problem, that the options name."""
+    """Answer for the robot and logs, or for every problem, that the options name.
+
+    Parameters
+    ----------
+    file : bool
+        Whether ``--output`` names a file; of several problems each has its own.
+    """
     from consistent_id.problems.folder import is_results
 
     if options.log or is_results(options.problem):
         return show(options, answer_to(options))
-    return answered(options, answer_to)
+    return answered(options, answer_to, opens=True, file=file)
 
 
 @dataclass(frozen=True)
 class Computed:
-    """A study that is computed in this run, part by part.
+    """A study that is computed in this run, part by part: a `StudyOutcome`.
 
     Parameters
     ----------
@@ -146,7 +154,7 @@ class Computed:
 
     def tables(self, name: str) -> list["Table"]:
         """Return the tables of a command: ``identify``, ``compare``, ..."""
-        from consistent_id.report.results import tables_of
+        from consistent_id.report.results_writing import tables_of
 
         if name not in self._printed:
             self._printed[name] = tables_of(name, self.opened, self.study)
@@ -175,13 +183,13 @@ class Computed:
             self.study,
             uncertainty=self.study.uncertainty,
             further=kept_sections("rollouts", rollout_section, self.study),
-            seed=self.study.seed,
             command=self.command,
         )
 
     def write(self, folder: Path) -> list[Path]:
         """Write the study to a folder."""
-        from consistent_id.report.results import PRINTED, write_results
+        from consistent_id.report.results import PRINTED
+        from consistent_id.report.results_writing import write_results
 
         tables = {name: self.tables(name) for name in PRINTED}
         return write_results(
@@ -200,7 +208,7 @@ def studied(
     before: Callable[[str], None] | None = None,
     *,
     costs: bool = False,
-) -> "Computed | Results":
+) -> "StudyOutcome":
     """Return the study that the options name; one that was written is not computed.
 
     Parameters

@@ -7,47 +7,31 @@ input, 3 solver failure or out of time, 70 a bug, 130 interrupted, 143 terminate
 import argparse
 import sys
 from collections.abc import Sequence
-from typing import Any
+from importlib import import_module
 
 from consistent_id.cli.answers import warnings_unless
-from consistent_id.cli.check import add_check
-from consistent_id.cli.compare import add_compare
-from consistent_id.cli.completion import add_completion
-from consistent_id.cli.compress import add_compress
 from consistent_id.cli.endings import run_to_its_end, within
-from consistent_id.cli.excite import add_excite
-from consistent_id.cli.export import add_export
-from consistent_id.cli.fleet import add_fleet
-from consistent_id.cli.identify import add_identify
-from consistent_id.cli.info import add_info
-from consistent_id.cli.init import add_init
-from consistent_id.cli.lint import add_lint
-from consistent_id.cli.rehearse import add_rehearse
-from consistent_id.cli.repair import add_repair
-from consistent_id.cli.report import add_report
-from consistent_id.cli.reproduce import add_reproduce
-from consistent_id.cli.rollout import add_rollout
-from consistent_id.cli.select import add_select
 
-_COMMANDS = (
-    add_init,
-    add_info,
-    add_check,
-    add_select,
-    add_excite,
-    add_rehearse,
-    add_identify,
-    add_compare,
-    add_report,
-    add_export,
-    add_lint,
-    add_repair,
-    add_reproduce,
-    add_rollout,
-    add_compress,
-    add_fleet,
-    add_completion,
-)
+# A command is a file of this folder; it is imported when its options are asked for.
+_COMMANDS = {
+    "init": "write a commented problem file for a robot, and a log if there is one",
+    "info": "show a problem's robot, datasheet and base parameters",
+    "check": "look for what is wrong with a log",
+    "select": "choose the model that the training data ask for",
+    "excite": "design an exciting trajectory within the robot's limits",
+    "rehearse": "play a designed motion on simulated robots of planted parameters",
+    "identify": "estimate parameters by every method",
+    "compare": "compare least squares with constrained estimates",
+    "report": "write everything about a problem into one HTML file",
+    "export": "write the estimate that identify delivers for other programs",
+    "lint": "find what is wrong or odd in a URDF or MJCF file",
+    "repair": "make the inertials of a URDF physically consistent, by undoing mistakes",
+    "reproduce": "repeat the study of a paper: experiments, tables, verification",
+    "rollout": "replay logged commands in MuJoCo",
+    "compress": "compress recordings of any size into a regression",
+    "fleet": "identify robots of one type together, and name outliers",
+    "completion": "print a script for tab completion",
+}
 _EPILOG = """examples:
   consistent-id identify robot.urdf log.csv --output results/robot
   consistent-id init robot.urdf log.csv
@@ -97,11 +81,15 @@ def tool_parser(wanted: str | None = None) -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=__version__)
-    commands: Any = parser.add_subparsers(
-        dest="command", required=True, metavar="COMMAND"
-    )
-    commands.wanted = wanted
-    for add in _COMMANDS:
-        add(commands)
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for name, text in _COMMANDS.items():
+        command = commands.add_parser(
+            name,
+            help=text,
+            description=f"{text[0].upper()}{text[1:]}.",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        if wanted in (None, name):
+            getattr(import_module(f"consistent_id.cli.{name}"), f"add_{name}")(command)
     parser.set_defaults(tool_parser=tool_parser)  # of which completion is made
     return parser

@@ -1,4 +1,4 @@
-"""How far to trust an estimate: held-out errors, uncertainty, shadow prices."""
+"""The reliability of estimates: held-out errors, uncertainty, shadow prices."""
 
 from consistent_id._support.face import face
 

@@ -5,9 +5,11 @@ from consistent_id.comparison.constraint_prices import (
     shadow_prices,
 )
 from consistent_id.comparison.feasibility import base_feasibility
-from consistent_id.comparison.fit_cross_check import CrossCheck, cross_check
-from consistent_id.comparison.intervals import ConsistentIntervals, consistent_intervals
-from consistent_id.comparison.parameter_uncertainty import (
+from consistent_id.estimation.uncertainties.intervals import (
+    ConsistentIntervals,
+    consistent_intervals,
+)
+from consistent_id.estimation.uncertainties.parameter_uncertainty import (
     Bootstrap,
     Uncertainty,
     bootstrap,
@@ -18,7 +20,6 @@ __all__ = [
     "Bootstrap",
     "Comparison",
     "ConsistentIntervals",
-    "CrossCheck",
     "ShadowPrice",
     "Uncertainty",
     "base_feasibility",
@@ -26,7 +27,6 @@ __all__ = [
     "compare",
     "consistent_intervals",
     "constraint_costs",
-    "cross_check",
     "shadow_prices",
     "uncertainty",
 ]

@@ -40,12 +40,12 @@ _UNCONSTRAINED = (Method.LEAST_SQUARES, Method.WEIGHTED_LEAST_SQUARES, Method.HU
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EstimateReport:
-    """What there is to say of one estimate.
+    """All evidence on one estimate.
 
     Parameters
     ----------
     links : tuple of LinkCondition
-        Physical consistency of each link of the standard parameters, as they stand.
+        Physical consistency of each link of the standard parameters.
     base_feasibility : BaseFeasibility
         Whether any consistent robot has the estimate's base parameters.
     least_mass_eigenvalue : float, [kg m^2 or kg]
@@ -53,10 +53,10 @@ class EstimateReport:
     distance_to_nominal : ndarray, shape (links,)
         Pullback distance of each link to its reference body.
     findings : tuple of LogFinding
-        What was found in the recordings.
+        Findings in the recordings.
     consistency : ConsistencyTest, optional
-        Where least squares is impossible: whether the data contradict physics, or noise
-        alone makes it so.
+        If least squares is impossible: whether the data contradict physics, or noise
+        alone explains it.
     """
 
     estimate: Estimate
@@ -71,22 +71,22 @@ class EstimateReport:
 
     @property
     def possible_links(self) -> tuple[bool, ...]:
-        """Whether each link can be consistent, whatever the other links are.
+        """Whether each link can be consistent, for any other links.
 
-        Of the base parameters: the standard parameters of least squares are only the
-        smallest of many vectors that fit alike.
+        This is a property of the base parameters: the standard parameters of least
+        squares are only the smallest of many vectors that fit equally well.
         """
         wrong = {violation.link for violation in self.base_feasibility.violations}
         return tuple(link.link not in wrong for link in self.links)
 
     @property
     def consistent_links(self) -> tuple[bool, ...]:
-        """Whether each link's pseudo-inertia is positive semidefinite, as it stands."""
+        """Whether each link's pseudo-inertia is positive semidefinite."""
         return tuple(link.consistent for link in self.links)
 
     @property
     def evidence(self) -> Evidence:
-        """What the verdict is judged by."""
+        """The evidence for the verdict."""
         own = self.estimate
         return Evidence(
             method=own.method,
@@ -106,7 +106,7 @@ class EstimateReport:
 
     @property
     def impossibility(self) -> str:
-        """Why no robot could have these parameters, and what that says of the data."""
+        """Why no robot can have these parameters; whether data contradict physics."""
         if self.base_feasibility.answer != "impossible":
             return ""
         summary, test = self.base_feasibility.summary, self.consistency
@@ -114,7 +114,7 @@ class EstimateReport:
 
     @property
     def contradiction(self) -> str:
-        """What the data say against every consistent robot; empty if nothing."""
+        """The evidence of the data against every consistent robot; empty if none."""
         return "" if self.consistency is None else self.consistency.contradiction
 
     @property
@@ -123,7 +123,7 @@ class EstimateReport:
         return judge(self.evidence)
 
     @property
-    def judged(self) -> Estimate:
+    def with_verdict(self) -> Estimate:
         """The estimate with this report's verdict, as it is shown and written."""
         return replace(self.estimate, judged=self.verdict)
 
@@ -135,7 +135,14 @@ class EstimateReport:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """Reports on several estimates of one robot, in the order given."""
+    """Reports on several estimates of one robot, in the order given.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    reports : tuple of EstimateReport
+        In the order in which the estimates were given.
+    """
 
     model: TorqueModel
     reports: tuple[EstimateReport, ...]
@@ -195,7 +202,7 @@ def verdict_table(comparison: Comparison) -> Table:
 
 
 def counted(links: Sequence[bool]) -> str:
-    """Return how many of all links something holds for.
+    """Return the number of true entries, of all links, as text.
 
     Examples
     --------
@@ -224,10 +231,10 @@ def compare(
     validation, training : sequence of Recording
         With velocity, acceleration and torque.
     findings : sequence of LogFinding
-        What is wrong with the recordings, as `diagnose` finds it; verdicts heed it.
+        Faults of the recordings, found by `diagnose`; verdicts use them.
     regression : Regression, optional
-        Of the training recordings: where least squares is impossible, these data are
-        asked if they contradict physics; see `consistency_test`.
+        Of the training recordings: if least squares is impossible, they are tested for
+        a contradiction of physics; see `consistency_test`.
     seed : int
         Of the poses at which the mass matrix is examined.
 
@@ -281,7 +288,7 @@ def compare(
 def _tested(
     reports: Sequence[EstimateReport], regression: Regression
 ) -> list[EstimateReport]:
-    """Add whether the data contradict physics, where least squares is impossible."""
+    """Add whether the data contradict physics, if least squares is impossible."""
     impossible = [
         report.estimate
         for report in reports

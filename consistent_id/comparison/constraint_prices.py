@@ -1,9 +1,9 @@
-"""What each constraint costs: its shadow price, and the fit without it.
+"""The cost of each constraint: its shadow price, and the fit without it.
 
 With ``E`` the misfit's norm over ``N`` rows and ``l`` the multiplier of ``a.x <= b``
 for ``1/2 E^2``, the root-mean-square residual ``E / sqrt(N)`` changes by
 ``-l db / (E sqrt(N))`` when ``b`` does.  A constraint without a multiplier costs
-nothing; the others are left out, one at a time, and the best fit is computed again.
+nothing.  The others are left out, one at a time, and the best fit is computed again.
 `constraint_costs` leaves out whole kinds of constraints.
 """
 
@@ -26,23 +26,23 @@ from consistent_id.regression.regressor import TorqueModel
 STEP = 0.01
 """Share of a typical mass, length or torque by which a constraint is tightened."""
 
-_FREE = 1e-6  # price, relative to the residual, that is none
+_FREE = 1e-6  # price, relative to the residual, that counts as zero
 
 
 @dataclass(frozen=True, slots=True)
 class ShadowPrice:
-    """The cost of one constraint, the others held.
+    """The cost of one constraint, with all others in force.
 
     Parameters
     ----------
     label : str
     price : float, [N m or N], or in units of the joints' `sigma`
-        Change of the root-mean-square residual if an equality's value, or what an
-        inequality or a block asks for, rose by `STEP` of what is typical.
+        Change of the root-mean-square residual if an equality's value, or the bound of
+        an inequality or a block, rises by `STEP` of the typical size.
     cost : float, same unit
-        What the residual falls by when the constraint is left out altogether.
+        Decrease of the residual if the constraint is left out.
     verdict : {"certified", "uncertified"}
-        Of the best fits behind the cost.
+        Verdict of the best fits behind the cost.
     """
 
     label: str
@@ -92,7 +92,7 @@ def shadow_prices(
                 problem, scaled.centre, reference=REFERENCE
             )
         except SolverError:
-            pass  # the cost stays unknown, and says so
+            pass  # the cost stays unknown
         else:
             cost = max(rms - unit * np.sqrt(_total(best, solution.u)), 0.0)
             verdicts = {best.optimality.verdict, optimality.verdict}
@@ -116,7 +116,7 @@ def _prices(best: BestFit) -> Vector:
             [float(np.trace(Z)) for Z in multipliers.blocks],
         ]
     )
-    # An exact fit has no slope; a millionth of the torque stands in for it.
+    # An exact fit has no slope; a millionth of the torque is used instead.
     return np.asarray(slopes * STEP / np.sqrt(max(_total(best, best.solution.u), 1.0)))
 
 
@@ -157,14 +157,22 @@ def constraint_costs(
     *,
     base: BaseParameters | None = None,
 ) -> tuple[ConstraintCost, ...]:
-    """Return the cost of each constraint, the others held.
+    """Return the cost of each constraint, with all others in force.
 
-    Costs do not add up: two constraints that say the same cost nothing each.
+    Costs do not add up: each of two equivalent constraints costs nothing.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    regression : Regression
+        Its `sigma` are the weights.
+    constraints : sequence of Constraint
+    base : BaseParameters, optional
 
     Raises
     ------
     InfeasibleError
-        If all constraints together admit nothing.
+        If no parameters satisfy all constraints together.
     """
     base = base_parameters(model) if base is None else base
     whole = best_fit(model, regression, constraints, base=base)

@@ -1,24 +1,24 @@
-"""Whether data contradict physical consistency, or only least squares' point does.
+"""Whether the data, or only the least-squares point, contradict physical consistency.
 
 Least squares determines base parameters only; infinitely many standard parameters share
 them.  It contradicts physics when none of those is physically consistent:
 `base_feasibility`.
 
-Least squares falls outside the set of consistent robots as soon as the truth is near
-its boundary: that is noise, not a contradiction.  What tells is how much worse the best
-consistent robot fits: `consistency_test`.  With noise of unit level its increase of the
-squared misfit,
+If the truth is near the boundary of the set of consistent robots, noise moves the
+least-squares point outside: this is not a contradiction.  The test is how much worse
+the best consistent robot fits: `consistency_test`.  With noise of unit level its
+increase of the squared misfit,
 
 ``T = min_{u in C} ||M u - z||^2 - min_u ||M u - z||^2``,
 
 has a chi-bar-square distribution where the truth is on the boundary: a mixture of
 ``chi^2`` of different orders [Shapiro1988]_.  Its weights have no closed form for cones
-of matrices, so it is simulated: noise is added to what the best consistent robot
-predicts, and the constrained fit is solved anew.  Two things save work.  That robot
+of matrices, so it is simulated: noise is added to the prediction of the best consistent
+robot, and the constrained fit is solved again.  Two things save work.  That robot
 itself satisfies the constraints, so ``T`` of simulated data is at most the noise's
-square: where ``T`` of the data is larger still, no fit is needed to know that it is not
-reached.  And simulation ends when `REACHED` draws have reached it, which shows that it
-is not rare; their share is a p-value as exact as that of all draws [Besag1991]_.
+square: if ``T`` of the data is larger, it is not reached, and no fit is needed.  The
+simulation ends when `REACHED` draws have reached it, which shows that it is not rare;
+their share is a valid p-value [Besag1991]_.
 """
 
 from collections.abc import Sequence
@@ -33,7 +33,7 @@ from consistent_id._support.arrays import Array, Matrix, Vector, frozen
 from consistent_id._support.executors import Executor, single_threaded, worker_threads
 from consistent_id.constraints import Constraint, PhysicalConsistency, lowered
 from consistent_id.constraints.cones.certificate import OptimumVerdict, solve_certified
-from consistent_id.constraints.cones.feasibility import Interior, find_interior
+from consistent_id.constraints.cones.interior import Interior, find_interior
 from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_norm
 from consistent_id.constraints.cones.programmes import COARSE
 from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock, block_rows
@@ -48,18 +48,19 @@ from consistent_id.regression.row_structure import random_rows
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.scaling import link_scales
 
-_BACK_OFF = 0.01  # share of the margin given up for smaller, more readable numbers
-_SMALL = 5e-7  # half the squared torque change, relative, that is as good as none
-_UNDECIDED = 1e-9  # margins nearer to zero than this are neither proof nor witness
+_BACK_OFF = 0.01  # share of the margin sacrificed for smaller, more readable numbers
+_SMALL = 5e-7  # half the squared torque change, relative, that counts as zero
+_UNDECIDED = 1e-9  # margins nearer to zero than this prove nothing
 
 DRAWS = 199
 """Simulated data sets: a p-value of 0.05 is then known to 0.03 (two standard errors).
 """
 
 REACHED = 10
-"""Draws with the data's ``T`` or more after which no further ones are simulated: more
-than `DRAWS` admits where data contradict, so that all are simulated before that is
-said."""
+"""Number of draws with at least the data's ``T`` after which the simulation ends: more
+than a significant result of `DRAWS` draws has, so a contradiction always uses all
+draws.
+"""
 
 SIGNIFICANT = 0.05
 """p-value below which data are said to contradict the constraints."""
@@ -70,7 +71,7 @@ _AT_ONCE = 10  # draws simulated before they are counted
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkViolation:
-    """What is wrong with a link, whatever the other links are.
+    """The fault of a link, for any other links.
 
     Parameters
     ----------
@@ -243,7 +244,7 @@ def _relative_miss(domain: ConicSet, u: Vector) -> float:
 def _violations(
     domain: ConicSet, unit: Vector, links: tuple[str, ...]
 ) -> list[LinkViolation]:
-    """Ask the question for each link alone."""
+    """Repeat the test for each link alone."""
     found = []
     for block in domain.blocks:
         if block.label not in links:
@@ -251,7 +252,7 @@ def _violations(
         try:
             alone = find_interior(_only(domain, block))
         except SolverError:
-            continue  # nothing is known of this link alone
+            continue  # no proof for this link alone
         if alone.bound >= -_UNDECIDED:
             continue
         k = links.index(block.label)
@@ -262,7 +263,7 @@ def _violations(
 
 
 def _smallest(domain: ConicSet, block: SemidefiniteBlock, alone: Interior) -> Vector:
-    """Return the smallest of the least violating parameters, to speak of."""
+    """Return the smallest of the least violating parameters, for the message."""
     size = len(alone.u)
     margin = alone.margin - _BACK_OFF * abs(alone.margin)
     lowered_block = replace(block, constant=block.constant - margin * np.eye(4))
@@ -286,7 +287,7 @@ def _only(domain: ConicSet, block: SemidefiniteBlock) -> ConicSet:
 
 
 def in_words(vector: Array) -> str:
-    """Say what makes ten inertial parameters inconsistent, and by how much."""
+    """Return in words why ten inertial parameters are inconsistent, and by how much."""
     body = InertialParameters(vector)
     if body.mass <= 0.0:
         return f"mass {body.mass:.4g} kg is not positive"
@@ -306,19 +307,20 @@ def in_words(vector: Array) -> str:
 
 @dataclass(frozen=True, slots=True)
 class ConsistencyTest:
-    """How much worse the best robot that satisfies constraints fits, and if by chance.
+    """How much worse the best constrained robot fits, and its significance.
 
     Parameters
     ----------
     increase : float
-        Of the squared misfit over that of least squares, each joint divided by its
-        noise level and samples counted by their correlation: an effective chi^2.
+        Increase of the squared misfit over that of least squares, with each joint
+        divided by its noise level and for the effective number of samples: an effective
+        chi^2.
     p_value : float
-        Share of simulated data, of the best robot itself, that raise it as much.
+        Share of simulated data of the best robot with as large an increase.
     draws : int
-        Simulated data sets that gave an answer.
+        Simulated data sets with a result.
     white : bool
-        Whether noise was taken to be white, for want of residuals.
+        Whether noise was assumed to be white, because residuals were missing.
     """
 
     increase: float
@@ -333,21 +335,22 @@ class ConsistencyTest:
 
     @property
     def sentence(self) -> str:
-        """The answer in words, of an estimate that is impossible."""
+        """The result in words, for an estimate that is impossible."""
         if self.significant:
-            return f"nor does a consistent robot fit as well ({self._figures})"
+            return f"and no consistent robot fits as well ({self._figures})"
         return (
-            f"impossible as a point; a consistent robot fits as well ({self._figures})"
+            f"the point itself is impossible; a consistent robot fits as well "
+            f"({self._figures})"
         )
 
     @property
     def contradiction(self) -> str:
-        """What a contradiction says of consistent estimates; empty if there is none."""
+        """The consequence of a contradiction for consistent estimates, or nothing."""
         if not self.significant:
             return ""
         return (
-            f"no consistent robot fits as well as least squares ({self._figures}): the "
-            "model lacks something, perhaps of friction"
+            f"no consistent robot fits as well as least squares ({self._figures}): "
+            f"the model lacks a term, perhaps of friction"
         )
 
     @property
@@ -370,14 +373,14 @@ def consistency_test(
 ) -> ConsistencyTest:
     """Test whether data contradict constraints, by default physical consistency.
 
-    Each joint is weighted by its own noise, whatever the regression's weights.  At most
-    `draws` data sets are simulated, fewer if `enough` of them reach the increase.  The
-    executor says where, see `bootstrap`; the result is the same.
+    Each joint is weighted by its own noise, not by the regression's weights.  At most
+    `draws` data sets are simulated, fewer if `enough` of them reach the increase.
+    `executor` is as for `bootstrap`; the result does not depend on it.
 
     Raises
     ------
     ProblemError
-        If no draws are asked for.
+        If the number of draws is not positive.
     InfeasibleError, NotExcitedError, SolverError
         See `constrained_least_squares`; also if no simulated data give a fit.
     """
@@ -405,7 +408,7 @@ def consistency_test(
 
 
 class _Count(NamedTuple):
-    """How many draws reached the data's ``T``, of how many that gave an answer."""
+    """Number of draws that reached the data's ``T``, and of all draws with a result."""
 
     reached: int
     answers: int

@@ -1,11 +1,11 @@
-"""How parameters go with the speed of motion, and what to expect of faster motion.
+"""The trend of parameters with the speed of motion, and predictions for other speeds.
 
-Where a model lacks friction, its parameters take it up: of slow motion, in which hardly
-anything accelerates, most of all the rotor inertia.  So parameters of blocks go with
-the blocks' speed, and no scatter between slow blocks says what fast ones have.  Here
-each parameter is a line in the logarithm of speed, with a random effect of each block
-beside its noise, as large as the blocks ask for [PauleMandel1982]_.  An interval is
-that of a block of motion at a speed: it widens beyond the blocks' own.
+If a model lacks friction terms, its parameters compensate for them: in slow motion,
+with little acceleration, mostly the rotor inertia. So parameters of blocks depend on
+the blocks' speed, and the scatter between slow blocks does not predict those of fast
+ones.  Here each parameter is a line in the logarithm of speed, with a random effect of
+each block in addition to its noise; the blocks determine its size [PauleMandel1982]_.
+An interval is that of a block of motion at a speed: it widens beyond the blocks' own.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,23 +16,23 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, Vector, freeze_arrays
 from consistent_id._support.tables import Table
-from consistent_id.comparison.block_scatter import BlockScatter
 from consistent_id.errors import NotExcitedError
+from consistent_id.estimation.uncertainties.block_scatter import BlockScatter
 from consistent_id.recordings.recording import Recording
 
 _BISECTIONS = 60  # of the random effect's variance
 _LEVEL = 0.975  # quantile of intervals of 95 %
-_RANGE = 1.05  # of speeds, fastest over slowest block, below which there is no line
+_RANGE = 1.05  # least ratio of speeds, fastest over slowest block, for a line
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpeedTrend:
-    """Parameters by the speed of motion.
+    """Parameters as a function of the speed of motion.
 
     Parameters
     ----------
     speeds : array_like, shape (blocks,)
-        Of the blocks, over their mean; see `speed_of`.
+        Speeds of the blocks, relative to their mean; see `speed_of`.
     lines : array_like, shape (parameters, 2)
         Value at the blocks' mean speed (of its logarithm), and slope.
     covariances : array_like, shape (parameters, 2, 2)
@@ -64,7 +64,7 @@ class SpeedTrend:
         return np.asarray(self.lines @ self._row(speed))
 
     def standard_errors(self, speed: float) -> Vector:
-        """Return those of a block's parameters at a speed, beside its own noise."""
+        """Return errors of a block's parameters at a speed, without its own noise."""
         row = self._row(speed)
         line = np.einsum("i,pij,j->p", row, self.covariances, row)
         return np.asarray(np.sqrt(line + self.between**2))
@@ -80,12 +80,12 @@ class SpeedTrend:
 
 
 class TrendAt(NamedTuple):
-    """Parameters that are expected at a speed.
+    """Expected parameters at a speed.
 
     Parameters
     ----------
     speed : float
-        As those of the trend's blocks are counted.
+        In the units of the trend's speeds.
     """
 
     trend: SpeedTrend
@@ -98,12 +98,12 @@ class TrendAt(NamedTuple):
         yield from zip(self.trend.names, values.tolist(), widths.tolist(), strict=True)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what is expected by name, for JSON."""
+        """Return the expected parameters by name, for JSON."""
         of_names = {name: {"value": x, "half_width": w} for name, x, w in self._found()}
         return {"speed": self.speed, "parameters": of_names}
 
     def table(self) -> Table:
-        """Return what is expected, for people."""
+        """Return the expected parameters, for people."""
         low, high = float(self.trend.speeds.min()), float(self.trend.speeds.max())
         where = "within" if low <= self.speed <= high else "beyond"
         return Table(
@@ -112,21 +112,21 @@ class TrendAt(NamedTuple):
             ("parameter", "expected", "95 % either way"),
             tuple((name, f"{x:.4g}", f"{w:.2g}") for name, x, w in self._found()),
             (
-                "by a line in the logarithm of speed: what the model lacks of "
-                "friction, parameters take up, in slow motion most",
+                "by a line in the logarithm of speed: parameters compensate for "
+                "missing friction terms, mostly in slow motion",
             ),
         )
 
 
 def speed_of(recordings: Sequence[Recording], scale: Vector | None = None) -> float:
-    """Return the speed of motion: of each joint root mean square, then the mean.
+    """Return the speed of motion: the mean over joints of root mean squares.
 
     Parameters
     ----------
     recordings : sequence of Recording
         With velocity.
     scale : ndarray, shape (joints,), optional, [rad/s or m/s]
-        Speed of each joint that counts as one; see `joint_speeds`.
+        Unit of speed of each joint; see `joint_speeds`.
     """
     speeds = joint_speeds(recordings)
     scale = speeds if scale is None else scale
@@ -141,14 +141,14 @@ def joint_speeds(recordings: Sequence[Recording]) -> Vector:
 
 
 def speed_trend(blocks: Sequence[BlockScatter], speeds: Sequence[float]) -> SpeedTrend:
-    """Find how parameters go with speed.
+    """Return the trend of parameters with speed.
 
     Parameters
     ----------
     blocks : sequence of BlockScatter
-        Each of one block; see `block_scatter`.
+        Regressions of one block each; see `block_scatter`.
     speeds : sequence of float
-        Of the blocks.
+        Speeds of the blocks.
 
     Raises
     ------
@@ -183,9 +183,9 @@ def _lines(X: Array, values: Array, variances: Array) -> Array:
 
 
 def _beyond_noise(X: Array, values: Array, noise: Array) -> Vector:
-    """Return the variance about lines, beyond noise, at which misfits are as expected.
+    """Return the variance about lines, beyond noise, for which misfits are as expected.
 
-    The weighted squared misfit falls with it; where it is below its expectation by
+    The weighted squared misfit decreases with it; if it is below its expectation for
     noise alone, the variance is zero.
     """
     freedom = X.shape[0] - X.shape[1]

@@ -1,7 +1,7 @@
-"""What is known of a robot before any measurement, as convex sets.
+"""Prior knowledge of a robot as convex sets of parameters.
 
-There is one small value per idea.  Each lowers itself to a `ConicSet` over the
-parameters of a torque model; any number of them combine.
+Each kind of knowledge is a small value.  Each value lowers itself to a `ConicSet` over
+the parameters of a torque model; any number of them can be combined.
 """
 
 from consistent_id.constraints.links import (

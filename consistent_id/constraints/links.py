@@ -2,8 +2,8 @@
 
 A density on a convex shape moves the pseudo-inertia into a smaller cone: for every
 quadratic ``q`` that is not negative on the shape, ``integral q rho >= 0`` is linear in
-``J`` [Wensing2018]_.  `link_conditions` says which links are consistent, and which are
-on the boundary of the cone.
+``J`` [Wensing2018]_.  `link_conditions` returns which links are consistent, and which
+are on the boundary of the cone.
 """
 
 from collections.abc import Mapping, Sequence
@@ -36,13 +36,13 @@ from consistent_id.robot.parameters import require_known
 from consistent_id.robot.scaling import link_scales, reference_bodies
 from consistent_id.robot.solids import Ellipsoid, Polytope
 
-_FACETS = 40  # of a polytope whose pairs of facets become constraints
+_FACETS = 40  # most facets of a polytope whose pairs of facets become constraints
 
 Axis = Literal["x", "y", "z"]
 
 _CONSISTENT = 1e-9  # eigenvalues of J, per typical link, above -this are >= 0
 _NO_MASS = "no mass"
-_EDGE = 1e-5  # shares of a typical link's mass or second moment that count as none
+_EDGE = 1e-5  # shares of a typical link's mass or second moment that count as zero
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,10 +54,10 @@ class PhysicalConsistency:
     margin : float
         Least eigenvalue of each pseudo-inertia after division by the link's typical
         mass and length (`link_scales`); a pure number.  The default keeps links
-        strictly consistent, as simulators demand.
+        strictly consistent, as simulators require.
     share : float
-        Least share of its nominal body that each link contains: what is beside it is
-        physically consistent too.  See `reference_bodies`.
+        Least share of its nominal body that each link contains: the remainder is
+        physically consistent, too.  See `reference_bodies`.
     """
 
     margin: float = 1e-6
@@ -86,7 +86,7 @@ class PhysicalConsistency:
 
 @dataclass(frozen=True, slots=True)
 class FixedBodies:
-    """Bodies as the robot's file has them.
+    """Bodies as in the robot's file.
 
     Parameters
     ----------
@@ -113,8 +113,9 @@ class FixedBodies:
             body = bodies[name]
             if body is None:
                 raise ProblemError(
-                    f"the body of {name!r} is to be as in the file of {robot.name!r}, "
-                    "which states no inertia of it; identify it (bodies, known_links)"
+                    f"the body of {name!r} is stated to be as in the file of "
+                    f"{robot.name!r}, but the file has no inertia of it; identify it "
+                    f"(bodies, known_links)"
                 )
             keys = (f"{name}.{entry}" for entry in INERTIAL_NAMES)
             values |= dict(zip(keys, body.vector.tolist(), strict=True))
@@ -229,7 +230,14 @@ class CentreOfMassBoxes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CentreOfMassIn:
-    """A link's centre of mass lies in an ellipsoid or a polytope."""
+    """A link's centre of mass lies in an ellipsoid or a polytope.
+
+    Parameters
+    ----------
+    link : str
+    shape : Ellipsoid or Polytope
+        In the link's frame, [m].
+    """
 
     link: str
     shape: Ellipsoid | Polytope
@@ -269,6 +277,12 @@ class DensityOn:
     For an ellipsoid ``tr(J Q) >= 0``, which with ``J >= 0`` is exact: a density exists
     iff it holds.  For a polytope ``l_i J l_j >= 0`` for all pairs of facets, which is
     necessary.
+
+    Parameters
+    ----------
+    link : str
+    shape : Ellipsoid or Polytope
+        In the link's frame, [m].
     """
 
     link: str
@@ -317,7 +331,7 @@ class EqualLinks:
     ----------
     first, second : str
     mirror : {"x", "y", "z"}, optional
-        Axis that the mirror turns round: ``x`` for mirroring in the plane ``x = 0``.
+        Axis that the mirror reverses: ``x`` for mirroring in the plane ``x = 0``.
     """
 
     first: str
@@ -406,7 +420,7 @@ class TotalMass:
 
 
 def _require_axes(axes: Sequence[str], what: str) -> None:
-    """Refuse anything but ``x``, ``y`` and ``z``."""
+    """Refuse all names except ``x``, ``y`` and ``z``."""
     wrong = [axis for axis in axes if axis not in ("x", "y", "z")]
     if wrong:
         raise ProblemError(f"{what}: {wrong} are not among x, y and z")
@@ -438,7 +452,7 @@ class LinkCondition:
 
     @property
     def massless(self) -> bool:
-        """Whether next to no mass is left of the link."""
+        """Whether the link has practically no mass."""
         return self.edge == _NO_MASS
 
 
@@ -463,10 +477,10 @@ def link_conditions(model: TorqueModel, x: Vector) -> tuple[LinkCondition, ...]:
 
 
 def _edge(body: InertialParameters, mass: float, moment: float) -> str:
-    """Name the boundary: second moments along principal axes that have vanished.
+    """Name the boundary: second moments along principal axes that vanish.
 
-    A vanishing one is a triangle inequality of the principal moments of inertia that
-    holds as an equality.
+    If one vanishes, a triangle inequality of the principal moments of inertia is
+    active.
     """
     if body.mass <= _EDGE * mass:
         return _NO_MASS

@@ -26,7 +26,8 @@ class Motor:
     Parameters
     ----------
     inertia : float, [kg m^2]
-        Of rotor, brake and what turns with them, on the motor's side.
+        Inertia of rotor, brake and other parts that turn with them, on the motor's
+        side.
     gear_ratio : float, [rad/rad] or [rad/m]
         Turns of the motor per turn, or metre, of the joint; of either sign.
 
@@ -57,15 +58,15 @@ class Motor:
 
 @dataclass(frozen=True, slots=True)
 class RotorInertias:
-    """Rotor inertias as their motors' datasheets have them.
+    """Rotor inertias as in their motors' datasheets.
 
     Parameters
     ----------
     motors : mapping of str to Motor
         By joint; the joint's torque model needs the term ``rotor_inertia``.
     tolerance : float
-        Share by which the inertia seen from the link may differ from the datasheet's;
-        0 holds it there.
+        Share by which the inertia seen from the link may differ from the datasheet's; 0
+        fixes it.
     """
 
     motors: Mapping[str, Motor]
@@ -154,7 +155,7 @@ class EqualMotors:
 
 @dataclass(frozen=True, slots=True)
 class NonNegativeDrive:
-    """Friction that dissipates, rotors and springs that store, never the reverse.
+    """Friction dissipates energy; rotors and springs store it.
 
     Both Coulomb levels of an asymmetric joint are positive; friction at rest is no less
     than the Coulomb level (``stribeck >= 0``); loaded gears have more of it.  Where
@@ -213,10 +214,10 @@ class NonNegativeDrive:
 
 @dataclass(frozen=True, slots=True)
 class SharedMotors:
-    """Couplings that come of one motor, which turns with the sum of two joints' rates.
+    """Couplings from one motor that turns with the sum of two joints' rates.
 
-    What such motors add to a joint is not negative, and together is part of the viscous
-    friction and of the inertia that the joint has by itself.
+    The contributions of such motors to a joint are not negative, and their sum is at
+    most the joint's own viscous friction and inertia.
     """
 
     def lower(self, model: TorqueModel) -> ConicSet:
@@ -241,7 +242,7 @@ class SharedMotors:
                 rows.append(-unit_row(layout, name))
                 labels.append(f"{name} >= 0")
                 if term == "coupling_coulomb":
-                    continue  # it has a motion of its own, the sum of both rates
+                    continue  # it has a separate motion, the sum of both rates
                 for joint in (coupling.first, coupling.second):
                     own = f"{joint}.{term.removeprefix('coupling_')}"
                     parts.setdefault(own, []).append(name)
@@ -267,7 +268,7 @@ class FixedParameters:
 class ParameterBounds:
     """Parameters between bounds, by name, such as ``{"elbow.viscous": (0, 20)}``.
 
-    An infinite bound is none.
+    An infinite bound is no bound.
     """
 
     bounds: Mapping[str, tuple[float, float]]
@@ -296,7 +297,7 @@ class LinearRelation:
     terms : mapping of str to float
         Coefficients by parameter.
     lower, upper : float
-        Equal bounds make an equality; an infinite one is none.
+        Equal bounds make an equality; an infinite one is no bound.
     """
 
     terms: Mapping[str, float]
@@ -305,7 +306,7 @@ class LinearRelation:
 
     def __post_init__(self) -> None:
         if not self.terms:
-            raise ProblemError("a linear relation without terms says nothing")
+            raise ProblemError("a linear relation has no terms")
         if not self.lower_bound <= self.upper_bound:
             raise ProblemError(
                 f"linear relation: {self.lower_bound:g} is not below "

@@ -1,4 +1,4 @@
-"""What to assume of parameters that the data do not determine: near the nominal robot.
+"""Priors for parameters that the data do not determine: nearness to the nominal robot.
 
 Distances to it are in dimensionless parameters.  Per link, with the whitened
 pseudo-inertia ``S = J0^-1/2 J J0^-1/2``:
@@ -24,13 +24,14 @@ from consistent_id.robot.inertia import PSEUDO_INERTIA_BASIS, pseudo_inertia
 from consistent_id.robot.scaling import link_scales, reference_bodies
 
 Distance = Literal["pullback", "euclidean", "entropic"]
-"""How far a robot is from the nominal one; see `nominal_distance`."""
+"""Distances of a robot from the nominal one; see `nominal_distance`."""
 
 INSIDE = 0.1
-"""Share of its nominal body that every link contains, where the data allow it: no
-thinner than a third of the drawing."""
+"""Share of its nominal body that every link contains, if the data allow it: its
+thickness is at least a third of the nominal one.
+"""
 
-_THINNEST = 1e-13  # relative eigenvalues below which a link is flat but for rounding
+_THINNEST = 1e-13  # relative eigenvalues below which a link is flat up to rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,20 +42,20 @@ class PointToSet:
     ----------
     slack : float, optional
         Relative increase of the weighted misfit norm that counts as "nearly best".  By
-        default what one standard error costs, of all that the data determine together
-        (``chi^2 <= 1``, noise correlated as the residuals are).
+        default the increase for one standard error of all determined parameters
+        together (``chi^2 <= 1``, noise as correlated as the residuals).
     distance : {"pullback", "euclidean", "entropic"}
         See `nominal_distance`.
     inside : float
-        Share of its nominal body that every link is to contain, so that it stays off
-        the boundary of physical consistency; zero for none.  It is reduced to what
-        moves all that the data determine by a quarter of a standard error, and the
-        slack by what it takes.
+        Share of its nominal body that every link contains, so that it stays off the
+        boundary of physical consistency; zero for none.  It is reduced until it moves
+        the determined parameters by at most a quarter of a standard error, and the
+        slack is reduced by the same amount.
 
     Notes
     -----
-    Where a link has no nominal body, a ball of its typical mass and length stands in
-    (`reference_bodies`); friction and drive terms are drawn to zero.
+    For a link without a nominal body, a ball of its typical mass and length is used
+    (`reference_bodies`); friction and drive terms are shrunk towards zero.
     """
 
     slack: float | None = None
@@ -85,7 +86,7 @@ class Penalty:
 
     ``minimise ||R x - z||^2 + weight r^2 distance(x)^2`` over the constraints, with
     ``r`` the residual norm of least squares: with a weight of one, a distance of one
-    costs as much as all that least squares leaves unexplained.
+    costs as much as the whole residual of least squares.
 
     Parameters
     ----------
@@ -110,7 +111,7 @@ Prior = PointToSet | Penalty
 
 
 def misfit_increase(added: float, least: float) -> float:
-    """Return by what share a misfit norm grows when its square grows from `least`."""
+    """Return the relative increase of a misfit norm whose square grows from `least`."""
     return float(np.expm1(0.5 * np.log1p(added / least)))
 
 
@@ -154,9 +155,9 @@ class Along:
     ----------
     rates : ndarray, shape (links, 4)
     trace : float
-        What the step adds to the whitened pseudo-inertias' traces.
+        Change of the whitened pseudo-inertias' traces along the step.
     drive, moves : ndarray
-        Drive terms, and what the step adds to them.
+        Drive terms, and their change along the step.
     """
 
     rates: Array
@@ -171,9 +172,9 @@ class Along:
         return 2.0 * (bodies + drive)
 
     def furthest(self, kept: float) -> float:
-        """Return the share of the step, at most all, that keeps eigenvalues so large.
+        """Return the largest share of the step, at most one, with large eigenvalues.
 
-        None falls below `kept` times what it was.
+        None falls below `kept` times its value before.
         """
         fastest = float(self.rates.min())
         return min(1.0, (1.0 - kept) / -fastest) if fastest < 0.0 else 1.0
@@ -219,7 +220,7 @@ class EntropicDistance:
         return LocalRows(G, g)
 
     def along(self, u: Vector, step: Vector) -> "Along":
-        """Return how the distance changes from `u` along a step."""
+        """Return the distance along a step from `u`."""
         n = 10 * len(self.whitened)
         S, change = self._bodies(u), self._bodies(step)
         values, vectors = np.linalg.eigh(S)
@@ -249,7 +250,7 @@ def nominal_distance(
     ----------
     distance : {"pullback", "euclidean", "entropic"}
     unit : ndarray, shape (parameters,)
-        Typical sizes of all parameters; of drive terms they are the distance's too.
+        Typical sizes of all parameters; the distance of drive terms uses them, too.
     """
     layout, inertial = model.layout, model.layout.inertial_size
     bodies = reference_bodies(model.robot)

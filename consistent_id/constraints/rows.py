@@ -1,4 +1,4 @@
-"""What every constraint is, and the rows it is made of."""
+"""The protocol of constraints, and their rows."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
@@ -13,7 +13,7 @@ from consistent_id.robot.parameters import ParameterLayout, require_known
 
 
 class Constraint(Protocol):
-    """Anything that restricts parameters to a convex set."""
+    """A restriction of parameters to a convex set."""
 
     def lower(self, model: TorqueModel) -> ConicSet:
         """Return the set, over the parameters of `model`."""
@@ -21,7 +21,13 @@ class Constraint(Protocol):
 
 
 def lowered(constraints: Sequence[Constraint], model: TorqueModel) -> ConicSet:
-    """Return the intersection of constraints over the parameters of `model`."""
+    """Return the intersection of constraints over the parameters of `model`.
+
+    Parameters
+    ----------
+    constraints : sequence of Constraint
+    model : TorqueModel
+    """
     sets = (constraint.lower(model) for constraint in constraints)
     return intersection(sets, len(model.layout))
 
@@ -44,12 +50,12 @@ def known_links(named: Mapping[str, object], model: TorqueModel, what: str) -> N
 
 
 def stated(model: TorqueModel, key: str, constraint: str) -> dict[str, Any]:
-    """Return what the datasheets of links say by a key, of those that say it.
+    """Return the datasheets' values of a key, for links that have it.
 
     Raises
     ------
     ProblemError
-        If none does: the constraint would have no row.
+        If no link has it: the constraint would have no row.
     """
     found = {link.name: getattr(link.datasheet, key) for link in model.robot.links}
     values = {name: value for name, value in found.items() if value is not None}

@@ -1,6 +1,5 @@
 """What is wrong with a log, found before anything is estimated from it."""
 
-from consistent_id.diagnosis.diagnose import diagnose
-from consistent_id.diagnosis.findings import Diagnosis, LogFinding
+from consistent_id._support.face import face
 
-__all__ = ["Diagnosis", "LogFinding", "diagnose"]
+__getattr__, __dir__ = face(__name__)

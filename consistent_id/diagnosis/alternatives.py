@@ -1,35 +1,56 @@
-"""Causes that the log itself suggests: gravity, masses, the order of all channels."""
+"""Causes that a log suggests: gravity, masses, a load, gains, clock, channel order.
 
-from collections.abc import Iterator
+Gravity may point in another direction than the model's, because the base leans.  A load
+that the model lacks is a last link with unknown parameters: its mass is that of the
+model or more, its other nine parameters are free, and the other links stay as known.
+Other masses of all links explain such a log as well, but the load changes less.
+"""
+
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from consistent_id._support.arrays import IntArray, Matrix, Vector
-from consistent_id.constraints import FixedMasses
+from consistent_id.constraints import (
+    Constraint,
+    FixedBodies,
+    FixedCentresOfMass,
+    FixedMasses,
+    MassBounds,
+)
 from consistent_id.diagnosis.channel_factors import ChannelFactors, channel_factors
 from consistent_id.diagnosis.contact import contact
 from consistent_id.diagnosis.corrections import Cause
-from consistent_id.diagnosis.explain import Candidate, FittedLog, thinned
-from consistent_id.diagnosis.late_torque import late_torque
-from consistent_id.diagnosis.lost_signs import lost_signs
-from consistent_id.diagnosis.missing_parts import missing_parts
-from consistent_id.diagnosis.other_gravity import other_gravity
-from consistent_id.diagnosis.other_load import other_loads
+from consistent_id.diagnosis.explain import LOAD, Candidate, FittedLog, thinned
+from consistent_id.diagnosis.findings import LogFinding
+from consistent_id.diagnosis.linearise import RANK
+from consistent_id.diagnosis.torque_causes import late_torque, lost_signs, missing_parts
+from consistent_id.diagnosis.torque_channel import (
+    TorqueParts,
+    nominal_parts,
+    torque_parts,
+)
+from consistent_id.diagnosis.wrong_units import placeholders
 from consistent_id.recordings.recording import Recording
+from consistent_id.regression.base import base_parameters
+from consistent_id.regression.linear import smallest_solution
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.model import Link, RobotModel
+from consistent_id.robot.scaling import reference_bodies
 
 _THRESHOLD = 1.3  # ratio of misfits, as in the table of corrections
-_EXPLAINED = 0.03  # of the torque: misfit below which the following are not asked for
-# Ratio of misfits for the clock: its speed also moves the edge of smooth Coulomb
-# friction, which brings clean logs up to 1.45.
+_EXPLAINED = 0.03  # of the torque: misfit below which gain and clock are not tried
+# Ratio of misfits for the clock.  Its speed also changes the velocity scale of Coulomb
+# friction, which gives clean logs a ratio of up to 1.45.
 _OF_TIME = 1.6
 _GAINS = (1e-3, 0.01, 0.4, 0.55, 0.7, 0.85, 1.2, 1.4, 1.8, 2.5, 100.0, 1e3)
-_FEW = 300  # samples that choose the speed of a clock
+_FEW = 300  # samples by which the speed of the clock is chosen
 _SPEEDS = (0.1, 0.2, 0.35, 0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 2.0, 2.8, 5.0, 10.0)
 
 
 def alternatives(as_is: FittedLog) -> list[Candidate]:
-    """Return the causes in the model that a log suggests."""
+    """Return the causes that a log suggests."""
     return [
         *other_gravity(as_is),
         *_other_masses(as_is),
@@ -45,9 +66,9 @@ def alternatives(as_is: FittedLog) -> list[Candidate]:
 
 
 def _other_masses(as_is: FittedLog) -> Iterator[Candidate]:
-    """Yield the log with masses that are not known.
+    """Yield the log with unknown masses.
 
-    A gain that all torques share does to a robot what it does to its masses.
+    A gain on all torques has the same effect as a factor on all masses.
     """
     free = [c for c in as_is.constraints if not isinstance(c, FixedMasses)]
     if len(free) == len(as_is.constraints):
@@ -55,7 +76,7 @@ def _other_masses(as_is: FittedLog) -> Iterator[Candidate]:
     cause = Cause(
         "masses or gain",
         "all joints",
-        "with masses that are not the model's, or gains that are not the log's",
+        "with other masses than the model's, or a gain on all torques",
         'check load, tool, model and gains; if these are right, masses = "free" '
         "(--masses free)",
         _THRESHOLD,
@@ -65,16 +86,16 @@ def _other_masses(as_is: FittedLog) -> Iterator[Candidate]:
 
 
 def _other_gain(as_is: FittedLog) -> Iterator[Candidate]:
-    """Yield the log with another factor for the one torque that profits most.
+    """Yield the log with another factor for the torque that fits best with one.
 
-    Several joints carry one body: what they say of it has to agree.
+    Several joints carry one body, so that their torques have to agree.
     """
     from scipy.optimize import minimize_scalar
 
     factors = as_is.factors
     everyone, names = factors.model.robot.joint_names, factors.model.torque_joints
     if as_is.misfit < _EXPLAINED or len(names) < 2:
-        return  # one torque alone is explained as well whatever its gain
+        return  # with one torque any gain fits equally well
 
     def changed(name: str, logarithm: float) -> ChannelFactors:
         scale = np.ones(len(everyone))
@@ -106,7 +127,7 @@ def _other_gain(as_is: FittedLog) -> Iterator[Candidate]:
 def _other_clock(as_is: FittedLog) -> Iterator[Candidate]:
     """Yield the log with the clock's speed that fits best.
 
-    Gravity knows no time: what weighs in it accelerates in the inertial torque.
+    Gravity torque does not depend on the clock, but inertial torque does.
     """
     from scipy.optimize import minimize_scalar
 
@@ -122,7 +143,7 @@ def _other_clock(as_is: FittedLog) -> Iterator[Candidate]:
     tried = [left(float(s)) for s in np.log(_SPEEDS)]
     k = int(np.argmin(tried))
     if k in (0, len(tried) - 1) or _SPEEDS[k] == 1.0:
-        return  # at the ends there is no inertial torque, or nothing else
+        return  # at the ends the torque is all gravity, or all inertia
     if min(tried) * _OF_TIME > tried[_SPEEDS.index(1.0)]:
         return
     inner = np.log(_SPEEDS)[[k - 1, k + 1]]
@@ -131,8 +152,7 @@ def _other_clock(as_is: FittedLog) -> Iterator[Candidate]:
         "clock",
         "time",
         f"with a clock {speed:.3g} times as fast",
-        f"divide the time by {speed:.3g}: find out in which unit, or at which rate, it "
-        "was logged",
+        f"divide the time by {speed:.3g}: find out its unit, or the rate of the log",
         _OF_TIME,
     )
     (factors,) = channel_factors(model, base, [_at_speed(as_is.recording, speed)])
@@ -140,13 +160,13 @@ def _other_clock(as_is: FittedLog) -> Iterator[Candidate]:
 
 
 def _at_speed(log: Recording, speed: float) -> Recording:
-    """Return a prepared recording of which the clock runs faster."""
+    """Return a prepared recording with a faster clock."""
     velocity, acceleration = np.asarray(log.velocity), np.asarray(log.acceleration)
     return replace(log, velocity=speed * velocity, acceleration=speed**2 * acceleration)
 
 
 def _other_channels(as_is: FittedLog) -> Iterator[Candidate]:
-    """Yield the order of all torque channels in which rows fit best, one by one."""
+    """Yield the order of torque channels in which the rows of joints fit best."""
     factors = as_is.factors
     names = factors.model.torque_joints
     if len(names) < 3:
@@ -156,7 +176,7 @@ def _other_channels(as_is: FittedLog) -> Iterator[Candidate]:
         return  # each row fits its own channel best
     order = _cheapest_order(np.log(np.maximum(costs, 1e-9)))
     if (order == np.arange(len(order))).sum() >= len(order) - 2:
-        return  # at most two exchanged, which the table has
+        return  # two exchanged channels are in the table of corrections
     everyone = factors.model.robot.joint_names
     matrix = np.eye(len(everyone))
     places = [everyone.index(name) for name in names]
@@ -173,7 +193,7 @@ def _other_channels(as_is: FittedLog) -> Iterator[Candidate]:
 
 
 def _cheapest_order(costs: Matrix) -> IntArray:
-    """Return the column of each row, all different, with the least sum of costs."""
+    """Return a different column for each row, with the least sum of costs."""
     from scipy.optimize import linear_sum_assignment
 
     _, order = linear_sum_assignment(costs)
@@ -181,10 +201,199 @@ def _cheapest_order(costs: Matrix) -> IntArray:
 
 
 def _row_misfits(factor: Matrix, base: int) -> Vector:
-    """Return what a joint's row leaves of each torque channel, relative to it."""
+    """Return the misfit of a joint's row to each torque channel, relative to it."""
     columns, channels = factor[:, :base], factor[:, base:]
     kept = columns[:, columns.any(axis=0)]
     Q, _ = np.linalg.qr(kept / np.linalg.norm(kept, axis=0))
     left = channels - Q @ (Q.T @ channels)
     size = np.maximum(np.linalg.norm(channels, axis=0), 1e-300)
     return np.asarray(np.linalg.norm(left, axis=0) / size)
+
+
+# Ratio of the nominal robot's misfits, upright and leaning.  Turning gravity also
+# explains a part of the errors of nominal bodies.
+_CLEARLY = 1.5
+_TURNED = np.radians(5.0)  # less may be a floor that is not level
+_G = (0.7, 1.4)  # ratio of sizes within which an estimated vector is gravity
+_CREEP = 0.02  # rad/s or m/s, of the smooth Coulomb term
+_TURN_BASE = (
+    "turn the base or gravity in the model as the robot is mounted; or check "
+    "the zero offset of the first joint, if its axis is level"
+)
+
+
+def other_gravity(as_is: FittedLog) -> Iterator[Candidate]:
+    """Yield the log with the direction of gravity that fits the nominal bodies."""
+    model = as_is.factors.model
+    turned = turned_gravity(model, as_is.recording)
+    if turned is None:
+        return
+    cause = Cause(
+        "gravity", "base", f"with {_words(model, turned)}", _TURN_BASE, _THRESHOLD
+    )
+    other = replace(model, robot=replace(model.robot, gravity=turned))
+    (factors,) = channel_factors(other, base_parameters(other), [as_is.recording])
+    yield Candidate(cause, factors, as_is.constraints)
+
+
+def leaning_findings(
+    model: TorqueModel, prepared: Recording, upright: TorqueParts
+) -> list[LogFinding]:
+    """Find a leaning base: the nominal robot explains the log only if it leans.
+
+    A leaning base scales the gravity torque of upright joints, as a gain does.
+
+    Parameters
+    ----------
+    upright : TorqueParts
+        Of the model without leaning.
+    """
+    turned = turned_gravity(model, prepared)
+    if turned is None:
+        return []
+    other = replace(model, robot=replace(model.robot, gravity=turned))
+    leaning = torque_parts(other, prepared)
+    before, after = float(np.median(upright.rest)), float(np.median(leaning.rest))
+    if before < _CLEARLY * after:
+        return []
+    return [
+        LogFinding(
+            "gravity",
+            "fault",
+            "base",
+            f"with {_words(model, turned)}, the nominal robot and friction leave "
+            f"{after:.1%} of each joint's torque unexplained (median over joints); as "
+            f"it is, {before:.1%}",
+            _TURN_BASE,
+            before / max(_CLEARLY * after, 1e-12),
+        )
+    ]
+
+
+def turned_gravity(model: TorqueModel, recording: Recording) -> Vector | None:
+    """Return the log's gravity [m/s^2]; None if it is the model's, or not gravity."""
+    robot = model.robot
+    size = float(np.linalg.norm(robot.gravity))
+    if robot.nominal is None or size == 0.0:
+        return None
+    gravity = gravity_in(model, recording)
+    length = float(np.linalg.norm(gravity))
+    if not _G[0] <= length / size <= _G[1]:
+        return None
+    turned = gravity * size / length
+    return None if _angle(model, turned) < _TURNED else turned
+
+
+def _angle(model: TorqueModel, gravity: Vector) -> float:
+    """Return the angle between a gravity and the model's [rad]."""
+    own = np.asarray(model.robot.gravity)
+    cosine = float(gravity @ own) / float(np.linalg.norm(gravity) * np.linalg.norm(own))
+    return float(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+def _words(model: TorqueModel, turned: Vector) -> str:
+    text = ", ".join(f"{g:.2f}" for g in turned)
+    degrees = np.degrees(_angle(model, turned))
+    return f"gravity along ({text}) m/s^2, {degrees:.0f} degrees from the model's"
+
+
+def gravity_in(model: TorqueModel, recording: Recording) -> Vector:
+    """Return the gravity with which the nominal bodies fit a log best, [m/s^2].
+
+    The torque is linear in it: three unknowns, beside friction and the inertial torque
+    of each joint.
+    """
+    robot, torque = model.robot, np.asarray(recording.of(model.torque_joints).torque)
+    bodies, q = (
+        reference_bodies(robot).ravel(),
+        recording.of(robot.joint_names).position,
+    )
+    rows = model.torque_joints
+    turned = (
+        TorqueModel(replace(robot, gravity=axis), torque_joints=rows)
+        for axis in np.eye(3)
+    )
+    unit = [one.rigid_torque(bodies, (q, None, None)) for one in turned]
+    _, inertial = nominal_parts(model, recording)
+    speed = np.asarray(recording.of(model.torque_joints).velocity)
+    left, right = [], []
+    for j, tau in enumerate(torque.T):
+        own = [inertial[:, j], speed[:, j], np.tanh(speed[:, j] / _CREEP)]
+        own.append(np.ones(len(tau)))
+        Q, _ = np.linalg.qr(np.column_stack(own))
+        seen = np.column_stack([u[:, j] for u in unit])
+        scale = float(np.sqrt(np.mean(tau**2))) or 1.0
+        left.append((seen - Q @ (Q.T @ seen)) / scale)
+        right.append((tau - Q @ (Q.T @ tau)) / scale)
+    return smallest_solution(np.vstack(left), np.concatenate(right), RANK)
+
+
+_HEAVIEST = 1e4  # kg: no robot carries more
+_ADD_LOAD = (
+    "add the load or tool of {link} to the model, or remove it from the robot; "
+    "identify_payload finds its ten parameters from logs with it and without it; if "
+    'the masses of the model are placeholders, masses = "free" (--masses free)'
+)
+
+
+def other_loads(as_is: FittedLog) -> Iterator[Candidate]:
+    """Yield the log with an unknown last link, for each last link.
+
+    A model with placeholders has no known links, so that none is tried.
+    """
+    robot = as_is.factors.model.robot
+    if placeholders(robot):
+        return
+    for link in last_links(robot):
+        free = without_link(as_is.constraints, robot, link.name)
+        if free is None:
+            continue
+        if link.datasheet.mass is not None:
+            free.append(MassBounds({link.name: (link.datasheet.mass, _HEAVIEST)}))
+        cause = Cause(
+            LOAD,
+            link.name,
+            f"with another load at {link.name} than the model's",
+            _ADD_LOAD.format(link=link.name),
+            _THRESHOLD,
+            excuse=1,
+        )
+        yield Candidate(cause, as_is.factors, free)
+
+
+def last_links(robot: RobotModel) -> list[Link]:
+    """Return the moving links that carry no other link."""
+    carrying = {joint.parent for joint in robot.joints}
+    return [link for k, link in enumerate(robot.links) if k not in carrying]
+
+
+def without_link(
+    constraints: Sequence[Constraint], robot: RobotModel, link: str
+) -> list[Constraint] | None:
+    """Return constraints without a link; None if none of them concerns it."""
+    found: list[Constraint] = []
+    for constraint in constraints:
+        others = _without(constraint, robot, link)
+        found += [] if others is None else [others]
+    return None if found == list(constraints) else found
+
+
+def _without(constraint: Constraint, robot: RobotModel, link: str) -> Constraint | None:
+    """Return a constraint without a link; None if nothing is left of it."""
+    if isinstance(constraint, FixedMasses):
+        sheet = {each.name: each.datasheet.mass for each in robot.links}
+        masses = sheet if constraint.masses is None else constraint.masses
+        known = {k: m for k, m in masses.items() if m is not None and k != link}
+        unchanged = constraint.masses is not None and link not in constraint.masses
+        return constraint if unchanged else (FixedMasses(known) if known else None)
+    if isinstance(constraint, FixedCentresOfMass):
+        places = {each.name: each.datasheet.com for each in robot.links}
+        centres = places if constraint.centres is None else constraint.centres
+        left = {k: list(c) for k, c in centres.items() if c is not None and k != link}
+        unchanged = constraint.centres is not None and link not in constraint.centres
+        return constraint if unchanged else (FixedCentresOfMass(left) if left else None)
+    if isinstance(constraint, FixedBodies):
+        bodies = tuple(n for n in constraint.links or robot.link_names if n != link)
+        unchanged = bool(constraint.links) and link not in constraint.links
+        return constraint if unchanged else (FixedBodies(bodies) if bodies else None)
+    return constraint

@@ -1,7 +1,13 @@
 """A motion compressed once, with every torque channel as a right-hand side.
 
 A reversed, exchanged or scaled torque channel is then a combination of columns of small
-triangular factors: neither motion nor regressor are looked at again.
+triangular factors: neither the motion nor the regressor is needed again.
+
+The best constrained fit of one log also bounds the misfits of others (`cuts_at`).  Its
+squared misfit rises from its base parameters ``b`` towards every possible robot ``v``:
+``slope.(v - b) >= 0``, with ``slope`` its gradient.  This follows from the constraints
+alone, so the misfit to another log is at least that of least squares in this
+half-space, which takes one triangular solve.
 """
 
 from collections.abc import Sequence
@@ -9,15 +15,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, BoolArray, Matrix
+from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
 from consistent_id._support.executors import all_but_each
+from consistent_id.constraints.cones.certificate import GAP_TOLERANCE
+from consistent_id.estimation.best_fit import BestFit
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.linear import DATA_RANK_TOLERANCE
 from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import CHUNK, TorqueModel
 
-_LEAST = 1e-12  # N m or N, instead of a torque of zero, by which one could not divide
+_LEAST = 1e-12  # N m or N: least divisor in place of a torque of zero
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,9 +36,9 @@ class ChannelFactors:
     Parameters
     ----------
     factors : tuple of ndarray, each shape (rows, base + torque joints)
-        Of each torque joint: its base columns, then all torque channels.
+        One for each torque joint: its base columns, then all torque channels.
     samples : int
-        Behind each factor.
+        Number of samples in each factor.
     """
 
     model: TorqueModel
@@ -55,20 +64,20 @@ class ChannelFactors:
         return misfit / float(np.sqrt(self.samples * len(self.factors)))
 
     def least_misfit(self) -> float:
-        """Return the misfit of least squares, below which no constraint leads.
+        """Return the misfit of least squares, a lower bound under any constraint.
 
         Root of the mean over joints of the squared residual over the squared torque.
         """
         return _last(self.joined())
 
     def least_misfits(self, scales: Sequence[float]) -> Matrix:
-        """Return `least_misfit` with each of several torques in turn times each scale.
+        """Return `least_misfit` with one joint's torque at a time times each scale.
 
         Returns
         -------
         ndarray, shape (joints, scales)
         """
-        # Relative to a torque, its scale divides the joint's columns of bodies.
+        # A scale of the torque divides the joint's columns, relative to that torque.
         own = [_stacked(rows) for rows in self._relative()]
         others = all_but_each(own, _stacked)
         divided = np.ones((len(scales), own[0].shape[1]))
@@ -116,7 +125,7 @@ def _stacked(*rows: Matrix) -> Matrix:
 
 
 def _last(R: Matrix) -> float:
-    """Return what the columns of a factor leave of its last one."""
+    """Return the norm of the last column orthogonal to the others."""
     return float(abs(R[-1, -1])) if len(R) == R.shape[1] else 0.0
 
 
@@ -129,14 +138,14 @@ def channel_factors(
 ) -> list[ChannelFactors]:
     """Compress motions with all torque channels.
 
-    Short motions are put through the regressor together, which is faster.
+    The regressor is computed for several short motions at once, which is faster.
 
     Parameters
     ----------
     recordings : sequence of Recording
         With velocity, acceleration and torque.
     drives : sequence of Recording or None, optional
-        Motions of which the drives' columns are taken, where they are others.
+        Motions from which the drives' columns are taken, if not from `recordings`.
     """
     others = [None] * len(recordings) if drives is None else drives
     read = {id(log): _drive_rows(model, base, log) for log in others if log is not None}
@@ -160,7 +169,7 @@ def channel_factors(
 
 
 def _of_drives(model: TorqueModel, base: BaseParameters) -> BoolArray:
-    """Return which of the base columns are of drives."""
+    """Return which base columns belong to drives."""
     return np.asarray(np.array(base.independent) >= 10 * len(model.robot))
 
 
@@ -172,9 +181,71 @@ def _drive_rows(model: TorqueModel, base: BaseParameters, log: Recording) -> Arr
 
 
 def joint_factor(Y: Array, torque: Array) -> Matrix:
-    """Return a joint's factor; columns that are zero are left out of the work."""
+    """Return a joint's factor; zero columns are skipped."""
     kept = Y.any(axis=1)
     R = triangle(np.asfortranarray(np.column_stack([Y[kept].T, torque])))
     factor = np.zeros((len(R), len(Y) + torque.shape[1]))
     factor[:, [*np.flatnonzero(kept), *range(len(Y), factor.shape[1])]] = R
     return factor
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cut:
+    """``slope.(v - point) >= 0`` for the base parameters ``v`` of possible robots.
+
+    Parameters
+    ----------
+    slope, point : ndarray, shape (base,)
+    """
+
+    slope: Vector
+    point: Vector
+
+
+def cuts_at(factors: ChannelFactors, fit: BestFit) -> list[Cut]:
+    """Return the half-space at a log's best constrained fit, if the fit is certified.
+
+    The list is empty where constraints do not raise the misfit: the slope is rounding.
+
+    Parameters
+    ----------
+    factors : ChannelFactors
+    fit : BestFit
+        Constrained fit to the factors.
+    """
+    if fit.optimality.verdict != "certified":
+        return []
+    R = factors.joined()
+    point = factors.base.projection @ fit.parameters
+    rest = R @ np.append(point, -1.0)
+    cost = float(np.sum(rest[:-1] ** 2))
+    if cost <= GAP_TOLERANCE * float(np.sum(rest**2)):
+        return []
+    return [Cut(R[:, :-1].T @ rest, point)]
+
+
+def least_within(R: Matrix, cuts: Sequence[Cut]) -> float:
+    """Return the largest of the half-spaces' least norms of ``R [v, -1]``.
+
+    Parameters
+    ----------
+    R : ndarray, shape (base + 1, base + 1)
+        Triangular; see `ChannelFactors.joined`.  If it does not determine all base
+        parameters, the half-spaces are ignored.
+    cuts : sequence of Cut
+    """
+    from scipy.linalg import solve_triangular
+
+    n = R.shape[1] - 1
+    A, least = R[:n, :n], float(np.linalg.norm(R[n:, n]))
+    norms = np.linalg.norm(A, axis=0)
+    if len(A) < n or (abs(np.diag(A)) <= DATA_RANK_TOLERANCE * norms).any():
+        return least
+    free = solve_triangular(A, R[:n, n])
+    beyond = [0.0]
+    for cut in cuts:
+        outside = float(cut.slope @ (cut.point - free))
+        turned = solve_triangular(A, cut.slope, trans="T")
+        if outside > 0.0:
+            beyond.append(outside / float(np.linalg.norm(turned)))
+    return float(np.hypot(least, max(beyond)))

@@ -6,19 +6,19 @@ from consistent_id._support.arrays import Array, BoolArray, Vector
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.recordings.recording import Recording
 
-_SLOW = 0.5  # s between samples, above which the clock is hardly in seconds,
-_SLOWLY = 0.1  # or above which it is not, if joints
-_CREEPING = 0.02  # rad/s or m/s, none of them faster for long, travel
-_WIDELY = 0.2  # rad or m
-_AGREED = 0.8  # correlation of two rates that belong to one joint
-_NEAR = 1.3  # factor within which a ratio is taken for a known one
+_SLOW = 0.5  # s between samples: with more the clock is not in seconds,
+_SLOWLY = 0.1  # nor with this, if joints creep:
+_CREEPING = 0.02  # rad/s or m/s: no joint is faster for long,
+_WIDELY = 0.2  # rad or m, but one travels further
+_AGREED = 0.8  # least correlation of two rates of one joint
+_NEAR = 1.3  # factor within which a ratio equals a known one
 
-_SAME = 0.05  # by which the ratios of joints agree, and one may be off from one
-_LATE = 0.012  # s: less is what filters of velocities do
-_CLEAR = 0.25  # of the squared misfit, that a lag may leave
+_SAME = 0.05  # relative difference within which ratios are equal
+_LATE = 0.012  # s: filters of velocities cause less
+_CLEAR = 0.25  # share of the squared misfit that a lag may leave
 _SPAN = 0.1  # s, over which rates are averaged
-_CHANCE = 3.0  # standard errors that are no chance
-_COUNTS = 30.0  # ratio beyond which no clock is meant
+_CHANCE = 3.0  # standard errors beyond chance
+_COUNTS = 30.0  # ratio above which the clock is not the cause
 
 _RATIOS = {
     1e3: ("clock", "the clock counts milliseconds", "divide the time by 1000"),
@@ -37,11 +37,11 @@ _RATIOS = {
 
 
 def clock_findings(recording: Recording) -> list[LogFinding]:
-    """Check the time stamps alone."""
+    """Find time stamps that are not in seconds."""
     step = float(np.median(np.diff(recording.time)))
     if step < _SLOW and not (step >= _SLOWLY and _creeps(recording)):
         return []
-    # Robots log at 10 Hz to 10 kHz: the unit is that in which the step fits.
+    # Robots log at 10 Hz to 10 kHz: the unit is the one in which the step fits.
     units = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9))
     unit, factor = next((u for u in units if step / u[1] < _SLOW), units[-1])
     return [
@@ -58,7 +58,7 @@ def clock_findings(recording: Recording) -> list[LogFinding]:
 
 
 def _creeps(recording: Recording) -> bool:
-    """Return whether joints travel widely and no joint is ever in motion.
+    """Return whether joints travel far although none is ever fast.
 
     A log of 5 kHz in milliseconds has steps of 0.2 s, and joints that creep.
     """
@@ -73,7 +73,7 @@ def velocity_findings(recording: Recording) -> list[LogFinding]:
     if recording.velocity is None:
         return []
     from_position = np.gradient(recording.position, recording.time, axis=0)
-    # Steps of an encoder average out over a while; they would make ratios too small.
+    # Averaging removes the steps of encoders, which make ratios too small.
     span = max(int(_SPAN * recording.rate), 1)
     ratios, correlation = _ratios(
         _averaged(recording.velocity, span), _averaged(from_position, span)
@@ -106,7 +106,7 @@ def _averaged(values: Array, span: int) -> Array:
 def _ratio_errors(recording: Recording, correlation: Vector) -> Vector:
     """Return standard errors of the logarithms of ratios, shape (joints,).
 
-    Of as many independent pairs as there are averages while the joint moves.
+    The number of independent pairs is that of averages while the joint moves.
     """
     speed = np.asarray(recording.velocity) ** 2
     moving = np.sum(speed, axis=0) ** 2 / np.maximum(np.sum(speed**2, axis=0), 1e-300)
@@ -116,9 +116,9 @@ def _ratio_errors(recording: Recording, correlation: Vector) -> Vector:
 
 
 def _common_ratio(ratios: Vector, errors: Vector) -> list[LogFinding]:
-    """Find a factor between velocities and positions' rates that all joints share.
+    """Find a common factor between velocities and the rates of positions.
 
-    One that is beyond what so few samples of motion may show by chance.
+    It has to be larger than chance explains.
     """
     if not len(ratios):
         return []
@@ -132,7 +132,7 @@ def _common_ratio(ratios: Vector, errors: Vector) -> list[LogFinding]:
     seen = f"velocity over the position's rate is {common:.4g} in all joints: "
     if 1.0 / _COUNTS < common < _COUNTS:
         kind = "clock"
-        cause = "the clock runs at another speed than it says, or velocities are scaled"
+        cause = "the clock has a wrong speed, or velocities are scaled"
         advice = "find out which: multiply the time, or the velocities, by {:.4g}"
     else:
         kind = "encoder scale"
@@ -155,8 +155,8 @@ def _scales(
 ) -> list[LogFinding]:
     """Find joints whose position and velocity have different scales.
 
-    Noise of the position's rate makes a ratio smaller, down by the squared correlation;
-    noise of the velocity does not.  A scale is one if either may explain it, or chance.
+    Noise in the position's rate lowers a ratio, at most by the squared correlation;
+    noise in the velocity does not.  A scale that noise or chance explains is one.
     """
     found = []
     rows = zip(recording.joints, ratios, correlation, errors, strict=True)
@@ -180,7 +180,7 @@ def _scales(
 
 
 def _late(recording: Recording, velocity: Array, rate: Array) -> list[LogFinding]:
-    """Find velocities that are later or earlier than the positions' rates."""
+    """Find velocities that are later or earlier than the rates of positions."""
     step = float(np.median(np.diff(recording.time)))
     reach = range(-int(0.3 / step) - 1, int(0.3 / step) + 2)
     if len(recording) < 4 * len(reach):
@@ -206,8 +206,8 @@ def _late(recording: Recording, velocity: Array, rate: Array) -> list[LogFinding
             "fault",
             "all joints",
             f"velocities are {1e3 * abs(lag):.3g} ms {later} than the positions' rates",
-            "shift velocities or positions in time, or leave the velocities out: then "
-            "they are computed from the positions",
+            "shift velocities or positions in time, or leave the velocities out: they "
+            "are then computed from the positions",
             abs(lag) / _LATE,
         )
     ]
@@ -241,7 +241,7 @@ def _signs(recording: Recording, ratios: Vector, agreed: BoolArray) -> list[LogF
 def _swaps(
     recording: Recording, velocity: Array, rate: Array, agreed: BoolArray
 ) -> list[LogFinding]:
-    """Find joints whose velocity is another joint's."""
+    """Find joints whose velocity channel belongs to another joint."""
     lost = np.flatnonzero(~agreed)
     if len(lost) < 2:
         return []

@@ -1,9 +1,9 @@
-"""Contact: a stretch of the log whose torque the model with friction does not explain.
+"""Contact: a stretch of the log whose torque the model does not explain.
 
-The log is cut into cells.  What least squares leaves of a stretch that it did not learn
-from is compared with what it leaves of each other cell, all by the model with friction
-that the model may lack and with a lag: what these explain is no contact.  Residuals of
-real robots differ from cell to cell, so that the other cells say how much is usual.
+The log is cut into cells.  The prediction error on a stretch that was left out of the
+fit is compared with that on each other cell.  The model gets a lag and further shapes
+of friction, because torque that these explain is no contact.  Residuals of real robots
+differ from cell to cell, so that the other cells show which error is usual.
 """
 
 from collections.abc import Iterator
@@ -22,24 +22,24 @@ from consistent_id.recordings.signals.masks import standstill
 from consistent_id.regression.motion_arrays import motion_of
 
 _THRESHOLD = 1.3  # ratio of misfits, as in the table of corrections
-_FELT = 0.03  # of the torque: misfit of a log in which nothing is touched
+_FELT = 0.03  # of the torque: misfit below which there is no contact
 _CELLS = 64
-_LENGTHS = (1, 2, 3, 4, 6, 8, 12, 16)  # cells of a stretch: a quarter at the most
-_TRIED = 6  # stretches of each length, those of the largest residuals
-_SLOW = 0.05  # of top speed: joints that are slower for a while rest, or nearly do
-_WHILE = 0.5  # s
-_TINY = 1e-300  # instead of a residual of zero, of which there is no logarithm
-_RANK = 1e-6  # of what a direction is told by, below which the rest does not tell it
-# Bound on the chance that one of all stretches stands out so far by itself.  In the
-# recordings of the UR10e, the KR300, the TX40 and TIAGo, in which nothing is touched,
-# it is 0.04 or more, whatever delay of 0 to 8 ms the UR10e's torque is given.
+_LENGTHS = (1, 2, 3, 4, 6, 8, 12, 16)  # cells of a stretch, at most a quarter of all
+_TRIED = 6  # stretches of each length, those with the largest residuals
+_SLOW = 0.05  # of top speed: slower joints rest, or nearly do
+_WHILE = 0.5  # s for which joints are slow when they rest
+_TINY = 1e-300  # in place of a residual of zero, which has no logarithm
+_RANK = 1e-6  # information from the other samples below which a direction is open
+# Bound on the probability that some stretch is so large by chance.  It is 0.04 or more
+# in recordings without contact of UR10e, KR300, TX40 and TIAGo, also if the UR10e's
+# torque is delayed by up to 8 ms.
 _CHANCE = 1e-4
-_RESTS = 0.5  # share of a stretch at rest, from which on friction explains it
+_RESTS = 0.5  # share at rest from which on friction explains a stretch
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointResidual:
-    """What least squares leaves of a joint's torque.
+    """Residual of a joint's torque in least squares.
 
     Parameters
     ----------
@@ -53,10 +53,10 @@ class JointResidual:
     rest: Vector
 
     def left_out(self, samples: IntArray) -> float:
-        """Return by how much the squared residual falls if samples are left out.
+        """Return the decrease of the squared residual if samples are left out.
 
-        ``r' (I - Q Q')^-1 r``: the squared error of their prediction from the others,
-        over the variance factor of that prediction.
+        It is ``r' (I - Q Q')^-1 r``: the squared error of their prediction from the
+        other samples, over the variance factor of that prediction.
         """
         Q, r = self.spanned[samples], self.rest[samples]
         seen, others = Q.T @ r, np.eye(Q.shape[1]) - Q.T @ Q
@@ -69,7 +69,7 @@ class JointResidual:
         return float(r @ r + along @ (along / sizes[kept]))
 
     def without(self, samples: IntArray) -> "JointResidual":
-        """Return the residual of a fit without samples; theirs is set to zero."""
+        """Return the residual of a fit without samples, zero at these samples."""
         others = np.delete(np.arange(len(self.rest)), samples)
         U, s, _ = np.linalg.svd(self.spanned[others], full_matrices=False)
         U = U[:, s**2 > _RANK]
@@ -83,7 +83,7 @@ class JointResidual:
 def _along(others: Matrix, seen: Vector) -> float | None:
     """Return ``seen' others^-1 seen``; None where an eigenvalue may be `_RANK` or less.
 
-    No eigenvalue is larger than one, so that none is less than their product.
+    Eigenvalues are at most one, so that each is at least their product.
     """
     from scipy.linalg.lapack import dpotrf, dpotrs
 
@@ -95,11 +95,11 @@ def _along(others: Matrix, seen: Vector) -> float | None:
 
 
 def contact(as_is: FittedLog) -> Iterator[Candidate]:
-    """Yield the log without the stretch that stands out, if one does.
+    """Yield the log without the stretch that the model does not explain, if any.
 
-    A stretch at either end of a log, nearer than half its length, is when filters
-    settle: no contact is seen in it.  Nor is one where the robot rests, or mostly
-    rests: dry friction holds whatever torque is left there.
+    Stretches nearer to an end of the log than half their length are left out, because
+    filters settle there; so are stretches in which the robot mostly rests, because dry
+    friction can hold any remaining torque.
     """
     log = as_is.recording
     moving = ~resting(log)
@@ -116,7 +116,7 @@ def contact(as_is: FittedLog) -> Iterator[Candidate]:
         "contact",
         "all joints",
         f"without {start:.4g} s to {stop:.4g} s",
-        "leave this stretch out: contact, a load or a fault of the log",
+        "leave this stretch out: it has a contact, a load or a fault of the log",
         _THRESHOLD,
         of_residual=True,
     )
@@ -131,9 +131,9 @@ def resting(log: Recording) -> BoolArray:
 
 
 def joint_residuals(as_is: FittedLog, rows: BoolArray) -> list[JointResidual]:
-    """Return what the model leaves with a lag and friction that it may lack.
+    """Return residuals of the model with a lag and further friction, at samples `rows`.
 
-    Of the samples `rows`; a lag is seen in the whole log.
+    The lag is computed from the whole log.
     """
     model = as_is.factors.model
     motion = motion_of(model, as_is.recording, None)
@@ -158,7 +158,7 @@ def joint_residuals(as_is: FittedLog, rows: BoolArray) -> list[JointResidual]:
 
 
 def standing_out(residuals: list[JointResidual]) -> BoolArray | None:
-    """Return the samples of the stretch that stands out; None if there is none."""
+    """Return the samples of an unexplained stretch; None if there is none."""
     samples = len(residuals[0].rest)
     cells = np.array_split(np.arange(samples), _CELLS)
     first, stop = _likeliest(residuals, cells)
@@ -166,7 +166,7 @@ def standing_out(residuals: list[JointResidual]) -> BoolArray | None:
     if _chance(residuals, cells, first, stop) > _CHANCE:
         return None
     inside = np.zeros(samples, dtype=np.bool_)
-    # What filters spread is in half a cell on either side.
+    # Filters spread the torque to half a cell on either side.
     wider = max(len(cells[0]) // 2, 1)
     inside[max(stretch[0] - wider, 0) : stretch[-1] + 1 + wider] = True
     return inside
@@ -175,9 +175,9 @@ def standing_out(residuals: list[JointResidual]) -> BoolArray | None:
 def _likeliest(
     residuals: list[JointResidual], cells: list[IntArray]
 ) -> tuple[int, int]:
-    """Return the cells between which the residual most likely has another variance.
+    """Return the first cell and the end of the likeliest stretch of another variance.
 
-    The likelihood ratio of two variances, one inside and one outside, to one variance.
+    Its likelihood ratio is that of two variances, inside and outside, to one variance.
     """
     energy = np.array(
         [sum(float(r.rest[c] @ r.rest[c]) for r in residuals) for c in cells]
@@ -203,10 +203,10 @@ def _likeliest(
 def _chance(
     residuals: list[JointResidual], cells: list[IntArray], first: int, stop: int
 ) -> float:
-    """Return the chance that some stretch has so large a residual by itself.
+    """Return the probability that some stretch has so large a residual by chance.
 
-    Logarithms of the residuals of cells are taken to be normal, with the mean and the
-    variance that the cells outside have: Student's t, times the number of stretches.
+    Logarithms of the cells' residuals are assumed normal, with the mean and variance of
+    the cells outside: it is Student's t, times the number of stretches.
     """
     from scipy.special import stdtr
 

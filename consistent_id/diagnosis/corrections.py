@@ -1,8 +1,8 @@
-"""Faults that another arrangement of the channels undoes: one table.
+"""Faults that a change of the channels corrects, as one table.
 
 Each correction is an affine map of the torque channels, or of the motion channels.
 Preparation (resampling, filters, differences) treats all channels alike and keeps
-constants, so the map is applied after it: a log is prepared once.
+constants, so that the map can be applied afterwards: a log is prepared once.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -20,8 +20,8 @@ from consistent_id.robot.model import Joint, RobotModel
 class Change(NamedTuple):
     """A map of channels: ``values @ matrix``, and `shift` added to positions.
 
-    `joints` are the places of those it concerns, none for all; `size` and `unit` are
-    for sentences.
+    `joints` are the indices of the joints it changes; empty means all joints.  `size`
+    and `unit` appear in sentences.
     """
 
     joints: tuple[int, ...]
@@ -33,22 +33,22 @@ class Change(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """What may be wrong: for a finding, and when it is reported.
+    """A possible cause, and the threshold from which on it is reported.
 
     Parameters
     ----------
     kind, where, statement, advice : str
-        As in `LogFinding`; the statement is the condition under which misfits are told.
+        As in `LogFinding`; the statement is the condition for the misfit that follows.
     threshold : float
-        Ratio of misfits, as the log is over corrected, from which on it is reported.
+        Ratio of the log's misfit to the corrected log's from which on it is reported.
     excuse : int
-        Whether it stands in for other causes: 0 if it does not; 1 if it is named where
-        nothing else explains the log, as other masses; 2 if it is only told as a
-        candidate, as a spring, which stands in for wrong geometry; `LOOKS_ALIKE` if it
-        is only told too, and may be what is named otherwise.
+        Whether it can stand in for other causes.  0: it cannot.  1: it is named only if
+        nothing else explains the log (other masses).  2: it is only mentioned as a
+        candidate (a spring, which can stand in for wrong geometry).  `LOOKS_ALIKE`: it
+        is only mentioned too, because another cause has the same effect.
     of_residual : bool
-        Whether it was read off a residual, of which something like it always takes up
-        a part: it has to leave no more than clean logs leave.
+        Whether it was chosen by a residual.  Part of any residual can be explained this
+        way, so that the misfit has to fall to that of clean logs.
     """
 
     kind: str
@@ -61,26 +61,26 @@ class Cause:
 
 
 LOOKS_ALIKE = 3
-"""Excuse of what a wrong length does as well: a scale near one of a position."""
+"""Excuse of a position scale near one: a wrong link length has the same effect."""
 
 
 @dataclass(frozen=True, slots=True)
 class FaultKind:
-    """A kind of fault: what may have happened, and when it is reported.
+    """A kind of fault, and the threshold from which on it is reported.
 
     Parameters
     ----------
     kind : str
         As in `LogFinding`.
     channels : {"torque", "motion", "both"}
-        What it changes.
+        The channels that it changes.
     threshold : float
-        Ratio of misfits, as the log is over corrected, from which on it is reported.
+        Ratio of the log's misfit to the corrected log's from which on it is reported.
     statement, advice : str
         With the fields ``{joints}``, ``{size}`` and ``{unit}``.
     changes : callable
-        From the joints whose channels may be at fault, and their places, to the changes
-        that undo the fault.
+        From the joints, and the indices of those whose channels may be wrong, to the
+        changes that correct the fault.
     """
 
     kind: str
@@ -93,7 +93,7 @@ class FaultKind:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Correction:
-    """A fault that may have happened, and the change that undoes it."""
+    """A possible fault, and the change that corrects it."""
 
     fault: FaultKind
     change: Change
@@ -101,17 +101,17 @@ class Correction:
 
     @property
     def statement(self) -> str:
-        """What the log would be."""
+        """The fault in words."""
         return self._filled(self.fault.statement)
 
     @property
     def advice(self) -> str:
-        """What to do."""
+        """The advice in words."""
         return self._filled(self.fault.advice)
 
     @property
     def cause(self) -> "Cause":
-        """The cause that it stands for."""
+        """The cause that it corrects."""
         fault = self.fault
         near = fault.kind == "encoder scale" and self.change.size in _NEAR
         return Cause(
@@ -147,12 +147,12 @@ class Correction:
 
 
 def corrections(robot: RobotModel, torque_joints: Sequence[str]) -> list[Correction]:
-    """Return all corrections of the table that a robot's log can need.
+    """Return all corrections of the table that apply to a robot's log.
 
     Parameters
     ----------
     torque_joints : sequence of str
-        Joints whose torque is known; torque faults are looked for in these.
+        Joints whose torque is known; torque faults are sought in these.
     """
     names = robot.joint_names
     known = [names.index(name) for name in torque_joints]
@@ -166,11 +166,12 @@ def corrections(robot: RobotModel, torque_joints: Sequence[str]) -> list[Correct
 
 _ALL = "all joints"
 _QUARTERS = (90.0, -90.0, 180.0)  # degrees
-_NEAR = (0.8, 0.9, 1.1, 1.25)  # gears that are not so
-_SCALES = (0.01, 0.02, *_NEAR)  # or that were forgotten
+_NEAR = (0.8, 0.9, 1.1, 1.25)  # wrong gear ratios
+_SCALES = (0.01, 0.02, *_NEAR)  # or gear ratios that were left out
 _UNITS = ((1e3, "kN m"), (1e-3, "N mm"))
-# Ratio of misfits: who reverses a torque that is right is wrong by twice of it.  What
-# half explains a log both ways, as a torque without its fast part, is not reversed.
+# Ratio of misfits: reversing a correct torque makes an error of twice the torque.  A
+# torque that fits about equally well both ways, such as one without its fast part, is
+# not reversed.
 _SIGN = 2.0
 
 
@@ -241,8 +242,9 @@ FAULT_KINDS = (
         "torque",
         _SIGN,
         "with the torque of {joints} reversed",
-        "reverse the torque channel of {joints}; or its position and velocity, or its "
-        "axis in the model",
+        "reverse the torque of {joints} by a negative gain (--torque-gain, one number "
+        "for each joint); or, instead, its position and velocity, or the axis in the "
+        "model",
         _reversed,
     ),
     FaultKind(
@@ -250,7 +252,7 @@ FAULT_KINDS = (
         "torque",
         _SIGN,
         "with the torque of {joints} reversed",
-        "reverse the torque channel of {joints}",
+        "reverse the torque of {joints} by a negative gain (--torque-gain -1)",
         _all_reversed,
     ),
     FaultKind(
@@ -327,4 +329,4 @@ FAULT_KINDS = (
         _quarter_turns,
     ),
 )
-"""Faults that are looked for; a new one is one entry, and how its change looks."""
+"""Faults that are sought; a new fault is one entry and one function of changes."""

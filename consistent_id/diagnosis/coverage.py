@@ -1,31 +1,42 @@
-"""Logs that rest, saturate, carry no signal, or do not excite all parameters."""
+"""How much a log can identify: rests, saturation, small motion, rank, motion noise.
 
-from collections.abc import Mapping
-from dataclasses import replace
+Motion noise stands in the columns of the regressor.  With ``W + V`` in place of ``W``
+least squares tends to ``(W^T W + V^T V)^-1 W^T W x``: to first order its bias is
+``-(W^T W)^-1 V^T V x``, which does not fall with the number of samples.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from consistent_id._support.arrays import BoolArray, Vector
+from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
+from consistent_id._support.executors import single_threaded
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.clocks import is_uniform
+from consistent_id.recordings.signals.derivatives import noise_gain
 from consistent_id.recordings.signals.masks import saturated, standstill
+from consistent_id.recordings.signals.smoother import ORDERS, motion_noise
 from consistent_id.regression.base import BaseParameters, excitation_of
+from consistent_id.regression.linear import solve_linear
+from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
 
-_STILL = 0.02  # of a joint's largest velocity, below which it stands
-_IDLE = 0.2  # share of samples with all joints at rest that is worth a warning
-_RESTS = 0.9  # share of samples at rest of a joint that only goes to where it stays
-_PINNED = 5  # samples at a limit that are worth a word
+_STILL = 0.02  # of a joint's largest velocity: slower joints stand still
+_IDLE = 0.2  # least share of samples with all joints at rest that is reported
+_RESTS = 0.9  # share of samples at rest from which on a joint does not count as moving
+_PINNED = 5  # least number of samples at a limit that is reported
 _SMALL, _SLOW = 0.05, 0.1  # rad or m; rad/s or m/s, of the joint that moves most
-_BRIEF = 3.0  # s, below which a log may be too short for its motion to turn back
-_TURNS, _TURNING = 2.5, 0.05  # of the median joint; share of its top speed
-_MOVES = 2e-3  # rad or m of travel, below which a joint's readings only flicker,
-_STEPS = 2.0  # as they do within so many steps of its encoder
+_BRIEF = 3.0  # s: in a shorter log joints may not turn back
+_TURNS, _TURNING = 2.5, 0.05  # least turns of the median joint; share of top speed
+_MOVES = 2e-3  # rad or m of travel: with less a joint rests and its readings flicker,
+_STEPS = 2.0  # also within so many steps of its encoder
 
 
 def standstill_findings(recording: Recording) -> list[LogFinding]:
-    """Warn of long rests of all joints together."""
+    """Warn of long times at which all joints rest."""
     velocity = recording.velocity
     if velocity is None or not velocity.any():
         velocity = np.gradient(recording.position, recording.time, axis=0)
@@ -42,17 +53,17 @@ def standstill_findings(recording: Recording) -> list[LogFinding]:
             "warning",
             recording.name,
             f"all joints stand still in {share:.0%} of {len(recording)} samples",
-            "trim the rests; Coulomb friction at rest may be any value in its bounds",
+            "trim the rests: at rest, friction may have any value within its bounds",
             share / _IDLE,
         )
     ]
 
 
 def in_motion(model: TorqueModel, prepared: Recording) -> TorqueModel:
-    """Return a model with the torque of those joints alone that move in a log.
+    """Return a model with the torque of only those joints that move in a log.
 
-    Friction holds a joint at rest with whatever is needed, up to its breakaway torque.
-    No law of velocity gives that torque, and so it contradicts no model.
+    At rest, friction takes any value up to the breakaway torque.  No function of
+    velocity predicts it, so torque at rest contradicts no model.
 
     Parameters
     ----------
@@ -73,8 +84,8 @@ def saturation_findings(
     Parameters
     ----------
     limits : mapping of str to float, optional, [N m or N]
-        Of joints whose torque was made of commands and clipped where the drive clips
-        it: staying there, it is the drive's.
+        Torque at which the drives clip, for joints whose torque was computed from
+        commands.  Staying at that limit is no fault.
     """
     if recording.torque is None:
         return []
@@ -86,8 +97,8 @@ def saturation_findings(
             joint,
             f"{joint}: torque stays at {abs(tau[at]).max():.4g} in {int(at.sum())} of "
             f"{len(tau)} samples",
-            "leave these samples out, or move more gently: torque that the drive could "
-            "not give is missing from the channel",
+            "leave these samples out, or move more gently: the channel does not show "
+            "torque beyond the limit",
             float(at.sum()) / _PINNED,
         )
         for joint, tau, at in zip(
@@ -100,7 +111,7 @@ def saturation_findings(
 
 
 def extent_findings(prepared: Recording) -> list[LogFinding]:
-    """Warn of motion that is small, slow, or over before it has turned back twice.
+    """Warn of motion that is small or slow, or ends before joints turned back twice.
 
     Parameters
     ----------
@@ -129,8 +140,8 @@ def extent_findings(prepared: Recording) -> list[LogFinding]:
                     kind,
                     "warning",
                     prepared.name,
-                    f"{seen:.3g} {unit} in {prepared.duration:.3g} s; less than "
-                    f"{least:g} shows little of the bodies",
+                    f"{seen:.3g} {unit} in {prepared.duration:.3g} s; with less than "
+                    f"{least:g} the bodies are hardly identifiable",
                     f"move {advice}",
                     least / max(seen, 0.1 * least),
                 )
@@ -139,7 +150,7 @@ def extent_findings(prepared: Recording) -> list[LogFinding]:
 
 
 def _turns(velocity: Vector) -> int:
-    """Return how often a joint turns back, flickering at rest left out."""
+    """Return how often a joint turns back, without flickering at rest."""
     moving = velocity[abs(velocity) > _TURNING * abs(velocity).max()]
     return int((np.diff(np.sign(moving)) != 0.0).sum())
 
@@ -152,14 +163,14 @@ def rank_findings(
 ) -> list[LogFinding]:
     """Name the combinations of base parameters that are not identifiable.
 
-    What an encoder reads of a joint at rest flickers; it is taken for the rest it is.
+    Encoder readings flicker at rest; joints that only flicker are taken as at rest.
 
     Parameters
     ----------
     recording : Recording
         With velocity, acceleration and torque.
     steps : ndarray, shape (joints,), or float, [rad or m]
-        In which encoders read, which no longer shows in a filtered position.
+        Steps of the encoders, which a filtered position no longer shows.
     """
     recording = recording.of(model.robot.joint_names)
     travel = np.ptp(recording.position, axis=0)
@@ -187,10 +198,170 @@ def rank_findings(
 
 
 def _without_motion(recording: Recording, at_rest: BoolArray) -> Recording:
-    """Return a recording in which some joints do not move at all."""
+    """Return a recording in which resting joints have constant positions."""
     q = np.where(at_rest, recording.position.mean(axis=0), recording.position)
     dq, ddq = (
         np.where(at_rest, 0.0, np.asarray(rate))
         for rate in (recording.velocity, recording.acceleration)
     )
     return replace(recording, position=q, velocity=dq, acceleration=ddq)
+
+
+SHARE = 0.01
+"""Share of a column's power from which on noise is reported.
+
+Least squares underestimates a parameter by about this share.
+"""
+
+_STRETCH = 2000  # samples from which the noise of the readings is estimated
+_NAMED = 3  # columns that a finding names
+
+
+def motion_noise_findings(
+    model: TorqueModel,
+    log: Recording,
+    prepare: Callable[[Recording], Recording],
+    base: BaseParameters,
+    *,
+    prepared: Recording | None = None,
+) -> list[LogFinding]:
+    """Return a warning if noise of the positions is left in the regressor.
+
+    The noise of the readings is the smoother's estimate (`motion_noise`), but at least
+    that of the encoder's steps.
+
+    Parameters
+    ----------
+    log : Recording
+        As recorded, with torque.  Without a uniform clock there is no finding.
+    prepare : callable
+        Adds velocity and acceleration.
+    prepared : Recording, optional
+        Result of `prepare`, if it is known.
+    """
+    log = log.of(model.robot.joint_names)
+    if log.acceleration is not None or not is_uniform(log):
+        return []
+    if len(log) < 8 * ORDERS[-1]:
+        return []  # too short for a smoother
+    first = max((len(log) - _STRETCH) // 2, 0)
+    sigma = motion_noise(log.samples(slice(first, first + _STRETCH))).position
+    ready = prepare(log) if prepared is None else prepared
+    gain = noise_gain(log, prepare, prepared=ready)
+    noise = column_noise(model, ready, gain * (sigma**2)[:, None, None], base)
+    largest = noise.noisiest[0][1]
+    if largest <= SHARE:
+        return []
+    named = ", ".join(
+        f"{name} {100.0 * share:.2g} %"
+        for name, share in noise.noisiest[:_NAMED]
+        if share > SHARE
+    )
+    return [
+        LogFinding(
+            "motion noise",
+            "warning",
+            "all joints",
+            f"noise of the positions ({np.median(sigma):.2g} rad or m) is part of the "
+            f"regressor's columns: {named}; it biases the torque of least squares by "
+            f"about {100.0 * noise.torque_error:.2g} %",
+            "lower the cut-off of the motion or smooth it, or use "
+            "instrumental_variables with the commanded motion",
+            largest / SHARE,
+        )
+    ]
+
+
+_SAMPLES = 4000  # evenly spaced samples over which is averaged
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ColumnNoise:
+    """Noise of the motion in the columns of a regressor.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the base parameters.
+    shares : ndarray, shape (base,)
+        Share of noise in each column's power; joints are weighted by their torque.
+    bias : ndarray, shape (base,)
+        Bias of weighted least squares from that noise, to first order.
+    torque_error : float
+        Torque of this bias over the torque.
+    """
+
+    names: tuple[str, ...]
+    shares: Vector
+    bias: Vector
+    torque_error: float
+
+    @property
+    def noisiest(self) -> tuple[tuple[str, float], ...]:
+        """Columns and their shares, the largest first."""
+        order = np.argsort(-self.shares)
+        return tuple((self.names[i], float(self.shares[i])) for i in order)
+
+
+@single_threaded
+def column_noise(
+    model: TorqueModel,
+    recording: Recording,
+    covariance: Array,
+    base: BaseParameters,
+    *,
+    seed: int = 0,
+) -> ColumnNoise:
+    """Return the share of each base column that is noise of the motion.
+
+    Noise is drawn at samples of the motion, because it passes through friction, which
+    jumps, and through products of velocities.
+
+    Parameters
+    ----------
+    recording : Recording
+        Prepared, with torque.
+    covariance : ndarray, shape (joints, 3, 3)
+        Of position, velocity and acceleration: `noise_gain` times the variance of the
+        readings, in the robot's order.
+    seed : int
+        Of the noise that is drawn.
+    """
+    # Noise of the motion is examined before the filter, sample by sample.
+    bare = replace(_spread(recording), torque_filter=None)
+    motion = motion_of(model, bare, None)
+    torque = motion.torque
+    weights = 1.0 / np.maximum(np.sqrt((torque**2).mean(axis=0)), 1e-12)
+    W = _rows(model, motion, base, weights)
+    V = _rows(model, _noisy(motion, covariance, seed), base, weights) - W
+    solution = solve_linear(W, (torque * weights).T.ravel())
+    pulled = V.T @ (V @ solution.x)
+    bias = -solution.pseudo_inverse @ (solution.pseudo_inverse.T @ pulled)
+    power = (W**2).sum(axis=0)
+    shares = (V**2).sum(axis=0) / np.where(power > 0.0, power, np.inf)
+    error = np.linalg.norm(W @ bias) / np.sqrt(torque.size)
+    return ColumnNoise(base.names, shares, np.asarray(bias), float(error))
+
+
+def _spread(recording: Recording) -> Recording:
+    return recording.samples(slice(None, None, -(-len(recording) // _SAMPLES)))
+
+
+def _noisy(motion: Motion, covariance: Array, seed: int) -> Motion:
+    """Return the motion with noise of the given covariance drawn upon it."""
+    rng = np.random.default_rng(seed)
+    n, joints = motion.q.shape
+    # Eigenvectors, because position and acceleration may be fully correlated.
+    values, axes = np.linalg.eigh(covariance)
+    roots = axes * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+    drawn = np.einsum("jab,njb->anj", roots, rng.normal(size=(n, joints, 3)))
+    q, dq, ddq = (x + e for x, e in zip(motion[:3], drawn, strict=True))
+    return motion._replace(q=q, dq=dq, ddq=ddq)
+
+
+def _rows(
+    model: TorqueModel, motion: Motion, base: BaseParameters, weights: Vector
+) -> Matrix:
+    """Return the base columns of all torque joints' rows, weighted."""
+    Y = model.regressor(motion.q, motion.dq, motion.ddq)[:, list(base.independent)]
+    return np.concatenate(list(Y * weights[:, None, None]), axis=1).T

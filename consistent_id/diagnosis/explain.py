@@ -1,10 +1,10 @@
-"""Physical consistency as a detector: the correction that makes a log possible.
+"""Faults found by physical consistency: the correction that makes a log possible.
 
 A physically consistent robot with the datasheet's masses and friction that dissipates
 cannot explain a log with a torque reversed or two channels exchanged.  Corrections are
-compared by the misfit of the constrained fit.  Least squares bounds it from below, so
-few corrections need a cone programme: those are fitted in the order of their bounds,
-until no bound is left that could win.
+compared by the misfit of the constrained fit.  Least squares bounds that misfit from
+below.  Corrections are fitted in the order of their bounds, until no remaining bound is
+below the best misfit, so that few of them need a cone programme.
 """
 
 from collections.abc import Sequence
@@ -19,9 +19,13 @@ from consistent_id.constraints import (
     PhysicalConsistency,
 )
 from consistent_id.constraints.cones.certificate import GAP_TOLERANCE
-from consistent_id.diagnosis.channel_factors import ChannelFactors, channel_factors
+from consistent_id.diagnosis.channel_factors import (
+    ChannelFactors,
+    channel_factors,
+    cuts_at,
+    least_within,
+)
 from consistent_id.diagnosis.corrections import LOOKS_ALIKE, Cause, Correction
-from consistent_id.diagnosis.cuts import cuts_at, least_within
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.best_fit import BestFit, best_fit
@@ -31,39 +35,39 @@ from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.regression.regressor import TorqueModel
 
 SAMPLES = 1500
-"""Samples that are looked at, at the most; more make it slower, not surer."""
+"""Most samples that are used; more samples cost time and change no result."""
 
 _SCREENED = 300  # samples on which corrections of the motion are tried first
-_MARGIN = 1.1  # by which so few samples may overstate a misfit
-_WHITE = 3.0  # times the white noise: filters leave less, edges of friction more
-_BEYOND = 1.5  # times least squares: clean logs have 1.0 to 1.1, here and in robots
-_MOST = 0.12  # of the torque: misfit that explains nothing, least squares or not
-_SURE = 0.999  # of a bound on a misfit: what fits are not exact to
-_RIVAL = 1.25  # ratio of misfits within which two causes explain a log alike
+_MARGIN = 1.1  # factor by which so few samples may overstate a misfit
+_WHITE = 3.0  # times the white noise: filters lower it, edges of friction raise it
+_BEYOND = 1.5  # times least squares: 1.0 to 1.1 in clean simulated and real logs
+_MOST = 0.12  # of the torque: a log with a larger misfit is not explained
+_SURE = 0.999  # of a bound on a misfit: fits are this exact
+_RIVAL = 1.25  # ratio of misfits within which two causes explain a log equally well
 _CLEARLY = 2.0  # ratio beyond which other masses explain a log better than a fault
-_MIRRORED = ("torque sign", "position sign")  # one and the same at the last joint
+_MIRRORED = ("torque sign", "position sign")  # equivalent at the last joint
 LOAD = "load"
 """Kind of a load that the model does not have."""
-_NESTED = {LOAD, "masses or gain"}  # the first is one of the second, and says more
+_NESTED = {LOAD, "masses or gain"}  # the first is a special case of the second
 _UNUSUAL = 0.06  # of the torque: clean logs without noise leave 0.5 to 3 %
-# Of friction, that laws with constant coefficients miss: of a UR10e's recordings up to
-# 0.15, as drives warm up, and as gears mesh.
+# Share of friction that laws with constant coefficients miss: up to 0.15 in recordings
+# of a UR10e, because drives warm up and gears mesh.
 _OF_FRICTION = 0.15
-_RUBS = 0.9  # share of friction beside which bodies tell no cause from another
-_BAD = 0.3  # of the torque: misfit of which no good comes
-_SHOWN = 3  # candidates that are worth mention
-_STRETCHES = 20  # of a log, whose misfits scatter
-_LIKELY = 2.0  # standard errors of a misfit within which it may be another
+_RUBS = 0.9  # share of friction above which the bodies distinguish no causes
+_BAD = 0.3  # of the torque: misfit that makes any estimate useless
+_SHOWN = 3  # candidates that are mentioned
+_STRETCHES = 20  # parts of a log, whose misfits scatter
+_LIKELY = 2.0  # standard errors of a misfit that its interval reaches to
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedLog:
-    """A prepared log, and the constrained robot that fits it best.
+    """A prepared log, and its best constrained fit.
 
     Parameters
     ----------
     recording : Recording
-        Prepared, of the robot's joints.
+        Prepared, with the robot's joints.
     """
 
     constraints: Sequence[Constraint]
@@ -73,7 +77,7 @@ class FittedLog:
 
     @property
     def misfit(self) -> float:
-        """What is unexplained, each joint relative to its own torque.
+        """Torque error of the fit, each joint relative to its own torque.
 
         Root of the mean over joints of the squared residual over the squared torque.
         """
@@ -81,9 +85,9 @@ class FittedLog:
 
     @property
     def least_likely(self) -> float:
-        """Lower end of the misfit's confidence interval, by how stretches scatter.
+        """Lower end of the misfit's confidence interval, from the scatter over parts.
 
-        Of a short log, one edge of friction more or less makes a difference.
+        In a short log, one reversal of friction more or less changes the misfit.
         """
         model, log = self.factors.model, self.recording
         motion = motion_of(model, log, None)
@@ -98,7 +102,7 @@ class FittedLog:
 
     @property
     def friction(self) -> float:
-        """Friction of the best robot over the torque, one at the most.
+        """Friction of the best fit over the torque, at most one.
 
         Root of the mean over joints of the squares, as in `misfit`.
         """
@@ -121,7 +125,7 @@ class Candidate:
     Parameters
     ----------
     factors : ChannelFactors
-        Of the corrected log, or of a model that has what the log's robot has.
+        Of the corrected log, or of the corrected model.
     """
 
     cause: Cause
@@ -131,7 +135,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """A cause, and the misfits without it and as it is, relative to the torque."""
+    """A cause, and the misfits with and without its correction, over the torque."""
 
     cause: Cause
     misfit: float
@@ -139,24 +143,23 @@ class Explanation:
 
     @property
     def score(self) -> float:
-        """How far the misfits' ratio is beyond the cause's threshold."""
+        """Ratio of the misfits over the cause's threshold."""
         ratio = self.as_is / max(self.misfit, 1e-12)
         return ratio / self.cause.threshold
 
 
 @dataclass(frozen=True, slots=True)
 class Explanations:
-    """What explains a log: candidates that were fitted, the best first.
+    """Candidates that were fitted to a log, the best first.
 
     Parameters
     ----------
     tried : tuple of Explanation
-        Those that leave less unexplained than their thresholds ask for.
+        Candidates whose misfit is low enough for their thresholds.
     floor : float
         Misfit, relative to the torque, below which a log counts as explained.
     usual : float
-        Misfit that clean logs have, by which a cause that stands in for others is
-        judged.
+        Misfit of clean logs.  A cause that can stand in for others has to reach it.
     """
 
     tried: tuple[Explanation, ...]
@@ -165,7 +168,7 @@ class Explanations:
 
     @property
     def explained(self) -> list[Explanation]:
-        """Those that leave no more than a log counts as explained with."""
+        """Candidates whose misfit is low enough to explain the log."""
         bound = {0: self.floor, 1: self.usual, 2: self.floor, LOOKS_ALIKE: self.floor}
         return [
             e
@@ -178,9 +181,9 @@ class Explanations:
     def best(self) -> Explanation | None:
         """The one cause that explains the log; None if there is none, or several.
 
-        Of causes that explain it about as well, none is known to be the one, unless
-        they are of one kind.  Nor is one of which much more stays unexplained than of
-        others.
+        If causes of different kinds explain the log about equally well, none of them is
+        certain.  A cause whose misfit is much larger than that of others is not certain
+        either.
         """
         explained = self.explained
         for excuse, others, margin in ((0, (0, 1), _CLEARLY), (1, (0, 1, 2), _RIVAL)):
@@ -202,7 +205,7 @@ class Explanations:
 
 
 def datasheet_constraints(model: TorqueModel) -> tuple[Constraint, ...]:
-    """Return physical consistency, signs, and the masses that the datasheet has."""
+    """Return physical consistency, signs of drive terms, and the datasheet's masses."""
     known = any(link.datasheet.mass is not None for link in model.robot.links)
     masses = (FixedMasses(),) if known else ()
     return (PhysicalConsistency(), *masses, NonNegativeDrive())
@@ -226,14 +229,14 @@ def fitted_log(
 
 
 def thinned(recording: Recording, samples: int) -> Recording:
-    """Return every so many-th sample, `samples` of them or fewer."""
+    """Return evenly spaced samples of a recording, at most `samples` of them."""
     return recording.samples(slice(None, None, -(-len(recording) // samples)))
 
 
 def explanations(
     as_is: FittedLog, candidates: Sequence[Candidate], noise: float
 ) -> Explanations:
-    """Fit the candidates that may explain a log, the most promising first.
+    """Fit the candidates that may explain a log, in the order of their bounds.
 
     Parameters
     ----------
@@ -243,9 +246,9 @@ def explanations(
     Returns
     -------
     Explanations
-        The floor is the log's own noise: the larger of `noise` and what least squares,
-        free of all constraints, leaves of the best candidate, each with a margin; what
-        a model of friction that is not quite right leaves is in the second one.
+        The floor is the log's own noise, with a margin: the larger of `noise` and the
+        misfit of the best candidate in least squares without constraints, which
+        includes the error of the friction model.
     """
     usual = max(_UNUSUAL, _WHITE * noise, _OF_FRICTION * as_is.friction)
     if as_is.friction >= _RUBS and as_is.misfit <= usual:
@@ -260,7 +263,7 @@ def explanations(
     for i in sorted(range(len(bounds)), key=bounds.__getitem__):
         candidate, wanted = candidates[i], as_is.misfit / candidates[i].cause.threshold
         best = min([e.misfit for e in found], default=np.inf)
-        # Nor do constraints allow what least squares does not reach.
+        # Constraints only raise the misfit of least squares.
         if bounds[i] > min(wanted, _RIVAL * best):
             continue
         alike = _same_robots(as_is, candidate)
@@ -279,7 +282,7 @@ def explanations(
 
 
 def _same_robots(as_is: FittedLog, candidate: Candidate) -> bool:
-    """Return whether the same robots are possible for a candidate as for the log."""
+    """Return whether a candidate has the same constraints and base as the log."""
     return (
         candidate.factors.base is as_is.factors.base
         and candidate.constraints is as_is.constraints
@@ -287,9 +290,9 @@ def _same_robots(as_is: FittedLog, candidate: Candidate) -> bool:
 
 
 def corrected(as_is: FittedLog, corrections: Sequence[Correction]) -> list[Candidate]:
-    """Return the candidates that corrections of channels are.
+    """Return a candidate for each correction of channels.
 
-    Corrections of the motion that a few samples rule out are left out.
+    Corrections of the motion that a few samples exclude are left out.
     """
     torque = [c for c in corrections if c.fault.channels == "torque"]
     motion = [c for c in corrections if c.fault.channels != "torque"]
@@ -312,14 +315,14 @@ def _fit(
 def _moved(
     as_is: FittedLog, corrections: Sequence[Correction]
 ) -> list[tuple[Correction, ChannelFactors]]:
-    """Return corrections of the motion that a few samples do not rule out."""
+    """Return corrections of the motion that a few samples do not exclude."""
     model, base = as_is.factors.model, as_is.factors.base
     few = thinned(as_is.recording, _SCREENED)
     logs = [few, *(c.applied(few) for c in corrections)]
     drives = [None, *_drives(few, corrections)]
     tried = channel_factors(model, base, logs, drives=drives)
     of_few = [factors.least_misfit() for factors in tried]
-    # What constraints cost is taken to be the same for few samples as for all.
+    # Constraints are assumed to cost the same with few samples as with all.
     of_all = as_is.factors.least_misfit()
     fewer = of_few[0] / of_all if of_all > 0.0 else 1.0
     allowed = _MARGIN * fewer * as_is.misfit
@@ -337,17 +340,16 @@ def _moved(
 def _drives(
     log: Recording, corrections: Sequence[Correction]
 ) -> list[Recording | None]:
-    """Return the motions of which corrected logs have the drives' columns, if others.
+    """Return the motions from which drive columns are taken, where they are others.
 
-    The widths of friction's edges are those that fit the log as it is: a scale near one
-    of one position would change a width with it, and so fit the edges of a joint of
-    which it says nothing else.
+    The velocity scales of friction fit the log as it is.  Scaling a position by nearly
+    one would change these scales, and could fit the friction of a joint by that alone.
     """
     return [log if c.cause.excuse == LOOKS_ALIKE else None for c in corrections]
 
 
 def explanation_finding(explanation: Explanation) -> LogFinding:
-    """Report a cause, with what is unexplained without it and as it is."""
+    """Report a cause, with the misfit with and without its correction."""
     c = explanation.cause
     return LogFinding(
         c.kind,
@@ -362,7 +364,7 @@ def explanation_finding(explanation: Explanation) -> LogFinding:
 
 
 def unexplained_findings(as_is: FittedLog, found: Explanations) -> list[LogFinding]:
-    """Report a log that no robot of the datasheet explains, with the candidates."""
+    """Report a log that no robot with the datasheet's values explains."""
     usual = found.usual
     rivals = any(e.misfit <= found.floor and e.cause.excuse != 2 for e in found.tried)
     if not rivals and (as_is.misfit <= usual or as_is.least_likely <= usual):
@@ -380,9 +382,9 @@ def unexplained_findings(as_is: FittedLog, found: Explanations) -> list[LogFindi
             f"misfit {as_is.misfit:.1%} of each joint's torque (root mean square over "
             f"joints), {as_is.factors.least_misfit():.1%} by least squares without "
             "constraints"
-            + (f"; {'; '.join(better)}, which proves no cause" if better else ""),
-            "check that model and log are of one robot: load, springs and couplings, "
-            "base, units, delays, masses; see the residuals joint by joint",
+            + (f"; {'; '.join(better)}; the cause is not proven" if better else ""),
+            "check that model and log belong together: load, springs and couplings, "
+            "base, units, delays, masses; look at the residuals of each joint",
             max(1.0, as_is.misfit / usual),
         )
     ]

@@ -1,4 +1,4 @@
-"""What the data detective says: findings, with evidence and advice, and their table."""
+"""The findings of a diagnosis, with evidence and advice, and their table."""
 
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -9,9 +9,9 @@ from consistent_id.recordings.recording import LogFinding, Severity
 __all__ = ["Diagnosis", "LogFinding", "Severity"]
 
 _LOOKED_FOR = (
-    "clocks, units, signs, exchanged channels, gains, zeros, lags, dead, noisy and "
-    "saturated channels, what the torque is, gravity, masses, contact, rests, joints "
-    "that did not move, and validation rows that are training rows"
+    "clocks, units, signs, exchanged channels, gains, joint zero offsets, lags, dead, "
+    "noisy and saturated channels, the kind of torque, gravity, masses, contact, "
+    "rests, joints that did not move, and validation rows that are training rows"
 )
 _OF_SIGNALS = (
     "clocks, jumps, dead, noisy and saturated channels, limits of travel, and "
@@ -27,10 +27,10 @@ class Diagnosis:
     ----------
     findings : tuple of LogFinding
     recordings : tuple of str
-        Names of those that were looked at.
+        Names of the recordings that were examined.
     by_themselves : bool
-        Whether channels were looked at by themselves alone: nothing was sought that
-        only torque and motion together show.
+        Whether each channel was only examined by itself, without the faults that show
+        in torque and motion together.
     """
 
     findings: tuple[LogFinding, ...]
@@ -49,7 +49,7 @@ class Diagnosis:
 
     @property
     def suspicious(self) -> tuple[LogFinding, ...]:
-        """Faults and warnings: the findings that are no mere notes."""
+        """Faults and warnings, without notes."""
         return tuple(f for f in self.findings if f.severity != "note")
 
     def of(self, kind: str) -> tuple[LogFinding, ...]:
@@ -58,7 +58,7 @@ class Diagnosis:
 
 
 def diagnosis_table(found: Diagnosis) -> Table:
-    """Return the findings, the gravest first, with what to do about each."""
+    """Return a table of the findings, the gravest first, with advice on each."""
     where = f" in {', '.join(found.recordings)}" if found.recordings else ""
     several = len(found.recordings) > 1
     sentences = tuple(_sentence(f, several=several) for f in found.findings)
@@ -76,19 +76,19 @@ def _looked_for(found: Diagnosis) -> str:
         return f"looked for: {_LOOKED_FOR}"
     return (
         f"looked for: {_OF_SIGNALS}; not for signs, gains, exchanged channels and "
-        "lags, which torque and motion together show on a fixed base alone"
+        "lags, which can only be found for a robot on a fixed base"
     )
 
 
 def _sentence(finding: LogFinding, *, several: bool) -> str:
-    """Return a finding in a sentence, and what to do about it unless it is a note."""
+    """Return a finding as a sentence; with advice, unless it is a note."""
     where = f"{finding.recording}, " if several and finding.recording else ""
     text = f"{finding.kind} ({where}{finding.where}): {finding.statement}"
     return text if finding.severity == "note" else f"{text}. To do: {finding.advice}"
 
 
 def diagnosis_record(found: Diagnosis) -> dict[str, Any]:
-    """Return the findings as plain numbers and text."""
+    """Return the findings as numbers and text, ready for JSON."""
     return {
         "format": "consistent_id diagnosis 1",
         "recordings": list(found.recordings),

@@ -1,32 +1,156 @@
-"""How the torque changes with joint zeros, gains and lag, near an estimate.
+"""How the torque changes with joint zero offsets, gains and lag, near an estimate.
 
-Beside them stand the base parameters, and friction that the model may lack: friction
-that changes with speed, or with the load, else passes for a zero that is off.
+The columns include base parameters and friction that the model may lack: otherwise
+friction that changes with speed or load would look like a wrong zero offset.
+
+Standard errors come from leaving segments out (`Jackknife`).  The misfit of a model
+that is not quite right is neither white nor of one size, so that the scatter over
+segments shows how uncertain the estimate is.  The plain sandwich estimator uses the
+remaining misfit, which is too small where there are as many parameters as segments.
+The jackknife uses the misfit to the segment that was left out.  In periodic motion a
+segment is a phase of all periods, because the errors of the model repeat as well.
+
+Segments are compressed once, and columns that all fits share are eliminated once, so
+that fits with other columns cost little.
 """
 
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
-from consistent_id.diagnosis.jackknife import RANK, Jackknife, jackknife
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.filters import zero_phase
 from consistent_id.recordings.signals.repetitions import estimated_period
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.linear import smallest_solution
+from consistent_id.regression.linear import column_sizes, smallest_solution
 from consistent_id.regression.regression import triangle
 from consistent_id.regression.regressor import TorqueModel
 
-_HARMONICS = 10  # of the series that finds a period well enough for phases
-_PERIODS = 20  # at the most: of more, single ones are segments enough
+_SEGMENTS = 20
+RANK = 1e-6  # of the largest singular value of unit columns
+_LOST = 1e-6  # squared share in the null space of an undetermined parameter
+_TINY = 1e-300  # least divisor in place of an error of zero
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fitted:
+    """A solution, its standard errors and its misfit.
+
+    Parameters
+    ----------
+    solution : ndarray, shape (columns,)
+    errors : ndarray, shape (columns,)
+        Infinite where the data do not determine the value.
+    misfit : float
+        Norm of ``A x - z``.
+    """
+
+    solution: Vector
+    errors: Vector
+    misfit: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Jackknife:
+    """Factors of ``[A, z]``: of all segments, and of all but one.
+
+    Parameters
+    ----------
+    whole : ndarray, shape (rows, columns + 1)
+    others : tuple of ndarray, each shape (rows, columns + 1)
+    """
+
+    whole: Matrix
+    others: tuple[Matrix, ...]
+
+    def fitted(self, columns: list[int]) -> Fitted:
+        """Solve ``A x = z`` for some columns in the least-squares sense.
+
+        With ``x_g`` the solution without segment ``g`` of ``G``, the standard errors
+        are the roots of ``(G - 1) / G sum_g (x_g - x)^2``.
+        """
+        A, z = self.whole[:, columns], self.whole[:, -1]
+        _, s, Vt = np.linalg.svd(A / column_sizes(A), full_matrices=False)
+        kept = Vt[s > RANK * s.max(initial=0.0)]
+        x = smallest_solution(A, z, RANK)
+        moves = [
+            smallest_solution(F[:, columns], F[:, -1], RANK) - x for F in self.others
+        ]
+        share = (len(moves) - 1) / len(moves)
+        errors = np.sqrt(share * np.sum(np.square(moves), axis=0))
+        lost = 1.0 - np.sum(kept**2, axis=0) > _LOST
+        errors = np.where(lost, np.inf, np.maximum(errors, _TINY))
+        return Fitted(x, errors, float(np.linalg.norm(z - A @ x)))
+
+    def __add__(self, other: "Jackknife") -> "Jackknife":
+        """Return the factors of both together; each pair of segments is left out."""
+        others = map(_factor, self.others, other.others)
+        return Jackknife(_factor(self.whole, other.whole), tuple(others))
+
+    def without(self, count: int) -> "Jackknife":
+        """Eliminate the first columns: the others become orthogonal to them.
+
+        Columns that only have rounding errors left become zero.
+        """
+        kept, rest = _independent(self.whole[:, :count]), self.whole[:, count:]
+        rank = len(kept)
+        eliminated = [
+            _factor(np.column_stack([F[:, kept], F[:, count:]]))[rank:, rank:]
+            for F in (self.whole, *self.others)
+        ]
+        sizes = np.linalg.norm(rest, axis=0)
+        left = np.linalg.norm(eliminated[0], axis=0) > RANK * sizes
+        left[-1] = True
+        whole, *others = (F * left for F in eliminated)
+        return Jackknife(whole, tuple(others))
+
+
+def jackknife(A: Array, z: Matrix, phase: Vector | None = None) -> Jackknife:
+    """Compress segments, and all but one of them.
+
+    Parameters
+    ----------
+    A : ndarray, shape (joints, samples, columns)
+    z : ndarray, shape (joints, samples)
+    phase : ndarray, shape (samples,), optional
+        Order in which samples are cut into segments; by default the order of time.
+    """
+    rows = np.concatenate([A, z[:, :, None]], axis=2)
+    order = np.arange(rows.shape[1]) if phase is None else np.argsort(phase)
+    cuts = [c for c in np.array_split(order, _SEGMENTS) if len(c)]
+    parts = [_factor(rows[:, c].reshape(-1, rows.shape[2])) for c in cuts]
+    none = np.zeros((0, rows.shape[2]))
+    before = list(accumulate(parts, _factor, initial=none))
+    after = list(accumulate(parts[::-1], _factor, initial=none))[::-1]
+    others = tuple(map(_factor, before[:-1], after[1:]))
+    return Jackknife(before[-1], others)
+
+
+def _factor(*rows: Matrix) -> Matrix:
+    return triangle(np.asfortranarray(np.vstack(rows)))
+
+
+def _independent(columns: Matrix) -> list[int]:
+    """Return independent columns with the same span."""
+    from scipy.linalg import qr
+
+    R, order = qr(columns / column_sizes(columns), mode="r", pivoting=True)
+    size = abs(np.diag(R))
+    rank = int((size > RANK * size.max(initial=0.0)).sum())
+    return sorted(int(i) for i in order[:rank])
+
+
+_HARMONICS = 10  # of the Fourier series that finds a period: enough for phases
+_PERIODS = 20  # above this number single periods are segments
 _STEP = 1e-4  # rad or m, of the finite differences
-_PAD = 15  # samples by which the filter continues either end
-_BAND = 8.0  # times the motion's bandwidth: torque beyond it is noise and friction's
-_POWER = 0.99  # of the velocity, within the bandwidth
-_SPEEDS = (0.01, 0.05, 0.25)  # of top speed, within which friction changes
-_LEAST = 1e-3  # of a joint's torque, below which its misfit is not believed
+_PAD = 15  # samples by which the filter extends either end
+_BAND = 8.0  # times the motion's bandwidth: above it is only noise and friction
+_POWER = 0.99  # share of the velocity's power within the bandwidth
+_SPEEDS = (0.01, 0.05, 0.25)  # shares of top speed at which friction changes
+_LEAST = 1e-3  # share of a joint's torque: least misfit that weights its rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,14 +160,14 @@ class Linearised:
     Parameters
     ----------
     factors : Jackknife
-        Columns of friction that builds up, of the lag, of the joints' zeros, and of the
-        gains of the torque joints; base parameters and friction are eliminated.
+        Columns of friction that builds up, of the lag, of the joints' zero offsets, and
+        of the gains of the torque joints.  Base parameters and friction are eliminated.
     building_up : int
         Number of columns of friction that builds up.
     joints : int
         Number of joints.
     quickness : float, [1/s]
-        Rate of change of the torque over the torque: what a lag does to it.
+        Rate of change of the torque over the torque: the effect of a lag per second.
     """
 
     factors: Jackknife
@@ -53,7 +177,7 @@ class Linearised:
 
     @property
     def without_lag(self) -> Jackknife:
-        """Columns of zeros and gains, the lag eliminated."""
+        """Columns of zero offsets and gains, the lag eliminated."""
         whole, *others = (
             F[:, self.building_up :] for F in (self.factors.whole, *self.factors.others)
         )
@@ -61,10 +185,10 @@ class Linearised:
 
     @property
     def with_lag(self) -> Jackknife:
-        """Columns of lag, zeros and gains, friction that builds up eliminated.
+        """Columns of lag, zero offsets and gains, friction that builds up eliminated.
 
-        Bristles and teeth bend first where a joint turns back.  By this friction comes
-        late, and nothing else: a lag has to show in the rest of the torque.
+        Where a joint turns back, bristles and teeth bend first.  This delays friction
+        alone, so a lag has to show in the rest of the torque.
         """
         return self.factors.without(self.building_up)
 
@@ -72,15 +196,16 @@ class Linearised:
 def linearised(
     model: TorqueModel, x: Vector, recording: Recording, base: BaseParameters
 ) -> Linearised:
-    """Return how the torque changes with zeros, gains and lag.
+    """Return how the torque changes with zero offsets, gains and lag.
 
-    Columns and torque go through one low-pass filter, so that it drops out, and noise
-    and friction's edges, which preparation rounded in the torque alone, with it.
+    Columns and torque pass the same low-pass filter, so that its effect cancels.  It
+    removes noise and the edges of friction, which preparation rounded only in the
+    torque.
 
     Parameters
     ----------
     x : ndarray, shape (parameters,)
-        About which to linearise: a constrained estimate.
+        Constrained estimate about which the torque is linearised.
     recording : Recording
         With velocity, acceleration and torque.
     """
@@ -110,7 +235,7 @@ def linearised(
 
 
 def _phase(recording: Recording) -> Vector | None:
-    """Return where in its period each sample is, 0 to 1; None without a period."""
+    """Return the phase of each sample in its period, 0 to 1; None without a period."""
     try:
         shortest = recording.duration / _PERIODS
         period = estimated_period(recording, shortest=shortest, harmonics=_HARMONICS)
@@ -122,8 +247,8 @@ def _phase(recording: Recording) -> Vector | None:
 def frictions(speed: Matrix, torque: Matrix) -> Array:
     """Return shapes of friction that models may lack, (joints, shapes, samples).
 
-    Friction at several speeds, whose differences are that of Stribeck, and friction
-    that grows with the transmitted torque.
+    These are friction at several velocity scales, whose differences are Stribeck
+    friction, and friction that grows with the transmitted torque.
     """
     fastest = np.maximum(abs(speed).max(axis=1, keepdims=True), 1e-300)
     shapes = [np.tanh(speed / (share * fastest)) for share in _SPEEDS]
@@ -131,7 +256,7 @@ def frictions(speed: Matrix, torque: Matrix) -> Array:
 
 
 def _of_own_row(columns: Array) -> Array:
-    """Return columns that are in their joints' rows only, (joints, all, samples)."""
+    """Return columns that are zero in other joints' rows, (joints, all, samples)."""
     joints, shapes, samples = columns.shape
     rows = np.zeros((joints, joints, shapes, samples))
     rows[range(joints), range(joints)] = columns
@@ -146,7 +271,7 @@ def _states(recording: Recording) -> tuple[Array, Array, Array]:
 def _by_position(
     model: TorqueModel, x: Vector, q: Array, dq: Array, ddq: Array
 ) -> Array:
-    """Return the torque's slopes, shape (torque joints, joints, samples)."""
+    """Return slopes over positions, shape (torque joints, joints, samples)."""
     steps = _STEP * np.eye(q.shape[1])
     moved = np.concatenate([q + step for step in (*steps, *-steps)])
     times = (2 * q.shape[1], 1)
@@ -156,7 +281,7 @@ def _by_position(
 
 
 def _bandwidth(velocity: Array, rate: float) -> float:
-    """Return the frequency [Hz] within which nearly all of the motion's power lies."""
+    """Return the frequency [Hz] below which nearly all of the motion's power lies."""
     spectrum = abs(np.fft.rfft(velocity - velocity.mean(axis=0), axis=0)) ** 2
     moving = spectrum[:, spectrum.any(axis=0)]
     if not moving.size:
@@ -167,7 +292,7 @@ def _bandwidth(velocity: Array, rate: float) -> float:
 
 
 def _smooth(values: Array, cutoff: float, rate: float) -> Array:
-    """Low-pass along samples, both ways; as it is where there is nothing to take."""
+    """Low-pass along samples, both ways; unchanged if the cut-off is near the rate."""
     if cutoff >= 0.4 * rate:
         return values
     columns = values.reshape(-1, values.shape[-1]).T
@@ -179,7 +304,7 @@ def _smooth(values: Array, cutoff: float, rate: float) -> Array:
 def _misfits(rows: Array, torque: Matrix) -> Vector:
     """Return each joint's misfit, by which its rows are weighted, [N m or N].
 
-    Of two fits: the first weights joints by their torque.
+    The fit weights joints by their torque.
     """
     scale = np.sqrt(np.mean(torque**2, axis=1))
     scale = np.where(scale > 0.0, scale, 1.0)

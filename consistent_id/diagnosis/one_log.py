@@ -1,4 +1,4 @@
-"""What is wrong with one recording: of signals first, of their sense last."""
+"""Faults of one recording: of each signal first, then of all signals together."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id.constraints import Constraint
-from consistent_id.diagnosis.alternatives import alternatives
-from consistent_id.diagnosis.beyond_limits import effort_findings, travel_findings
+from consistent_id.diagnosis.alternatives import alternatives, leaning_findings
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
 from consistent_id.diagnosis.corrections import corrections
 from consistent_id.diagnosis.coverage import (
     extent_findings,
     in_motion,
+    motion_noise_findings,
     rank_findings,
     saturation_findings,
     standstill_findings,
@@ -29,9 +29,6 @@ from consistent_id.diagnosis.explain import (
     unexplained_findings,
 )
 from consistent_id.diagnosis.findings import LogFinding
-from consistent_id.diagnosis.model_faults import placeholders
-from consistent_id.diagnosis.motion_noise import motion_noise_findings
-from consistent_id.diagnosis.other_gravity import leaning_findings
 from consistent_id.diagnosis.signal_faults import (
     frozen_findings,
     hold_findings,
@@ -42,8 +39,16 @@ from consistent_id.diagnosis.signal_faults import (
     resolution_findings,
     spike_findings,
 )
-from consistent_id.diagnosis.torque_channel import channel_findings, nothing_findings
-from consistent_id.diagnosis.torque_parts import torque_parts
+from consistent_id.diagnosis.torque_channel import (
+    channel_findings,
+    nothing_findings,
+    torque_parts,
+)
+from consistent_id.diagnosis.wrong_units import (
+    effort_findings,
+    placeholders,
+    travel_findings,
+)
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters, base_parameters
@@ -51,23 +56,23 @@ from consistent_id.regression.regressor import TorqueModel
 
 Prepare = Callable[[Recording], Recording]
 
-_LITTLE = ("standstill", "small motion", "slow motion")  # nothing more can be told
+_LITTLE = ("standstill", "small motion", "slow motion")  # no other finding is sure
 
-# Causes that slopes on the nominal model suggest, and other causes may as well: they
-# are named if nothing else explains the log.
+# Causes that slopes on the nominal model suggest.  Other causes can have the same
+# slopes, so these are named only if nothing else explains the log.
 _GUESSED = ("torque gain", "clock")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OpenLog:
-    """A log without a fault so far.
+    """A log in which no fault was found so far.
 
     Parameters
     ----------
     signals : tuple of LogFinding
-        Of its channels by themselves.
+        Findings about single channels.
     odd : tuple of LogFinding
-        What a zero, a gain or a lag may be the cause of.
+        Findings that a wrong zero offset, gain or lag may explain.
     """
 
     as_is: FittedLog
@@ -84,12 +89,12 @@ def findings_of(
     limits: Mapping[str, float] | None,
     besides: Sequence[Recording] = (),
 ) -> list[LogFinding] | OpenLog:
-    """Return what is found in one recording: of signals first, of their sense last.
+    """Return the findings about one recording, or the log if it has no fault so far.
 
     Parameters
     ----------
     besides : sequence of Recording
-        Others of the same channels, that show how large their torque is.
+        Other recordings of the same channels, which show how large their torque is.
     """
     found = signal_findings(model, log)
     if any(f.severity == "fault" for f in found):
@@ -101,7 +106,7 @@ def findings_of(
     found += ranks
     if any(f.severity == "fault" or f.kind in _LITTLE for f in found):
         return found
-    if not ranks:  # else some columns are noise alone, as that finding says
+    if not ranks:  # otherwise some columns are only noise, as that finding says
         found += motion_noise_findings(model, log, prepare, base, prepared=whole)
     moving = in_motion(model, prepared)
     if moving.torque_joints != model.torque_joints:
@@ -125,12 +130,12 @@ def findings_of(
 
 
 def signal_findings(model: TorqueModel, log: Recording) -> list[LogFinding]:
-    """Return what clock, positions and velocities show, whatever the drives' model is.
+    """Return faults of clock, positions and velocities, which need no drive model.
 
     Parameters
     ----------
     log : Recording
-        Of the robot's joints, as it was logged.
+        As it was logged, with the robot's joints.
     """
     clock = clock_findings(log)
     if clock:
@@ -141,7 +146,7 @@ def signal_findings(model: TorqueModel, log: Recording) -> list[LogFinding]:
 
 
 def _with_torque_of(log: Recording, model: TorqueModel) -> Recording:
-    """Return a log in which torques that the model does without are never still."""
+    """Return a log in which torques that the model does not use are never constant."""
     if len(model.torque_joints) == len(log.joints):
         return log
     used = np.isin(log.joints, model.torque_joints)
@@ -157,10 +162,10 @@ def _dynamic(
     noise: float,
     short: bool,
 ) -> list[LogFinding] | OpenLog:
-    """Return what only torque and motion together show.
+    """Return faults that show in torque and motion together.
 
-    In a log that is over before joints turn back, friction is an offset that grows with
-    speed, as gravity is one that grows with position: a gain alone is no fault.
+    In a log that ends before joints turn back, friction looks like an offset, so that
+    the gain alone is uncertain and no fault.
     """
     known = model.robot.nominal is not None and not placeholders(model.robot)
     parts = torque_parts(model, prepared) if known else None
@@ -178,7 +183,7 @@ def _dynamic(
     try:
         as_is = fitted_log(model, prepared, constraints, base)
     except (InfeasibleError, SolverError) as failure:
-        statement = f"no robot of the datasheet explains the log: {failure}"
+        statement = f"no robot with the datasheet's values explains the log: {failure}"
         advice = "check masses and bounds; see the certificate of each method"
         return [LogFinding("datasheet", "fault", prepared.name, statement, advice)]
     candidates = corrected(as_is, corrections(model.robot, model.torque_joints))
@@ -198,7 +203,7 @@ def _dynamic(
 
 
 def _undecided(finding: LogFinding, found: Explanations) -> LogFinding:
-    """Return what is guessed beside other causes that explain the log."""
+    """Return a guessed cause together with the other causes that explain the log."""
     others = "; ".join(
         f"{e.cause.statement} the misfit would be {e.misfit:.1%}"
         for e in found.explained[:3]
@@ -206,5 +211,5 @@ def _undecided(finding: LogFinding, found: Explanations) -> LogFinding:
     return replace(
         finding,
         kind="model does not explain",
-        statement=f"{finding.statement}; but {others}, so that no cause is known",
+        statement=f"{finding.statement}; but {others}, so the cause is not known",
     )

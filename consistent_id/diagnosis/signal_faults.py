@@ -1,4 +1,4 @@
-"""Channels that stop, jump, spike, step or hiss: seen in the signals alone."""
+"""Channels that freeze, jump, spike, come in steps or are noise, each by itself."""
 
 from collections.abc import Iterator, Sequence
 
@@ -9,32 +9,32 @@ from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.masks import held_samples, quantum
 
-_FROZEN = 0.1  # share of the log in one run of one value that is no chance
-_MOVING = 0.01  # rad or m, above which a joint's other channel says that it moves,
-_STEPS = 2.0  # and steps of its encoder, within which a position holds one value
-_SPIKE = 15.0  # times the usual distance from the neighbours' median,
-_TALL = 1.5  # and of the span of nine tenths of the values: a spike
-_CHANCE = 2.0  # standard deviations of a count that are no chance
-_RARE = 2e-3  # share of samples up to which they are no more than a nuisance
-_ENDS = 3  # samples at either end, which have too few neighbours to be judged
+_FROZEN = 0.1  # share of the log with one constant value that is reported
+_MOVING = 0.01  # rad or m of travel in another channel that shows motion,
+_STEPS = 2.0  # and steps of the encoder, within which a position stays constant
+_SPIKE = 15.0  # times the median distance from neighbouring samples,
+_TALL = 1.5  # and times the span of nine tenths of the values: a spike
+_CHANCE = 2.0  # standard deviations of a count beyond chance
+_RARE = 2e-3  # share of samples up to which spikes are only a warning
+_ENDS = 3  # samples at either end, which have too few neighbours
 _JUMP = 5.0  # times a fast step of the position,
-_WIDE = 0.02  # and of the joint's travel: a jump
-_LONGER = 1.5  # times the usual step of the clock: a sample or more is missing
-_FEW = 0.02  # of the samples, at the most: more are steps of the encoder
-_HALF = 0.4  # of the travel: less than a wrapped encoder jumps
-_EQUAL = 0.1  # by which jumps of a wrapped encoder may differ
+_WIDE = 0.02  # and share of the joint's travel: a jump
+_LONGER = 1.5  # times the median step of the clock: samples are missing
+_FEW = 0.02  # of the samples: more frequent jumps are steps of the encoder
+_HALF = 0.4  # of the travel: a wrapped encoder jumps further
+_EQUAL = 0.1  # relative difference of jumps of a wrapped encoder
 _COARSE_TORQUE = 0.1  # step over the torque's standard deviation
 _COARSE_POSITION = 1.0 / 400.0  # step over the travel: accelerations are noise
-# s, for which a torque is held: by half of it, it is late, which is more than what
-# filters of currents make.
+# s for which a torque stays constant: it is late by half of this, which is more than
+# filters of currents cause.
 _HELD = 0.025
-_NOISY = 0.5  # white noise over the torque's standard deviation, worth a warning
-_ALL_NOISE = 0.9  # beyond which there is hardly anything else
-_TINY = 1e-300  # N m or N, instead of a size of zero, by which one could not divide
+_NOISY = 0.5  # white noise over the torque's standard deviation that is reported
+_ALL_NOISE = 0.9  # the same, above which there is no signal
+_TINY = 1e-300  # N m or N: least divisor in place of a size of zero
 
 
 def frozen_findings(recording: Recording) -> list[LogFinding]:
-    """Find channels that hold one value for a part of the log while the joint moves."""
+    """Find channels that stay constant for a part of the log while the joint moves."""
     moved = recording.position
     if recording.velocity is not None:
         steps = np.diff(recording.time, prepend=recording.time[0])
@@ -55,7 +55,7 @@ def frozen_findings(recording: Recording) -> list[LogFinding]:
             value = values[run.start, k]
             limit = name == "torque" and abs(value) >= abs(values[:, k]).max() > 0.0
             still = float(np.ptp(motion[run, k])) < least[k]
-            # A torque without any signal is none, moving or not.
+            # A torque that is always constant is dead, whether the joint moves or not.
             dead = name == "torque" and length == len(recording)
             if limit or (still and not dead):
                 continue
@@ -84,7 +84,7 @@ def _frozen(
 
 
 def longest_run(values: Vector) -> slice:
-    """Return the longest run of one value."""
+    """Return the longest run of equal values."""
     edges = np.flatnonzero(np.diff(values) != 0.0) + 1
     ends = np.concatenate([[0], edges, [len(values)]])
     k = int(np.argmax(np.diff(ends)))
@@ -94,15 +94,15 @@ def longest_run(values: Vector) -> slice:
 def spike_findings(
     recording: Recording, besides: Sequence[Recording] = ()
 ) -> list[LogFinding]:
-    """Find torques that leap for a sample or two, away from those around them.
+    """Find torques that jump away from their neighbours for one or two samples.
 
-    So few in a short log that their share may be small all the same are no fault.
+    They are a fault only if their share is certain not to be small.
 
     Parameters
     ----------
     besides : sequence of Recording
-        Of the same torque channels: in a stretch that moves little, what is tall beside
-        it alone is not.
+        Other recordings of the same torque channels.  In a part with little motion a
+        value may look like a spike that is common elsewhere.
     """
     torque = recording.torque
     if torque is None:
@@ -129,9 +129,9 @@ def spike_findings(
 
 
 def spikes(values: Vector, widest: float = 0.0) -> BoolArray:
-    """Return where a signal leaps for one sample or two; steps are none.
+    """Return where a signal jumps for one or two samples; steps do not count.
 
-    `widest` is the span of the channel elsewhere, of nine tenths of its values.
+    `widest` is the span of nine tenths of the channel's values in other recordings.
     """
     away = abs(values - _median_of_five(values))
     usual = float(np.median(away))
@@ -155,20 +155,20 @@ def _channel(log: Recording, joint: str) -> Vector | None:
 
 
 def _median_of_five(values: Vector) -> Vector:
-    """Return running medians of five samples; the ends go on as they are."""
+    """Return running medians of five samples; the ends are continued."""
     around = np.lib.stride_tricks.sliding_window_view(np.pad(values, 2, "edge"), 5)
     return np.asarray(np.partition(around, 2, axis=1)[:, 2])
 
 
 def jump_findings(recording: Recording) -> list[LogFinding]:
-    """Find positions that jump: rows that were lost, or encoders that wrap.
+    """Find positions that jump: lost rows, or encoders that wrap.
 
-    Where stamps are missing too, a log is cut or resampled there: that is no fault.
+    Where time stamps are missing too, the log is cut or resampled: that is no fault.
     """
     jumps = np.column_stack([_jumps(q) for q in recording.position.T])
     steps = np.diff(recording.time)
     jumps &= (steps < _LONGER * np.median(steps))[:, None]
-    # Of a joint at rest, what steps is the encoder's last digit.
+    # The last digit of an encoder steps while its joint rests.
     moving = np.ptp(recording.position, axis=0) > _MOVING
     jumps &= moving
     lost = jumps[:, moving].sum(axis=1) >= max(0.5 * moving.sum(), 2.0)
@@ -180,7 +180,7 @@ def jump_findings(recording: Recording) -> list[LogFinding]:
                 "fault",
                 recording.name,
                 f"most joints jump at once ({times} s), but the time stamps do not",
-                "samples were lost: cut the log there, and use the parts",
+                "samples were lost: cut the log there and use the parts",
                 10.0,
             )
         ]
@@ -192,7 +192,7 @@ def jump_findings(recording: Recording) -> list[LogFinding]:
 
 
 def _jumps(q: Vector) -> BoolArray:
-    """Return where a position steps far beyond its steps before and after."""
+    """Return where a position step is far larger than the steps around it."""
     steps = np.diff(q)
     fast = float(np.quantile(abs(steps), 0.95))
     away = abs(steps - _median_of_five(steps))
@@ -221,17 +221,17 @@ def _jumping(recording: Recording, k: int, jumps: BoolArray) -> LogFinding:
 
 
 def resolution_findings(recording: Recording, torque: Recording) -> list[LogFinding]:
-    """Warn of steps that are coarse relative to the channel's range."""
+    """Warn of channels with a coarse resolution relative to their range."""
     found = []
     travel = np.ptp(recording.position, axis=0)
     steps = position_steps(recording)
     for joint, step, way in zip(recording.joints, steps, travel, strict=True):
-        # Of a joint at rest, readings flicker: it has nothing to tell.
+        # Readings of a resting joint only flicker.
         if way >= _MOVING and step > _COARSE_POSITION * way:
             found.append(_steps("encoder resolution", joint, "position", step, way))
     for joint, tau in zip(torque.joints, np.asarray(torque.torque).T, strict=True):
         size = float(np.std(tau))
-        # Of a torque that is held there are few values, whatever their resolution.
+        # A torque that is updated seldom has few values, whatever its resolution.
         step = _step(tau) if held_samples(tau) == 1 else quantum(tau)
         if step > _COARSE_TORQUE * size > 0.0:
             found.append(_steps("torque resolution", joint, "torque", step, size))
@@ -239,17 +239,17 @@ def resolution_findings(recording: Recording, torque: Recording) -> list[LogFind
 
 
 def position_steps(recording: Recording) -> Vector:
-    """Return the steps in which positions come, shape (joints,), [rad or m], or 0."""
+    """Return the steps of positions, shape (joints,), [rad or m]; zero if unknown."""
     return np.array([_step(values) for values in recording.position.T])
 
 
 def _step(values: Vector) -> float:
-    """Return the step in which values come, or 0."""
+    """Return the step between values; zero if unknown."""
     return quantum(values) or _levels(values)
 
 
 def _levels(values: Vector) -> float:
-    """Return the step between so few values that no quantum shows, or 0."""
+    """Return the step between few distinct values; zero if there are many."""
     levels = np.unique(values)
     return float(np.median(np.diff(levels))) if 1 < len(levels) <= 50 else 0.0
 
@@ -259,9 +259,9 @@ def _steps(kind: str, joint: str, name: str, step: float, size: float) -> LogFin
         kind,
         "warning",
         joint,
-        f"{joint}: the {name} comes in steps of {step:.3g}, the motion of the log is "
-        f"worth {size:.3g}",
-        "log it with more digits, or move more widely; lower cut-offs average steps",
+        f"{joint}: the {name} has steps of {step:.3g}, and the motion of the log "
+        f"changes it by only {size:.3g}",
+        "log it with more digits, or move more widely; a lower cut-off averages steps",
         step / size / (_COARSE_POSITION if name == "position" else _COARSE_TORQUE),
     )
 
@@ -296,8 +296,8 @@ def noise_findings(
     Parameters
     ----------
     besides : sequence of Recording
-        Of the same torque channels: a stretch in which a joint hardly moves has little
-        but noise, and a channel with a signal elsewhere is no noise.
+        Other recordings of the same torque channels.  A part in which a joint hardly
+        moves is mostly noise, although its channel has a signal elsewhere.
     """
     return list(_noisy(torque, besides))
 
@@ -333,8 +333,8 @@ def noise_share(torque: Matrix) -> Vector:
     deviation ``s`` have ``sqrt(6) s``.
     """
     size = np.std(torque, axis=0)
-    # The median, so that spikes and edges of friction do not count; of a normal
-    # deviation it is 0.6745 standard deviations.
+    # The median ignores spikes and edges of friction.  It is 0.6745 standard deviations
+    # of a normal distribution.
     second = np.median(abs(np.diff(torque, 2, axis=0)), axis=0)
     white = second / (0.6745 * np.sqrt(6.0))
     return np.asarray(white / np.where(size > 0.0, size, 1.0))

@@ -1,9 +1,17 @@
-"""What the torque channel is: judged by the parts of the nominal model that it holds.
+"""The kind of torque in a channel, from its slopes on the parts of the nominal model.
 
 A controller may log torque that is not the joint's: without gravity, without friction,
-in amperes, times a gain, the command's or the external one.  Each has its own pattern
-of slopes (`torque_parts`).  The nominal model's inertials may be wrong: what follows as
-well from wrong inertials is said as such.
+in amperes, times a gain, of the command, or external torque.  Each kind has a pattern
+of slopes.  Nominal inertials may be wrong: if they could explain a slope, the finding
+says so.
+
+Per joint ``tau = a g(q) + b (tau_0(q, dq, ddq) - g(q)) + viscous dq + coulomb s(dq) +
+c``, with the nominal robot's gravity torque ``g`` and torque ``tau_0``.  The slopes
+``a`` and ``b`` are one for a torque in N m of the robot that the model describes.
+
+A joint with a spring or a counterbalance in the model has ``spring q`` besides: it
+carries part of gravity, which is no gain of the torque.  A rotor adds to the inertial
+part: where the model has one, that part shows no gain above one.
 """
 
 from collections.abc import Callable
@@ -11,23 +19,152 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.arrays import BoolArray, Vector
+from consistent_id._support.arrays import BoolArray, Matrix, Vector
 from consistent_id.diagnosis.findings import LogFinding, Severity
-from consistent_id.diagnosis.torque_parts import TorqueParts
+from consistent_id.diagnosis.linearise import Fitted, jackknife
+from consistent_id.recordings.recording import Recording
+from consistent_id.regression.drive.laws import RotorInertia, Spring
+from consistent_id.regression.drive.term import DriveTerm
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.scaling import reference_bodies
 
-# Nominal inertials are 10 to 20 % off in practice, so that a slope within these is one.
+_CREEP = 0.02  # rad/s or m/s, of the smooth Coulomb term
+# Share of the torque's standard deviation: larger parts are judged.  A constant part,
+# such as the weight on a sliding trunk, cannot be told from an offset.
+_SHOWN = 0.3
+_SURE = 0.15  # largest standard error over the slope's scale that can be judged
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TorqueParts:
+    """Slopes on the parts of the nominal model, per torque joint.
+
+    Parameters
+    ----------
+    gravity, inertial, whole : ndarray, shape (joints,)
+        Slopes on the gravity torque, on the inertial torque (Coriolis included), and on
+        their sum.
+    gravity_error, inertial_error, whole_error : ndarray, shape (joints,)
+        Standard errors from leaving segments out, which allows for correlation.
+    gravity_shown, inertial_shown, whole_shown : ndarray of bool, shape (joints,)
+        Whether the part is large enough and the slope exact enough to be judged.
+    friction : ndarray, shape (joints,)
+        RMS friction over the torque's standard deviation.
+    bodies : ndarray, shape (joints,)
+        Standard deviation of the fitted parts of bodies, over the torque's.
+    rest : ndarray, shape (joints,)
+        RMS torque that no part explains, over the torque's standard deviation.
+    rotors : ndarray of bool, shape (joints,)
+        Whether the model has a rotor there, which adds to the inertial part.
+    """
+
+    joints: tuple[str, ...]
+    gravity: Vector
+    gravity_error: Vector
+    gravity_shown: BoolArray
+    inertial: Vector
+    inertial_error: Vector
+    inertial_shown: BoolArray
+    whole: Vector
+    whole_error: Vector
+    whole_shown: BoolArray
+    friction: Vector
+    bodies: Vector
+    rest: Vector
+    rotors: BoolArray
+
+
+def torque_parts(model: TorqueModel, prepared: Recording) -> TorqueParts:
+    """Regress a prepared log's torque on the parts of the nominal model."""
+    g, inertial = nominal_parts(model, prepared)
+    log = prepared.of(model.torque_joints)
+    torque, speed = np.asarray(log.torque), np.asarray(log.velocity)
+    sprung, rotors = _having(model, Spring), _having(model, RotorInertia)
+    rows = [
+        (
+            *_of_joint(
+                g[:, j],
+                inertial[:, j],
+                speed[:, j],
+                torque[:, j],
+                log.position[:, [j]] if joint in sprung else None,
+            ),
+            joint in rotors,
+        )
+        for j, joint in enumerate(model.torque_joints)
+    ]
+    return TorqueParts(model.torque_joints, *map(np.array, zip(*rows, strict=True)))
+
+
+def nominal_parts(model: TorqueModel, prepared: Recording) -> tuple[Matrix, Matrix]:
+    """Return gravity and inertial torque of the nominal robot, (samples, joints)."""
+    rigid = TorqueModel(model.robot, torque_joints=model.torque_joints)
+    bodies = reference_bodies(model.robot).ravel()
+    log = prepared.of(model.robot.joint_names)
+    rates = np.asarray(log.velocity), np.asarray(log.acceleration)
+    gravity = rigid.rigid_torque(bodies, (log.position, None, None))
+    whole = rigid.rigid_torque(bodies, (log.position, *rates))
+    return gravity, whole - gravity
+
+
+def _having(model: TorqueModel, law: type[DriveTerm]) -> set[str]:
+    """Return the joints whose drive model has a term, such as a spring."""
+    return {
+        joint
+        for joint, drive in zip(model.robot.joint_names, model.terms, strict=True)
+        if any(isinstance(term, law) for term in drive.terms)
+    }
+
+
+def _of_joint(
+    g: Vector, inertial: Vector, speed: Vector, torque: Vector, spring: Matrix | None
+) -> tuple[float | bool, ...]:
+    changing = float(np.std(torque)) or 1.0
+    friction = [speed, np.tanh(speed / _CREEP), np.ones_like(speed)]
+    friction += [] if spring is None else [spring]
+    parts = np.column_stack([g, inertial, *friction])
+    fit = _fitted(parts, torque)
+    whole = _fitted(np.column_stack([g + inertial, *friction]), torque)
+    a, b = fit.solution[:2]
+    rubbed = parts[:, 2:4] @ fit.solution[2:4]
+    return (
+        *_judged(a, fit.errors[0], g, changing),
+        *_judged(b, fit.errors[1], inertial, changing),
+        *_judged(whole.solution[0], whole.errors[0], g + inertial, changing),
+        float(np.sqrt(np.mean(rubbed**2))) / changing,
+        float(np.std(parts[:, :2] @ fit.solution[:2])) / changing,
+        fit.misfit / (changing * float(np.sqrt(len(torque)))),
+    )
+
+
+def _judged(
+    slope: float, error: float, part: Vector, changing: float
+) -> tuple[float, float, bool]:
+    """Return a slope, its standard error, and whether it can be judged."""
+    size = float(np.std(part))
+    large = max(1.0, abs(slope)) * size >= _SHOWN * changing
+    # In other units of torque, the scale of a slope is the one that fits the torque.
+    scale = max(abs(slope), min(1.0, changing / size if size > 0.0 else 1.0))
+    return float(slope), float(error), bool(large and error <= _SURE * scale)
+
+
+def _fitted(columns: Matrix, torque: Vector) -> Fitted:
+    return jackknife(columns[None], torque[None]).fitted(list(range(columns.shape[1])))
+
+
+# Nominal inertials are 10 to 20 % wrong in practice: a slope within these may be one.
 _LOW, _HIGH = 0.8, 1.25
 _ABSENT = 0.2  # slope below which a part is not in the torque
 _THERE = 0.4  # above which it is
-_COMMON = 1.15  # ratio within which the slopes of joints are equal
-_SEVERAL = 3  # joints that do not agree by chance
-_FAR = 2.0  # ratio to one that no drawing's error reaches in all joints
-_CLEAR = 0.1  # standard error over a slope that is a factor of its own
-_EXPLAINED = 0.15  # of the torque, that the nominal model's parts may leave
-_NO_FRICTION = 0.01  # of the torque: friction that is not in it
-_EXACT = 0.05  # of the torque: misfit beside which so little friction would show
+_COMMON = 1.15  # ratio within which slopes of joints are equal
+_SEVERAL = 3  # joints whose slopes do not agree by chance
+_FAR = 2.0  # errors of nominal inertials do not reach this ratio in all joints
+_CLEAR = 0.1  # largest standard error over a slope that differs from the others
+_EXPLAINED = 0.15  # of the torque: largest misfit of the nominal model's parts
+_NO_FRICTION = 0.01  # of the torque: less is no friction
+_EXACT = 0.05  # of the torque: largest misfit at which so little friction shows
 _UNITS = {1e3: "N mm", 1e-3: "kN m"}
-_UNIT = 1.6  # ratio within which a gain is a unit: friction and drawing considered
+_UNIT = 1.6  # ratio within which a gain is a unit, allowing for model errors
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,9 +177,10 @@ class _Pattern:
 
 
 def channel_findings(parts: TorqueParts) -> list[LogFinding]:
-    """Say what the torque channel is, where it is not the torque of the model.
+    """Find the kind of torque in a channel, if it is not the torque of the model.
 
-    One finding at most for all joints; else one for each joint whose gain is off.
+    There is at most one finding for all joints; else one for each joint with a wrong
+    gain.
     """
     for pattern in _PATTERNS:
         if pattern.applies(parts):
@@ -56,9 +194,9 @@ def channel_findings(parts: TorqueParts) -> list[LogFinding]:
 
 
 def nothing_findings(parts: TorqueParts) -> list[LogFinding]:
-    """Say that nothing of the nominal model is in the torque, if that is so.
+    """Report a torque that contains nothing of the nominal model.
 
-    Motion that is not the robot's looks the same: to be asked last.
+    The motion of another robot looks the same, so other faults are sought first.
     """
     return [_finding(_NOTHING, parts)] if _nothing(parts) else []
 
@@ -72,7 +210,7 @@ def _finding(pattern: _Pattern, parts: TorqueParts) -> LogFinding:
 
 
 def _slopes(p: TorqueParts) -> str:
-    """Return the slopes that can be judged, with their standard errors."""
+    """Return the slopes that can be judged, with standard errors, in words."""
     texts = []
     for name, slope, error, shown in (
         ("gravity", p.gravity, p.gravity_error, p.gravity_shown),
@@ -90,9 +228,9 @@ def _slopes(p: TorqueParts) -> str:
 
 
 def _all(values: Vector, shown: BoolArray, low: float, high: float) -> bool:
-    """Return whether slopes that can be judged are within bounds; there are two.
+    """Return whether at least two slopes can be judged and all are within bounds.
 
-    One joint alone may have a spring or a counterbalance.
+    A single joint may have a spring or a counterbalance.
     """
     seen = values[shown]
     return len(seen) >= min(2, len(values)) and bool(
@@ -122,16 +260,17 @@ def _gravity_only(p: TorqueParts) -> bool:
 
 
 def _no_body(p: TorqueParts) -> bool:
-    """Return whether nothing of a rigid body is in a torque that should have it."""
+    """Return whether a torque lacks the rigid-body part that it should have."""
     return _all(p.gravity, p.gravity_shown, -0.1, 0.1) and _all(
         p.inertial, p.inertial_shown, -0.1, 0.1
     )
 
 
 def _friction_only(p: TorqueParts) -> bool:
-    """Return whether friction is all there is: in kN m, slopes on bodies are small.
+    """Return whether the torque is friction alone.
 
-    Rotors, which a friction model may hold, add to the inertial part.
+    Slopes on bodies are also small in kN m.  Rotors add to the inertial part, and
+    friction models may contain them.
     """
     most = 2 * max(np.median(p.rest), np.median(p.bodies))
     return (
@@ -156,8 +295,8 @@ _NOTHING = _Pattern(
     "fault",
     _nothing,
     "the torque contains neither gravity nor inertia nor friction of the model: it "
-    "is external torque, noise, or belongs to another motion",
-    "log the torque, or the current, that the motors gave, during this motion",
+    "is external torque or noise, or belongs to another motion",
+    "log the torque or current of the motors during this motion",
 )
 
 _PATTERNS = (
@@ -167,7 +306,7 @@ _PATTERNS = (
         _friction_only,
         "the torque follows the velocity, and neither gravity nor inertia of the "
         "model: it is friction alone, a velocity error or the command of a controller",
-        "log the torque, or the current, that the motors gave",
+        "log the torque or current of the motors",
     ),
     _Pattern(
         "torque channel",
@@ -184,7 +323,7 @@ _PATTERNS = (
         _gravity_only,
         "the torque contains gravity, but no inertia or friction: it is the gravity "
         "torque of a model, not a measured one",
-        "log the torque, or the current, that the motors gave",
+        "log the torque or current of the motors",
     ),
     _Pattern(
         "torque channel",
@@ -200,8 +339,8 @@ _PATTERNS = (
 def _slow_clock(p: TorqueParts) -> list[LogFinding]:
     """Find inertial torque that is too large by one factor, where gravity is right.
 
-    By a clock that runs at a share of its speed, accelerations are too small by its
-    square.  Rotors add to the inertial torque too, but to that of each joint otherwise.
+    With a slow clock accelerations are too small by the square of its speed.  Rotors
+    add to the inertial torque too, but by another factor in each joint.
     """
     slopes, heavy = p.inertial[p.inertial_shown], p.gravity[p.gravity_error <= _CLEAR]
     if len(slopes) < _SEVERAL or not len(heavy) or not _explained(p):
@@ -218,7 +357,7 @@ def _slow_clock(p: TorqueParts) -> list[LogFinding]:
             "time",
             f"inertial torque is {common:.3g} times the model's in all joints, but "
             f"gravity torque is not: the clock runs at {speed:.2g} of its speed, or "
-            f"rotors add as much to each joint ({_slopes(p)})",
+            f"rotors add the same share to each joint ({_slopes(p)})",
             f"check the rate of the log: its time multiplied by {speed:.2g} would fit",
             float(np.sqrt(common) / _HIGH),
         )
@@ -226,15 +365,15 @@ def _slow_clock(p: TorqueParts) -> list[LogFinding]:
 
 
 def _common_gain(p: TorqueParts) -> list[LogFinding]:
-    """Find a factor that all joints share."""
+    """Find a common factor of all joints."""
     slopes = p.whole[p.whole_shown]
     if len(slopes) < 2 or not _explained(p):
         return []
     gain = float(np.median(slopes))
     heavy = _heavy(p)
     if len(heavy) and _LOW <= float(np.median(heavy)) <= _HIGH:
-        return []  # gravity is as it should be: what is off is the inertial part
-    # Where friction is large, the body's part is the less sure: half of the joints.
+        return []  # the gravity part is right, only the inertial part is not
+    # Slopes are uncertain where friction is large, so that not all have to agree.
     near = np.abs(np.log(np.maximum(slopes / gain, 1e-9))) <= np.log(_COMMON)
     alike = min(near.mean(), _agreeing(p)[p.whole_shown].mean())
     if gain <= 0.0 or alike < 0.75 or _LOW <= gain <= _HIGH:
@@ -283,15 +422,15 @@ def _currents(p: TorqueParts) -> list[LogFinding]:
 
 
 def _heavy(p: TorqueParts) -> Vector:
-    """Return the slopes on gravity by which a gain above one can be told.
+    """Return the slopes on gravity, which show gains above one.
 
-    Rotors of geared motors raise the inertial part, and nothing raises gravity.
+    Rotors of geared motors raise the inertial part, but nothing raises gravity.
     """
     return p.gravity[p.gravity_shown & p.whole_shown]
 
 
 def _agreeing(p: TorqueParts) -> BoolArray:
-    """Return where gravity and inertia have one slope, or only one of them shows."""
+    """Return where gravity and inertia have equal slopes, or only one can be judged."""
     both = p.gravity_shown & p.inertial_shown
     small = np.minimum(abs(p.gravity), abs(p.inertial))
     apart = abs(p.gravity - p.inertial) > (_COMMON - 1.0) * small
@@ -299,11 +438,11 @@ def _agreeing(p: TorqueParts) -> BoolArray:
 
 
 def _single_gains(p: TorqueParts) -> list[LogFinding]:
-    """Warn of joints whose gravity and inertia have one slope, and not one."""
+    """Warn of joints whose gravity and inertia have equal slopes other than one."""
     both = p.gravity_shown & p.inertial_shown & _agreeing(p)
     slopes = np.where(both, p.whole, 1.0)
-    # Beside a rotor, gravity alone tells of a gain above one.  No second part agrees
-    # with it then, so that a drawing's mass and centre may both be off.
+    # With a rotor, only gravity shows a gain above one.  No second part confirms it, so
+    # that the nominal mass and centre of mass may be wrong instead.
     high = np.where(p.rotors, _HIGH**2, _HIGH)
     above = np.where(p.rotors, np.minimum(p.gravity, slopes), slopes) > high
     off = both & (slopes > 0.0) & ((slopes < _LOW) | above)

@@ -1,10 +1,13 @@
+from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.estimation.base_least_squares import (
     least_squares,
     weighted_least_squares,
 )
 from consistent_id.estimation.constrained import (
-    Contradiction,
     constrained_least_squares,
+)
+from consistent_id.estimation.constrained_fit import (
+    Contradiction,
     contradiction,
 )
 from consistent_id.estimation.cross_validation import (
@@ -19,7 +22,7 @@ from consistent_id.estimation.drive_calibration import (
     command_delay,
     fit_calibration,
 )
-from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import Fit
 from consistent_id.estimation.foot_radius import (
     ContactRadius,
@@ -37,7 +40,6 @@ from consistent_id.estimation.payload import Payload, identify_payload
 from consistent_id.estimation.resting import RestSpeed, rest_speed
 from consistent_id.estimation.robust import huber
 from consistent_id.estimation.shape_fit import ShapeFit, fit_shapes
-from consistent_id.estimation.smooth import smooth_least_squares
 from consistent_id.estimation.transmission_springs import JointSprings, joint_springs
 from consistent_id.estimation.verdict import Reason, Verdict
 
@@ -78,7 +80,6 @@ __all__ = [
     "judge",
     "least_squares",
     "rest_speed",
-    "smooth_least_squares",
     "to_cvxpy",
     "weighted_least_squares",
     "with_radii",

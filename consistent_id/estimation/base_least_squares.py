@@ -2,7 +2,7 @@
 
 With ``Y = Q R``, ``(Y^T Y)^-1 Y^T tau = R^-1 Q^T tau`` for full rank.  Where
 combinations are not identifiable from the data, that inverse does not exist.  The
-answer is then the smallest base vector among all that fit best, and says so.
+result is then the smallest base vector among all that fit best, with a note.
 """
 
 from dataclasses import replace
@@ -12,12 +12,13 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.executors import single_threaded
+from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.estimation.determination import (
     determinations,
     linear_errors,
     stated_errors,
 )
-from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.method import Method
 from consistent_id.regression.base import (
@@ -58,18 +59,18 @@ def least_squares(
     base : BaseParameters, optional
         By default `base_parameters(model)`.
     method : str
-        Name under which the estimate appears.
+        Name of the estimate's method.
 
     Returns
     -------
     Estimate
         The standard parameters are the smallest vector with the estimated base
-        parameters; only the latter mean something.
+        parameters; only the base parameters are estimated.
 
     Raises
     ------
     NotExcitedError
-        If the data excite nothing.
+        If the data excite no parameter.
     """
     started = perf_counter()
     base = base_parameters(model) if base is None else base
@@ -85,13 +86,7 @@ def least_squares(
     known = np.zeros((0, len(model.layout)))
     errors = linear_errors(base, noise, known)
     origins = determinations(
-        model,
-        regression,
-        base,
-        errors,
-        parameters,
-        known=known,
-        elsewhere="convention",
+        model, regression, errors, parameters, elsewhere="convention"
     )
     undetermined = open_combinations(solution, base.names)
     return Estimate(
@@ -107,7 +102,7 @@ def least_squares(
         notes=_notes(model, regression, base, solution, noise),
         seconds=perf_counter() - started,
         fit=fit_of(model, regression, parameters, base),
-        parameter_errors=stated_errors(errors, origins) if redundant else None,
+        parameter_errors=stated_errors(errors.values, origins) if redundant else None,
     )
 
 
@@ -121,6 +116,12 @@ def weighted_least_squares(
     """Estimate with each joint weighted by its own noise level, found by iteration.
 
     See `joint_noise` and `least_squares`.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    regression : Regression
+    base : BaseParameters, optional
     """
     started = perf_counter()
     base = base_parameters(model) if base is None else base
@@ -138,14 +139,14 @@ def _notes(
     solution: LinearSolution,
     noise: ResidualNoise,
 ) -> tuple[str, ...]:
-    """Say under which conditions values and errors hold."""
-    notes = ["no more rows than parameters: the noise is unknown, so are errors"]
+    """Return notes on the conditions under which values and errors are valid."""
+    notes = ["no more rows than parameters: noise and standard errors are unknown"]
     if sum(regression.counts) > solution.rank:
         notes = [noise.sentence]
         if _of_two_kinds(model) and np.ptp(regression.sigma) == 0.0:
             notes.append(
-                "rows in N m and in N count alike, whatever their sizes; "
-                "weighted_least_squares divides each joint's by its noise"
+                "rows in N m and in N have equal weight, regardless of their sizes; "
+                "weighted_least_squares divides each joint's rows by its noise"
             )
     notes += base.near
     if solution.null_space.size:
@@ -163,7 +164,7 @@ def _of_two_kinds(model: TorqueModel) -> bool:
 
 
 def _covariance(noise: ResidualNoise, solution: LinearSolution) -> Matrix:
-    """Covariance of the estimate; infinite where the data leave it open."""
+    """Covariance of the estimate; infinite where parameters are not identifiable."""
     covariance = np.asarray(noise.steps @ noise.inflation @ noise.steps.T)
     open_ended = (abs(solution.null_space) > 1e-9).any(axis=1)
     covariance[open_ended, :] = covariance[:, open_ended] = np.nan

@@ -3,17 +3,17 @@
 Everything is dimensionless (`ScaledFit`): parameters, misfit and constraints are near
 one.
 
-Physical consistency of a link asks for a mass of ``h^T S^-1 h`` or more, ``h`` its
-first moment and ``S`` its second.  Data that want a first moment with next to no
-inertia, as noise does of joints that move little, want that mass without end: the least
-misfit is approached as the mass grows, but by no robot.  A bound on the total mass lets
-it be reached, and proven (`attained_fit`).  The bound is raised as long as the data ask
-for more.
+A physically consistent link has a mass of at least ``h^T S^-1 h``, with ``h`` its first
+moment and ``S`` its second moment.  Noise of joints that move little may prefer a first
+moment with hardly any inertia. Then the misfit decreases without end as the mass grows,
+and no robot attains its infimum. With a bound on the total mass the least misfit is
+attained and can be proven (`attained_fit`). The bound is raised as long as this reduces
+the misfit significantly.
 
-Where data are poor, the best fit is mostly on the boundary of the cone: links without
-thickness, which no robot has.  Therefore each link is to contain a share of its nominal
-body, as large as the data allow: what they determine is to move by a small part of a
-standard error at the most (`inner_fit`).
+With poor data, the best fit is mostly on the boundary of the cone: links without
+thickness, which no robot has.  Therefore each link must contain a share of its nominal
+body, as large as the data allow: the parameters that they determine may move by a small
+part of a standard error at most (`inner_fit`).
 """
 
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ from consistent_id.constraints.cones.certificate import (
     Optimality,
     solve_certified,
 )
-from consistent_id.constraints.cones.feasibility import irreducible_conflict
+from consistent_id.constraints.cones.interior import irreducible_conflict
 from consistent_id.constraints.cones.least_norm import ConeSolution, LeastNorm
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.constraints.priors import nominal_point
@@ -46,35 +46,36 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import ResidualNoise, residual_noise
 from consistent_id.robot.scaling import link_scales
 
-_USABLE = 1e-5  # violation beyond which a point is no answer at all
+_USABLE = 1e-5  # violation beyond which a point is not a usable answer
 
 EXACT_FIT = 1e-6
-"""Misfit, relative to the torque, that counts as none."""
+"""Misfit, relative to the torque, that counts as zero."""
 
 _STILL = 1e-3
-"""Share of the largest column of the same drive term below which a column is the
-encoder's noise: its joint stands still.  Noise does not say what a typical parameter
-is, else a prior would let friction of a joint at rest be anything."""
+"""Share of the largest column of the same drive term, below which a column is only the
+encoder's noise: its joint stands still.  Noise must not define the typical size of a
+parameter; otherwise the prior would not restrict the friction of a joint at rest.
+"""
 
-# Misfits are measured in units of the residual, or of a millionth of the torque: half
-# a unit squared is theirs.
+# Misfits are measured in units of the residual, or of a millionth of the torque, if
+# that is larger: the least half squared misfit is then about one half.
 REFERENCE = 0.5
 
 BOUNDS = (10.0, 100.0, 1000.0)
 """Bounds tried, in units of the links' typical masses together: a model's masses are
 seldom wrong by a factor of ten, but placeholders may be."""
 
-_RAISED = 10.0  # times the bound: what more mass would bring is judged up to there
+_RAISED = 10.0  # times the bound: the gain from more mass is computed up to this mass
 _SIGNIFICANT = 3.84  # chi^2 of one parameter that chance exceeds once in twenty times
 _REACHED = 0.99  # share of the bound from which it counts as reached
 
 MOVE = 0.25
-"""Standard errors by which the share may move all that the data determine, together."""
+"""Standard errors by which the share may move all determined parameters, together."""
 
-_AIM = 0.9  # of `MOVE`, at which a smaller share aims
-_LESS = 0.1  # of a share that other constraints do not allow
+_AIM = 0.9  # part of `MOVE` that a smaller share aims at
+_LESS = 0.1  # factor on a share that other constraints do not allow
 _TRIES = 3
-_LEAST = 1e-5  # share below which a link is on the boundary all the same
+_LEAST = 1e-5  # share below which a link still counts as on the boundary
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,9 +85,9 @@ class ScaledFit:
     Parameters
     ----------
     M, z : ndarray
-        Of the base regressor's factor, divided by `size`.
+        The base regressor's factor, divided by `size`.
     residual : float
-        What no parameters explain, divided by `size`.
+        The residual that no parameters explain, divided by `size`.
     constraints : ConicSet
         In original units.
     domain : ConicSet
@@ -182,7 +183,7 @@ def scaled_fit(
 
 
 def _drive_columns(model: TorqueModel, R: Matrix) -> Vector:
-    """Return norms of the drive terms' columns, those of joints at rest raised."""
+    """Return norms of the drive terms' columns, raised for joints at rest."""
     norms = np.linalg.norm(R[:, model.layout.inertial_size : -1], axis=0)
     terms = np.array([term for _, term in model.layout.drive])
     for term in set(terms.tolist()):
@@ -201,7 +202,7 @@ class BestFit:
 
     @property
     def parameters(self) -> Vector:
-        """The best fitting parameters, in original units; open ones as they fell."""
+        """The best fit, in original units; undetermined parameters are arbitrary."""
         return self.solution.u * self.scaled.unit
 
     @property
@@ -222,7 +223,8 @@ def best_fit(
 ) -> BestFit:
     """Return the least weighted misfit over the constraints, certified.
 
-    With a larger relative `gap` of the squared misfit it is certified to that.
+    With a larger relative `gap` of the squared misfit, the fit is certified to that
+    gap.
 
     Raises
     ------
@@ -240,7 +242,7 @@ def solved(
     reach: float = 0.0,
     gap: float = GAP_TOLERANCE,
 ) -> tuple[ConeSolution, Optimality]:
-    """Solve and certify; when nothing comes of it, ask if a solution can exist."""
+    """Solve and certify; if this fails, test whether a solution can exist."""
     found = None
     try:
         found = solution, optimality = solve_certified(
@@ -276,7 +278,7 @@ class AttainedFit:
     constraints : tuple of Constraint
         Those given, and the bound if there is one.
     note : str
-        Which mass the data leave open, where the bound is reached; else empty.
+        The mass that the data do not bound, if the bound is reached; else empty.
     """
 
     best: BestFit
@@ -337,10 +339,10 @@ def _bounded(model: TorqueModel, constraints: Sequence[Constraint]) -> np.ndarra
 
 
 def _gain(best: BestFit, total: TotalMass) -> float:
-    """Bound what `_RAISED` times the total mass lowers the squared misfit by.
+    """Bound the decrease of the squared misfit at `_RAISED` times the total mass.
 
-    The least of half the square is convex in the bound ``b``; its slope is less the
-    row's multiplier.
+    The least half square is convex in the bound ``b``; its slope is minus the row's
+    multiplier.
     """
     domain = best.scaled.domain
     row = domain.in_labels.index(_label(total))
@@ -360,10 +362,11 @@ def _note(model: TorqueModel, best: BestFit, total: TotalMass, times: float) -> 
         return ""
     heaviest = int(np.argmax(masses / link_scales(model.robot).mass))
     return (
-        f"the data leave the mass of {model.layout.links[heaviest]} open upwards: the "
+        f"the data do not bound the mass of {model.layout.links[heaviest]} from "
+        "above: the "
         "heavier it is, with its centre of mass nearer the joint, the better it fits. "
-        f"Total mass is bounded by {total.upper_bound:.3g} kg, {times:g} times what "
-        "the links typically weigh: state masses, or a total mass"
+        f"The total mass is bounded by {total.upper_bound:.3g} kg, {times:g} times "
+        f"the typical mass of the links: state masses, or a total mass"
     )
 
 
@@ -374,9 +377,9 @@ class InnerFit:
     Parameters
     ----------
     share : float
-        Of its nominal body that every link contains, at the least.
+        Least share of its nominal body that every link contains.
     move : float
-        Standard errors by which that moves what the data determine, all together.
+        Standard errors by which the share moves the determined parameters, together.
     """
 
     best: BestFit
@@ -389,47 +392,51 @@ class InnerFit:
         if not self.share:
             return ""
         return (
-            f"every link contains {self.share:.2g} of its nominal body or more, which "
-            f"moves what the data determine by {self.move:.2g} standard errors, in all"
+            f"every link contains at least {self.share:.2g} of its nominal body, "
+            f"which moves the parameters that the data determine by {self.move:.2g} "
+            f"standard errors, together"
         )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FitProblem:
+    """What a constrained estimate is computed from."""
+
+    model: TorqueModel
+    regression: Regression
+    constraints: Sequence[Constraint]
+    base: BaseParameters
+
+
 def inner_fit(
-    model: TorqueModel,
-    regression: Regression,
-    constraints: Sequence[Constraint],
-    best: BestFit,
-    *,
-    share: float,
-    noise: ResidualNoise,
-    base: BaseParameters,
+    problem: FitProblem, best: BestFit, *, share: float, noise: ResidualNoise
 ) -> InnerFit:
     """Return the best fit whose links contain a share of their nominal bodies.
 
     Parameters
     ----------
-    constraints : sequence of Constraint
+    problem : FitProblem
         Of `best`; without `PhysicalConsistency` nothing is changed.
     share : float
-        Wanted; as much of it is taken as moves the best fit by no more than `MOVE`.
+        The wanted share; it is reduced until it moves the best fit by at most `MOVE`.
     noise : ResidualNoise
         Of the regression.
     """
-    if not any(isinstance(c, PhysicalConsistency) for c in constraints):
+    if not any(isinstance(c, PhysicalConsistency) for c in problem.constraints):
         return InnerFit(best)
-    A = regression.stacked()[:, list(base.independent)]
+    A = problem.regression.stacked()[:, list(problem.base.independent)]
     score = (A @ noise.steps).T @ A @ best.scaled.projection
     for _ in range(_TRIES):
         if share < _LEAST:
             break
-        found = _containing(model, constraints, best, share)
+        found = _containing(problem.model, problem.constraints, best, share)
         if found is None:  # another constraint does not allow it
             share *= _LESS
             continue
         move = noise.errors(score @ (found.solution.u - best.solution.u))
         if move <= MOVE:
             return InnerFit(found, share, move)
-        # The best fit moves nearly in proportion.
+        # The best fit moves nearly in proportion to the share.
         share *= _AIM * MOVE / move
     return InnerFit(best)
 
@@ -437,7 +444,7 @@ def inner_fit(
 def _containing(
     model: TorqueModel, constraints: Sequence[Constraint], best: BestFit, share: float
 ) -> BestFit | None:
-    """Return the best fit with a share, as well proven; None if there is none."""
+    """Return the best fit with a share, equally well proven; None if there is none."""
     inner = [
         replace(c, share=max(c.share, share))
         if isinstance(c, PhysicalConsistency)

@@ -1,162 +1,73 @@
-"""The best fit among physically consistent parameters.
-
-In the standard parameters from the start, because that is where consistency lives:
-
-1. the least weighted misfit ``||R x - z||`` over the constraints;
-2. among all constrained ``x`` whose misfit is within a slack of it, the one nearest to
-   the nominal robot.  What the data do not determine, the prior does, and not the
-   solver by chance.
-
-Both are cone programmes on the compressed regression; both optima are certified.  Where
-constraints exclude each other, `contradiction` finds what giving up one would cost.
-"""
+"""The constrained estimate: the best fit, and what is examined of it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
-
-import numpy as np
 
 from consistent_id._support.arrays import Vector
 from consistent_id._support.executors import single_threaded
-from consistent_id.constraints import (
-    Constraint,
-    FixedMasses,
-    NonNegativeDrive,
-    PhysicalConsistency,
+from consistent_id.constraints import Constraint, PhysicalConsistency
+from consistent_id.constraints.cones.certificate import Certificate, OptimumProof
+from consistent_id.constraints.links import LinkCondition, link_conditions
+from consistent_id.constraints.priors import Prior
+from consistent_id.estimation.best_fit import FitProblem, ScaledFit
+from consistent_id.estimation.constrained_fit import (
+    DEFAULT_CONSTRAINTS,
+    constrained_fit,
 )
-from consistent_id.constraints.cones.certificate import (
-    FEASIBILITY_TOLERANCE,
-    GAP_TOLERANCE,
-    solve_certified,
-)
-from consistent_id.constraints.cones.feasibility import irreducible_conflict
-from consistent_id.constraints.cones.least_norm import LeastNorm
-from consistent_id.constraints.priors import (
-    NominalDistance,
-    Penalty,
-    PointToSet,
-    Prior,
-    nominal_distance,
-)
-from consistent_id.errors import InfeasibleError, SolverError
-from consistent_id.estimation.audit import FitProblem, OptimumProof, audited
-from consistent_id.estimation.best_fit import (
-    REFERENCE,
-    BestFit,
-    ScaledFit,
-    attained_fit,
-    inner_fit,
-    scaled_fit,
+from consistent_id.estimation.determination import (
+    determinations,
+    linear_errors,
+    stated_errors,
 )
 from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.fit import fit_of
+from consistent_id.estimation.fitted_to import FittedUnder
 from consistent_id.estimation.method import Method
-from consistent_id.estimation.penalised import (
-    DISTANCE_GAP,
-    PenalisedFit,
-    nearest_within,
-    penalised_fit,
+from consistent_id.regression.base import (
+    BaseParameters,
+    base_parameters,
+    open_combinations,
 )
-from consistent_id.regression.base import BaseParameters, base_parameters
+from consistent_id.regression.mass_matrix import (
+    POSES,
+    least_mass_eigenvalue,
+    random_poses,
+)
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import residual_noise
-
-SLACK_GAP = 0.01
-"""Share of the slack by which the least misfit may be unknown."""
-
-_ALLOWED = (
-    f"{GAP_TOLERANCE:.0e} of the final estimate, {DISTANCE_GAP:.0e}, {SLACK_GAP:.0e} "
-    f"and {FEASIBILITY_TOLERANCE:.0e}"
+from consistent_id.regression.residual_noise import (
+    base_solution,
+    residual_noise,
+    residual_sigma,
 )
 
-DEFAULT_CONSTRAINTS: tuple[Constraint, ...] = (
-    PhysicalConsistency(),
-    FixedMasses(),
-    NonNegativeDrive(),
-)
-"""Links physically consistent, masses of the datasheet, friction that dissipates."""
+_SEED = 0  # of the poses at which mass matrices are examined
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ConstrainedFit:
-    """What both stages found.
+class FoundOptimum:
+    """Parameters that a programme found, and what is proven of them.
 
     Parameters
     ----------
-    final : PenalisedFit
-        The final point.
-    slack : float
-        Relative misfit given up for the prior, at the most.
-    distance_gap : float
-        Bound on the relative excess of the squared distance, under `PointToSet`.
-    slack_gap : float
-        Bound on the relative error of the slack, because the least misfit is known up
-        to its own gap; zero under `Penalty`, which has no slack.
+    scaled : ScaledFit
+        The programme's data.
+    parameters : ndarray, shape (parameters,)
+        In original units.
+    proof : OptimumProof
     note : str
-        How the prior was used.
+        How they were found.
+    shift : ndarray, shape (parameters,), optional
+        How far the prior moved the parameters from the best fit: their bias.  Without
+        it they have no standard errors.
     """
 
-    best: BestFit
-    distance: NominalDistance
-    final: PenalisedFit
-    slack: float
-    distance_gap: float
-    slack_gap: float
+    scaled: ScaledFit
+    parameters: Vector
+    proof: OptimumProof
     note: str
-
-    @property
-    def parameters(self) -> Vector:
-        """The final parameters, in original units."""
-        return self.final.solution.u * self.best.scaled.unit
-
-    @property
-    def certified(self) -> bool:
-        """Whether the final optimum is, within a slack that is known well enough."""
-        final = self.final.optimality.verdict == "certified"
-        return (
-            final and self.distance_gap <= DISTANCE_GAP and self.slack_gap <= SLACK_GAP
-        )
-
-    @property
-    def proof(self) -> OptimumProof:
-        """What was proven of both optima."""
-        fit, final = self.best.optimality, self.final.optimality
-        figures = {
-            "fit: relative gap": fit.gap,
-            "fit: violation": fit.violation,
-            "prior: relative gap": final.gap,
-            "prior: relative gap of the squared distance": self.distance_gap,
-            "prior: violation": final.violation,
-            "slack": self.slack,
-            "slack: relative uncertainty": self.slack_gap,
-            "weight of the prior": self.final.weight,
-        }
-        return OptimumProof(self.certified, self._statement, _ALLOWED, figures)
-
-    @property
-    def _statement(self) -> str:
-        fit, final = self.best.optimality, self.final.optimality
-        violation = max(fit.violation, final.violation)
-        if not self.certified:
-            return (
-                f"relative gap of the best fit {fit.gap:.1e} and of the final estimate "
-                f"{final.gap:.1e}, of the squared distance {self.distance_gap:.1e}, of "
-                f"the slack {self.slack_gap:.1e}, violation {violation:.1e}"
-            )
-        second = (
-            "a compromise with the prior"
-            if self.distance_gap == 0.0
-            else f"squared distance to nominal to {self.distance_gap:.1e}"
-        )
-        size = 1.0 + float(np.linalg.norm(self.distance.nominal))
-        reach = min(fit.radius, final.radius) / size
-        return (
-            f"best fit proven to a relative {fit.gap:.1e}, final estimate to "
-            f"{final.gap:.1e}, {second}, constraints "
-            f"violated by at most {violation:.1e}, among robots up to {reach:.0f} "
-            "times the nominal"
-        )
+    shift: Vector | None = None
 
 
 @single_threaded
@@ -180,7 +91,7 @@ def constrained_least_squares(
         By default every link physically consistent, datasheet masses, and no negative
         friction or rotor inertia.
     prior : PointToSet or Penalty, optional
-        Chooses among what fits alike; by default `PointToSet`.
+        Chooses among estimates that fit equally well; by default `PointToSet`.
     base : BaseParameters, optional
     method : str
 
@@ -193,7 +104,7 @@ def constrained_least_squares(
     Raises
     ------
     InfeasibleError
-        If no parameters satisfy the constraints; names those to blame.
+        If no parameters satisfy the constraints; the message names the contradiction.
     NotExcitedError
         If the data excite nothing, or the torque is zero.
     SolverError
@@ -201,226 +112,103 @@ def constrained_least_squares(
     """
     started = perf_counter()
     base = base_parameters(model) if base is None else base
-    fitted = constrained_fit(model, regression, constraints, prior, base)
-    return audited(
-        FitProblem(model, regression, constraints, base),
+    problem = FitProblem(model, regression, constraints, base)
+    fitted = constrained_fit(problem, prior)
+    found = FoundOptimum(
         fitted.best.scaled,
         fitted.parameters,
         fitted.proof,
+        fitted.note,
+        abs(fitted.parameters - fitted.best.parameters),
+    )
+    estimate = audited(problem, found, method=method, started=started)
+    under = FittedUnder(tuple(constraints), prior, regression.sigma)
+    return replace(estimate, fitted_under=under)
+
+
+def audited(
+    problem: FitProblem, found: FoundOptimum, *, method: str, started: float
+) -> Estimate:
+    """Return the estimate of parameters that were found, with its certificate.
+
+    Besides the proof of its optimum, these are examined in original units: constraints,
+    each link's pseudo-inertia, and the mass matrix over random poses.
+    """
+    model, regression, base = problem.model, problem.regression, problem.base
+    x, proof, shift = found.parameters, found.proof, found.shift
+    links = link_conditions(model, x)
+    least = least_mass_eigenvalue(model, x, random_poses(model, POSES, _SEED))
+    figures = _figures(problem, found, least, links)
+    consistent = any(isinstance(c, PhysicalConsistency) for c in problem.constraints)
+    solution = base_solution(regression, base)
+    known = found.scaled.constraints.A_eq
+    errors = linear_errors(base, residual_noise(regression, base), known)
+    origins = determinations(model, regression, errors, x, elsewhere="prior")
+    return Estimate(
         method=method,
-        note=fitted.note,
-        started=started,
-        shift=abs(fitted.parameters - fitted.best.parameters),
-    )
-
-
-def constrained_fit(
-    model: TorqueModel,
-    regression: Regression,
-    constraints: Sequence[Constraint],
-    prior: Prior | None,
-    base: BaseParameters,
-    *,
-    weight: float | None = None,
-) -> ConstrainedFit:
-    """Fit under constraints, then let the prior choose where the data do not.
-
-    Where a weight of the prior is searched for, `weight` is tried first: that of nearly
-    the same data.
-
-    Raises
-    ------
-    InfeasibleError, NotExcitedError, SolverError
-        See `constrained_least_squares`.
-    """
-    prior = PointToSet() if prior is None else prior
-    try:
-        attained = attained_fit(model, regression, constraints, base=base)
-    except InfeasibleError:
-        found = contradiction(model, regression, constraints, base=base)
-        if found is None:
-            raise
-        raise InfeasibleError(found.sentence) from None
-    noise = residual_noise(regression, base)
-    inner = inner_fit(
-        model,
-        regression,
-        attained.constraints,
-        attained.best,
-        share=prior.inside,
-        noise=noise,
+        model=model,
         base=base,
+        parameters=x,
+        base_covariance=None,
+        origins=origins,
+        undetermined=open_combinations(solution, base.names),
+        sigma=residual_sigma(regression, x, len(base)),
+        certificate=_certificate(proof, least if consistent else None, figures),
+        notes=(found.note, *_edges(links)),
+        seconds=perf_counter() - started,
+        fit=fit_of(model, regression, x, base, known=known),
+        parameter_errors=(
+            None if shift is None else stated_errors(errors.values, origins, shift)
+        ),
     )
-    best = inner.best
-    distance = nominal_distance(model, prior.distance, best.scaled.unit)
-    notes = tuple(filter(None, (inner.note, attained.note)))
-    if isinstance(prior, Penalty):
-        return _compromise(best, distance, prior, notes)
-    # A misfit below a millionth of the torque counts as that: see `ScaledFit`.
-    least = max(best.misfit, best.scaled.size) ** 2
-    left = noise.one_error * (1.0 - inner.move) ** 2
-    slack = prior.relative_slack(left, least)
-    return _nearest(best, distance, prior, slack, notes, weight)
 
 
-def _nearest(
-    best: BestFit,
-    distance: NominalDistance,
-    prior: PointToSet,
-    slack: float,
-    notes: tuple[str, ...],
-    weight: float | None,
-) -> ConstrainedFit:
-    near = nearest_within(best, distance, slack, first=weight)
-    note = (
-        f"nearest to nominal ({prior.distance} distance) among estimates whose misfit "
-        f"is within {slack:.2g} (relative) of the best constrained fit"
-        + (
-            ""
-            if prior.slack
-            else ": what the data determine moves by one standard "
-            "error at the most, in all"
+def _figures(
+    problem: FitProblem,
+    found: FoundOptimum,
+    least: float,
+    links: Sequence[LinkCondition],
+) -> dict[str, float]:
+    """Return the certificate's figures; `least` is the mass matrix's eigenvalue."""
+    regression, x = problem.regression, found.parameters
+    rms = zip(regression.joints, regression.residual_rms(x), strict=True)
+    return {
+        "violation in original units": found.scaled.constraints.violation(x),
+        **found.proof.figures,
+        f"least eigenvalue of M(q) over {POSES} poses": least,
+        **{f"RMS residual of {joint}": float(value) for joint, value in rms},
+        **{
+            f"least eigenvalue of J of {link.link}, per typical link": (
+                link.least_eigenvalue
+            )
+            for link in links
+        },
+    }
+
+
+def _edges(links: Sequence[LinkCondition]) -> tuple[str, ...]:
+    """Say which links are at the edge of what can be, and at which."""
+    return tuple(
+        f"{link.link} is on the boundary of the consistency cone: {link.edge}"
+        for link in links
+        if link.edge
+    )
+
+
+def _certificate(
+    proof: OptimumProof, least: float | None, figures: dict[str, float]
+) -> Certificate:
+    """Return the verdict; `least` is the mass matrix's, where it must be positive."""
+    if least is not None and least <= 0.0:
+        reason = (
+            f"{proof.statement}; but the mass matrix has an eigenvalue of {least:.3g}: "
+            "constrain rotor inertia with NonNegativeDrive"
         )
+        return Certificate("uncertified", reason, figures)
+    if proof.certified:
+        return Certificate("certified", proof.statement, figures)
+    reason = (
+        f"{proof.statement} (allowed: {proof.allowed}); the estimate is usable only as "
+        "far as these figures say"
     )
-    optimality = best.optimality
-    gap = 2.0 * optimality.gap * max(optimality.objective, REFERENCE)
-    slack_gap = 0.0 if optimality.verdict == "certified" else gap / near.allowed
-    return ConstrainedFit(
-        best,
-        distance,
-        near.fit,
-        slack,
-        near.distance_gap,
-        slack_gap,
-        "; ".join((note, *notes)),
-    )
-
-
-def _compromise(
-    best: BestFit, distance: NominalDistance, prior: Penalty, notes: tuple[str, ...]
-) -> ConstrainedFit:
-    fit = penalised_fit(best.scaled, distance, prior.weight)
-    least = best.scaled.excess(best.solution.u) + best.scaled.residual**2
-    total = fit.excess + best.scaled.residual**2
-    # Misfits below one, a millionth of the torque, count as none: see `ScaledFit`.
-    given = max(float(np.sqrt(max(total, 1.0) / max(least, 1.0))) - 1.0, 0.0)
-    note = (
-        f"compromise of misfit and {prior.distance} distance to nominal, weight "
-        f"{prior.weight:.3g}; its misfit is {given:.2%} above the best constrained fit"
-    )
-    said = "; ".join((note, *notes))
-    return ConstrainedFit(best, distance, fit, given, 0.0, 0.0, said)
-
-
-@dataclass(frozen=True, slots=True)
-class Resolution:
-    """The best fit without one of the contradicting constraints.
-
-    Parameters
-    ----------
-    label : str
-        What is given up.
-    rms : float, [N m or N], or in units of the joints' `sigma`
-        Root-mean-square residual of the best fit without it; infinite where more would
-        have to be given up, nan where it could not be computed.
-    values : dict of str to float
-        What the parameters that it ties would then be.
-    """
-
-    label: str
-    rms: float
-    values: dict[str, float]
-
-    @property
-    def sentence(self) -> str:
-        """The resolution in words."""
-        if np.isnan(self.rms):
-            return f"The best fit without ({self.label}) could not be computed"
-        if np.isinf(self.rms):
-            return f"Without ({self.label}) others still contradict each other"
-        then = ", ".join(f"{name} = {value:.4g}" for name, value in self.values.items())
-        return f"Without ({self.label}) the best fit leaves {self.rms:.4g} RMS" + (
-            f", with {then}" if then else ""
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class Contradiction:
-    """An irreducible set of constraints without a common point.
-
-    Parameters
-    ----------
-    resolutions : tuple of Resolution
-        One for each member, that with the best fit first.
-    unconstrained_rms : float
-        Root-mean-square residual of least squares.
-    """
-
-    resolutions: tuple[Resolution, ...]
-    unconstrained_rms: float
-
-    @property
-    def sentence(self) -> str:
-        """The contradiction in words."""
-        members = "; ".join(r.label for r in self.resolutions)
-        ways = ". ".join(r.sentence for r in self.resolutions)
-        return (
-            f"no parameters satisfy these together: {members}. {ways}. "
-            f"Least squares leaves {self.unconstrained_rms:.4g} RMS. Check the "
-            "datasheet values and the margin, or loosen one"
-        )
-
-
-@single_threaded
-def contradiction(
-    model: TorqueModel,
-    regression: Regression,
-    constraints: Sequence[Constraint],
-    *,
-    base: BaseParameters | None = None,
-) -> Contradiction | None:
-    """Find which constraints exclude each other, and what each costs in torque.
-
-    Returns
-    -------
-    Contradiction or None
-        None if no contradiction is proven.
-
-    Raises
-    ------
-    ProblemError, NotExcitedError
-        If the regression does not fit the model, or is empty.
-    """
-    base = base_parameters(model) if base is None else base
-    scaled = scaled_fit(model, regression, base, constraints)
-    members = irreducible_conflict(scaled.domain)
-    if not members:
-        return None
-    to_rms = scaled.size / np.sqrt(sum(regression.counts))
-    found = [_without(scaled, m, to_rms, model.layout.names) for m in members]
-    return Contradiction(
-        tuple(sorted(found, key=lambda r: np.nan_to_num(r.rms, nan=np.inf))),
-        scaled.residual * float(to_rms),
-    )
-
-
-def _without(
-    scaled: ScaledFit,
-    member: int,
-    to_rms: float,
-    names: tuple[str, ...],
-) -> Resolution:
-    label, fewer = scaled.domain.labels[member], scaled.domain.without(member)
-    problem = LeastNorm(scaled.M, scaled.z, fewer)
-    try:
-        u = solve_certified(problem, scaled.centre, reference=REFERENCE)[0].u
-        empty = fewer.violation(u) > FEASIBILITY_TOLERANCE
-    except SolverError:
-        empty = True
-    if empty:
-        others = irreducible_conflict(fewer)
-        return Resolution(label, np.inf if others else np.nan, {})
-    rms = float(np.sqrt(scaled.excess(u) + scaled.residual**2) * to_rms)
-    dropped = scaled.domain.only([member])
-    tied = np.flatnonzero(np.vstack([dropped.A_eq, dropped.A_in]).any(axis=0))
-    return Resolution(label, rms, {names[i]: float((u * scaled.unit)[i]) for i in tied})
+    return Certificate("uncertified", reason, figures)

@@ -34,7 +34,9 @@ from consistent_id.constraints.priors import (
 )
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.best_fit import ScaledFit, base_factor, scaled_fit
-from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
+from consistent_id.estimation.constrained_fit import (
+    DEFAULT_CONSTRAINTS,
+)
 from consistent_id.estimation.penalised import PenalisedFit, penalised_fit
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression, triangle
@@ -42,22 +44,22 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.segments import merged
 
 WEIGHTS = 10.0 ** np.arange(2.0, -8.5, -0.5)
-"""Weights to choose from, the strongest first; of the entropic distance as far as 1e-6.
+"""Weights to choose from, strongest first; down to 1e-6 for the entropic distance.
+Every second one is tried, then the neighbours of the best: the error changes little
+from one weight to the next.
+"""
 
-Every other one is tried, then those beside the best: the error changes little from one
-weight to the next."""
-
-_LEAST_ENTROPIC = 1e-6  # below, Newton's method takes dozens of steps
+_LEAST_ENTROPIC = 1e-6  # below this weight, Newton's method takes dozens of steps
 
 _FOLD_GAP = 1e-4
-"""Relative gap of fits that leave a fold out: their errors are known to half."""
+"""Relative gap of fits that leave a fold out; their errors need no better one."""
 
 _WORKERS = 2  # Clarabel frees the interpreter's lock
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegularisationPath:
-    """Penalised estimates for a series of weights, and how they predict.
+    """Penalised estimates for a series of weights, and their prediction errors.
 
     Parameters
     ----------
@@ -68,7 +70,7 @@ class RegularisationPath:
         Root-mean-square torque error on each fold when it was left out, divided by the
         joints' `sigma`.
     misfits : array_like, shape (weights,)
-        The same on all data, with all of them fitted.
+        The same error on all data, fitted to all data.
     distances : array_like, shape (weights,)
         Distance to nominal, with all data fitted.
     parameters : array_like, shape (weights, parameters)
@@ -93,7 +95,7 @@ class RegularisationPath:
 
     @property
     def error(self) -> Vector:
-        """Root-mean-square error over all folds, which count alike, for each weight."""
+        """Root-mean-square error over all folds, for each weight."""
         return np.asarray(np.sqrt(np.mean(self.errors**2, axis=1)))
 
     @property
@@ -130,13 +132,14 @@ def cross_validated(
     distance : {"pullback", "euclidean", "entropic"}
     weights : array_like, shape (weights,)
         All of them are tried, in any order; see `Penalty`.  By default some of
-        `WEIGHTS`.  Folds are given the same ones, in units of the residual of all data.
+        `WEIGHTS`.  All folds use the same weights, in units of the residual of all
+        data.
     folds : int
         Of consecutive segments; at most as many as there are segments.
     base : BaseParameters, optional
     executor : str or Executor, optional
-        Where folds are solved, see `stream_regression`; by default as the shell's
-        ``--executor`` says, else in two threads.  The result is the same.
+        Where folds are solved, see `stream_regression`; by default as stated by the
+        shell's ``--executor``, else in two threads.  The result is the same.
 
     Returns
     -------
@@ -156,7 +159,7 @@ def cross_validated(
     grid = WEIGHTS[WEIGHTS >= _LEAST_ENTROPIC] if distance == "entropic" else WEIGHTS
     first = grid[::2] if weights is None else frozen(weights, (None,), "weights")
     if len(first) == 0 or first.min() <= 0.0:
-        raise ProblemError("weights are to be positive numbers, one or more")
+        raise ProblemError("weights must be positive numbers, one or more")
     base = base_parameters(model) if base is None else base
     scaled = scaled_fit(model, merged(segments), base, constraints)
     to_nominal = nominal_distance(model, distance, scaled.unit)
@@ -183,7 +186,7 @@ def cross_validated(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Folds:
-    """A fit to all data; fits without each fold, of each fold alone, its samples."""
+    """Fits to all data, without each fold, and to each fold alone; its samples."""
 
     whole: ScaledFit
     rests: list[ScaledFit]

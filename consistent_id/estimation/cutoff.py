@@ -1,21 +1,23 @@
 """The cut-off of motion and torque, chosen by the torque that is predicted with it.
 
-A low cut-off takes away what the robot did, a high one leaves noise, which the double
-differentiation of the position makes large.  Which is best for a robot and a logger
-shows in torque that was left out of the fit.  Three precautions make that a fair test:
+A low cut-off removes motion of the robot, a high one leaves noise, which the double
+differentiation of the position amplifies.  The best cut-off for a robot and a logger is
+the one that best predicts torque that was left out of the fit.  Three precautions make
+this test fair:
 
 - The raw recording is cut before anything is filtered, so that no filter carries torque
-  from validation into training.  What was assumed beyond the ends of a
-  part, a period of the lowest cut-off, is dropped for all candidates alike.
-- All candidates predict the same torque, filtered once and lightly.  If each were
-  judged on torque filtered as it asks, low cut-offs would win: smoother torque is
-  easier to fit.  Here a cut-off of the motion that misses real torque is punished.
-- The prediction uses motion filtered as the candidate asks, not a common one: with the
-  same noisy motion for all, parameters shrunk by noise would predict that noise best.
+  from validation into training.  At the ends of a part, where filters extrapolate, a
+  period of the lowest cut-off is dropped for all candidates.
+- All candidates predict the same torque, filtered once and lightly.  If each candidate
+  were judged on torque filtered with its own cut-off, low cut-offs would win, because
+  smoother torque is easier to fit.  Here a motion cut-off that removes real torque has
+  a larger error.
+- The prediction uses motion filtered with the candidate's cut-off, not a common one:
+  with the same noisy motion for all, parameters biased by noise would predict best.
 
-What is chosen is the best recipe of filter and parameters together.  Noise of the
-torque is the same for all and does not shift the choice, unless it comes of the encoder
-through the controller: a cut-off that lets it through then looks better than it is.
+So filter and parameters are judged together.  Noise of the torque is the same for all
+candidates and does not bias the choice, except for encoder noise that the controller
+feeds into the torque: a cut-off that passes it then looks better than it is.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,7 +39,7 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import base_solution, joint_noise
 from consistent_id.regression.segments import merged
 
-_SHARE = 0.25  # of a part that may be dropped at each end
+_SHARE = 0.25  # share of a part that may be dropped at each end
 
 Estimator = Callable[[TorqueModel, Regression], Estimate]
 _Fit = Callable[[Regression], Vector]
@@ -45,7 +47,7 @@ _Fit = Callable[[Regression], Vector]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CutoffChoice:
-    """Cut-offs tried, and how well torque is predicted with each.
+    """Cut-offs tried, and the error of the predicted torque for each.
 
     Parameters
     ----------
@@ -90,7 +92,8 @@ class CutoffChoice:
     def doubt(self) -> Vector:
         """Standard error of each candidate's squared error less that of the best.
 
-        From the folds, in units of the best squared error; zero for the best.
+        It is computed from the folds, in units of the best squared error; zero for the
+        best.
         """
         squared = self.errors**2
         more = squared - squared[self.best]
@@ -146,7 +149,7 @@ def best_cutoff(
     if not target >= highest:
         raise ProblemError(
             f"target is {target} Hz, expected at least the highest candidate's "
-            f"{highest:g} Hz: what is predicted must not reward smoothness"
+            f"{highest:g} Hz, so that smoother torque has no advantage"
         )
     margin = 1.0 / min(min(p) for p in pairs)
     parts = _parts(recordings, folds, margin)
@@ -213,7 +216,7 @@ def _sides(
     margin: float,
     noise: bool,
 ) -> _Sides:
-    """Compress each part; training with its noise, if the estimator may want it."""
+    """Compress each part; for training with its noise, if the estimator may use it."""
 
     def both(part: Recording) -> tuple[Regression, Regression]:
         motion, torque = pair

@@ -1,12 +1,11 @@
-"""A constrained estimate as a CVXPY problem, for terms and constraints of one's own.
+"""A constrained estimate as a CVXPY problem, to add own terms and constraints.
 
 The unknowns are ``u = x / unit``, pure numbers near one.  Half the squared misfit in
 units of least squares' residual norm, plus the prior, is minimised over the package's
-constraints; a researcher adds convex terms and constraints, or takes another objective.
-
-What is proven of the optimum is recomputed: of the problem as it stands, by the
-certificate of every other estimate; with own terms, on the cone programme that CVXPY
-makes of them (`cvxpy_cones`).
+constraints; users can add convex terms and constraints, or replace the objective. The
+proof of the optimum is recomputed: without own terms, by the certificate of all other
+estimates; with own terms, on the cone programme that CVXPY makes of them
+(`cvxpy_cones`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,6 +23,7 @@ from consistent_id.constraints.cones.certificate import (
     FEASIBILITY_TOLERANCE,
     GAP_TOLERANCE,
     ConicOptimum,
+    OptimumProof,
     conic_optimum,
 )
 from consistent_id.constraints.cones.least_norm import ConeSolution
@@ -31,9 +31,12 @@ from consistent_id.constraints.cones.programmes import Multipliers, set_multipli
 from consistent_id.constraints.cones.sets import ConicSet, stacked
 from consistent_id.constraints.priors import EntropicDistance, NominalDistance, Prior
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.audit import FitProblem, OptimumProof, audited
-from consistent_id.estimation.best_fit import REFERENCE, ScaledFit
-from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS, constrained_fit
+from consistent_id.estimation.best_fit import REFERENCE, FitProblem, ScaledFit
+from consistent_id.estimation.constrained import FoundOptimum, audited
+from consistent_id.estimation.constrained_fit import (
+    DEFAULT_CONSTRAINTS,
+    constrained_fit,
+)
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.penalised import certify_penalised
 from consistent_id.regression.base import BaseParameters, base_parameters
@@ -55,7 +58,7 @@ class CvxpyProblem:
     variable : cvxpy.Variable, shape (parameters,)
         Parameters in typical units.
     parameters : cvxpy.Expression, shape (parameters,)
-        The same in SI units, in the layout's order; see `of` for one of them.
+        The same in SI units, in the layout's order; `of` returns one of them.
     links : mapping of str to cvxpy.Expression, shape (10,)
         The inertial parameters of each link.
     pseudo_inertias : mapping of str to cvxpy.Expression, shape (4, 4)
@@ -64,7 +67,7 @@ class CvxpyProblem:
         For each joint a vector whose norm is that of its torque error over all samples.
     misfit : cvxpy.Expression
         Half the squared norm of all residuals over the joints' `sigma`, in units of
-        `unit_misfit`, less what no parameters explain.
+        `unit_misfit`, less the part that no parameters explain.
     prior : cvxpy.Expression
         Half the squared distance to nominal, times `weight`.
     weight : float
@@ -88,7 +91,7 @@ class CvxpyProblem:
     def unit_misfit(self) -> float:
         """Norm of the residual that counts as one in `misfit`.
 
-        It is the norm that least squares leaves, or a millionth of the torque's.
+        It is the residual norm of least squares, or a millionth of the torque's.
         """
         return self.scaled.size
 
@@ -111,7 +114,7 @@ class CvxpyProblem:
         terms : sequence of cvxpy.Expression
             Convex scalars that are added to the objective.
         constraints : sequence of cvxpy.Constraint
-            Convex, besides the package's, which always hold.
+            Convex, in addition to the package's own.
         objective : cvxpy.Expression, optional
             To be minimised instead of ``misfit + prior``.
         method : str
@@ -120,10 +123,10 @@ class CvxpyProblem:
         Returns
         -------
         Estimate
-            Its certificate says what was proven: of the problem as it stands, what is
-            proven of every constrained estimate; with own terms, the gap on the cone
-            programme that CVXPY makes of them.  Exponential and power cones, as of
-            ``log`` and ``entr``, are solved but not proven.
+            Its certificate states what was proven: without own terms, the same as for
+            every constrained estimate; with own terms, the gap of the cone programme
+            that CVXPY makes of them.  Problems with exponential and power cones, such
+            as those of ``log`` and ``entr``, are solved but not proven.
 
         Raises
         ------
@@ -146,7 +149,7 @@ def to_cvxpy(
     prior: Prior | None = None,
     base: BaseParameters | None = None,
 ) -> CvxpyProblem:
-    """Return the problem of `constrained_least_squares`, to add own terms to.
+    """Return the problem of `constrained_least_squares`, ready for own terms.
 
     With `PointToSet`, which is the default, the weight of the prior is the one that
     uses up the slack: the problem's optimum is the constrained estimate.
@@ -182,7 +185,7 @@ def to_cvxpy(
 
     base = base_parameters(model) if base is None else base
     source = FitProblem(model, regression, tuple(constraints), base)
-    fitted = constrained_fit(model, regression, constraints, prior, base)
+    fitted = constrained_fit(source, prior)
     scaled, distance, layout = fitted.best.scaled, fitted.distance, model.layout
     u = cp.Variable(len(layout), name="parameters in typical units")
     x = cp.multiply(scaled.unit, u)
@@ -238,7 +241,7 @@ def _matrix(basis: Array, weights: Any) -> Any:
 
 
 def _cvxpy_constraints(u: Any, domain: ConicSet) -> list[Any]:
-    """Return equalities and inequalities, where there are any, then the blocks."""
+    """Return equalities and inequalities, if there are any, then the blocks."""
     rows = []
     if len(domain.b_eq):
         rows.append(domain.A_eq @ u == domain.b_eq)
@@ -290,19 +293,12 @@ def _solved(
         )
     else:
         proof, note = _proof(form, u), f"{form.note}; solved by CVXPY"
-    return audited(
-        form.source,
-        form.scaled,
-        u * form.scaled.unit,
-        proof,
-        method=method,
-        note=note,
-        started=started,
-    )
+    found = FoundOptimum(form.scaled, u * form.scaled.unit, proof, note)
+    return audited(form.source, found, method=method, started=started)
 
 
 def _proof(form: CvxpyProblem, u: Vector) -> OptimumProof:
-    """Return what is proven of the problem as it stands."""
+    """Return the proof for the problem without own terms."""
     domain = form.scaled.domain
     multipliers = _multipliers(domain, form.problem.constraints)
     solution = ConeSolution(u, multipliers, str(form.problem.status), 0.0, 0.0)
@@ -322,7 +318,7 @@ def _own_proof(
     moved: float,
     constraints: Sequence[Any],
 ) -> OptimumProof:
-    """Return what is proven of the problem with own terms and constraints.
+    """Return the proof for the problem with own terms and constraints.
 
     The point is the variable's value, whose objective has `moved` from the solver's.
     """
@@ -337,7 +333,7 @@ def _own_proof(
         f"{max(theirs, default=0.0):.1e}"
     )
     if programme.rows is None:
-        statement = f"own terms need cones that no proof is made of; {held}"
+        statement = f"no proof is made for the cones of the own terms; {held}"
         return OptimumProof(False, statement, "no such cones", figures)
     size = max(abs(float(problem.value)), REFERENCE)
     relative, missed = (programme.gap() + moved) / size, programme.violation()

@@ -1,12 +1,12 @@
-"""What determines each parameter: the one classifier behind every table.
+"""The source of each parameter's value: the one classifier behind every table.
 
-Rank says which parameters data and equalities determine.  It knows nothing of noise: a
-parameter that is known to plus or minus ten times its value is not determined by data.
-Nor does it know inequalities, which may leave no room to what data do not see.
+The rank shows which parameters data and equalities determine, but it ignores noise: a
+parameter with an error of ten times its value is not determined by data. It also
+ignores inequalities, which may determine parameters that data do not.
 """
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -27,69 +27,99 @@ Determination = Literal[
     "data", "combination", "loose", "constraint", "prior", "convention"
 ]
 """``"data"``: the data determine it, with the equalities among the constraints.
-``"combination"``: they determine only sums that it is part of.  ``"loose"``: they see
-it, but bound it only loosely.  ``"constraint"``: an equality fixes it, or the
-constraints leave it next to no room.  ``"prior"``, ``"convention"``: its value is the
-prior's, or that of the smallest of many vectors that fit alike."""
+``"combination"``: they determine only sums that contain it. ``"loose"``: the data
+depend on it, but bound it only loosely. ``"constraint"``: an equality fixes it, or
+constraints restrict it to a small interval. ``"prior"``, ``"convention"``: its value is
+the prior's, or that of the smallest of many vectors that fit equally well.
+"""
 
 KNOWN = 0.5
 """Width of the 95 % interval, in sizes of the parameter, up to which data determine it:
 the value to a quarter, either way."""
 
 PINNED = 0.1
-"""Width in sizes up to which constraints leave a parameter no room."""
+"""Width in sizes up to which constraints determine a parameter."""
 
 USED = 0.1
-"""Share of its joints' torque that a parameter of one size explains, at the least.  Who
-knows that a parameter is worth less than a tenth of the torque knows it for its use,
-though the value itself be uncertain to more than its size."""
+"""Least share of its joints' torque that a parameter of one size explains. A parameter
+that is known to explain less than a tenth of the torque is known well enough for its
+use, even if its relative error is above one.
+"""
 
 _WIDTH = 2 * 1.96  # of a 95 % interval, in standard errors
 _NULL = 1e-9  # singular value of equalities, relative to the largest, that is zero
 
 
-def determinations(
-    model: TorqueModel,
-    regression: Regression,
-    base: BaseParameters,
-    errors: Vector,
-    x: Vector,
-    *,
-    known: Matrix,
-    elsewhere: Determination,
-    width: Vector | None = None,
-) -> tuple[Determination, ...]:
-    """Say of each parameter what determines its value.
+class LinearErrors(NamedTuple):
+    """Standard errors in least squares, and the equalities under which they hold.
 
     Parameters
     ----------
-    errors : ndarray, shape (parameters,)
-        Standard errors under the same equalities; see `linear_errors`.
+    values : ndarray, shape (parameters,)
+    base : BaseParameters
+    known : ndarray, shape (rows, parameters)
+        Rows of the equalities.
+    """
+
+    values: Vector
+    base: BaseParameters
+    known: Matrix
+
+
+def determinations(
+    model: TorqueModel,
+    regression: Regression,
+    errors: LinearErrors,
+    x: Vector,
+    *,
+    elsewhere: Determination,
+) -> tuple[Determination, ...]:
+    """Return the source of each parameter's value.
+
+    Parameters
+    ----------
+    errors : LinearErrors
+        Of the data, under the equalities that hold by assumption.
     x : ndarray, shape (parameters,)
         The estimate.
-    known : ndarray, shape (rows, parameters)
-        Rows of the equalities that hold by assumption.
     elsewhere : str
         What determines parameters that neither data nor equalities touch.
-    width : ndarray, shape (parameters,), optional
-        Of consistent intervals: where these leave no room, constraints determine.
     """
+    base = errors.base
     rows = base_solution(regression, base).row_space @ base.projection
-    origins = parameter_origins(rows, known, elsewhere=elsewhere)
+    origins = parameter_origins(rows, errors.known, elsewhere=elsewhere)
     size = parameter_sizes(model, regression, x)
-    loose = _WIDTH * errors > KNOWN * size
-    pinned = np.zeros(len(x), dtype=bool) if width is None else width <= PINNED * size
+    loose = _WIDTH * errors.values > KNOWN * size
     found: list[Determination] = []
-    for origin, is_loose, is_pinned in zip(origins, loose, pinned, strict=True):
-        if origin == "data" and not is_loose:
-            found.append("data")
-        elif origin == "constraint" or is_pinned:
+    for origin, is_loose in zip(origins, loose, strict=True):
+        if origin == "data":
+            found.append("loose" if is_loose else "data")
+        elif origin == "constraint":
             found.append("constraint")
-        elif origin == "data":
-            found.append("loose")
         else:
             found.append("combination" if origin == "combination" else elsewhere)
     return tuple(found)
+
+
+def pinned(
+    found: Sequence[Determination], width: Vector, size: Vector
+) -> tuple[Determination, ...]:
+    """Say of which parameters, that data do not determine, constraints leave no room.
+
+    Parameters
+    ----------
+    found : sequence of str
+        See `determinations`.
+    width : ndarray, shape (parameters,)
+        Of consistent intervals.
+    size : ndarray, shape (parameters,)
+        See `parameter_sizes`.
+    """
+    held = width <= PINNED * size
+    return tuple(
+        "constraint" if is_held and origin != "data" else origin
+        for origin, is_held in zip(found, held, strict=True)
+    )
 
 
 def stated_errors(
@@ -100,7 +130,7 @@ def stated_errors(
     Parameters
     ----------
     errors : ndarray, shape (parameters,)
-        Of noise; see `linear_errors`.
+        Errors from noise; see `linear_errors`.
     shift : ndarray, shape (parameters,), or float
         How far a prior moved the parameters from the best fit: its bias.
     """
@@ -109,10 +139,10 @@ def stated_errors(
 
 
 def parameter_sizes(model: TorqueModel, regression: Regression, x: Vector) -> Vector:
-    """Return the size of each parameter: its value, or what matters in its use.
+    """Return the size of each parameter: its value, or the value that matters in use.
 
-    The latter explains `USED` of the torque of the joints that feel it.  Of what no
-    joint feels it is the typical one of the link.
+    The latter explains `USED` of the torque of the joints that depend on it.  If no
+    joint does, the size is the link's typical one.
     """
     units, n = link_scales(model.robot).units, model.layout.inertial_size
     sizes = np.append(units, np.ones(len(x) - n))
@@ -125,24 +155,27 @@ def parameter_sizes(model: TorqueModel, regression: Regression, x: Vector) -> Ve
     return np.maximum(sizes, abs(x))
 
 
-def linear_errors(base: BaseParameters, noise: ResidualNoise, known: Matrix) -> Vector:
+def linear_errors(
+    base: BaseParameters, noise: ResidualNoise, known: Matrix
+) -> LinearErrors:
     """Return each parameter's standard error in least squares under equalities.
 
-    Of parameters that data and equalities do not determine it is that of the smallest
-    solution, and means nothing.
+    For parameters that data and equalities do not determine, it is that of the smallest
+    solution, and is meaningless.
     """
     M = coordinates(noise) @ base.projection
     free = _unseen(known)
     A = free.along(M)
     if not A.any():
-        return np.zeros(M.shape[1])
+        return LinearErrors(np.zeros(M.shape[1]), base, known)
     inverse = solve_linear(A, np.zeros(len(A))).pseudo_inverse
     values, axes = np.linalg.eigh(noise.scatter)
     root = axes * np.sqrt(np.maximum(values, 0.0))
-    return np.asarray(np.linalg.norm(free.steps @ (inverse @ root), axis=1))
+    values = np.linalg.norm(free.steps @ (inverse @ root), axis=1)
+    return LinearErrors(values, base, known)
 
 
 def _unseen(rows: Matrix) -> Equalities:
-    """Return the steps that rows do not see."""
+    """Return the steps in the null space of rows."""
     norms = np.linalg.norm(rows, axis=1, keepdims=True)
     return row_spaces(rows / np.where(norms > 0.0, norms, 1.0), tolerance=_NULL)

@@ -1,10 +1,10 @@
-"""Delay, scale and encoder bias of PD drives, found beside the parameters of the fit.
+"""Delay, scale and encoder bias of PD drives, estimated with the parameters of the fit.
 
-The torque is linear in the model's parameters, but not in what drives and encoders get
-wrong.  So this is found by Gauss-Newton steps, in each of which the parameters are
-solved for (variable projection): ``tau = Y x + C e``, where the columns ``C`` say what
-a small change ``e`` of the calibration does to both sides.  What is known of drives
-before data are seen stands beside it, so that a calibration stays what it can be.
+The torque is linear in the model's parameters, but not in errors of drives and
+encoders.  So these are found by Gauss-Newton steps, in each of which the parameters are
+solved for (variable projection): ``tau = Y x + C e``, where the columns ``C`` are the
+effect of a small change ``e`` of the calibration on both sides.  A prior keeps the
+calibration within realistic values.
 
 `command_delay` finds the delay alone, by a scan: the least misfit over the parameters
 is a function of it.
@@ -29,38 +29,40 @@ from consistent_id.errors import ProblemError
 from consistent_id.estimation.equalities import FreeParameters, least_squares
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.drive_torque import DriveCalibration
+from consistent_id.regression.linear import extended
 from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import joint_noise
-from consistent_id.regression.triangles import extended
 
 UNKNOWNS = ("delay", "scale", "encoder_bias")
-"""What a calibration has and a fit may find."""
+"""Parts of a calibration that a fit may estimate."""
 
-_STEPS = 8  # of Gauss-Newton; the first leaves a few per cent
+_STEPS = 8  # Gauss-Newton steps; after the first, errors are a few per cent
 _SETTLED = 0.05  # of a standard error: a smaller step is the last
-_LATER = 1e-4  # s, by which commands are made later to see what a delay does
-_TURNED = 1e-5  # rad or m, by which joints are turned to see what a bias does
+_LATER = 1e-4  # s, by which commands are delayed to compute the effect of a delay
+_TURNED = 1e-5  # rad or m, by which joints are moved to compute the effect of a bias
 
 DELAY_SPREAD = 0.03
-"""Standard deviation of the delay before data are seen [s]: six periods of 200 Hz."""
+"""Prior standard deviation of the delay [s]: six periods of 200 Hz."""
 
 SCALE_SPREAD = 0.1
-"""The same of torque scales: motor constants and gears are within ten per cent."""
+"""The same for torque scales: motor constants and gears are within ten per cent."""
 
 BIAS_SPREAD = 0.05, 0.005
-"""The same of encoder biases [rad], [m]: joints are zeroed to a few degrees."""
+"""The same for encoder biases [rad], [m]: joints are zeroed to a few degrees."""
 
 _LITTLE = 0.5
-"""Singular value of the data's rows, over the spread before data, below which a change
-is not seen: the data have brought less than a quarter of what was known already."""
+"""Singular value of the data's rows, relative to the prior, below which a change is not
+identifiable: the data add less than a quarter of the prior's information.
+"""
 
-_PART = 0.3  # of a direction's largest entry, from which on another is part of it
+_PART = 0.3  # share of a direction's largest entry from which another is part of it
 
 LONGEST = 0.03
-"""Longest delay that is looked for [s]: six periods of a bus of 200 Hz, and more than
-drives that are of use in a loop have."""
+"""Longest delay that is tried [s]: six periods of a bus of 200 Hz, more than drives in
+a usable control loop have.
+"""
 
 _SCANNED = 6  # steps; the misfit is smooth, as commands are filtered like torque
 _HALVINGS = 3  # of the step around the least, each with two more delays
@@ -68,21 +70,21 @@ _HALVINGS = 3  # of the step around the least, each with two more delays
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibrationFit:
-    """A calibration, and how sure it is.
+    """A calibration, and its standard errors.
 
     Parameters
     ----------
     joints : tuple of str
     found : tuple of str
-        What was asked for, of `UNKNOWNS`.
+        The parts of `UNKNOWNS` that were estimated.
     values : array_like, shape (1 + 2 joints,)
         Delay [s], each joint's scale, each joint's encoder bias [rad or m].
     standard_errors : array_like, shape (1 + 2 joints,)
-        For noise as correlated as the residuals are, with what is known of drives
-        before data are seen; zero for what was not asked for.
+        For noise as correlated as the residuals, with the prior; zero for parts that
+        were not estimated.
     unknown : array_like, shape (directions, 1 + 2 joints)
-        Changes of the calibration that the data do not see; they stay near where they
-        were stated.
+        Changes of the calibration that are not identifiable; they stay near their
+        stated values.
     """
 
     joints: tuple[str, ...]
@@ -103,7 +105,7 @@ class CalibrationFit:
 
     @property
     def known(self) -> BoolArray:
-        """Whether the data know each value by itself."""
+        """Whether the data determine each value by itself."""
         part = _PART * abs(self.unknown).max(axis=1, initial=0.0, keepdims=True)
         return np.asarray(~(abs(self.unknown) > part).any(axis=0))
 
@@ -121,8 +123,9 @@ class CalibrationFit:
         if "delay" in self.found:
             title += f"; commands are late by {self._cell(0, 1e3)} ms"
         notes = [
-            "+- 1 standard error, of this model of bodies and friction: what these "
-            "lack, a calibration may take up. Rollouts show whether it does"
+            "+- 1 standard error, for this model of bodies and friction: a "
+            "calibration may compensate for errors of the model. Rollouts show "
+            "whether it does"
         ]
         if not self.known.all():
             notes.append(
@@ -132,9 +135,9 @@ class CalibrationFit:
             )
         if "encoder_bias" in self.found:
             notes.append(
-                "the bias is what gravity shows. A bias between command and reading is "
-                "part of the torque offset, as kp times it; one set of gains cannot "
-                "tell them apart"
+                "the bias is identified from gravity torque. A bias between command "
+                "and reading acts like a torque offset of kp times the bias; with "
+                "one set of gains they cannot be separated"
             )
         return Table(
             title,
@@ -157,20 +160,20 @@ def fit_calibration(
     start: DriveCalibration | None = None,
     constraints: Sequence[Constraint] = (),
 ) -> CalibrationFit:
-    """Find what drives and encoders get wrong.
+    """Estimate errors of drives and encoders.
 
     Parameters
     ----------
     model : TorqueModel
     recordings : callable
-        From a calibration to prepared recordings, always of the same samples; see
-        `calibrated`.
+        Function from a calibration to prepared recordings, always of the same samples;
+        see `calibrated`.
     found : sequence of str
         Of `UNKNOWNS`.
     start : DriveCalibration, optional
-        Where to begin; and the values of what is not to be found.
+        Start of the search, and values of the parts that are not estimated.
     constraints : sequence of Constraint
-        Of these the equalities count, such as known bodies and equal motors.
+        Only their equalities are used, such as known bodies and equal motors.
 
     Raises
     ------
@@ -210,7 +213,7 @@ class _CalibrationStep(NamedTuple):
 
 
 def _spread(model: TorqueModel) -> Vector:
-    """Return the standard deviations before data are seen."""
+    """Return the prior standard deviations."""
     slides = np.array([joint.kind == "prismatic" for joint in model.robot.driven])
     bias = np.where(slides, BIAS_SPREAD[1], BIAS_SPREAD[0])
     return np.concatenate([[DELAY_SPREAD], np.full(len(bias), SCALE_SPREAD), bias])
@@ -223,9 +226,9 @@ def _calibration(values: Vector) -> DriveCalibration:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _CalibrationSearch:
-    """What each step begins with.
+    """The state at the beginning of a step.
 
-    Scales are counted relative to what they are, so that they stay positive.
+    Changes of scales are relative, so that scales stay positive.
     """
 
     model: TorqueModel
@@ -236,13 +239,13 @@ class _CalibrationSearch:
     free: FreeParameters
 
     def step(self, values: Vector) -> _CalibrationStep:
-        """Return better values, their standard errors, and what data do not see."""
+        """Return better values, their standard errors, and unidentifiable changes."""
         rows, width = self._compressed(values)
         wanted, scale = self.wanted, _is_scale(self.wanted)
         away = values - self.stated
         away[scale] = np.log(values[scale] / self.stated[scale])
-        # Rows below those of the model's parameters are of the calibration alone;
-        # in units of the spread before data, which is a row of one each.
+        # Rows below those of the model's parameters contain the calibration alone; in
+        # units of the prior's standard deviations, the prior is a unit row each.
         spread, n = self.spread[wanted], int(wanted.sum())
         seen, rest = rows[width:, width:-1] * spread, rows[width:, -1]
         A = np.vstack([seen, np.eye(n)])
@@ -331,7 +334,7 @@ def _rows(
 def _turned(
     model: TorqueModel, x: Vector, state: tuple[Matrix, Matrix, Matrix], joint: int
 ) -> Matrix:
-    """Return what torques change by where one joint is turned, over the change."""
+    """Return the derivative of torques by the position of one joint."""
     q, dq, ddq = state
     change = np.zeros(q.shape[1])
     change[joint] = _TURNED
@@ -342,18 +345,18 @@ def _turned(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CommandDelay:
-    """A delay of commands, and how sure it is.
+    """A delay of commands, and its standard error.
 
     Parameters
     ----------
     seconds : float, [s]
         Not below zero.
     standard_error : float, [s]
-        From the bend of the misfit, with as many samples as noise that is correlated
-        leaves; infinite where the misfit does not bend.
+        From the curvature of the misfit, with the number of independent samples;
+        infinite without curvature.
     tried : array_like, shape (delays,), [s]
     misfits : array_like, shape (delays,)
-        Least weighted squared misfit at each of them, over the least of all.
+        Least weighted squared misfit at each delay, relative to the smallest.
     """
 
     seconds: float
@@ -366,7 +369,7 @@ class CommandDelay:
         freeze_arrays(self, shapes, "delay of commands")
 
     def table(self) -> Table:
-        """Return the delay and the misfit at those that were tried, for people."""
+        """Return the delay, and the misfit at all tried delays, for people."""
         order = np.argsort(self.tried)
         return Table(
             f"Commands are late by {1e3 * self.seconds:.2f} +- "
@@ -375,7 +378,7 @@ class CommandDelay:
             tuple(
                 (f"{1e3 * self.tried[i]:.3g}", f"{self.misfits[i]:.4f}") for i in order
             ),
-            ("the interval is 1 standard error, of this model of friction",),
+            ("the interval is 1 standard error, for this model of friction",),
         )
 
 
@@ -386,16 +389,16 @@ def command_delay(
     constraints: Sequence[Constraint] = (),
     longest: float = LONGEST,
 ) -> CommandDelay:
-    """Find how late commands reach the drives.
+    """Estimate the delay with which commands reach the drives.
 
     Parameters
     ----------
     model : TorqueModel
     recordings : callable
-        From a delay [s] to prepared recordings with the torque that commands of that
-        delay make; see `commanded`.
+        Function from a delay [s] to prepared recordings with the torque of commands
+        with that delay; see `commanded`.
     constraints : sequence of Constraint
-        Of these the equalities count, such as known bodies and equal motors.
+        Only their equalities are used, such as known bodies and equal motors.
     longest : float, [s]
 
     Raises
@@ -441,7 +444,7 @@ def _parabola(
 ) -> tuple[float, float]:
     """Return the lowest point, and the second derivative, of a parabola near a delay.
 
-    Through the best delay and its neighbours; at zero through those after it.
+    It goes through the best delay and its neighbours; at zero, through the next ones.
     """
     middle = max(best, step)
     low, centre, high = (misfit(middle + k * step) for k in (-1, 0, 1))

@@ -1,4 +1,4 @@
-"""What equalities leave free of a model's parameters."""
+"""The free parameters of a model under equalities."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ class FreeParameters:
 
     @staticmethod
     def of(constraints: Sequence[Constraint], model: TorqueModel) -> "FreeParameters":
-        """Return what the equalities among constraints leave free."""
+        """Return the parameters that the equalities among constraints leave free."""
         known = lowered(constraints, model)
         width = len(model.layout)
         if not len(known.A_eq):
@@ -44,11 +44,11 @@ class FreeParameters:
         return FreeParameters(np.linalg.lstsq(A, b, rcond=None)[0], Vt[rank:].T)
 
     def determined(self, regression: Regression) -> "FreeParameters":
-        """Return what data determine of what is free, in independent directions."""
+        """Return the part of the free parameters that data determine."""
         return self.spanned(regression.stacked()[:, :-1] @ self.directions)
 
     def spanned(self, A: Matrix) -> "FreeParameters":
-        """Return what rows determine of what is free.
+        """Return the part of the free parameters that rows determine.
 
         Parameters
         ----------
@@ -67,13 +67,13 @@ class FreeParameters:
         return float(((rest - A @ least_squares(A, rest)) ** 2).sum())
 
     def reduced(self, Y: Matrix, tau: Vector) -> tuple[Matrix, Vector]:
-        """Return rows and their right-hand side in what is free."""
+        """Return rows and their right-hand side in the free directions."""
         return Y @ self.directions, tau - Y @ self.start
 
     def moves(self, A: Matrix) -> Vector:
         """Return how far each parameter moves as ``||A y||^2`` rises by one.
 
-        With white noise of level one these are standard errors.
+        These are standard errors for white noise of level one.
 
         Parameters
         ----------

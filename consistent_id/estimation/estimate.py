@@ -1,10 +1,10 @@
-"""An estimate with its provenance: how it came about and how far it can be trusted."""
+"""An estimate with its provenance: method, data, certificate and verdict."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from math import nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Self, cast
+from typing import TYPE_CHECKING, Any, Self, cast
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.extras import pandas
 from consistent_id._support.files import write_json
 from consistent_id._support.tables import Table
-from consistent_id.constraints.cones.certificate import OptimumVerdict
+from consistent_id.constraints.cones.certificate import Certificate, OptimumVerdict
 from consistent_id.constraints.links import link_conditions
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate_file import (
@@ -21,8 +21,14 @@ from consistent_id.estimation.estimate_file import (
     read_estimate,
 )
 from consistent_id.estimation.fit import Fit
+from consistent_id.estimation.fitted_to import FittedSpan, FittedUnder
 from consistent_id.estimation.judgement import Evidence, judge
-from consistent_id.estimation.torque_error import TorqueError, prediction_errors
+from consistent_id.estimation.torque_error import (
+    TorqueError,
+    measured_torque,
+    prediction_errors,
+)
+from consistent_id.estimation.torque_plot import draw_torque, torque_curves
 from consistent_id.estimation.verdict import Verdict
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
@@ -33,63 +39,25 @@ from consistent_id.regression.mass_matrix import (
 )
 from consistent_id.regression.motion_arrays import predicted_torque
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import residual_sigma
+from consistent_id.regression.segments import (
+    merged,
+    segment_regressions,
+    segment_sources,
+)
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+    from consistent_id.estimation.uncertainties.parameter_uncertainty import Uncertainty
+
 
 ERRORS = (
-    "standard error: of noise as correlated as the residuals, and of the prior's pull; "
-    "without what active inequalities take away and recordings differ by, which "
-    "uncertainty has (--uncertainty); - where the data do not determine the parameter"
+    "standard error: for noise as correlated as the residuals, and the prior's bias; "
+    "uncertainty (--uncertainty) also includes active inequalities and the scatter "
+    "between recordings; - where the data do not determine the parameter"
 )
 """What `Estimate.parameter_errors` are, for people."""
-
-
-@dataclass(frozen=True, slots=True)
-class Certificate:
-    """OptimumVerdict on an estimate, and the recomputed figures behind it.
-
-    Parameters
-    ----------
-    verdict : {"certified", "uncertified"}
-    reason : str
-        In words: what was checked, or what failed.
-    figures : dict of str to float
-        Residuals, gaps, eigenvalues, by name.
-    """
-
-    verdict: OptimumVerdict
-    reason: str
-    figures: dict[str, float] = field(default_factory=dict)
-
-
-class FittedSpan(NamedTuple):
-    """A recording that an estimate was fitted to, by its name and its times.
-
-    Parameters
-    ----------
-    recording : str
-        The recording's name; parts of one log share it.
-    start, stop : float, [s]
-        Times of the first and the last sample.
-    """
-
-    recording: str
-    start: float
-    stop: float
-
-    def overlaps(self, other: "FittedSpan") -> bool:
-        """Return whether two spans share more than an instant of one recording."""
-        same = self.recording == other.recording
-        return same and self.start < other.stop and other.start < self.stop
-
-
-def fitted_spans(recordings: Iterable[Recording]) -> tuple[FittedSpan, ...]:
-    """Return the spans of recordings, in their order."""
-    return tuple(
-        FittedSpan(r.name, float(r.time[0]), float(r.time[-1])) for r in recordings
-    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,14 +70,15 @@ class Estimate:
     model : TorqueModel
     base : BaseParameters
     parameters : array_like, shape (parameters,)
-        Standard parameters; only their base parameters are determined by data.
+        Standard parameters; the data determine only their base parameters.
     base_covariance : array_like, shape (base, base), optional
         Of the base parameters, under noise correlated as the residuals are (white, if
         a note says so); None where it has no simple form.
     origins : tuple of str
-        What determines each parameter: ``"data"``, ``"combination"`` (data fix only
-        sums it is part of), ``"loose"`` (data bound it loosely), ``"constraint"``,
-        ``"prior"``, or ``"convention"`` (the smallest vector); see `determinations`.
+        What determines each parameter: ``"data"``, ``"combination"`` (data determine
+        only sums that contain it), ``"loose"`` (data bound it loosely),
+        ``"constraint"``, ``"prior"``, or ``"convention"`` (the smallest vector); see
+        `determinations`.
     undetermined : tuple of str
         Combinations of base parameters that are not identifiable from the data, as
         readable sums.
@@ -117,23 +86,27 @@ class Estimate:
         Residual standard deviation of each joint whose torque is known.
     certificate : Certificate
     notes : tuple of str
-        What a reader must know before using the numbers.
+        Conditions that a reader must know before using the numbers.
     seconds : float
         Wall time of the estimation.
     fit : Fit, optional
         How well it explains the data that it was fitted to.
     accepted : tuple of str
-        Kinds of reasons that its `verdict` is to overlook, as the user decided.
+        Kinds of reasons that its `verdict` ignores, as the user decided.
     judged : Verdict, optional
-        By somebody who knows more of it than it does itself; see `EstimateReport`.
+        Verdict of a study, with more evidence than the estimate has itself; see
+        `EstimateReport`.
     fitted_to : tuple of FittedSpan
-        Recordings that it was fitted to, which cannot judge it; empty if they are not
-        known.
+        Recordings that it was fitted to, which cannot validate it; empty if they are
+        not known.
     parameter_errors : array_like, shape (parameters,), optional
         Standard errors of the standard parameters, NaN where the data do not determine
         them: of noise as correlated as the residuals, under the equalities among the
         constraints, and of the prior's bias.  They lack what active inequalities take
         away and what recordings differ by; `uncertainty` has both.
+    fitted_under : FittedUnder, optional
+        Constraints, prior and weights of a constrained estimate; None of any other, and
+        of one that was read from a file.
     """
 
     method: str
@@ -152,6 +125,7 @@ class Estimate:
     judged: Verdict | None = None
     fitted_to: tuple[FittedSpan, ...] = ()
     parameter_errors: Vector | None = None
+    fitted_under: FittedUnder | None = None
 
     def __post_init__(self) -> None:
         p, b, n = len(self.model.layout), len(self.base), len(self.model.torque_joints)
@@ -177,22 +151,22 @@ class Estimate:
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the robot may be used: as it was judged, or as it judges itself.
+        """Whether the robot may be used, as stated or by its own evidence.
 
-        `compare` and `Study` know more than an estimate: held-out errors, and what is
-        wrong with a log.
+        `compare` and `Study` have more evidence than an estimate: held-out errors, and
+        findings about a log.
         """
         if self.judged is not None:
             return self.judged
         return judge(self.evidence())
 
     def evidence(self, *, seed: int = 0) -> Evidence:
-        """Return what the estimate knows of itself.
+        """Return the evidence that the estimate contains itself.
 
         Parameters
         ----------
         seed : int
-            Of the poses at which the mass matrix is examined.
+            Seed of the poses at which the mass matrix is examined.
         """
         model, x = self.model, self.parameters
         poses = random_poses(model, POSES, seed)
@@ -210,10 +184,9 @@ class Estimate:
 
     @property
     def loose_trunk(self) -> tuple[str, ...]:
-        """What neither data nor constraints determine of a floating base's own body.
+        """Undetermined mass and first moments of a floating base's own body.
 
-        Of mass and first moments, whose sums with other bodies the data may well
-        determine.
+        The data may determine their sums with other bodies.
         """
         robot, determined = self.model.robot, ("data", "constraint")
         if not robot.floating or not len(robot):
@@ -262,7 +235,7 @@ class Estimate:
         return predicted_torque(self.model, self.parameters, recording)
 
     def score(self, recording: Recording) -> TorqueError:
-        """Return how well the estimate predicts the torque of a recording.
+        """Return the error of the predicted torque of a recording.
 
         Its `stacked` is the relative error of all joints, ``||tau - prediction|| /
         ||tau||``; `relative` and `rms` are joint by joint.
@@ -280,11 +253,118 @@ class Estimate:
         (error,) = torque_errors([self], recording)
         return error
 
+    def uncertainty(
+        self,
+        recordings: Recording | Sequence[Recording],
+        *,
+        replicates: int = 200,
+        seed: int = 0,
+        progress: bool = False,
+    ) -> "Uncertainty":
+        """Return how sure each parameter is: error, bootstrap, and proven interval.
+
+        Of constrained estimates.  The estimate knows its constraints, prior and
+        weights; only the data are needed.  Of an estimate from a problem file
+        `Study.uncertainty` needs nothing.
+
+        Parameters
+        ----------
+        recordings : Recording or sequence of Recording
+            Those that the estimate was fitted to.
+        replicates, seed, progress
+            See `bootstrap`.
+
+        Returns
+        -------
+        Uncertainty
+            One answer for each parameter, in the layout's order.
+
+        Raises
+        ------
+        ProblemError
+            If the estimate is not a constrained one, or was fitted to other data.
+        NotExcitedError, InfeasibleError, SolverError
+            See `consistent_id.uncertainty`.
+        """
+        from consistent_id.estimation.uncertainties.parameter_uncertainty import (
+            uncertainty,
+        )
+
+        under = self.fitted_under
+        if under is None:
+            raise ProblemError(
+                f"{self.method} is not known to be a constrained estimate: call "
+                "consistent_id.uncertainty(model, segments, constraints=...), or take "
+                "standard_errors of least squares"
+            )
+        logs = [recordings] if isinstance(recordings, Recording) else list(recordings)
+        segments = segment_regressions(self.model, logs, sigma=under.weights)
+        residual = residual_sigma(merged(segments), self.parameters, len(self.base))
+        if not np.allclose(residual, self.sigma, rtol=1e-6):
+            names = ", ".join(recording.name for recording in logs)
+            own = ", ".join(dict.fromkeys(span.recording for span in self.fitted_to))
+            raise ProblemError(
+                f"{self.method} was not fitted to {names} as given here; hand over the "
+                f"recordings that it was fitted to, prepared alike{own and ': '}{own}"
+            )
+        return uncertainty(
+            self.model,
+            segments,
+            constraints=under.constraints,
+            prior=under.prior,
+            base=self.base,
+            replicates=replicates,
+            seed=seed,
+            progress=progress,
+            sources=segment_sources(logs),
+        )
+
+    def plot(
+        self,
+        recording: Recording,
+        *,
+        joints: Sequence[str] | None = None,
+        axes: Any = None,
+    ) -> Any:
+        """Draw measured and predicted torque along a recording, joint by joint.
+
+        Each joint's relative error, ``||tau - prediction|| / ||tau||``, stands above
+        its torque.  Without measured torque only the prediction is drawn.  To compare
+        estimates, draw one into the axes that another one returned.
+
+        Parameters
+        ----------
+        recording : Recording
+            With velocity and acceleration.
+        joints : sequence of str, optional
+            Which torques to draw; by default all that the model has.
+        axes : matplotlib.axes.Axes or array_like of it, shape (joints,), optional
+            By default those of a new figure of `matplotlib.pyplot`.
+
+        Returns
+        -------
+        ndarray of matplotlib.axes.Axes, shape (joints,)
+
+        Raises
+        ------
+        ProblemError
+            If the recording has no velocity or acceleration, a joint has no torque in
+            the model, or the number of axes is not that of the joints.
+        """
+        curves = torque_curves(
+            self.model,
+            self.predict(recording),
+            measured_torque(self.model, recording),
+            recording.time,
+            joints,
+        )
+        return draw_torque(curves, self.method, axes)
+
     def table(self) -> Table:
         """Return the verdict and the parameters, for people.
 
-        Of least squares the base parameters, which alone are determined by the data;
-        else the standard parameters, with what determines each.
+        For least squares, the table has the base parameters, because the data determine
+        only these; else the standard parameters, with the source of each value.
         """
         verdict = self.verdict
         title = verdict.sentence
@@ -358,7 +438,7 @@ class Estimate:
     def to_dict(self) -> dict[str, Any]:
         """Return everything but the model as plain numbers and text.
 
-        What `load` reads back; of the rest, units and base parameters are for people.
+        `load` reads it back; units and base parameters are only for people.
         """
         layout, base = self.model.layout, self.base
         figures = {k: finite_or_none(v) for k, v in self.certificate.figures.items()}
@@ -408,7 +488,7 @@ class Estimate:
         }
 
     def save(self, path: str | Path) -> Path:
-        """Write `to_dict` as JSON; the file is whole or not there.
+        """Write `to_dict` as JSON; the file is complete or not written.
 
         Figures that are not finite are null, and read again as NaN.
         """
@@ -419,6 +499,14 @@ class Estimate:
         """Read what `save` wrote, for the same torque model.
 
         Covariances are not kept in the file.
+
+        Parameters
+        ----------
+        path : str or Path
+        model : TorqueModel
+            The one that the estimate is of.
+        base : BaseParameters
+            Of the model.
 
         Raises
         ------

@@ -86,7 +86,7 @@ class SpanRecord(msgspec.Struct):
 
 
 class EstimateRecord(msgspec.Struct):
-    """What an estimate is made of again; the file holds more, for people."""
+    """The fields that are read; the file contains more, for people."""
 
     format: str
     method: str
@@ -117,17 +117,17 @@ class EstimateRecord(msgspec.Struct):
 
 
 def read_estimate(path: Path, model: TorqueModel) -> EstimateRecord:
-    """Return what a file states of an estimate of a model.
+    """Return a model's estimate as a file states it.
 
     Raises
     ------
     ProblemError
-        If it is no estimate of this form, with the path of the faulty key, or has other
-        parameters.
+        If it is not an estimate of this form (the message has the path of the faulty
+        key), or has other parameters.
     """
     content = read_input(path, ProblemError, LARGEST_MODEL)
     try:
-        known: Any = json.loads(content)  # which knows infinity, as msgspec does not
+        known: Any = json.loads(content)  # which accepts infinity; msgspec does not
     except (ValueError, RecursionError) as cause:
         raise ProblemError(f"{path}: not JSON: {cause}") from None
     try:
@@ -148,5 +148,5 @@ def read_estimate(path: Path, model: TorqueModel) -> EstimateRecord:
 
 
 def finite_or_none(value: float) -> float | None:
-    """Return a figure as the file has it: null where it is not finite."""
+    """Return a figure for the file: None where it is not finite."""
     return float(value) if np.isfinite(value) else None

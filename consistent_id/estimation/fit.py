@@ -1,8 +1,9 @@
-"""How well an estimate explains the torque that it was fitted to.
+"""The errors of an estimate on the torque that it was fitted to.
 
 Everything is computed from the compressed regression alone, at the cost of a few small
-factorisations.  On that motion, what the data do not determine makes no torque.  On
-other motions it does, and a prior or a convention chose it: see `guessed_share`.
+factorisations.  On that motion, parameters that the data do not determine have no
+effect on torque. On other motions they have, and a prior or a convention chose them:
+see `guessed_share`.
 """
 
 from dataclasses import dataclass, replace
@@ -21,7 +22,7 @@ from consistent_id._support.arrays import (
 )
 from consistent_id.estimation.torque_error import holding, moving_shares
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.linear import DATA_RANK_TOLERANCE, null_space
+from consistent_id.regression.linear import DATA_RANK_TOLERANCE, null_space, triangle
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import (
@@ -31,21 +32,20 @@ from consistent_id.regression.residual_noise import (
 )
 from consistent_id.regression.row_names import rows_in_newton
 from consistent_id.regression.row_structure import random_rows
-from consistent_id.regression.triangles import triangle
 
 _ALONE = ("misfit", "floor", "excess", "drive_share", "correlation", "spare", "guessed")
 _PER_JOINT = tuple(
     "torque misfits shares slopes explained expected efforts moving holding".split()
 )
-_ROUNDING = 1e-10  # relative size of a column that drive terms explain to rounding
+_ROUNDING = 1e-10  # relative size of a column that drive terms explain up to rounding
 
 ROW_MATTERS = 0.05
-"""Torque over that of the strongest row of its unit, below which a row is left out."""
+"""Torque relative to the strongest row of its unit, below which a row is left out."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """How well an estimate explains its training data.
+    """The errors of an estimate on its training data.
 
     Parameters
     ----------
@@ -53,23 +53,21 @@ class Fit:
     misfit : float
         RMS residual over RMS torque, all joints stacked.
     floor : float
-        The same of least squares without constraints, with the same weights.
+        The same for least squares without constraints, with the same weights.
     excess : float
-        Weighted residual over that of least squares without constraints, each less the
-        degrees of freedom that least squares spends; NaN where there are no more rows
-        than parameters.
+        Weighted residual over that of least squares without constraints, both per
+        degree of freedom; NaN where there are no more rows than parameters.
     drive_share : float
         RMS torque of the estimated drive terms over RMS torque, all joints stacked;
         NaN for a model without drive terms.
     correlation : float
-        Samples that determine as much as one with white noise; NaN where the data do
-        not tell.
+        Samples that carry the information of one independent sample; NaN where it is
+        not known.
     spare : float
-        Samples with white noise that determine as much as all, per parameter that the
-        data determine; NaN likewise.
+        Independent samples per parameter that the data determine; NaN likewise.
     guessed : float
-        Share of the torque on other motions that the data do not determine; see
-        `guessed_share`.
+        Largest share of a row's torque on other motions that the data do not determine;
+        see `guessed_share`.
     torque : array_like, shape (joints,), [N m or N]
         RMS torque.
     misfits : array_like, shape (joints,)
@@ -78,21 +76,21 @@ class Fit:
         RMS torque of each joint over the largest of those that move alike (turn or
         slide).
     slopes : array_like, shape (joints,)
-        Of the measured torque on that of the nominal bodies, the drive terms being
-        free: one, if the torque is the nominal robot's.  NaN without nominal bodies.
+        Slope of the measured torque on that of the nominal bodies, with free drive
+        terms: one, if the torque is the nominal robot's.  NaN without nominal bodies.
     explained : array_like, shape (joints,)
         Share of the torque beyond drive terms, squared, that the nominal bodies explain
         with this slope.
     expected : array_like, shape (joints,)
-        Torque of the nominal bodies beyond drive terms, over the measured torque: how
-        much the nominal bodies ought to matter.
+        Torque of the nominal bodies beyond drive terms, over the measured torque: the
+        expected importance of the nominal bodies.
     efforts : array_like, shape (joints,)
         Largest torque over the joint's effort limit; zero where either is not known.
     moving : array_like, shape (joints,)
-        Share of samples in which the joint moves, as its Coulomb friction sees it; NaN
-        without that.
+        Share of samples in which the joint moves, according to its Coulomb friction;
+        NaN without it.
     holding : array_like, shape (joints,), [N m or N]
-        Torque that friction can hold at rest; NaN where it is not known.
+        Torque that friction can balance at rest; NaN where it is not known.
     """
 
     joints: tuple[str, ...]
@@ -119,7 +117,7 @@ class Fit:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain numbers, ready for JSON: what is not known is None."""
+        """Return plain numbers, ready for JSON; unknown ones are None."""
         return {
             **{name: _number(getattr(self, name)) for name in _ALONE},
             "joints": {
@@ -148,12 +146,12 @@ def fit_of(
     *,
     known: Matrix | None = None,
 ) -> Fit:
-    """Return how well parameters explain a regression.
+    """Return the errors of parameters on a regression.
 
     Parameters
     ----------
     regression : Regression
-        Its `sigma` weigh `Fit.excess` alone.
+        Its `sigma` affect only `Fit.excess`.
     x : ndarray, shape (parameters,)
     known : ndarray, shape (rows, parameters), optional
         Rows of the equalities that hold by assumption.
@@ -207,8 +205,8 @@ def _excess(
 ) -> float:
     """Return the weighted residual over that of least squares, per degree of freedom.
 
-    Least squares leaves ``rows - rank`` degrees of freedom; a robot that is known
-    beforehand would leave all rows.
+    Least squares has ``rows - rank`` degrees of freedom; a robot that is known
+    beforehand would have all rows.
     """
     counts = np.array(regression.counts, dtype=np.float64)
     rows = counts.sum()
@@ -223,7 +221,7 @@ def _excess(
 
 
 def _on_nominal(model: TorqueModel, regression: Regression) -> dict[str, Array]:
-    """Return each joint's slope on the nominal torque, and how much it explains."""
+    """Return each joint's slope on the nominal torque, and the share it explains."""
     names = ("slopes", "explained", "expected")
     nominal, inertial = model.robot.nominal, model.layout.inertial_size
     if nominal is None:
@@ -234,7 +232,8 @@ def _on_nominal(model: TorqueModel, regression: Regression) -> dict[str, Array]:
         both = np.column_stack([F[:, :inertial] @ np.ravel(nominal), F[:, -1]])
         drive = F[:, inertial:-1]
         norms = np.linalg.norm(drive, axis=0)
-        # Filters leave a joint at rest columns so small that their squares vanish.
+        # After filters, columns of a joint at rest are so small that their squares
+        # vanish.
         moving = norms > _ROUNDING * norms.max(initial=0.0)
         if moving.any():
             unit = drive[:, moving] / norms[moving]
@@ -286,12 +285,12 @@ def guessed_share(
 ) -> float:
     """Return the share of torque that the data do not determine, on random motions.
 
-    Each parameter is as good a guess as any other: before the data it has a spread that
-    makes as much torque as the typical parameter of `x`.  What weight that guess would
-    keep beside data and equalities is the share of ``x`` that is guessed: all of what
-    they do not see, nothing of what they tell well.  Returned is the torque of it over
-    the whole torque, of the row in which that is most.  If the base floats, rows are
-    also those of the base: all bodies move.
+    The prior of each parameter has a standard deviation that causes as much torque as
+    the typical parameter of `x`. The weight that this prior keeps beside data and
+    equalities is the prior-dominated share of ``x``: one for unidentifiable parameters,
+    zero for well determined ones.  The function returns the torque of this share over
+    the whole torque, for the row with the largest ratio. If the base floats, its rows
+    are included: all bodies move.
 
     Parameters
     ----------
@@ -302,14 +301,14 @@ def guessed_share(
     Returns
     -------
     float
-        NaN for a model that cannot move: rows that somebody else gave.
+        NaN for a model that cannot move, because its rows were given.
     """
     if not model.robot.connected:
         return np.nan
     every = _with_all_rows(model) if model.robot.floating else model
     rows = random_rows(every)
     unit = 1.0 / np.where(rows.norms > 0.0, rows.norms, 1.0)
-    u = x / unit  # torque on other motions that each parameter makes
+    u = x / unit  # torque of each parameter on other motions
     noise = residual_noise(regression, base)
     free = null_space(known * unit, DATA_RANK_TOLERANCE)
     seen = coordinates(noise) @ base.projection * unit @ free

@@ -1,9 +1,9 @@
-"""How far below their centres round feet touch: found in the log, like a parameter.
+"""The effective radius of round feet, estimated from the log.
 
-Rubber gives way, and a sole wears.  A foot that touches a few tenths of a millimetre
-higher than said turns its forces into moments that the trunk's inertia excuses.  Rows
-free of contact forces know better: moved by an offset of all radii, the least misfit is
-a parabola, of which three values tell the vertex.
+Rubber deforms, and a sole wears.  If a foot touches a few tenths of a millimetre higher
+than stated, its forces cause moments that bias the trunk's inertia.  The least misfit
+of the rows free of contact forces is a parabola in a common offset of all radii; three
+values determine its vertex.
 """
 
 from collections.abc import Sequence
@@ -23,22 +23,23 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.rows.contact_free import masked_factors
 
 BLOCKS = 6
-"""Blocks of the motion, each left out once to see how sure the offset is."""
+"""Blocks of the motion, each left out once for the standard error of the offset."""
 
-_STEP = 0.05  # of the smallest radius, by which feet are moved; soft rubber gives less
+# Share of the smallest radius by which feet are moved; soft rubber deforms less
+_STEP = 0.05
 _PASSES = 4  # until the vertex is within a step
-_SAID = 0.1  # of a radius, by which what is said of it is a standard error off
+_SAID = 0.1  # prior standard deviation of a radius, relative to it
 
 
 @dataclass(frozen=True, slots=True)
 class ContactRadius:
-    """What is added to the radius of each round foot.
+    """The correction of the radius of each round foot.
 
     Parameters
     ----------
     offset : float, [m]
-        Drawn towards zero where the log tells less than what was said of the radius,
-        which is taken to be a tenth of it off.
+        Shrunk towards zero if the log contains less information than the prior, a
+        standard deviation of a tenth of the radius.
     standard_error : float, [m]
         By leaving out blocks of the motion, a jackknife [Efron1982]_.
     """
@@ -54,17 +55,17 @@ def contact_radius(
     *,
     constraints: Sequence[Constraint] = (),
 ) -> ContactRadius:
-    """Find what is to be added to the radius of all round feet.
+    """Estimate the correction of the radius of all round feet.
 
     Parameters
     ----------
     model : TorqueModel
         With rows free of contact forces, see `contact_free_model`.
     recordings : Recording or sequence of Recording
-        With velocity, acceleration, torque, base motion and contacts; without rests
-        and impacts, which err more.
+        With velocity, acceleration, torque, base motion and contacts; without rests and
+        impacts, whose errors are larger.
     constraints : sequence of Constraint
-        Of these the equalities count, such as known bodies.
+        Only their equalities are used, such as known bodies.
 
     Raises
     ------
@@ -89,7 +90,7 @@ def contact_radius(
             blocks.append([part.factor for part in parts])
         vertex = _vertex(blocks)
         offset += step * vertex
-        if not abs(vertex) > 1.0:  # within what was tried, or nowhere
+        if not abs(vertex) > 1.0:  # within the tried range, or nowhere
             break
     count = len(blocks)
     left = [_vertex(blocks[:k] + blocks[k + 1 :]) for k in range(count)]
@@ -102,7 +103,14 @@ def contact_radius(
 
 
 def with_radii(recording: Recording, offset: float) -> Recording:
-    """Return a recording whose round feet have a radius larger by an offset [m]."""
+    """Return a recording whose round feet have a radius larger by an offset [m].
+
+    Parameters
+    ----------
+    recording : Recording
+        With contacts.
+    offset : float, [m]
+    """
 
     def change(whole: Recording) -> Recording:
         contacts = tuple(
@@ -115,9 +123,9 @@ def with_radii(recording: Recording, offset: float) -> Recording:
 
 
 def _vertex(blocks: Sequence[Sequence[Matrix]]) -> float:
-    """Return where misfits at -1, 0 and 1 have their least, by a parabola.
+    """Return the minimum of a parabola through misfits at -1, 0 and 1.
 
-    Not a number, if they have none: no force turns about feet.
+    It is NaN if there is none: contact forces cause no moments about feet.
     """
     low, middle, high = (_misfit(parts) for parts in zip(*blocks, strict=True))
     bend = low + high - 2.0 * middle
@@ -125,7 +133,7 @@ def _vertex(blocks: Sequence[Sequence[Matrix]]) -> float:
 
 
 def _misfit(parts: Sequence[Matrix]) -> float:
-    """Return the least squared misfit of factors; the last two columns are given."""
+    """Return the least squared misfit; the last two columns have given weights."""
     R = np.vstack(parts)
     A, rest = R[:, :-2], R[:, -1] - R[:, -2]
     return float(((rest - A @ least_squares(A, rest)) ** 2).sum())

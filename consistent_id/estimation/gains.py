@@ -1,17 +1,17 @@
-"""Drive gains, from motor currents and something of known size.
+"""Drive gains, from motor currents and a load of known mass.
 
 The torque is ``tau_j = k_j i_j``, so that ``Y x - K i = 0`` holds for any multiple of
 parameters ``x`` and gains ``k``: from the motion of a robot alone, only ratios are
 identifiable.  A load of known mass fixes the scale [Gautier2014]_.
 
 Noise is on the current, and the gains multiply it.  Least squares on ``Y x - K i``
-therefore finds gains that are too small, the smaller the more noise: it is the start
-only.  What is minimised is the misfit in amperes,
+therefore finds gains that are too small, the smaller the more noise: it is only the
+start.  Then the misfit in amperes is minimised,
 
 ``sum_j || Y_j x / k_j - i_j ||^2 / s_j^2``,
 
-with ``x`` eliminated and each joint's noise ``s_j`` found on the way: the most likely
-gains for white noise.
+with ``x`` eliminated and each joint's noise ``s_j`` estimated as well.  The result has
+maximum likelihood for white noise.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,15 +31,14 @@ from consistent_id.estimation.loaded_robot import (
 )
 from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.correlated_noise import correlation_length
-from consistent_id.regression.independent_columns import independent_columns
-from consistent_id.regression.linear import column_sizes
+from consistent_id.regression.linear import column_sizes, independent_columns
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import Link
 
 _OPEN = 1e-6  # singular value, of unit columns, below which a direction counts as open
-_ROUNDS = 20  # of gains and noise in turn
-_SETTLED = 1e-4  # relative change of the noise that ends them
+_ROUNDS = 20  # rounds of gains and noise in turn
+_SETTLED = 1e-4  # relative change of the noise that ends the rounds
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,13 +49,13 @@ class DriveGains:
     ----------
     joints : tuple of str
     gains : array_like, shape (torque joints,), [N m/A or N/A]
-        Ratios only where `identifiable` is not.
+        Where `identifiable` is false, only their ratios are identified.
     standard_errors : array_like, shape (torque joints,), [N m/A or N/A]
-        For noise as correlated as the residuals are; infinite where open.
+        For noise as correlated as the residuals; infinite where not identifiable.
     parameters : array_like, shape (parameters,)
-        Of robot and load, to go with the gains; what is open is zero.
+        Parameters of robot and load for these gains; unidentifiable ones are zero.
     linear : array_like, shape (torque joints,)
-        Gains of least squares on ``Y x - K i``, which noise makes too small.
+        Gains of least squares on ``Y x - K i``; noise makes them too small.
     current_noise : array_like, shape (torque joints,), [A]
         Residual standard deviation of each joint.
     correlation : float
@@ -64,7 +63,7 @@ class DriveGains:
     accuracy : float
         Relative standard error that counts as identified.
     scale_open : bool
-        Whether nothing in the runs fixes the absolute scale.
+        Whether the runs do not determine the absolute scale.
     robot : LoadedRobot
     seconds : float
     """
@@ -93,7 +92,7 @@ class DriveGains:
 
     @property
     def identified(self) -> tuple[bool, ...]:
-        """Whether each gain is known to within the accuracy asked for."""
+        """Whether each gain is known to the required accuracy."""
         return tuple((self.relative_errors < self.accuracy).tolist())
 
     @property
@@ -103,7 +102,7 @@ class DriveGains:
 
     @property
     def verdict(self) -> str:
-        """What is identifiable from the runs, and what is missing."""
+        """The parameters that the runs identify, and missing information."""
         if self.scale_open:
             return (
                 "the absolute scale is open: gains and parameters may all be "
@@ -124,9 +123,9 @@ class DriveGains:
         if not poor:
             return f"all gains are known to {self.accuracy:.0%} or better"
         return (
-            f"not known to {self.accuracy:.0%}: {', '.join(poor)}. The known load is "
-            "hardly felt there: a heavier one, or motions in which it moves these "
-            "joints' torques, are missing"
+            f"not known to {self.accuracy:.0%}: {', '.join(poor)}. The known load "
+            f"has little effect there: use a heavier one, or motions in which it "
+            f"changes the torques of these joints"
         )
 
 
@@ -136,7 +135,7 @@ class GainFit(NamedTuple):
     x: Vector
     residual: Vector
     jacobian: Matrix  # of the residual by log gains, parameters following
-    raw: Matrix  # the same with parameters held
+    raw: Matrix  # the same with fixed parameters
 
 
 class Likely(NamedTuple):
@@ -153,12 +152,12 @@ class Currents:
     """Compressed rows of all joints, in amperes once divided by gains."""
 
     A: Matrix  # (rows, unknown parameters), [N m per unit]
-    known: Vector  # (rows,), torque of what is known
+    known: Vector  # (rows,), torque of the known parameters
     current: Vector  # (rows,)
     joint: IntArray  # (rows,), which joint a row is of
 
     def at(self, log_gains: Vector, noise: Vector) -> GainFit:
-        """Return the best parameters for given gains, and what is left."""
+        """Return the best parameters for given gains, and the residual."""
         j = self.joint
         weight = 1.0 / (np.exp(log_gains[j]) * noise[j])
         Q, x = _solved(
@@ -187,11 +186,11 @@ def identify_gains(
     Parameters
     ----------
     model : TorqueModel
-        Of the robot without the load.
+        Model of the robot without the load.
     loaded, unloaded : Recording or sequence of Recording
         With velocity, acceleration, and currents [A] in place of torques.
     known : mapping of str to float
-        What is known of robot and load, by name, such as ``{"load.m": 2.8}``.
+        Known parameters of robot and load, by name, such as ``{"load.m": 2.8}``.
     load : Link, optional
         The load's name; by default ``"load"``.
     carrier : str, optional
@@ -214,7 +213,7 @@ def identify_gains(
     load_found = likely_body(found.parameters[robot.load_slice])
     in_need = model.load_reference is not None and load.nominal is None
     if in_need and load_found is not None and not found.scale_open:
-        # Gears feel the load, from now on.
+        # From now on, gear friction depends on the load.
         found = _once(robot.with_nominal(load_found), runs, known, accuracy)
     return replace(found, seconds=perf_counter() - started)
 
@@ -225,7 +224,7 @@ def _once(
     known: Mapping[str, float],
     accuracy: float,
 ) -> DriveGains:
-    """Estimate gains for a load that the gears feel as its nominal one."""
+    """Estimate gains; gear friction depends on the load's nominal parameters."""
     regression = robot.regression(*runs)
     rms = dict(zip(regression.joints, regression.torque_rms, strict=True))
     if dead := [joint for joint, size in rms.items() if size == 0.0]:
@@ -313,7 +312,7 @@ def linear_gains(rows: Currents, joints: int) -> Vector:
 
 
 def most_likely_gains(rows: Currents, regression: Regression, linear: Vector) -> Likely:
-    """Minimise the misfit in amperes; gains and noise in turn until both settle."""
+    """Minimise the misfit in amperes; gains and noise in turn until both converge."""
     from scipy.optimize import least_squares
 
     counts = np.array(regression.counts, dtype=np.float64)
@@ -340,15 +339,15 @@ def most_likely_gains(rows: Currents, regression: Regression, linear: Vector) ->
             fit = rows.at(log_gains, noise)
             return Likely(log_gains, noise, fit, free.shape[1] < len(counts))
     raise SolverError(
-        f"gains and noise did not settle in {_ROUNDS} rounds; the runs do not tell "
-        "the gains, those with the load and without are exchanged, or the model is far "
-        "from the robot"
+        f"gains and noise did not converge in {_ROUNDS} rounds; the runs do not "
+        f"determine the gains, the runs with and without the load are exchanged, or "
+        f"the model is far from the robot"
     )
 
 
 def _start(rows: Currents, linear: Vector) -> Vector:
-    """Return logarithms of the gains of least squares, as far as they are any."""
-    # Where nothing fixes the scale, no torque at all fits best: gains of zero.
+    """Return logarithms of the gains of least squares, where they are positive."""
+    # If the scale is not determined, zero torque fits best: gains of zero.
     torque = np.linalg.norm(linear[rows.joint] * rows.current)
     positive = linear > 0.0
     if not positive.any() or torque <= _OPEN * np.linalg.norm(rows.known):

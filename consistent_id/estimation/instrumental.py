@@ -1,14 +1,14 @@
-"""Instrumental variables: estimates that noise in the motion does not bend.
+"""Instrumental variables: estimates that noise in the motion does not bias.
 
-Noise in positions, differentiated twice, is in the regressor ``W`` as well as in what
-least squares leaves over, and pulls its answer towards zero.  Instruments ``Z`` are the
-regressor along a motion that does not know this noise: the commanded one, or that of a
-simulated robot.  Then ``Z^T (W x - tau) = 0`` has no such pull [Janot2014]_.  With
-``Z = Q R`` it reads ``Q^T W x = Q^T tau``, and no product of regressors is formed.
+Noise in positions, differentiated twice, is in the regressor ``W`` as well as in the
+residual of least squares, and biases the estimate towards zero.  Instruments ``Z`` are
+the regressor along a motion without this noise: the commanded one, or that of a
+simulated robot.  The solution of ``Z^T (W x - tau) = 0`` has no such bias [Janot2014]_.
+With ``Z = Q R`` it reads ``Q^T W x = Q^T tau``, and no product of regressors is formed.
 
-The test of Durbin, Wu and Hausman [Hausman1978]_ asks whether least squares and
+The test of Durbin, Wu and Hausman [Hausman1978]_ checks whether least squares and
 instrumental variables differ by more than noise.  They do if instruments ``Z`` explain
-what the regressor ``W`` leaves of the torque, so both are given to one regression.
+a part of the residual of the regressor ``W``, so one regression contains both.
 """
 
 from collections.abc import Sequence
@@ -19,8 +19,9 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id._support.executors import single_threaded
+from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.errors import ProblemError, RecordingError
-from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.method import Method
 from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.base import (
@@ -37,7 +38,7 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import joint_noise
 
 _STATIONARITY = 1e-9
-_SAME = 1e-9  # part of the regressor in which instruments must differ from it
+_SAME = 1e-9  # share of the regressor by which instruments must differ from it
 _RANK = 1e-9  # of unit columns, relative to the largest singular value
 
 
@@ -60,8 +61,8 @@ def instrumental_variables(
         As for `build_regression`: measured motion, prepared, and torque.
     instruments : Recording or sequence of Recording
         Motion with velocity and acceleration, sample for sample beside `recordings`,
-        that is near the measured one and independent of its noise: as it was commanded,
-        or of a simulated robot under the same commands.
+        that is near the measured one and independent of its noise: the commanded
+        motion, or that of a simulated robot under the same commands.
     base : BaseParameters, optional
         By default `base_parameters(model)`.
 
@@ -122,7 +123,8 @@ class Instrumented:
     samples : int
         Rows behind the factors.
     correlation : float
-        How many samples carry as much information as one; see `correlation_length`.
+        Samples that carry the information of one independent sample; see
+        `correlation_length`.
     """
 
     factors: tuple[Matrix, ...]
@@ -195,7 +197,7 @@ def instrumented(
         samples += residual.size
     if differs < _SAME:
         raise ProblemError(
-            "the instruments are the measured motion itself, noise and all; give the "
+            "the instruments are the measured motion itself, noise included; give the "
             "commanded motion, or that of a simulated robot"
         )
     return Instrumented(tuple(factors), sigma, samples, float(np.mean(lengths)))
@@ -262,7 +264,7 @@ def _require_pairs(logs: Sequence[Recording], beside: Sequence[Recording]) -> No
 def _covariance(
     solution: LinearSolution, rows: Instrumented, sigma: Vector
 ) -> Matrix | None:
-    """``(Q^T W)^-1 (Q^T W)^-T``, times what the weights were off; rank permitting."""
+    """``(Q^T W)^-1 (Q^T W)^-T`` times the error of the weights, at full rank."""
     if solution.null_space.shape[1]:
         return None
     inverse = solution.pseudo_inverse * float(np.mean(sigma / rows.sigma))
@@ -270,33 +272,33 @@ def _covariance(
 
 
 def _certificate(rows: Instrumented, solution: LinearSolution) -> Certificate:
-    """Certify that the instruments leave nothing over."""
+    """Certify that the residual is orthogonal to the instruments."""
     left = rows.projected @ solution.x - rows.projected_torque
     size = np.linalg.norm(rows.projected_torque) or 1.0
     share = float(np.linalg.norm(left) / size)
     figures = {"orthogonality": share, "rank": float(solution.rank)}
     if share <= _STATIONARITY:
-        reason = "what is left of the torque is orthogonal to all instruments"
+        reason = "the residual is orthogonal to all instruments"
         return Certificate("certified", reason, figures)
-    reason = "the instruments do not excite all that the data do"
+    reason = "the instruments do not excite all parameters that the data excite"
     return Certificate("uncertified", reason, figures)
 
 
 @dataclass(frozen=True, slots=True)
 class EndogeneityTest:
-    """The answer of `endogeneity_test`.
+    """The result of `endogeneity_test`.
 
     Parameters
     ----------
     statistic : float
-        ``F``: misfit that instruments take away, per direction, over what is left per
+        ``F``: misfit that instruments explain, per direction, over the residual per
         effective sample.
     directions : int
-        In which instruments differ from the regressor.
+        Number of directions in which instruments differ from the regressor.
     effective_samples : float
         Samples over their correlation length.
     p_value : float
-        Of an ``F`` as large by chance, if the motion's noise did not matter.
+        Probability of such an ``F`` by chance, if the motion's noise had no effect.
     """
 
     statistic: float
@@ -326,9 +328,9 @@ def endogeneity_test(
 ) -> EndogeneityTest:
     """Test weighted least squares against instrumental variables.
 
-    A small p-value says that the regressor is correlated with what least squares
-    leaves over: by noise in the motion, a delay, or friction that the model lacks.
-    Take the noise out, or `instrumental_variables`.
+    A small p-value shows that the regressor is correlated with the residual of least
+    squares: by noise in the motion, a delay, or friction that the model lacks. Filter
+    the noise, or use `instrumental_variables`.
 
     Parameters
     ----------
@@ -361,7 +363,7 @@ def endogeneity_test(
 
 
 def _left(A: Matrix, b: Vector) -> tuple[int, float]:
-    """Return the rank of columns, and the square that they leave of a vector."""
+    """Return the rank of columns, and the squared residual of a vector."""
     U, s, _ = np.linalg.svd(A / column_sizes(A), full_matrices=False)
     rank = int((s > _RANK * s[0]).sum())
     rest = b - U[:, :rank] @ (U[:, :rank].T @ b)

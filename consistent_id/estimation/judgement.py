@@ -1,9 +1,9 @@
-"""How a verdict is reached: evidence, gates, one rule for each kind of evidence.
+"""The computation of a verdict: evidence, gates, one rule for each kind of evidence.
 
-Rules ask whether the estimate explains the torque that it was fitted to, whether that
-torque is the nominal robot's, how well the estimate predicts held-out torque, whether a
-robot could have its parameters, what was found in the recordings, and whether the
-optimum is proven.  The worst reason decides.
+Rules check whether the estimate explains the torque that it was fitted to, whether that
+torque agrees with the nominal robot, how well the estimate predicts held-out torque,
+whether a robot can have its parameters, which faults the recordings have, and whether
+the optimum is proven.  The worst reason decides.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -39,33 +39,33 @@ MISFIT_REFUSED = 0.5
 JOINT_MISFIT_CARE = 0.30
 EXCESS_CARE = 1.15
 EXCESS_REFUSED = 2.0
-NO_EXCESS = 0.005  # misfit below which no excess matters: noise of good sensors
+NO_EXCESS = 0.005  # misfit below which the excess is ignored: noise of good sensors
 HELD_OUT_CARE = 0.12
 JOINT_HELD_OUT_CARE = 0.40
 GENERALISATION_CARE = 3.0  # held-out error over misfit
-LEAST_MISFIT = 0.02  # misfit that the held-out error is compared with at the least
-NO_BETTER_THAN_ZERO = 1.0  # error of who predicts no torque at all
+LEAST_MISFIT = 0.02  # least misfit that the held-out error is compared with
+NO_BETTER_THAN_ZERO = 1.0  # error of predicting zero torque
 SPARE_CARE = 3.0  # effective samples per parameter; clean logs above have 11-40
 GUESSED_CARE = 0.3  # clean logs: 0.00; rich ones of real arms: 0.03-0.15
 FRICTIONLESS = 0.01  # share of drive terms in the torque; drives have 10-80 %
-_ALIKE = 0.999  # errors that differ by less are printed alike
+_ALIKE = 0.999  # errors that differ by less are printed with the same digits
 _UNSEEN = "some parameters hardly affect the measured torque"
 
 # Of simulated logs without a fault (see `judge`), slopes were 0.92-1.12.
 SLOPE_CARE = (0.8, 1.25)
 
-SLOPE_FAR = 3.0  # no designer is so wrong about masses
+SLOPE_FAR = 3.0  # no designer's masses are so wrong
 SLOPE_MISSING = 0.2  # below, the bodies' torque is not in the channel
 EFFORT_CARE = 1.2  # peak torque over effort limit: limits are often rounded down
-EXPLAINED = 0.3  # squared share of torque from which a slope means something
-EXPECTED = 0.1  # share of a joint's torque that makes its slope matter
-EXPECTED_MUCH = 0.3  # share that cannot be missing for want of excitation
+EXPLAINED = 0.3  # squared share of torque from which a slope is significant
+EXPECTED = 0.1  # share of a joint's torque from which its slope is used
+EXPECTED_MUCH = 0.3  # share that cannot be missing for lack of excitation
 JOINT_MATTERS = 0.05  # torque over that of the strongest joint
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
-    """What a verdict is judged by; what is not known is None or empty.
+    """The evidence for a verdict; unknown parts are None or empty.
 
     Parameters
     ----------
@@ -80,17 +80,17 @@ class Evidence:
         Proof that no consistent robot has the base parameters, in words.
     contradicted : str
         How much worse than least squares the best consistent robot fits, in words, if
-        that is no chance.
+        the difference is significant.
     held_out : tuple of TorqueError
     findings : tuple of LogFinding
-        Of the recordings.
+        Findings about the recordings.
     undetermined : tuple of str
         Combinations that the data do not determine.
     accepted : tuple of str
         Kinds of reasons to override.
     loose_trunk : tuple of str
-        Mass and first moments of a floating base's body that the data do not determine,
-        but sums with other bodies at best; see `Estimate.loose_trunk`.
+        Mass and first moments of a floating base's body of which the data determine at
+        most sums with other bodies; see `Estimate.loose_trunk`.
     """
 
     method: str
@@ -122,13 +122,13 @@ def judge(evidence: Evidence) -> Verdict:
 
 
 class _Found(NamedTuple):
-    """Joints by what is wrong with their slopes; a joint is in one of the lists."""
+    """Joints by the fault of their slopes; a joint is in one of the lists."""
 
     reversed_: list[int]
     missing: list[int]
     off: list[int]
     far: list[int]  # of those that are off
-    alike: bool  # all that mean something are off, as by one gain
+    alike: bool  # all significant slopes are off, as by one gain
 
 
 def of_slopes(evidence: Evidence) -> Iterator[Reason]:
@@ -143,7 +143,8 @@ def of_slopes(evidence: Evidence) -> Iterator[Reason]:
             "do not use",
             "measured torque has the opposite sign of the nominal bodies': "
             f"{_slopes(fit, found.reversed_)}",
-            "check the sign of torque and position, and the axes of the model",
+            "reverse the torque of these joints by a negative gain (--torque-gain), or "
+            "their position, or their axes in the model; consistent-id check tries it",
         )
     if found.missing:
         yield Reason(
@@ -154,7 +155,7 @@ def of_slopes(evidence: Evidence) -> Iterator[Reason]:
             "check for compensated gravity, another quantity or another joint",
         )
     if found.off:
-        # Two witnesses of a gain: masses, and what the drives can give.
+        # Two independent signs of a gain: masses, and effort limits of the drives.
         shown = found.alike and bool((fit.efforts[found.far] > EFFORT_CARE).any())
         yield Reason(
             "gain or unit" if found.alike else "nominal model",
@@ -189,23 +190,24 @@ def _found(fit: Fit) -> _Found:
 
 
 def _held_slopes(fit: Fit) -> Vector:
-    """Return how much friction at rest can turn each slope, either way.
+    """Return how much friction at rest can change each slope, either way.
 
-    Of a joint that mostly rests: torque held meanwhile, as like the nominal bodies' as
-    can be.  NaN where nobody knows how much friction can hold: no slope means anything.
+    For a joint that mostly rests, the torque at rest is assumed to be as similar to the
+    nominal bodies' torque as possible.  NaN where the limit of friction is not known:
+    the slope is then not significant.
     """
     rests = fit.moving < IN_MOTION
     share = np.sqrt(np.where(rests, 1.0 - fit.moving, 0.0))
     nominal = np.maximum(fit.expected * fit.torque, np.finfo(float).tiny)
-    with np.errstate(over="ignore"):  # of bodies without torque: by any amount
+    with np.errstate(over="ignore"):  # bodies without torque: any change
         return np.where(rests, share * fit.holding / nominal, 0.0)
 
 
 def _alike(slopes: Vector) -> bool:
     """Return whether slopes are off as by one gain.
 
-    They are if all are far off to the same side, or if those of several joints differ
-    by less than the gate allows.
+    This is so if all are far off to the same side, or if the slopes of several joints
+    differ by less than the gate.
     """
     far = slopes.min() > SLOPE_FAR or slopes.max() < 1.0 / SLOPE_FAR
     near = slopes.max() / slopes.min() < SLOPE_CARE[1] / SLOPE_CARE[0]
@@ -252,8 +254,8 @@ def _of_fit(evidence: Evidence) -> Iterator[Reason]:
             "contradiction",
             "do not use" if fit.excess > EXCESS_REFUSED else "use with care",
             f"the residual is {fit.excess:.2f} times that of least squares without "
-            "constraints: data and constraints, or weights, disagree",
-            "see what each constraint costs; check masses, geometry, drive terms",
+            "constraints: data and constraints, or weights, contradict each other",
+            "see the cost of each constraint; check masses, geometry, drive terms",
         )
 
 
@@ -266,7 +268,7 @@ def _of_held_out(evidence: Evidence) -> Iterator[Reason]:
     rests = error < _ALIKE * whole
     beyond = " beyond friction at rest" if rests else ""
     measure = f"held-out error of all joints{beyond}: {percent(error)}"
-    advice = "see residuals joint by joint; record a motion that covers the task"
+    advice = "check the residuals of each joint; record a motion that covers the task"
     kind = "held-out error"
     joint, joint_error = _worst_joint(evidence)
     of_joint = (
@@ -289,15 +291,16 @@ def _of_held_out(evidence: Evidence) -> Iterator[Reason]:
             "overfitting",
             "use with care",
             f"{measure}, but their training misfit is {percent(fit.misfit)}",
-            "record more motion, or fewer drive terms; see what the data determine",
+            "record more motion, or use fewer drive terms; see which parameters the "
+            "data determine",
         )
 
 
 def _worst_joint(evidence: Evidence) -> tuple[str, float]:
-    """Return the joint with the largest held-out error of those that matter.
+    """Return the joint with the largest held-out error, of the relevant joints.
 
-    The error is relative to the larger of its torques in held-out and training data:
-    a joint that rests while the others are tested has little held-out torque.
+    The error is relative to the larger of its torques in held-out and training data: a
+    joint that rests while the others move has little held-out torque.
     """
     fit = evidence.fit
     if fit is None:
@@ -366,7 +369,7 @@ def _of_optimum(evidence: Evidence) -> Iterator[Reason]:
             "optimum not proven",
             "use with care",
             evidence.optimum_reason,
-            "compare with cross_check, or with another method",
+            "compare with another method",
         )
 
 
@@ -381,7 +384,8 @@ def _of_noise(evidence: Evidence) -> Iterator[Reason]:
             "use with care",
             f"residuals are correlated over {fit.correlation:.0f} samples: there are "
             f"{fit.spare:.1f} independent samples for each parameter",
-            "record for longer, or use fewer drive terms: standard errors are rough",
+            "record for longer, or use fewer drive terms: standard errors are "
+            "inaccurate",
         )
     elif fit.correlation > WHITE:
         yield Reason(
@@ -441,7 +445,7 @@ def _worth_knowing(evidence: Evidence) -> Iterator[Reason]:
             "robot hanging by its base",
         )
     if evidence.contradicted:
-        # Friction that the model lacks is enough: of clean logs it is said of a third.
+        # Missing friction terms are a sufficient cause: a third of clean logs have it.
         yield Reason("physical consistency", "use", evidence.contradicted)
     edges = [link.link for link in evidence.links if link.edge]
     if edges:
@@ -449,7 +453,7 @@ def _worth_knowing(evidence: Evidence) -> Iterator[Reason]:
             "boundary",
             "use",
             f"on the boundary of physical consistency: {_some(edges)}; torque "
-            "prediction stays valid, but single inertias of these are unreliable",
+            "prediction stays valid, but single inertias of these links are unreliable",
         )
 
 
@@ -479,5 +483,6 @@ RULES: tuple[Rule, ...] = (
     _of_guesses,
     _worth_knowing,
 )
-"""Rules for the evidence.  The first of several reasons with the same word weighs most:
-a cause before its effects."""
+"""Rules for the evidence.  Of several reasons with the same word, the first is the most
+important: a cause comes before its effects.
+"""

@@ -1,4 +1,4 @@
-"""A robot and what it carries: the load as a body of its own, on a joint that stands.
+"""A robot and its load: the load is a separate body on a joint that stands still.
 
 Along a motion of the loaded robot the load's ten columns are those of the link that
 carries it; along one of the bare robot they are zero.  Regressions of both kinds of
@@ -17,7 +17,7 @@ from consistent_id.errors import ModelError, NotExcitedError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters, column_kinds
 from consistent_id.regression.drive.drive_terms import DriveTerms
-from consistent_id.regression.independent_columns import split_at_gap
+from consistent_id.regression.linear import split_at_gap
 from consistent_id.regression.motion_arrays import predicted_torque
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
@@ -61,19 +61,19 @@ class LoadedRobot:
 
     @property
     def place(self) -> IntArray:
-        """Where each parameter of the bare robot stands among those of the loaded."""
+        """Index of each parameter of the bare robot among those of the loaded one."""
         inertial, p = self.bare.layout.inertial_size, len(self.bare.layout)
         return np.array([*range(inertial), *range(inertial + 10, p + 10)])
 
     @property
     def load_slice(self) -> slice:
-        """Where the load's ten parameters stand."""
+        """Indices of the load's ten parameters."""
         return self.model.layout.link_slice(len(self.model.robot) - 1)
 
     def torque_model(self, *, loaded: bool) -> TorqueModel:
-        """Return the bare model; where friction depends on it, gears feel the load.
+        """Return the bare model; load friction includes the load.
 
-        As far as the load's nominal parameters are known.
+        The load's nominal parameters are used, if they are known.
         """
         reference, load = self.bare.load_reference, self.model.robot.links[-1].nominal
         if not loaded or reference is None or load is None:
@@ -87,7 +87,7 @@ class LoadedRobot:
     ) -> Regression:
         """Return one regression of motions without and with the load.
 
-        Either may be none.
+        Either may be missing.
 
         Raises
         ------
@@ -121,7 +121,7 @@ class LoadedRobot:
         )
 
     def _wider(self, loaded: bool) -> Matrix:
-        """Return what takes columns of the bare model to those of the loaded one."""
+        """Return the map from columns of the bare model to those of the loaded one."""
         wider = np.zeros((len(self.bare.layout), len(self.model.layout)))
         wider[range(len(wider)), self.place] = 1.0
         if loaded:
@@ -172,7 +172,7 @@ class LoadedRobot:
 
 
 def likely_body(vector: Vector) -> InertialParameters | None:
-    """Return a body near to what least squares says of a load, if it has a mass."""
+    """Return a body near the least-squares estimate of a load, if it has a mass."""
     if vector[0] <= 0.0:
         return None
     values, axes = np.linalg.eigh(pseudo_inertia(vector))
@@ -188,9 +188,9 @@ def loaded_robot(
     Parameters
     ----------
     model : TorqueModel
-        Of the bare robot.
+        Model of the bare robot.
     load : Link
-        Name, and what is known of it, in the frame of the link that carries it.
+        Name and known parameters, in the frame of the link that carries it.
     carrier : str, optional
         Link that carries the load; by default the last one of a chain.
     """
@@ -263,7 +263,7 @@ class OfBareRobot:
     robot: LoadedRobot
 
     def lower(self, model: TorqueModel) -> ConicSet:
-        """Return the bare robot's set; whatever the load is."""
+        """Return the bare robot's set, for any load."""
         place, size = self.robot.place, len(model.layout)
         bare = self.constraint.lower(self.robot.bare)
 
@@ -289,7 +289,7 @@ class OfBareRobot:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OfLoad:
-    """A constraint on all links, of which that on the load's body alone is kept."""
+    """A constraint on all links, reduced to its part on the load's body."""
 
     constraint: Constraint
     load: str

@@ -1,4 +1,4 @@
-"""What a robot carries: a load's ten parameters from runs with it and without."""
+"""Payloads: a load's ten parameters from runs with it and without."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,8 +21,10 @@ from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.estimation.base_least_squares import least_squares
 from consistent_id.estimation.constrained import (
-    DEFAULT_CONSTRAINTS,
     constrained_least_squares,
+)
+from consistent_id.estimation.constrained_fit import (
+    DEFAULT_CONSTRAINTS,
 )
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.loaded_robot import (
@@ -54,14 +56,14 @@ class Payload:
     body : InertialParameters
         The constrained estimate: physically consistent.
     free : InertialParameters
-        Least squares' estimate, which need not be one.
+        The least-squares estimate, which may not be consistent.
     standard_errors : array_like, shape (10,)
-        Of `free`, for noise as correlated as the residuals are, and for gains as
-        uncertain as was stated; infinite where the motion does not tell.
+        Those of `free`, for noise as correlated as the residuals, and for the stated
+        uncertainty of gains; infinite where not identifiable.
     correlation : float
         Samples that carry the information of one independent sample.
     gain_errors : array_like, shape (torque joints,)
-        Relative standard errors of gains, as they were stated.
+        Relative standard errors of gains, as stated.
     robot : LoadedRobot
     estimate, least_squares : Estimate
         Of robot and load together.
@@ -94,20 +96,27 @@ class Payload:
 
     @property
     def condition(self) -> str:
-        """What the standard errors take for granted."""
+        """The assumption behind the standard errors."""
         if not self.gain_errors.any():
             return (
-                "gains that make torque of currents are taken as exact: if they are "
-                "not, state how uncertain they are, gain_errors=0.05 for 5 %"
+                "gains that convert currents to torque are assumed to be exact; if "
+                "they are not, state their uncertainty: gain_errors=0.05 for 5 %"
             )
         low, high = (f"{100 * e:.2g} %" for e in np.sort(self.gain_errors)[[0, -1]])
         span = low if low == high else f"{low} to {high}"
-        return f"gains that make torque of currents are uncertain by {span}"
+        return f"gains that convert currents to torque are uncertain by {span}"
 
     def predict(self, recording: Recording, *, loaded: bool = True) -> Array:
         """Return torques along a motion with or without the load.
 
         Shape (samples, torque joints), [N m or N].
+
+        Parameters
+        ----------
+        recording : Recording
+            With velocity and acceleration.
+        loaded : bool
+            Whether the robot carries the payload.
         """
         return self.robot.predict(self.estimate.parameters, recording, loaded=loaded)
 
@@ -128,9 +137,9 @@ def identify_payload(
 ) -> Payload:
     """Estimate a load and the robot that carries it, from runs with it and without.
 
-    Both are estimated at once: what the runs say of the robot they say together, and
-    the load is what only one of them feels.  Where friction depends on the load, that
-    of the loaded run does on this one too, as least squares finds it.
+    Both are estimated together: all runs determine the robot, and the loaded runs
+    determine the load.  If friction depends on the load, the payload is included, as
+    estimated by least squares.
 
     Parameters
     ----------
@@ -139,8 +148,8 @@ def identify_payload(
     loaded, unloaded : Recording or sequence of Recording
         With velocity, acceleration and torque.
     load : Link, optional
-        Its name, and what its datasheet says: a mass, bounds, a centre of mass, all in
-        the frame of the link that carries it.  By default nothing.
+        Its name, and its datasheet: a mass, bounds, a centre of mass, all in the frame
+        of the link that carries it.  By default nothing.
     carrier : str, optional
         Link that carries the load; by default the last one of a chain.
     constraints : sequence of Constraint
@@ -148,21 +157,21 @@ def identify_payload(
     load_constraints : sequence of Constraint
         On the load, by its name, besides physical consistency and its datasheet.
     prior : PointToSet or Penalty, optional
-        Chooses among what fits alike.  Of a load without nominal parameters the
-        nominal is what least squares says, made consistent.
+        Chooses among estimates that fit equally well.  For a load without nominal
+        parameters, the nominal load is the least-squares estimate, made consistent.
     weighted : bool
         Whether joints are weighted by their noise.
     gain_errors : float or sequence of float
-        Relative standard errors of the gains that made torque of currents, one for each
-        torque joint or the same for all: noise does not show them, and the load is in
-        error with them.
+        Relative standard errors of the gains that convert currents to torque, one for
+        each torque joint or the same for all. They cause errors of the load that noise
+        does not show.
 
     Raises
     ------
     ProblemError
         If there are neither one gain error nor as many as torque joints.
     RecordingError
-        If the load would weigh less than nothing: the runs are exchanged.
+        If the load would have a negative mass: the runs are exchanged.
     InfeasibleError, NotExcitedError, SolverError
         See `constrained_least_squares`.
     """
@@ -174,7 +183,8 @@ def identify_payload(
     likely = likely_body(fitted.free.parameters[robot.load_slice])
     if load.nominal is None and likely is not None:
         robot = robot.with_nominal(likely)
-        fitted = _fitted(robot, runs, weighted)  # gears feel the load, from now on
+        # From now on, gear friction depends on the load
+        fitted = _fitted(robot, runs, weighted)
     regression, free = fitted
     correlation = correlation_length(
         list(robot.residuals(free.parameters, *runs)), regression.sigma
@@ -209,7 +219,7 @@ def identify_payload(
     )
 
 
-class _Fitted(NamedTuple):
+class _LoadedFit(NamedTuple):
     regression: Regression
     free: Estimate
 
@@ -218,17 +228,19 @@ def _fitted(
     robot: LoadedRobot,
     runs: tuple[Sequence[Recording], Sequence[Recording]],
     weighted: bool,
-) -> _Fitted:
+) -> _LoadedFit:
     """Return the regression of both runs, and least squares."""
     regression = robot.regression(*runs)
     if weighted:
         sigma = joint_noise(robot.model, regression, base=robot.base)
         regression = regression.weighted(sigma)
-    return _Fitted(regression, least_squares(robot.model, regression, base=robot.base))
+    return _LoadedFit(
+        regression, least_squares(robot.model, regression, base=robot.base)
+    )
 
 
 def datasheet_constraints(load: Link) -> list[Constraint]:
-    """Return what a load's datasheet says of it."""
+    """Return the constraints from a load's datasheet."""
     sheet: Datasheet = load.datasheet
     known: list[Constraint] = []
     if sheet.mass is not None:
@@ -296,7 +308,7 @@ def gain_slopes(regression: Regression, base: BaseParameters) -> Matrix:
     Parameters
     ----------
     regression : Regression
-        With its weights, which are held.
+        With its weights, which stay fixed.
 
     Returns
     -------

@@ -4,11 +4,12 @@
 
 A quadratic distance makes this one least-norm problem.  The entropic one is minimised
 by damped Newton steps, each of them a least-norm problem with the distance's second
-order: the divergence is self-concordant, so a step of local length ``d`` may be taken
-by ``1 / (1 + d)`` or more, as a search along it tells, and in full once ``d`` is small.
+order: the divergence is self-concordant, so of a step of local length ``d`` at least
+the part ``1 / (1 + d)`` is safe; a line search may take more, and a small step is taken
+in full.
 
-`nearest_within` searches for the weight at which the compromise is the nearest point to
-nominal of all that fit nearly best.
+`nearest_within` searches for the weight for which the compromise is the point nearest
+to nominal among all that fit nearly best.
 """
 
 from collections.abc import Sequence
@@ -40,29 +41,31 @@ from consistent_id.errors import SolverError
 from consistent_id.estimation.best_fit import REFERENCE, BestFit, ScaledFit, solved
 
 _STEPS = 60
-_KEPT = 0.25  # of each eigenvalue of a body that a Newton step leaves, at the least
-_HALVINGS = 30  # of the share of a Newton step that is taken
-_USABLE = 1e-6  # violation, ten times what is certified: beyond, it is no answer
+_KEPT = 0.25  # least share of each eigenvalue of a body that a Newton step leaves
+_HALVINGS = 30  # resolution of the share of a Newton step
+_USABLE = 1e-6  # violation, ten times the certified one; beyond it, there is no answer
 _FULL = 0.25  # local length up to which a Newton step is taken in full
 _STILL = 1e-7  # local length at which Newton's method has arrived
 _CLOSE = 1e-4  # local length from which no more than two further steps are tried
-_FINE = (1e-11, 1e-12)  # tolerances at which multipliers are asked for once more
+_FINE = (1e-11, 1e-12)  # tolerances at which multipliers are computed again
 
 # Of the search for the weight that uses up the slack:
-_WEIGHTS = 30  # weights of the prior tried, at the most,
+_WEIGHTS = 30  # weights of the prior tried, at most,
 _UNPROVEN = 5  # and without a certified fit in a row: the next proves no more
-_FIRST = -12.0  # logarithm of the first weight over the slack: what real logs end near
-_SLOPE = 1.2  # of the share used up over the weight, in logarithms, where it matters
-_STEEPEST = 2.0  # the same far below: what a faint pull moves grows with its square
+# Logarithm of the first weight over the slack: typical end for real logs
+_FIRST = -12.0
+# Slope of the used share over the weight, in logarithms, near the solution
+_SLOPE = 1.2
+_STEEPEST = 2.0  # the same far below: the effect of a weak prior grows with its square
 _PATIENCE = 3  # steps in one direction, after which they grow twofold each
 _WIDE = 0.3  # width of a bracket in which interpolation may go astray
 _BEYOND = 0.3  # by how much to step beyond what that slope says, so as to bracket
 _STEP = np.log(1e3)  # by which the weight grows or shrinks, at the most
-_AIM = 0.98  # share of the slack to use up, unless the proof asks for more
-_HALF = 0.5  # of the allowed gap that the slack's unused rest is to cost
-_LEAST = 1e-6  # share of the slack, of which less is rounding: no step hangs on it
+_AIM = 0.98  # share of the slack to use up, unless the proof needs more
+_HALF = 0.5  # share of the allowed gap for the slack's unused rest
+_LEAST = 1e-6  # share of the slack below which differences are rounding
 _APART = 1e-6  # shares closer than that, in logarithms, show no curvature
-_SMALL = 0.01  # squared distance that is as good as none
+_SMALL = 0.01  # squared distance that counts as zero
 
 DISTANCE_GAP = 0.01
 """Relative gap of the squared distance (or of 0.01, if it is less) that is allowed."""
@@ -75,7 +78,7 @@ class PenalisedFit:
     Parameters
     ----------
     optimality : Optimality
-        Of half the penalised square.
+        Proof for half the penalised square.
     excess : float
         Squared misfit beyond the residual's.
     """
@@ -88,7 +91,7 @@ class PenalisedFit:
 
     @property
     def distance_gap(self) -> float:
-        """Bound on what the squared distance exceeds the least by, for its misfit."""
+        """Bound on the excess of the squared distance over the least for its misfit."""
         total = self.optimality.gap * max(self.optimality.objective, REFERENCE)
         return 2.0 * total / self.weight
 
@@ -111,8 +114,8 @@ def penalised_fit(
     reach : float
         See `ball_about`.
     gap : float
-        Relative gap of the objective that is small enough; of the entropic distance,
-        whose optimum is only found to the last digits, that of a certificate.
+        Relative gap of the objective that is small enough.  For the entropic distance,
+        whose optimum is found to the last digits, that of a certificate is used.
 
     Raises
     ------
@@ -148,7 +151,7 @@ def _stacked(fit: ScaledFit, rows: LocalRows, weight: float) -> LeastNorm:
 def _newton(
     fit: ScaledFit, distance: EntropicDistance, weight: float, start: Vector
 ) -> ConeSolution:
-    """Return the last point reached that is a robot of bodies, with multipliers."""
+    """Return the last iterate with consistent bodies, and its multipliers."""
     u = start if np.isfinite(distance.squared(start)) else distance.nominal
     shortest, idle = np.inf, 0
     for _ in range(_STEPS):
@@ -166,7 +169,7 @@ def _newton(
             break
         ahead = u + _step_length(fit, distance, weight, u, step, length) * step
         if not np.isfinite(distance.squared(ahead)):
-            break  # the constraints lead out of all bodies
+            break  # no point of the constraints has consistent bodies
         u = ahead
     whole = np.isfinite(distance.squared(solution.u))
     return solution if whole else replace(solution, u=u)
@@ -180,11 +183,11 @@ def _step_length(
     step: Vector,
     length: float,
 ) -> float:
-    """Return how much of a step to take: all, or what lowers the objective most.
+    """Return the share of a step that lowers the objective most, at most one.
 
     At least ``1 / (1 + length)``, which self-concordance guarantees to lower it, and
-    no more than leaves every body a quarter of its thickness: what has become thin too
-    early takes many steps to grow again.
+    small enough to leave every body a quarter of its thickness: a body that becomes
+    thin too early needs many steps to grow again.
     """
     if length <= _FULL:
         return 1.0
@@ -212,7 +215,7 @@ def _proven(
     solution: ConeSolution,
     reach: float = 0.0,
 ) -> tuple[ConeSolution, Optimality]:
-    """Certify; where the multipliers are too coarse for that, ask for finer ones."""
+    """Certify; if the multipliers are too inaccurate, compute better ones."""
     best = solution, certify_penalised(fit, distance, weight, solution, reach)
     for tolerance in _FINE:
         u, optimality = best[0].u, best[1]
@@ -237,12 +240,12 @@ def certify_penalised(
 ) -> Optimality:
     """Recompute feasibility and the gap of a solution.
 
-    Of the entropic distance, the gradient is that at the solution, and the curvature
-    holds everywhere.  Self-concordance: ``D(u + d) >= D(u) + grad D.d + w(t)``,
-    ``w(t) = t - log(1 + t)``, ``t`` the local length of ``d``.  As ``w(t) >= t^2 / 4``
-    up to 1 and has a slope of 1/2 or more beyond, half the local Hessian is a lower
-    bound wherever it matters: as
-    long as the unexplained gradient is shorter than half the weight.
+    For the entropic distance, the gradient is that at the solution, and the bound of
+    the curvature is valid everywhere.  Self-concordance:
+    ``D(u + d) >= D(u) + grad D.d + w(t)``, ``w(t) = t - log(1 + t)``, ``t`` the local
+    length of ``d``.  As ``w(t) >= t^2 / 4`` up to 1 and has a slope of 1/2 or more
+    beyond, half the local Hessian is a lower bound in the relevant region, as long as
+    the unexplained gradient is shorter than half the weight.
     """
     u, centre = solution.u, distance.nominal
     if isinstance(distance, QuadraticDistance):
@@ -280,6 +283,8 @@ class NearestFit:
 
     Parameters
     ----------
+    slack : float
+        Relative misfit that may be given up.
     distance_gap : float
         Bound on the relative excess of its squared distance (or of 0.01, where it is
         less) over the least within the slack; infinite if its misfit exceeds that.
@@ -288,6 +293,7 @@ class NearestFit:
     """
 
     fit: PenalisedFit
+    slack: float
     distance_gap: float
     allowed: float
 
@@ -307,22 +313,22 @@ def nearest_within(
     ``distance(v)^2 >= distance(u)^2 - (allowed - excess(u)) / weight - gap``
 
     and the weight is searched for until that is as good as equality: until the slack is
-    used up, or the nominal robot itself fits and raising brings nothing any more.
+    used up, or the nominal robot itself fits and a larger weight changes nothing.
 
-    Where no weight keeps the misfit within the slack, which data of next to no noise
-    can do to a solver, the point of the least misfit is returned, and says so.
+    If no weight keeps the misfit within the slack, which can happen with data of hardly
+    any noise, the point of the least misfit is returned, with a note.
 
     Parameters
     ----------
     slack : float
-        Relative misfit that may be given up.
+        Allowed relative increase of the misfit.
     first : float, optional
         Weight that is tried first, such as that of nearly the same data.
     """
     scaled = best.scaled
     least = scaled.excess(best.solution.u)
     allowed = ((1.0 + slack) ** 2 - 1.0) * max(least + scaled.residual**2, 1.0)
-    # The proof's ball is to contain the best fit, wherever that is.
+    # The proof's ball must contain the best fit.
     reach = 2.0 * float(np.linalg.norm(best.solution.u - distance.nominal))
     search = _WeightSearch(
         float(np.log(allowed) + _FIRST if first is None else np.log(first))
@@ -342,7 +348,7 @@ def nearest_within(
         if excess <= allowed:
             short = (allowed - excess) / weight + found.distance_gap
             gap = short / max(found.squared_distance, _SMALL)
-            now = NearestFit(found, gap, allowed)
+            now = NearestFit(found, slack, gap, allowed)
             if kept is None or (certified and now.distance_gap < kept.distance_gap):
                 kept = now
             if kept.distance_gap <= DISTANCE_GAP or unproven >= _UNPROVEN:
@@ -355,7 +361,7 @@ def nearest_within(
         return kept
     if closest is None:
         raise SolverError("no weight of the prior was tried")
-    return NearestFit(closest, np.inf, allowed)
+    return NearestFit(closest, slack, np.inf, allowed)
 
 
 class _WeightedPoint(NamedTuple):
@@ -367,14 +373,14 @@ class _WeightedPoint(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class _WeightSearch:
-    """For the weight whose misfit uses up the slack: bracket, then interpolate."""
+    """Search for the weight whose misfit uses up the slack: bracket, interpolate."""
 
     log_weight: float
     tried: tuple[_WeightedPoint, ...] = ()
     widths: tuple[float, ...] = ()
 
     def narrowed(self, used: float, aim: float = _AIM) -> "_WeightSearch":
-        """Return the next search, knowing what share of the slack a weight uses.
+        """Return the next search, given the share of the slack that a weight uses.
 
         It aims at a weight that uses the share `aim`.
         """
@@ -393,7 +399,7 @@ class _WeightSearch:
         width = high.weight - low.weight
         widths = (*self.widths, width)
         if len(widths) > 2 and width > max(0.5 * widths[-3], _WIDE):
-            # Interpolation moves one end by little: the other one is too far away.
+            # Interpolation moves one end only a little: the other end is too far away.
             return _WeightSearch(low.weight + 0.5 * width, tried, widths)
         weight = _interpolated(low, high, tried, float(np.log(aim)))
         weight = min(max(weight, low.weight + 0.05 * width), high.weight - 0.05 * width)
@@ -406,7 +412,7 @@ def _interpolated(
     tried: Sequence[_WeightedPoint],
     aim: float,
 ) -> float:
-    """Return the weight that is to use a share, from the nearest three tried."""
+    """Return the weight expected to use a share, from the nearest three tried."""
     others = [p for p in tried if p not in (low, high)]
     points = [low, high, *sorted(others, key=lambda p: abs(p.used))[:1]]
     weights, used = np.array(points).T

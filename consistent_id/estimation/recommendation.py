@@ -1,9 +1,9 @@
-"""Which estimate to use: chosen from the training data, by what each predicts of them.
+"""The recommended estimate, chosen by its prediction of left-out training data.
 
 Blocks of consecutive segments are left out of the fit one after another and predicted.
 Of the methods whose error is within one standard error of the least, the simplest is
-recommended: a smaller difference is chance.  Held-out recordings do not take part, so
-their error stays that of a choice made without them.
+recommended: a smaller difference is chance. Held-out recordings are not used, so the
+choice does not bias their error.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,10 @@ from consistent_id.errors import (
     ProblemError,
     SolverError,
 )
-from consistent_id.estimation.constrained import constrained_fit
+from consistent_id.estimation.best_fit import FitProblem
+from consistent_id.estimation.constrained_fit import (
+    constrained_fit,
+)
 from consistent_id.estimation.torque_error import stacked_of_kinds
 from consistent_id.estimation.verdict import percent
 from consistent_id.regression.base import BaseParameters
@@ -52,12 +55,12 @@ class MethodCandidate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recommendation:
-    """The recommended method, and what every candidate predicts.
+    """The recommended method, and the prediction errors of every candidate.
 
     Parameters
     ----------
     candidates : tuple of str
-        From the simplest on.
+        From the simplest to the most complex.
     errors : array_like, shape (candidates, folds)
         Torque error on each block when it was left out, over the block's torque;
         infinite where there is no fit without the block.
@@ -78,7 +81,7 @@ class Recommendation:
 
     @property
     def expected(self) -> float | None:
-        """Torque error to expect of a motion not seen; None if there is no telling."""
+        """Torque error to expect on a motion not seen; None if it is not known."""
         error = float(self.error[self.candidates.index(self.method)])
         return error if np.isfinite(error) else None
 
@@ -112,7 +115,7 @@ def recommend(
     segments : sequence of Regression
         The training data, in the order of time.
     candidates : sequence of MethodCandidate
-        From the simplest on.
+        From the simplest to the most complex.
 
     Raises
     ------
@@ -151,14 +154,13 @@ def _left_out(
 ) -> list[float]:
     """Return a candidate's error on each fold; infinite where there is no fit."""
     errors: list[float] = []
-    weight: float | None = None  # of the prior: in one fold much as in another
+    weight: float | None = None  # weight of the prior: similar in all folds
     for rest, tested in folds:
         try:
             if candidate.weighted:
                 rest = rest.weighted(joint_noise(model, rest, base=base))
-            fit = constrained_fit(
-                model, rest, constraints, candidate.prior, base, weight=weight
-            )
+            problem = FitProblem(model, rest, constraints, base)
+            fit = constrained_fit(problem, candidate.prior, weight=weight)
         except (InfeasibleError, NotExcitedError, SolverError):
             errors.append(np.inf)
             continue
@@ -177,7 +179,7 @@ def _folds(segments: Sequence[Regression], number: int) -> list[_LeftOut]:
 def _simplest(errors: Matrix) -> int:
     """Return the first row whose mean square is within one standard error of the least.
 
-    The standard error is that of the least, over blocks.
+    The standard error is that of the row with the least error, over blocks.
     """
     squared = errors**2
     mean = squared.mean(axis=1)

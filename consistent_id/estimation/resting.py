@@ -1,11 +1,11 @@
-"""How slow a joint must be for its torque to be left out, from training data alone.
+"""The speed below which a joint's torque is left out, from training data alone.
 
-Dry friction of a joint at rest is whatever balances the joint.  Rows that hold it pull
-at the parameters; leaving out too many rows leaves noise.  So speeds are tried, each
-half of the one before, and at last zero.  Blocks of the motion are left out of the fit
-one after another and predicted, always the same rows of them: those that the highest
-speed leaves.  Of the speeds whose squared error of these is near the least, the lowest
-is chosen.
+Dry friction of a joint at rest has any value that balances the joint. Rows that contain
+it bias the parameters; leaving out too many rows increases the noise. So speeds are
+tried, each half of the one before, and at last zero.  Blocks of the motion are left out
+of the fit one after another and predicted, always in the same rows: those that the
+highest speed leaves.  Among the speeds whose squared error is near the least, the
+lowest is chosen.
 """
 
 from collections.abc import Sequence
@@ -38,30 +38,30 @@ BLOCKS = 6
 """Blocks of the motion, each left out once; as many as `block_scatter` has."""
 
 LEFT = 0.1
-"""Share of all rows that the highest speed leaves at the least.
+"""Least share of all rows that the highest speed leaves.
 
-Errors are those of rows in motion; of few they say little.  In the first four logs of
-Go2 that `benchmarks/quadruped.py` simulates, of a twentieth of all rows the errors of
-speeds differ by as much as their standard error.
+Errors are those of rows in motion; few rows give inaccurate errors.  In the first four
+logs of Go2 that `benchmarks/quadruped.py` simulates, with a twentieth of all rows the
+errors of speeds differ by as much as their standard error.
 """
 
 _REACHES = (1.0, 2 / 3, 1 / 3)
-"""Parts of the reach, of which the next is tried if no speed leaves enough rows."""
+"""Shares of the reach; the next one is tried if no speed leaves enough rows."""
 
 GAIN = 0.025
-"""Part of the least squared error that leaving out more rows must gain.
+"""Least gain of leaving out more rows, as a share of the squared error.
 
-As much as a term of a model must gain to be taken.
+It equals the gain that selects a term of a model.
 """
 
-_EXACT = 1e-6  # error, relative to the torque, below which there is none
+_EXACT = 1e-6  # error, relative to the torque, that counts as zero
 _HALF = 0.5  # of all samples of joints that move, slower than the first speed tried
 _HALVINGS = 7  # of the speed: the last but zero is a hundredth of the first
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestSpeed:
-    """The speed below which a joint rests, and what was tried.
+    """The speed below which a joint rests, and the speeds tried.
 
     Parameters
     ----------
@@ -70,11 +70,11 @@ class RestSpeed:
     tried : ndarray, shape (speeds,)
         From the highest on.
     errors : ndarray, shape (speeds, blocks)
-        Error of each block when it was left out, over the block's torque, both in rows
-        that the highest speed leaves and weighted.
+        Error of each block when it was left out, over the block's torque, both weighted
+        and in the rows that the highest speed leaves.
     reach : float, [s]
-        Before and after a rest, for which torque is not known either: what was asked
-        for, or the part of it that leaves enough rows.
+        Before and after a rest, for which torque is not known, either: the given reach,
+        or the part of it that leaves enough rows.
     """
 
     speed: float
@@ -133,7 +133,8 @@ def rest_speed(
     pieces = blocks_of(logs, BLOCKS)
     speeds = _median_speed(logs) * 0.5 ** np.arange(_HALVINGS + 1)
     if model.robot.floating and all(log.contacts and not log.wrenches for log in logs):
-        model = contact_free_model(model)  # which holds as much, and is soon compressed
+        # Which has the same information, and is compressed fast
+        model = contact_free_model(model)
     alone = model.torque_joints == (CONTACT_FREE,)
     free = FreeParameters.of(constraints, model)
     combinations = np.column_stack([free.directions, free.start])
@@ -157,7 +158,7 @@ def rest_speed(
 
 
 def _independent(A: Matrix) -> Matrix:
-    """Return independent combinations of columns that span what rows determine."""
+    """Return independent combinations of columns that span the row space."""
     size = A.shape[1]
     return FreeParameters(np.zeros(size), np.eye(size)).spanned(A).directions
 
@@ -172,7 +173,7 @@ class _Masked(NamedTuple):
 class _TriedSpeed(NamedTuple):
     """Each block's weighted rows at a speed.
 
-    Of the free directions, of what is known, and last the torque.
+    Columns: the free directions, the known part, and last the torque.
     """
 
     speed: float
@@ -206,7 +207,7 @@ def _contact_free(
 def _tells_of_each_joint(
     blocks: Sequence[Recording], whole: Sequence[Recording]
 ) -> bool:
-    """Return whether some torque of each joint is left, of those that had any."""
+    """Return whether each joint that had torque still has some."""
     left, had = (
         np.any([known_torque(block).any(axis=0) for block in some], axis=0)
         for some in (blocks, whole)
@@ -246,7 +247,7 @@ def _rows(parts: Sequence[Regression]) -> int:
 def _errors(
     parts: Sequence[Matrix], yardstick: Sequence[Matrix], turn: Matrix
 ) -> Vector:
-    """Return how badly all other parts predict each part's rows of the yardstick."""
+    """Return the error of each part's test rows, predicted from all other parts."""
     found = []
     for k, tested in enumerate(yardstick):
         R = np.vstack([*parts[:k], *parts[k + 1 :]])
@@ -264,5 +265,5 @@ def _median_speed(logs: Sequence[Recording]) -> float:
     speeds = np.concatenate([np.ravel(velocity) for velocity in known])
     moving = abs(speeds[speeds != 0.0])
     if not len(moving):
-        raise NotExcitedError("no joint moves, so that rests cannot be told")
+        raise NotExcitedError("no joint moves, so rests cannot be distinguished")
     return float(np.quantile(moving, _HALF))

@@ -9,9 +9,10 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
 from consistent_id._support.executors import single_threaded
+from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.base_least_squares import least_squares
-from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.method import Method
 from consistent_id.recordings.recording import Recording
@@ -28,9 +29,9 @@ HUBER_K = 1.345
 Gaussian noise [Huber1981]_."""
 
 _MAD = 1.4826  # standard deviation of a Gaussian over its median absolute deviation
-_ALIKE = 1e-8  # size of a difference of steps, relative to the largest, that is none
-_GROWN = 2.0  # growth of a step from which the mixing begins anew
-_MEMORY = 3  # steps before the last that each step is accelerated by: 2 to 8 are alike
+_ALIKE = 1e-8  # difference of steps, relative to the largest, that counts as zero
+_GROWN = 2.0  # growth of a step from which the mixing restarts
+_MEMORY = 3  # earlier steps used to accelerate each step: 2 to 8 give the same speed
 
 
 @single_threaded
@@ -44,7 +45,7 @@ def huber(
     tolerance: float = 1e-4,
     regression: Regression | None = None,
 ) -> Estimate:
-    """Estimate with Huber's loss: outliers pull with bounded force.
+    """Estimate with Huber's loss: outliers have bounded influence.
 
     Each joint's scale is the normalised median absolute residual; samples are weighted
     by ``min(1, k scale / |residual|)``.  The recordings are streamed once per
@@ -66,7 +67,7 @@ def huber(
     Returns
     -------
     Estimate
-        Certified when the iteration has settled.
+        Certified when the iteration has converged.
     """
     started = perf_counter()
     if not 0.0 < k < np.inf:
@@ -81,7 +82,8 @@ def huber(
     floor = 1e-6 * np.maximum(plain.torque_rms, 1e-12)
     motions = [motion_of(model, recording, None) for recording in recordings]
     x = base_solution(plain.weighted(sigma), base).x
-    reached = _settled(model, base, motions, x, k, floor, iterations, tolerance)
+    rules = _Rules(k, floor, iterations, tolerance)
+    reached = _settled(model, base, motions, x, rules)
     scale = reached.scale
     final = reweighted(model, motions, reached.weights, noise=True).weighted(scale)
     estimate = least_squares(model, final, base=base, method=Method.HUBER)
@@ -97,8 +99,17 @@ def huber(
     )
 
 
+class _Rules(NamedTuple):
+    """Where the loss bends, the least scale of each joint, and when to stop."""
+
+    k: float
+    floor: Vector
+    iterations: int
+    tolerance: float
+
+
 class _Reached(NamedTuple):
-    """Where the reweighting ended: each joint's scale, and each motion's rows."""
+    """The end of the reweighting: each joint's scale, and each motion's rows."""
 
     scale: Vector
     weights: list[Array]
@@ -111,12 +122,10 @@ def _settled(
     base: BaseParameters,
     motions: Sequence[Motion],
     x: Vector,
-    k: float,
-    floor: Vector,
-    iterations: int,
-    tolerance: float,
+    rules: _Rules,
 ) -> _Reached:
     """Reweight rows until nothing changes any more, from base parameters on."""
+    k, floor, iterations, tolerance = rules
     counted = np.vstack([motion.counted for motion in motions])
     columns = list(base.independent)
     residuals = _residuals(model, base.lift(x), motions)
@@ -145,7 +154,7 @@ def _settled(
 
 
 class _ReweightingStep(NamedTuple):
-    """Base parameters before a reweighting and after it, and what these leave."""
+    """Base parameters before a reweighting and after it, and their residuals."""
 
     start: Vector
     end: Vector
@@ -155,8 +164,8 @@ class _ReweightingStep(NamedTuple):
 def _mixed(steps: Sequence[_ReweightingStep], metric: Matrix) -> Vector:
     """Return the shares of the steps' ends in the next start: Anderson's mixing.
 
-    Of all points that the last starts span, it takes the one whose own step would be
-    the shortest, if steps were linear; lengths are those of ``metric @ step``.
+    Among all points that the last starts span, it chooses the one with the shortest
+    step, if steps were linear; lengths are those of ``metric @ step``.
     """
     taken = np.array([step.end - step.start for step in steps]) @ metric.T
     back = np.linalg.lstsq(np.diff(taken, axis=0).T, taken[-1], rcond=_ALIKE)[0]
@@ -165,7 +174,7 @@ def _mixed(steps: Sequence[_ReweightingStep], metric: Matrix) -> Vector:
 
 
 def _residuals(model: TorqueModel, x: Vector, motions: Sequence[Motion]) -> list[Array]:
-    """Return what parameters leave of each motion's torque."""
+    """Return the torque residuals of each motion."""
     return [m.torque - m.predicted(model, x) for m in motions]
 
 
@@ -178,7 +187,7 @@ def _largest_change(
 
 
 def _medians(values: Array, counted: BoolArray) -> Vector:
-    """Return each column's median over the rows that count."""
+    """Return each column's median over the unmasked rows."""
     return np.array(
         [np.median(v[use]) for v, use in zip(values.T, counted.T, strict=True)]
     )
@@ -193,8 +202,8 @@ def _covariance(
     """Return the sandwich ``H^-1 G H^-1`` of Huber's estimate [Huber1981]_.
 
     With ``psi`` the residual cut at its bound, ``H`` counts the rows that are not cut
-    and ``G`` has the variance of ``psi``, raised by the length of its correlation.
-    None where the data leave parameters open.
+    and ``G`` has the variance of ``psi``, raised by the length of its correlation. None
+    if the data do not determine all parameters.
     """
     psi = [np.clip(r, -bound, bound) for r in residuals]
     inside = np.mean(abs(np.vstack(residuals)) < bound, axis=0)
@@ -214,7 +223,9 @@ def _covariance(
 def _certificate(change: float, tolerance: float) -> Certificate:
     figures = {"last change": change}
     if change <= tolerance:
-        return Certificate("certified", "the reweighting has settled", figures)
+        return Certificate("certified", "the reweighting has converged", figures)
     return Certificate(
-        "uncertified", "the reweighting has not settled; allow more iterations", figures
+        "uncertified",
+        "the reweighting has not converged; allow more iterations",
+        figures,
     )

@@ -1,4 +1,4 @@
-"""The shapes of friction that fit recordings best, and how sure they are."""
+"""The shapes of friction that fit recordings best, and their intervals."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -38,13 +38,13 @@ class ShapeFit:
     model : TorqueModel
         With the shapes found.
     profiles : tuple of ShapeProfile
-        Of each shape, or of each kind where joints share it: value, confidence
+        For each shape, or for each kind where joints share it: value, confidence
         interval, and the curve behind it.
     error_before, error_after : float
         ``||tau - prediction|| / ||tau||`` of least squares on these recordings, with
         the shapes of the model given and with those found.
     misfits : tuple of float
-        What each start reached, relative to the best: 1 for those that found it.
+        Misfit that each start reached, relative to the best one, which is 1.
     correlation : float
         Samples that carry the information of one independent sample; see
         `correlation_length`.
@@ -98,12 +98,12 @@ def fit_shapes(
     Parameters
     ----------
     model : TorqueModel
-        Its shapes are the first start; those of kinds not asked for stay.
+        Its shapes are the first start; shapes of other kinds stay fixed.
     recordings : Recording or sequence of Recording
         With velocity, acceleration and torque.
     kinds : sequence of str, optional
-        Such as ``"velocity_scale"``, by default all; known kinds that the model has
-        none of are passed over.
+        Such as ``"velocity_scale"``, by default all; known kinds that the model does
+        not have are ignored.
     shared : bool
         One value of each kind for all joints (turning and sliding ones apart), or one
         for each joint and coupling.
@@ -124,7 +124,7 @@ def fit_shapes(
     ProblemError
         If there is no shape to fit, or bounds make no sense.
     NotExcitedError
-        If nothing is left of the torque.
+        If the fit is exact.
     """
     begun = perf_counter()
     groups = _groups(model, kinds, shared)

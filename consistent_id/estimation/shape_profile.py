@@ -1,9 +1,9 @@
-"""The least misfit as a function of friction's shapes, and how flat it is around them.
+"""The least misfit as a function of friction's shapes, and its profiles.
 
 Variable projection [Golub2003]_: for given shapes the best coefficients are those of
-linear least squares; what is left depends on the shapes alone.  Where coefficients are
-the best, the misfit's derivative is that of the columns, with coefficients held.  A
-profile of the misfit along one shape gives its confidence interval.
+linear least squares, so the misfit depends on the shapes alone.  At the best
+coefficients, the misfit's derivative is that of the columns, with fixed coefficients.
+A profile of the misfit along one shape gives its confidence interval.
 """
 
 from collections.abc import Callable, Mapping
@@ -24,7 +24,8 @@ from consistent_id.regression.linear import smallest_solution
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 
-_STEP = 1e-5  # of a shape's logarithm: central differences err by its square
+# Step of a shape's logarithm; errors of central differences are its square
+_STEP = 1e-5
 _FIRST = 0.05  # first step of a profile, in the logarithm of the shape
 _BEYOND = 2.0  # profiles are followed until this many times the interval's half width
 _MOST = 40  # steps on either side
@@ -105,7 +106,7 @@ class ShapeMisfit:
         Raises
         ------
         NotExcitedError
-            If nothing is left of the torque: an exact fit identifies no shapes.
+            If the fit is exact: an exact fit identifies no shapes.
         """
         model = self.model(log_values)
         columns = self.data.columns(model)
@@ -123,8 +124,8 @@ class ShapeMisfit:
 
     def _slope(self, log_values: Vector, x: Vector, scaled: list[Vector]) -> Vector:
         """Return half the derivative of the sum of squares, per group."""
-        # Columns depend on the shapes of their own joint alone, so that all joints'
-        # shapes of one kind are moved at once, and distinguished by their columns.
+        # Columns depend only on the shapes of their own joint, so all joints' shapes of
+        # one kind are moved together, and separated by their columns.
         slope = np.zeros(len(self.groups))
         layout = self.data.model.layout
         group_of = {
@@ -165,7 +166,8 @@ class ShapeProfile:
     low, high : float
         Confidence interval, or the bounds of the search where it reaches them.
     curve : array_like, shape (points, 2)
-        Values, and the misfit there relative to the best, all else fitted anew.
+        Values, and the misfit there relative to the best, with all other parameters
+        fitted again.
     low_found, high_found : bool
         Whether the interval ends before the bound of the search.
     """
@@ -211,8 +213,8 @@ def profile(
 ) -> ShapeProfile:
     """Follow the least misfit as one shape moves away from the best.
 
-    The interval holds the shapes whose sum of squares is below ``exp(chi2 / N)`` of the
-    least, with the chi-square quantile of one degree of freedom and `independent`
+    The interval contains the shapes whose sum of squares is below ``exp(chi2 / N)`` of
+    the least, with the chi-square quantile of one degree of freedom and `independent`
     samples ``N``; its ends are interpolated in the root of the logarithm, which is
     straight for a quadratic.
     """
@@ -231,7 +233,8 @@ def profile(
             points.append((u, side * np.sqrt(rise)))
             if u == end or rise > _BEYOND**2:
                 break
-            # Steps grow as long as little happens, and shrink where much does.
+            # Steps grow while the misfit changes little, and shrink where it changes
+            # much.
             last = abs(points[-1][1] - (points[-2][1] if len(points) > 2 else 0.0))
             step *= 2.0 if last < 0.25 else 0.5 if last > 1.0 else 1.0
     ordered = np.array(sorted(points))

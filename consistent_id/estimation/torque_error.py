@@ -1,8 +1,8 @@
-"""How well parameters predict recorded torque, with what dry friction can hold apart.
+"""Errors of predicted torque, with and without the part that dry friction can hold.
 
-Friction of a joint at rest is whatever balances it, up to its breakaway torque.  A
-model with Coulomb friction predicts none there, so what it leaves of the torque
-contradicts it only beyond that.
+Friction of a joint at rest balances the joint, up to its breakaway torque. A model with
+Coulomb friction predicts zero there, so a residual contradicts the model only beyond
+the breakaway torque.
 """
 
 from collections.abc import Iterable, Sequence
@@ -21,15 +21,17 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_names import rows_in_newton
 
 AT_REST = 0.05
-"""Share of samples in motion below which data hardly show what a joint's friction is:
-three seconds of a minute."""
+"""Share of samples in motion below which a joint's friction is hardly identifiable:
+three seconds of a minute.
+"""
 
 IN_MOTION = 0.5
-"""Share of samples in motion from which on rests are few, and change little."""
+"""Share of samples in motion above which rests are few and have little effect."""
 
 BREAKAWAY = 0.25
-"""Friction over a drive's effort limit, at the most: a drive that spends more on itself
-is a poor one.  It is asked for where the data do not tell the friction."""
+"""Largest friction over a drive's effort limit: a drive with more friction is a poor
+one.  It is used where the data do not determine the friction.
+"""
 
 _DRY = (Coulomb, AsymmetricCoulomb)
 _AT_EASE = float(np.tanh(1.0))  # of the direction, below which a joint may be at rest
@@ -49,12 +51,13 @@ class TorqueError:
         RMS torque.
     stacked : float
         ``||tau - prediction|| / ||tau||`` over all joints; where some turn and others
-        slide, the root mean square of both kinds' own, since N m and N do not add.
+        slide, the root mean square of the errors of both kinds, since N m and N cannot
+        be added.
     beyond : ndarray, shape (torque joints,), [N m or N]
-        Root of the mean squared error beyond what friction can hold where a joint
-        rests, which is no error of the robot; see `beyond_friction`.
+        Root of the mean squared error beyond the torque that friction can balance at
+        rest; see `beyond_friction`.
     stacked_beyond : float
-        ``stacked`` of that.
+        ``stacked`` for this error.
     """
 
     recording: str
@@ -69,6 +72,22 @@ class TorqueError:
     def mse(self) -> Vector:
         """Mean squared error of each joint, [(N m)^2 or N^2]."""
         return self.rms**2
+
+
+def measured_torque(model: TorqueModel, recording: Recording) -> Array | None:
+    """Return the torque of a recording in the model's order, NaN where not known.
+
+    Returns
+    -------
+    ndarray, shape (samples, torque joints), [N m or N], or None
+        None if the recording has no torque.
+    """
+    if not model.robot.floating and recording.of(model.torque_joints).torque is None:
+        return None
+    motion = motion_of(model, recording, None)
+    if motion.weights is None:
+        return motion.torque
+    return np.where(motion.weights > 0.0, motion.torque, np.nan)
 
 
 def prediction_errors(
@@ -97,7 +116,7 @@ def prediction_errors(
     regression = build_regression(model, recording, noise=False)
     counts, size = np.array(regression.counts), regression.torque_rms
     moving = moving_shares(model, regression)
-    # Where rows are mixed, friction of a joint at rest is in all of them.
+    # If rows are mixed, friction of a joint at rest is in all of them.
     rests = not motion.mixed and bool((moving < IN_MOTION).any())
     errors = []
     for x, held in predictions:
@@ -124,7 +143,7 @@ def _rms_beyond(
     recording: Recording,
     motion: Motion,
 ) -> Vector:
-    """Return the RMS error beyond what friction at rest can hold, of each joint."""
+    """Return each joint's RMS error beyond the torque that friction can hold."""
     error = motion.torque - motion.predicted(model, x)
     held = np.zeros(len(model.torque_joints)) if held is None else held
     moved = recording.of(model.robot.joint_names)
@@ -137,7 +156,7 @@ def _rms_beyond(
 def stacked_of_kinds(model: TorqueModel, error: Vector, torque: Vector) -> float:
     """Return the relative error of all rows, each kind relative to its own size.
 
-    Forces in N and torques in N m do not add.  `error` and `torque` are sums of
+    Forces in N and torques in N m cannot be added.  `error` and `torque` are sums of
     squares, of each row.
     """
     slides = rows_in_newton(model.robot, model.torque_joints)
@@ -147,7 +166,7 @@ def stacked_of_kinds(model: TorqueModel, error: Vector, torque: Vector) -> float
 
 
 def stacked_error(errors: Sequence[TorqueError]) -> float | None:
-    """Return the relative torque error over several recordings, which count alike.
+    """Return the relative torque error over several recordings, with equal weights.
 
     The root of the mean square of `TorqueError.stacked`; None without any.
     """
@@ -155,7 +174,7 @@ def stacked_error(errors: Sequence[TorqueError]) -> float | None:
 
 
 def stacked_beyond(errors: Sequence[TorqueError]) -> float | None:
-    """Return the same of what is beyond friction at rest."""
+    """Return the same for errors beyond friction at rest."""
     return _mean([error.stacked_beyond for error in errors])
 
 
@@ -166,8 +185,8 @@ def _mean(stacked: Sequence[float]) -> float | None:
 def moving_shares(model: TorqueModel, regression: Regression) -> Vector:
     """Return the share of samples in which each joint moves, shape (torque joints,).
 
-    The mean square of the direction of motion, as Coulomb friction sees it; NaN without
-    Coulomb friction.
+    It is the mean square of the direction in the Coulomb term; NaN without Coulomb
+    friction.
     """
     shares = np.full(len(regression.joints), np.nan)
     for row, columns in _coulomb_columns(model).items():
@@ -177,10 +196,10 @@ def moving_shares(model: TorqueModel, regression: Regression) -> Vector:
 
 
 def holding(model: TorqueModel, x: Vector, moving: Vector) -> Vector:
-    """Return the torque that friction can hold of each joint, shape (torque joints,).
+    """Return the torque that friction can hold at each joint, shape (torque joints,).
 
-    The estimated Coulomb friction; of a joint that hardly moved, `BREAKAWAY` of its
-    effort limit, and NaN without one: it is not known.  Zero without Coulomb friction.
+    It is the estimated Coulomb friction; for a joint that hardly moved, `BREAKAWAY`
+    times its effort limit, and NaN without a limit.  Zero without Coulomb friction.
 
     Parameters
     ----------
@@ -202,9 +221,9 @@ def holding(model: TorqueModel, x: Vector, moving: Vector) -> Vector:
 def beyond_friction(
     model: TorqueModel, recording: Recording, error: Array, held: Vector
 ) -> Array:
-    """Return what is left of torque errors beyond what friction at rest can hold.
+    """Return torque errors beyond the torque that friction at rest can hold.
 
-    In motion nothing is taken off; see `Coulomb` for how much a joint moves.
+    In motion nothing is subtracted; see `Coulomb` for how much a joint moves.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
-"""Which joints have a spring between motor and link, and how stiff it is.
+"""Springs between motors and links, and their stiffness.
 
-The torque of springs depends on their stiffness, not linearly; all else in the fit is
-linear.  So stiffness is scanned, and for each the other parameters are solved for
-(variable projection).  Motors of a group have the same spring.  The group whose spring
-lowers the misfit most has it; then the others are asked again.
+The torque of springs depends on their stiffness nonlinearly; the rest of the fit is
+linear.  So stiffness is scanned, and for each value the other parameters are solved for
+(variable projection).  Motors of a group have equal springs.  The group whose spring
+lowers the misfit most gets it; then the other groups are tried again.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,23 +23,25 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import joint_noise
 
 FREQUENCIES = (20.0, 14.0, 10.0, 7.0, 5.0)
-"""At which links vibrate on the springs that are tried [Hz].  A stiffer one changes
-motion below 4 Hz by a twentieth at most; a joint on a softer one has a spring by
-design, whose stiffness is known."""
+"""Natural frequencies of links on the springs that are tried [Hz].  A stiffer one
+changes motion below 4 Hz by a twentieth at most; a joint on a softer one has a spring
+by design, whose stiffness is known.
+"""
 
 WORTH = 0.025
-"""Relative fall of the squared misfit that a spring must bring: the floor that was
-found for other terms of a model.  To a leg with a spring of 7 Hz it brings 0.65; with
-stiff gears every spring that is tried makes the misfit larger."""
+"""Least relative decrease of the squared misfit for a spring: the same threshold as for
+other terms of a model.  For a leg with a spring of 7 Hz the decrease is 0.65; with
+stiff gears every spring that is tried increases the misfit.
+"""
 
-_HALVINGS = 4  # of the factor between frequencies, each with two more
+_HALVINGS = 4  # refinements of the factor between frequencies, each with two more fits
 _FACTOR = 2.0**0.5  # between frequencies
-_AROUND = 0.05  # of the compliance, to either side, where the bend of the misfit is
+_AROUND = 0.05  # step of the compliance to either side, for the curvature of the misfit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointSprings:
-    """Springs between motors and links, and how sure they are.
+    """Springs between motors and links, and their standard errors.
 
     Parameters
     ----------
@@ -47,8 +49,8 @@ class JointSprings:
     compliance : array_like, shape (joints,), [rad/(N m) or m/N]
         Zero for a rigid joint.
     standard_errors : array_like, shape (joints,)
-        Of the compliance, from the bend of the misfit, with as many samples as noise
-        that is correlated leaves; zero for a rigid joint.
+        Of the compliance, from the curvature of the misfit, with the number of
+        independent samples; zero for a rigid joint.
     misfit : float
         Least weighted squared misfit, over that of a rigid robot.
     """
@@ -65,7 +67,7 @@ class JointSprings:
 
     @property
     def stiffness(self) -> Vector:
-        """What springs have, infinite for a rigid joint, [N m/rad or N/m]."""
+        """Stiffness of the springs, infinite for a rigid joint, [N m/rad or N/m]."""
         return stiffness_of(self.compliance)
 
     def table(self) -> Table:
@@ -82,7 +84,7 @@ class JointSprings:
             ("joint", "stiffness [N m/rad, N/m]"),
             tuple(rows),
             (
-                "+- 1 standard error, of this model of bodies and friction; rigid: no "
+                "+- 1 standard error, for this model of bodies and friction; rigid: no "
                 f"spring at which links vibrate below {FREQUENCIES[0]:g} Hz lowers "
                 f"the squared misfit by {100 * WORTH:g} %",
             ),
@@ -101,7 +103,7 @@ def joint_springs(
     Parameters
     ----------
     model : TorqueModel
-        With nominal bodies: they say what springs carry.
+        With nominal bodies, from which the springs' torque is computed.
     recordings : sequence of Recording
         Prepared, with torque as it was recorded; on uniform clocks.
     groups : sequence of sequence of str
@@ -137,11 +139,11 @@ def joint_springs(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _SpringSearch:
-    """What is tried.
+    """The state of the search.
 
     A unit is the compliance of a group's joints on which their links vibrate at 1 Hz,
-    zero elsewhere.  Samples that noise leaves are those beside springs: what a rigid
-    robot does not explain is as correlated as the motion.
+    zero elsewhere.  The number of independent samples is that of the fit with springs,
+    because the residual of a rigid robot is as correlated as the motion.
     """
 
     units: tuple[Vector, ...]

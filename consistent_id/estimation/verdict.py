@@ -1,7 +1,7 @@
-"""One verdict on an estimate, which says whether the robot may be used.
+"""One verdict on an estimate: whether the robot may be used.
 
-A certificate says that an optimum is one.  A verdict weighs everything that is known of
-the estimate; see `judge`.
+A certificate proves an optimum.  A verdict weighs all evidence on the estimate; see
+`judge`.
 """
 
 from collections.abc import Iterable
@@ -10,20 +10,20 @@ from textwrap import shorten
 from typing import Any, Literal, Self
 
 Word = Literal["use", "use with care", "do not use"]
-"""What a verdict says in a word."""
+"""The word of a verdict."""
 
 WORDS: tuple[Word, ...] = ("use", "use with care", "do not use")
 """From the best to the worst."""
 
 HELP = "docs/bad-result.md"
-"""Page for everyone whose verdict is not ``use``."""
+"""Page about verdicts other than ``use``."""
 
 BAD_RESULT = "my result is bad, what now?"
 """What the page is about, as messages name it."""
 
 _BRIEF = 3  # reasons shown on a terminal
 _WIDE = 180  # characters of each
-_NAMED = 2  # recordings that are named
+_NAMED = 2  # most recordings that are named
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,9 +35,9 @@ class Reason:
     kind : str
         Such as ``"misfit"``; what `accept` overrides.
     word : {"use", "use with care", "do not use"}
-        What this reason alone would make of the verdict; ``"use"`` is worth knowing.
+        The verdict by this reason alone; ``"use"`` for a note.
     statement : str
-        What was seen, with figures.
+        What was found, with figures.
     advice : str
         What to do next.
     """
@@ -58,9 +58,9 @@ class Verdict:
     method : str
         Of the estimate.
     reasons : tuple of Reason
-        In order of weight; accepted ones among those to know.
+        The most important first; accepted ones are among the notes.
     accepted : tuple of str
-        Kinds of reasons that the user overlooks.
+        Kinds of reasons that the user ignores.
     held_out : float, optional
         Relative torque error of all joints on recordings held out; None without any.
     recordings : tuple of str
@@ -92,7 +92,7 @@ class Verdict:
 
     @property
     def grounds(self) -> tuple[Reason, ...]:
-        """The reasons that make the verdict what it is: none for ``use``."""
+        """The reasons that determine the verdict; none for ``use``."""
         return tuple(r for r in self.reasons if r.word != "use")
 
     @property
@@ -112,14 +112,14 @@ class Verdict:
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """The reasons and what to do, in sentences; last where to read on."""
+        """The reasons and their advice, in sentences; last the page to read."""
         said = [f"{r.kind}: {r.statement}" for r in self.reasons]
         done = [f"to do: {r.advice}" for r in self.grounds if r.advice]
         return (*said, *dict.fromkeys(done), *self._page)
 
     @classmethod
     def from_dict(cls, record: dict[str, Any]) -> Self:
-        """Read what `to_dict` wrote, besides which the record may hold more."""
+        """Read what `to_dict` wrote; the record may contain more."""
         return cls(
             record["verdict"],
             record["method"],
@@ -131,7 +131,7 @@ class Verdict:
 
     @property
     def brief(self) -> tuple[str, ...]:
-        """The weightiest reasons, one of a kind, each in one or two lines."""
+        """The most important reasons, one of a kind, each in one or two lines."""
         kinds = {reason.kind: reason for reason in reversed(self.grounds)}
         shown = list(reversed(kinds.values()))[:_BRIEF]
         said = [shorten(f"{r.kind}: {r.statement}", _WIDE) for r in shown]
@@ -155,18 +155,18 @@ class Verdict:
 
 
 def confirmed(stated: Verdict, found: Verdict) -> Verdict:
-    """Return a verdict that is stated, no better than what is found now.
+    """Return a stated verdict, no better than the evidence found now.
 
-    It is for an estimate that was fitted to all data after it had been judged: what is
-    found of it now has no held-out data.  The error on data that it was fitted to is
-    less than the one held out, so the larger figure stands.
+    It is for an estimate that was fitted to all data after it had been judged, so the
+    new evidence has no held-out data.  The error on data that it was fitted to is less
+    than the held-out error, so the larger figure is kept.
 
     Parameters
     ----------
     stated : Verdict
         From when data were held out.
     found : Verdict
-        From what can be computed today; its accepted kinds are those that count.
+        From the evidence that can be computed now; its accepted kinds are used.
     """
     accepted, recordings = found.accepted, stated.recordings or found.recordings
     before = weighed(stated.method, stated.reasons, accepted, None, recordings)
@@ -202,7 +202,7 @@ def _few(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def percent(share: float) -> str:
-    """Return a share as people read it.
+    """Return a share as text for people.
 
     Examples
     --------

@@ -4,8 +4,8 @@ With noise of standard deviation ``sigma_j`` on each torque, independent from sa
 sample, least squares has the covariance ``(sum_j W_j^T W_j / sigma_j^2 + M)^-1``, where
 ``M`` is the information of earlier recordings.
 
-From it follows how long to move until errors are a twentieth of the parameters.  Noise
-that nobody has stated is assumed: of joints by their effort limits, of a sensor.
+This gives the duration after which errors are a twentieth of the parameters. Unstated
+noise has defaults: for joints from their effort limits, and for a sensor.
 """
 
 from collections.abc import Mapping
@@ -34,22 +34,22 @@ from consistent_id.regression.row_structure import RowModel
 from consistent_id.regression.rows.sensor_rows import SensorRows
 from consistent_id.robot.parameters import did_you_mean
 
-_PART = 0.2  # of the largest part of a combination; less is not listed
+_PART = 0.2  # share of the largest part of a combination; smaller parts are not listed
 _MOST = 1e9  # repetitions; more would not be played
-_LEAST = 1e-9  # repetitions; what is less is none
+_LEAST = 1e-9  # repetitions; fewer count as zero
 
 _WANTED = 0.05  # standard error, in shares of the parameter
-_MATTERS = 0.01  # share of the path's torque, RMS, that a parameter must make up
+_MATTERS = 0.01  # least share of the path's torque, RMS, for a parameter that matters
 
 _SHARE = 0.005  # of the effort limit; 0.4 to 0.7 % in a UR10e's six joints
-# N and N m: what shakes and hysteresis leave of sensors for arms of 3 to 20 kg.  Their
-# ratio, which decides what a motion is good for, is a lever as long as a tool, 0.1 m.
+# N and N m: errors of sensors for arms of 3 to 20 kg, from vibration and hysteresis.
+# Their ratio, which affects the design, is a lever as long as a tool, 0.1 m.
 _SENSOR = (0.2,) * 3 + (0.02,) * 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PredictedAccuracy:
-    """How accurately recording a path will identify the base parameters.
+    """Predicted accuracy of the base parameters from a recording of a path.
 
     Parameters
     ----------
@@ -57,21 +57,21 @@ class PredictedAccuracy:
     factor : ndarray, shape (base, base)
         Triangular: ``R^T R`` is the information of one repetition.
     earlier : ndarray, shape (rows, base)
-        ``E^T E`` is the information there is already.
+        ``E^T E`` is the information of earlier recordings.
     condition : ConditionNumber
-        Of one repetition's base regressor; its rows are divided by the noise where
-        that was stated.
+        Condition number of one repetition's base regressor; its rows are divided by the
+        noise if it was stated.
     duration : float, [s]
         Of one repetition.
     unit_noise : bool
         Whether no noise was given, so that errors are per N m (or N) of it.
     correlation : float
-        Samples that determine as much as one with white noise: the mean over joints of
-        earlier recordings, or those in the aim's correlation time.
+        Samples that carry the information of one independent sample: the mean over
+        joints of earlier recordings, or the samples in the aim's correlation time.
     noise_note : str
-        What noise is taken to be.
+        The assumption on noise, in words.
     interest : tuple of int
-        Places of the base parameters that the motion is for; of none, all.
+        Indices of the base parameters that the motion is for; empty for all.
     """
 
     base: BaseParameters
@@ -92,7 +92,7 @@ class PredictedAccuracy:
         ProblemError
             If the number of repetitions is negative or not finite.
         NotExcitedError
-            If some are not determined at all.
+            If some are not identifiable.
         """
         if not 0.0 <= repetitions < np.inf:
             raise ProblemError(f"repetitions is {repetitions}, expected 0 or more")
@@ -108,7 +108,7 @@ class PredictedAccuracy:
         return np.asarray(np.linalg.norm(inverse, axis=1) * np.sqrt(self.correlation))
 
     def repetitions_for(self, wanted: Mapping[str, float]) -> float:
-        """Return how often to play the path until standard errors are small enough.
+        """Return the number of repetitions for which standard errors are small enough.
 
         Zero, if earlier recordings are enough by themselves.
 
@@ -122,14 +122,14 @@ class PredictedAccuracy:
             If a name leads no base parameter, an error is not positive, or no number of
             repetitions is enough.
         NotExcitedError
-            If path and earlier recordings leave some parameters undetermined.
+            If path and earlier recordings do not determine all parameters.
         """
         places = [self._place(name) for name in wanted]
         target = checked(list(wanted.values()), (len(wanted),), "wanted errors")
         if not (target > 0.0).all():
             raise ProblemError(f"wanted errors are {target}, expected positive ones")
 
-        self.standard_errors()  # refuses a path that is never enough
+        self.standard_errors()  # refuses a path for which no number is enough
 
         def enough(repetitions: float) -> bool:
             try:
@@ -155,10 +155,10 @@ class PredictedAccuracy:
 
     @property
     def weakest(self) -> str:
-        """The combination of base parameters that one repetition identifies worst.
+        """The least identifiable combination of base parameters in one repetition.
 
-        Of unit length where each parameter is measured in the inverse of its column's
-        norm; its largest parts.
+        It has unit length in units of the columns' inverse norms; only its largest
+        parts are listed.
         """
         norms = np.linalg.norm(self.factor, axis=0)
         units = np.where(norms > 0.0, norms, 1.0)
@@ -182,8 +182,8 @@ class PredictedAccuracy:
         names, leaders = self.base.names, self.base.independent
         shown = self.interest or range(len(names))
         others = (
-            f"of the parameters of interest; the other {len(names) - len(shown)} are "
-            "unknown too",
+            f"for the parameters of interest, with {len(names) - len(shown)} other "
+            f"unknown parameters",
         )
         return Table(
             "Predicted standard errors, one repetition",
@@ -194,7 +194,7 @@ class PredictedAccuracy:
             (
                 *others * bool(self.interest),
                 f"condition number {self.condition}",
-                f"identified worst: {self.weakest} (in units of the columns' norms)",
+                f"least identifiable: {self.weakest} (in units of the columns' norms)",
                 self.noise_note,
             ),
         )
@@ -204,7 +204,7 @@ class PredictedAccuracy:
 def predicted_accuracy(
     model: RowModel, base: BaseParameters, path: JointPath, aim: Aim | None = None
 ) -> PredictedAccuracy:
-    """Predict how accurately recording a path will identify the base parameters.
+    """Predict the accuracy of the base parameters from a recording of a path.
 
     Parameters
     ----------
@@ -212,7 +212,7 @@ def predicted_accuracy(
     base : BaseParameters
     path : JointPath
     aim : Aim, optional
-        For noise, sampling rate, earlier recordings and column scaling.
+        The source of noise, sampling rate, earlier recordings and column scaling.
 
     Raises
     ------
@@ -225,7 +225,7 @@ def predicted_accuracy(
     earlier = earlier_rows(model, base, aim)
     rows = path_regressor(model, base, path, aim.rate)
     factor = triangle((rows / noise[:, None, None]).reshape(-1, len(columns)))
-    # rows of a sensor differ in their units, so that even a guess weighs them
+    # rows of a sensor differ in their units, so even a default weighs them
     stated = aim.noise is not None and (
         isinstance(model, SensorRows) or not aim.assumed_noise
     )
@@ -249,9 +249,9 @@ def predicted_accuracy(
 
 
 def _correlation(aim: Aim) -> float:
-    """Return samples that determine as much as one with white noise.
+    """Return the samples that carry the information of one independent sample.
 
-    As in earlier recordings together, over all joints; else as many as there are in the
+    It is that of earlier recordings together, over all joints; else the number in the
     aim's correlation time.
     """
     if not aim.recordings:
@@ -263,19 +263,19 @@ def _correlation(aim: Aim) -> float:
 
 
 def _noise_note(model: RowModel, aim: Aim) -> str:
-    """Say what noise is taken to be, and what that is worth on a real robot."""
+    """Return the assumption on noise, and its validity on a real robot, in words."""
     size = (
-        f"noise is taken to be {assumed_noise(model)}, as nobody stated it"
+        f"noise is assumed to be {assumed_noise(model)}, because none is stated"
         if aim.assumed_noise
-        else "noise has a standard deviation of 1 N m or N, as nobody stated it"
+        else "noise is assumed to be 1 N m or N, because none is stated"
         if aim.noise is None
         else "noise is as stated"
     )
     length = _correlation(aim)
     if length == 1.0:
         return (
-            f"{size}; independent from sample to sample, as on no real robot: there it "
-            "is correlated over 0.1 to 0.35 s"
+            f"{size}; white, unlike on real robots, where noise is correlated over "
+            f"0.1 to 0.35 s"
         )
     whence = "as in earlier recordings" if aim.recordings else "as on real robots"
     return f"{size}; correlated over {length:.0f} samples, {whence}"
@@ -326,16 +326,16 @@ def path_regressor(
 
 @dataclass(frozen=True, slots=True)
 class RelativeAccuracy:
-    """Standard errors of one repetition beside the parameters of a known robot.
+    """Standard errors of one repetition relative to the parameters of a known robot.
 
-    Only base parameters count that make up a hundredth of the torque along the path, in
-    units of its noise: of a parameter near zero no share means anything.  Of a motion
-    for some parameters, only those.
+    Only base parameters are used that explain a hundredth of the torque along the path,
+    in units of its noise: relative errors of parameters near zero are meaningless.  For
+    a motion for some parameters, only those are used.
 
     Parameters
     ----------
     matter : tuple of str
-        Base parameters that count, by their leaders.
+        Base parameters that matter, by their leaders.
     accurate : int
         Those of them with a standard error of 5 % or less.
     unknown : int
@@ -354,12 +354,12 @@ class RelativeAccuracy:
 
     @property
     def useless(self) -> bool:
-        """Whether most of what matters stays unknown."""
+        """Whether most parameters that matter stay unknown."""
         return 2 * self.unknown > len(self.matter)
 
     @property
     def note(self) -> str:
-        """How long to move for 5 %."""
+        """The duration for errors of 5 %, in words."""
         many = f"{len(self.matter)} base parameters that make up 1 % of the torque"
         now = f"{self.accurate} of the {many} have a standard error of 5 % or less"
         if self.repetitions is None:
@@ -376,7 +376,7 @@ class RelativeAccuracy:
 def relative_accuracy(
     model: RowModel, accuracy: PredictedAccuracy, reference: Vector | None = None
 ) -> RelativeAccuracy | None:
-    """Compare predicted errors with parameters; None if these are not known.
+    """Compare predicted errors with parameters; None if these are unknown.
 
     Parameters
     ----------
@@ -418,11 +418,12 @@ def relative_accuracy(
 
 
 def with_default_noise(aim: Aim, model: RowModel, limits: MotionLimits) -> Aim:
-    """Return the aim with the noise of each row, where nothing states it.
+    """Return the aim with default noise of each row, if none is stated.
 
-    Nothing changes if noise is stated or if earlier recordings count.  Nor does it for
-    joints if a condition number is asked for, which weighs nothing by itself, or if an
-    effort limit is missing; the rows of a sensor differ in their units.
+    Nothing changes if noise is stated or if there are earlier recordings, nor, for
+    joints, if the objective is a condition number, which uses no weights, or if an
+    effort limit is missing.  Rows of a sensor always get noise, because they differ in
+    their units.
     """
     if aim.noise is not None or aim.recordings:
         return aim
@@ -438,7 +439,7 @@ def with_default_noise(aim: Aim, model: RowModel, limits: MotionLimits) -> Aim:
 
 
 def assumed_noise(model: RowModel) -> str:
-    """Say what `with_default_noise` takes noise to be."""
+    """Return the default noise of `with_default_noise`, in words."""
     if isinstance(model, SensorRows):
         return f"{_SENSOR[0]:g} N and {_SENSOR[-1]:g} N m"
     return f"{100.0 * _SHARE:g} % of each effort limit"

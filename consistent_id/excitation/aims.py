@@ -17,13 +17,13 @@ from consistent_id.regression.regression import Regression
 from consistent_id.robot.parameters import did_you_mean
 
 CORRELATION_TIME = 0.2
-"""Seconds over which residuals of real robots are alike: 0.1 to 0.35."""
+"""Seconds over which residuals of real robots are correlated: 0.1 to 0.35."""
 _COMMON = 1e-9  # relative difference below which two frequencies are one
 
 _HARMONICS = (5, 8, 12)  # in a path of ten seconds, for arms of usual speed
 _SECONDS = 10.0
 _USUAL = 0.1  # Hz; half a range at full speed, of arms between 0.05 and 0.2
-_FASTER = 10.0  # times as fast as usual at most
+_FASTER = 10.0  # most times as fast as usual
 _MOST = 24  # harmonics; beyond it, the base frequency is raised
 
 
@@ -44,9 +44,10 @@ class PathForm:
     smooth : bool
         Whether the jerk is zero at both ends, too: it is continuous from rest to rest.
     between : bool
-        Take frequencies half-way below the harmonics, but for harmonics of another
-        base: a path that has none in common with one of the same form without this,
-        and with one base, over two of its periods, is orthogonal to it, joint by joint.
+        Use frequencies half-way below the harmonics, except harmonics of another base:
+        such a path has no frequency in common with one of the same form without this
+        option and, with one base, it is orthogonal to it over two periods, joint by
+        joint.
 
     Examples
     --------
@@ -66,7 +67,7 @@ class PathForm:
     def __post_init__(self) -> None:
         if self.smooth and not self.rest:
             raise ProblemError(
-                "smooth ends are those of a path that rests there; give rest = true"
+                "smooth needs a path that rests at its ends; give rest = true"
             )
         duration, harmonics = (
             number(getattr(self, name), name) for name in ("duration", "harmonics")
@@ -98,7 +99,7 @@ class PathForm:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Aim:
-    """The objective of a design, and what it needs to know of the recording.
+    """The objective of a design, and properties of the recording.
 
     Parameters
     ----------
@@ -112,31 +113,30 @@ class Aim:
         second stage after other objectives.
     growth : float
     condition_at_most : float, optional
-        Condition number that the design may not exceed: the least one is looked for
+        Condition number that the design may not exceed: the least one is searched for
         first, then the objective under this bound.
     scaling : {"none", "unit columns"}
         Of the regressor's columns in condition numbers; errors are those of the
         parameters in their own units.
     noise : array_like or mapping, optional, [N m or N]
         Standard deviation of each torque joint's noise; its rows are divided by it.  By
-        default, where no condition number is asked for, half a percent of each joint's
-        effort limit (what is left of a UR10e's torque is 0.4 to 0.7 % of it); else one
-        for all.
+        default half a percent of each joint's effort limit (the residuals of a UR10e's
+        torque are 0.4 to 0.7 %), or, for a condition number, one for all.
     rate : float, [Hz]
-        At which the path will be recorded.
+        Rate at which the path will be recorded.
     correlation_time : float, [s]
-        Over which what a torque model leaves is alike, friction's errors included, as
-        on real robots; 0 for white noise.  Earlier recordings state their own.
+        Time over which residuals are correlated, friction's errors included, as on real
+        robots; 0 for white noise.  Earlier recordings have their own.
     earlier : Regression or sequence of Regression
-        Recordings there are already, whose information is added.
+        Earlier recordings, whose information is added.
     task : Recording, optional
         Motion whose torque is to be predicted.
     assumed_noise : bool
-        Whether the noise is the default one, which nobody has stated.
+        Whether the noise is the default one.
     interest : sequence of str
-        Parameters whose errors D, A and E are of, the others being unknown too: names
-        of parameters, of links or joints for all of theirs, ``*`` for any letters.  By
-        default all.
+        Parameters whose errors D, A and E describe, with all others unknown: names of
+        parameters, of links or joints for all their parameters, ``*`` for any letters.
+        By default all.
     """
 
     objective: Objective = "D"
@@ -198,7 +198,7 @@ class Aim:
         freeze(self, interest=tuple(words))
         if words and not {"D", "A", "E"} & set(self.objectives):
             raise ProblemError(
-                "interest is in the errors of some parameters, but the objective is "
+                "interest needs an objective of errors, but the objective is "
                 f"{', '.join(self.objectives)}; choose D, A or E"
             )
 
@@ -288,7 +288,7 @@ def forms_to_try(
 
 
 def _noise(given: ArrayLike) -> Vector:
-    """Return one number, or several, before anybody knows how many there must be."""
+    """Return one number, or several; their count is checked later."""
     try:
         several = np.ndim(given) > 0
     except ValueError as cause:

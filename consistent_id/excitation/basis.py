@@ -1,18 +1,17 @@
 """Fourier paths, and their limits, as linear functions of an optimiser's variables.
 
-Variables are coefficients of the velocity, in shares of a typical speed of each joint;
-a null space takes care of rest at both ends, so that every choice of variables rests
-there exactly.
+Variables are coefficients of the velocity, relative to a typical speed of each joint,
+in a null space, so that every choice of variables rests exactly at both ends.
 
 Limits of position, velocity, acceleration and jerk are linear rows.  A real
 trigonometric polynomial of degree ``H`` that stays within 1 at ``N > 2 H`` equidistant
 points of its period stays within ``1 / cos(pi H / N)`` everywhere [EhlichZeller1964]_.
-A programme is given rows at few points, since each costs time; a path is then measured
-at many, and made smaller by what it may exceed its limits by.
+A programme has rows at few points, since each costs time; the resulting path is then
+measured at many points, and scaled down by its excess.
 
 Paths that do not repeat while they are played are bounded by Taylor's formula instead:
-at an extreme the slope is zero, so that the nearest of samples ``h`` apart misses it by
-``h^2 / 8 max |f''|`` at most.
+at an extreme the slope is zero, so the nearest of samples ``h`` apart differs from it
+by at most ``h^2 / 8 max |f''|``.
 """
 
 from dataclasses import dataclass, field
@@ -26,7 +25,7 @@ from consistent_id.motion.limits import MotionLimits
 from consistent_id.recordings.joint_paths import FourierTrajectory
 
 _RANK = 1e-9  # share of the largest singular value below which one is zero
-_DEPENDENT = 1e-6  # length below which a column adds nothing to those before it
+_DEPENDENT = 1e-6  # length below which a column depends on those before it
 
 _COARSE = 12  # points per period of the highest frequency, for the programme
 _FINE = 32  # for measuring: the bound is then within 0.5 % of the extreme
@@ -41,7 +40,7 @@ class FourierBasis:
     Parameters
     ----------
     limits : MotionLimits
-        Names the joints; sets the sizes of the variables.
+        Limits of the named joints; they determine the scales of the variables.
     frequencies : array_like, shape (terms,), [Hz]
     duration : float, [s]
     rest : bool
@@ -52,14 +51,14 @@ class FourierBasis:
     Attributes
     ----------
     free : ndarray, shape (2 terms, free)
-        Directions of velocity coefficients (sines, then cosines) that are allowed.
+        Allowed directions of velocity coefficients (sines, then cosines).
     unit : ndarray, shape (joints,), [rad/s or m/s]
-        Velocity that a variable of one stands for.
+        Velocity of a variable equal to one.
 
     Notes
     -----
-    Variables have the shape (1 + free, joints): an offset in shares of half the range,
-    then the rest.
+    Variables have the shape (1 + free, joints): an offset relative to half the range,
+    then the others.
     """
 
     limits: MotionLimits
@@ -153,7 +152,7 @@ class FourierBasis:
         )
 
     def _units(self) -> Vector:
-        """Speed at which a random path of unit variables about reaches a limit."""
+        """Speed with which a random path of unit variables nearly reaches a limit."""
         time = np.linspace(0.0, self.duration, 64)
         reach = np.full(len(self.limits.joints), np.inf)
         for order in range(4):
@@ -164,16 +163,16 @@ class FourierBasis:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LimitRows:
-    """Limits of Fourier paths, in shares: ``|value / limit| <= 1``.
+    """Limits of Fourier paths, in relative form: ``|value / limit| <= 1``.
 
     Parameters
     ----------
     matrix : scipy.sparse.csr_array, shape (rows, variables)
-        At few points, on the flattened variables: ``-1 <= A x <= 1``.
+        Rows at few points, on the flattened variables: ``-1 <= A x <= 1``.
     time : ndarray, shape (samples,), [s]
         At many points.
     excess : float
-        Factor by which a path may exceed, between them, what it reaches at them.
+        Factor by which a path may exceed its values at these points in between.
     step : float, [s]
         Between them, for paths that do not repeat while they are played; else 0.
     """
@@ -198,11 +197,11 @@ class LimitRows:
 
     @property
     def fine(self) -> Any:
-        """Rows as `matrix`, at the many points, and so that nothing lies between."""
+        """Rows like `matrix`, at the many points, including the excess in between."""
         return self.excess * _matrix(self.basis, self.time)
 
     def within(self, variables: Matrix) -> Matrix:
-        """Return the path with the joints that exceed a limit moving less."""
+        """Return the path, scaled down for joints that exceed a limit."""
         return np.asarray(variables / np.maximum(1.0, self.largest(variables)))
 
 
@@ -228,11 +227,10 @@ def limit_rows(basis: FourierBasis, period: float | None) -> LimitRows:
 
 
 def between_samples(degree: int, samples: int) -> float:
-    """Return what a trigonometric polynomial can exceed its samples by, a factor.
+    """Return the factor by which a trigonometric polynomial can exceed its samples.
 
-    ``max |T| <= max_samples |T| / cos(pi H / N)`` for degree ``H`` and ``N > 2 H``
-    equidistant samples of its period, wherever they begin.  A cosine reaches it where
-    ``2 H`` divides ``N``.
+    ``max |T| <= max_samples |T| / cos(pi H / N)`` for degree ``H`` and any ``N > 2 H``
+    equidistant samples of its period.  A cosine reaches it where ``2 H`` divides ``N``.
 
     Parameters
     ----------
@@ -244,12 +242,12 @@ def between_samples(degree: int, samples: int) -> float:
     Raises
     ------
     ProblemError
-        With two samples per cycle or fewer, which bound nothing.
+        With two samples per cycle or fewer, for which there is no bound.
 
     References
     ----------
-    [EhlichZeller1964]_, for polynomials, which are the even ones of these;
-    ``docs/limits-for-all-time.md`` has the proof.
+    [EhlichZeller1964]_, for algebraic polynomials, which correspond to even
+    trigonometric ones; ``docs/limits-for-all-time.md`` has the proof.
 
     Examples
     --------
@@ -268,8 +266,9 @@ def null_space(rows: Matrix) -> Matrix:
     """Return an orthonormal basis of what rows map to zero, as columns.
 
     The right singular vectors of a null space are not unique: they differ between
-    processors and versions of LAPACK, and random paths would with them.  The projector
-    onto it is unique, and so are its columns made orthonormal one after another.
+    processors and versions of LAPACK, and random paths would differ with them. The
+    projector onto it is unique, and so are its columns after successive
+    orthonormalisation.
     """
     size = np.linalg.norm(rows, axis=1, keepdims=True)
     _, s, Vt = np.linalg.svd(rows / np.where(size > 0.0, size, 1.0))

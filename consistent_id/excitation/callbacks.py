@@ -1,4 +1,4 @@
-"""Python functions as CasADi functions; imported where a programme is solved only."""
+"""Python functions as CasADi functions; imported only where a programme is solved."""
 
 from collections.abc import Callable
 from typing import Any
@@ -75,7 +75,7 @@ class _Jacobian(ca.Callback):
 
 
 class Observer(ca.Callback):
-    """Shows each iterate to a function, which says whether to stop."""
+    """Passes each iterate to a function, which returns whether to stop."""
 
     def __init__(self, inputs: int, rows: int, watch: Callable[[Vector], bool]) -> None:
         super().__init__()
@@ -83,22 +83,22 @@ class Observer(ca.Callback):
         self.construct("observer")
 
     def get_n_in(self) -> int:
-        """Count what a solver shows."""
+        """Return the number of arguments from a solver."""
         return int(ca.nlpsol_n_out())
 
     def get_n_out(self) -> int:
-        """Count what is returned to the solver."""
+        """Return the number of values for the solver."""
         return 1
 
     def get_sparsity_in(self, place: int) -> Any:
-        """Sparsity of what a solver shows."""
+        """Sparsity of the arguments from a solver."""
         name = ca.nlpsol_out(place)
         sizes = {"f": 1, "x": self._inputs, "lam_x": self._inputs}
         sizes |= {"g": self._rows, "lam_g": self._rows}
         return ca.Sparsity.dense(sizes.get(name, 0), 1 if name in sizes else 0)
 
     def eval(self, arguments: Any) -> list[Any]:
-        """Show the iterate."""
+        """Pass on the iterate."""
         return [int(self._watch(arguments[0].full().ravel()))]
 
 

@@ -1,6 +1,6 @@
-"""What makes a motion informative: functions of the information matrix ``M = W^T W``.
+"""Criteria of informative motion: functions of the information matrix ``M = W^T W``.
 
-Each criterion is a number to be made small, with its gradient.  All but one are
+Each criterion is a number to be minimised, with its gradient.  All but one are
 functions of the eigenvalues ``l_i`` of ``M``:
 
 - condition number: ``sqrt(l_max / l_min)``, for which
@@ -102,7 +102,7 @@ def task_error(gram: Matrix) -> Criterion:
 
 
 def criterion_of(objective: Objective, power: float, gram: Matrix | None) -> Criterion:
-    """Return the criterion of an objective, as sharp as `power` makes it.
+    """Return the criterion of an objective, with a smoothing `power`.
 
     Raises
     ------
@@ -151,11 +151,11 @@ def scaled(criterion: Criterion, scaling: Scaling) -> Criterion:
 
 
 def of_some(criterion: Criterion, places: Sequence[int]) -> Criterion:
-    """Return the criterion of some parameters, whatever the others are (D_s, A_s, E_s).
+    """Return the criterion of some parameters, with all others unknown (D_s, A_s, E_s).
 
-    It is that of the information that is left for them, the Schur complement
-    ``C = T M T^T`` with ``T = [1, -M_so M_oo^-1]``, in the order some, others; its
-    inverse is their covariance, and ``df/dM = T^T G T`` where ``G = df/dC``.
+    It is that of their remaining information, the Schur complement ``C = T M T^T`` with
+    ``T = [1, -M_so M_oo^-1]``, in the order some, others; its inverse is their
+    covariance, and ``df/dM = T^T G T`` where ``G = df/dC``.
     """
     some = np.array(places, dtype=int)
 

@@ -1,9 +1,9 @@
 """Design of exciting trajectories: from a robot and its limits to a proven path.
 
-Many searches for the least standard errors; or for the least condition number, and
-then from the best of them for the least standard errors under a bound on it.  Every
-path that is returned is proven to keep its limits at all times, and none is worse than
-the best of the random paths.
+Many searches minimise standard errors; or they minimise the condition number, and then,
+from the best results, standard errors under a bound on it. Every path that is returned
+is proven to keep its limits at all times, and none is worse than the best of the random
+paths.
 """
 
 import os
@@ -72,38 +72,39 @@ def design_trajectory(
     model : TorqueModel or RobotModel
         A robot alone has rigid-body columns only.
     form : PathForm or sequence of PathForm, optional
-        Of several, each is tried for a tenth of the work, and the one that promises
-        most is taken.  By default 10 s from rest to rest, and `forms_to_try`.
+        If several are given, each is tried for a tenth of the work, and the most
+        promising one is used.  By default 10 s from rest to rest, and `forms_to_try`.
     aim : Aim, optional
         By default D-optimality, the least geometric mean of the standard errors.
     limits : MotionLimits, optional
         By default the robot file's.
     parameters : array_like, shape (parameters,) or (members, parameters), optional
-        With which torque is predicted; the worst of them keeps its limits.  By default
-        the nominal robot, and a share of the limits is left for its friction.
+        Parameters to predict torque with; the worst of them keeps the limits. By
+        default the nominal robot, with a share of the limits left for its friction.
     scene : Scene, optional
         Bodies that must stay apart; without it collisions are not checked.
     sensor : SensorRows, optional
-        A wrench sensor on the robot, whose tool and bias the motion is for in place of
-        the robot's own parameters; the model only says what torque the motion takes.
-        Noise, interest, earlier recordings and the task are of the sensor then.
+        A wrench sensor on the robot.  The motion is then for its tool and bias instead
+        of the robot's own parameters, and the model is only used to predict torque.
+        Noise, interest, earlier recordings and the task are those of the sensor.
     friction_share : float
-        Of the effort limits, that is left for friction, where `parameters` do not say
-        how large it is.
+        Share of the effort limits that is left for friction, if `parameters` do not
+        include friction.
     starts : int
         Searches from random paths.
     time_limit : float, [s]
-        For the searches, in work: seconds of an idle processor like ours, for each of
-        the workers.  A busy machine takes longer and finds the same.  A proof that
-        fails adds to it.
+        Limit of the searches, in work: seconds of an idle reference processor, for each
+        of the workers.  A busy machine takes longer and finds the same design.  A
+        failed proof adds to it.
     seed : int
         Same seed, limit and number of workers: same design on one machine.
     workers : int, optional
         Shares of the starts, searched side by side; by default one for each processor
         of this computer, at most one for each start.
     executor : str or Executor, optional
-        Where the workers are, see `stream_regression`; the design is the same.  By
-        default where ``--executor`` says, else each is a process of this computer.
+        Where the workers run, see `stream_regression`; the design does not depend on
+        it. By default as stated by ``--executor``, else each is a process of this
+        computer.
     progress : bool
         Show a bar; an interrupt ends the search and keeps the best.
 
@@ -114,7 +115,8 @@ def design_trajectory(
     NotExcitedError
         If no motion within the limits identifies all base parameters.
     InfeasibleError
-        If no path was found that keeps the limits; it names the one in the way.
+        If no path was found that keeps the limits; the message names the violated
+        limit.
     """
     began = clock.monotonic()
     model = TorqueModel(model) if isinstance(model, RobotModel) else model
@@ -158,7 +160,7 @@ def design_trajectory(
 
 
 def _measured(model: TorqueModel, sensor: SensorRows | None) -> RowModel:
-    """Return whose rows a recording of the motion will give."""
+    """Return the model whose rows a recording of the motion will have."""
     if sensor is None:
         return model
     if sensor.arm.joint_names != model.robot.joint_names:
@@ -193,7 +195,7 @@ def _useful(
     relative = relative_accuracy(model, accuracy, reference)
     if relative is not None and relative.useless and not aim.assumed_noise:
         raise NotExcitedError(
-            f"the best motion found is of no use: the standard errors of "
+            f"the best motion found is useless: the standard errors of "
             f"{relative.unknown} of the {len(relative.matter)} base parameters that "
             "make up 1 % of the torque are above the parameters themselves. Move "
             "longer or within wider limits, or check the noise that is stated"
@@ -202,18 +204,18 @@ def _useful(
 
 
 def _notes(aim: Aim, stages: tuple[Stage, ...], interrupted: bool) -> tuple[str, ...]:
-    """Return what a user should know of how the design was found."""
+    """Return notes on the search for the design."""
     notes: tuple[str, ...] = ()
     for stage in stages:
         if not stage.improved:
             notes += (
                 f"{stage.objective}: no improvement in {stage.iterations} iterations; "
-                "the path is the one that the search began with",
+                "the path is the start of the search",
             )
     if aim.scaling == "unit columns" and aim.objectives == ("condition",):
         notes += (
-            "with unit columns a condition number alone may leave a joint almost "
-            "still; refine with D, A or E",
+            "with unit columns, the condition number alone may leave a joint almost "
+            "at rest; refine with D, A or E",
         )
     if interrupted:
         notes += ("interrupted: the user ended the search; this is the best so far",)
@@ -225,7 +227,7 @@ def _notes(aim: Aim, stages: tuple[Stage, ...], interrupted: bool) -> tuple[str,
 def _require_sensible(
     starts: int, time_limit: float, seed: int, workers: int | None
 ) -> int:
-    """Return the number of lanes; refuse what makes no sense before any work."""
+    """Return the number of lanes; refuse invalid arguments before any work."""
     for name, value, least in (
         ("starts", starts, 1),
         ("seed", seed, 0),
@@ -243,8 +245,8 @@ def _require_long_enough(form: PathForm, aim: Aim, limits: MotionLimits) -> None
     if highest > 0.5 * aim.rate:
         raise ProblemError(
             f"a path of {form.duration:g} s with frequencies up to {highest:.4g} Hz "
-            f"cannot be seen at {aim.rate:g} Hz; make it longer, or take fewer "
-            "harmonics"
+            f"cannot be recorded at {aim.rate:g} Hz; make it longer, or use fewer "
+            f"harmonics"
         )
     # From rest to rest at full speed, or accelerating for half of the time.
     reach = np.minimum(
@@ -264,7 +266,7 @@ def _require_long_enough(form: PathForm, aim: Aim, limits: MotionLimits) -> None
 def _unoptimised(problem: SearchProblem, aim: Aim, starts: int) -> PredictedAccuracy:
     """Return the accuracy of the best of the random paths by the aim's objective.
 
-    Of those that keep all limits, if there are any.
+    Only paths that keep all limits are used, if there are any.
     """
     model, base = problem.information.model, problem.information.base
     known = compared_paths(replace(problem, objective=aim.objective), starts)[0]

@@ -27,14 +27,15 @@ def design_record(
     validation: ValidationPath | None = None,
     proofs: Mapping[str, PathProof] | None = None,
 ) -> dict[str, Any]:
-    """Return all there is to know of a design, for a file that outlives it.
+    """Return a design as a complete record, for a file.
 
     Parameters
     ----------
     design : ExcitationDesign
     validation : ValidationPath, optional
     proofs : mapping of str to PathProof, optional
-        Of the whole moves, with run-in and run-out: ``"trajectory"``, ``"validation"``.
+        Proofs of the whole moves, with run-in and run-out: ``"trajectory"``,
+        ``"validation"``.
     """
     form = design.form
     return {
@@ -160,20 +161,20 @@ def used_limits(design: ExcitationDesign) -> Table:
 
 
 def _torque_of(design: ExcitationDesign) -> str:
-    """Say whose torque is compared with the limits."""
+    """Return whose torque is compared with the limits, in words."""
     if design.demands.parameters is None:
         return "not checked"
     return design.demands.torque_of
 
 
 def _searched(design: ExcitationDesign) -> str:
-    """Say what was searched, for how long."""
+    """Return the extent of the search, in words."""
     starts = f"{design.starts} start" + "s" * (design.starts != 1)
     searched = f"{starts} from seed {design.seed}, {design.seconds:.1f} s"
     if len(design.tried) < 2:
         return searched
     counts = ", ".join(str(len(form.frequencies)) for form in design.tried)
-    return f"{searched}; of {counts} frequencies the number that promised most"
+    return f"{searched}; the most promising of {counts} numbers of frequencies"
 
 
 def _clearances(

@@ -17,7 +17,7 @@ from consistent_id.regression.rows.sensor_rows import SensorRows
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stage:
-    """What one stage of a design has found, proven to keep all limits.
+    """The result of one stage of a design, proven to keep all limits.
 
     Parameters
     ----------
@@ -31,11 +31,11 @@ class Stage:
     candidates : tuple of FoundPath
         The searches' results: first the trajectory's own, then the others, best first.
     searches : int
-        That were run from the stage's starts.
+        Number of searches from the stage's starts.
     cut_short : bool
         Whether its allowance or the user ended a search.
     improved : bool
-        Whether it found a better path than those it knew before.
+        Whether it found a better path than the earlier ones.
     """
 
     objective: str
@@ -50,12 +50,12 @@ class Stage:
 
     @property
     def iterations(self) -> int:
-        """Of the solver in all of its searches."""
+        """Iterations of the solver in all of its searches."""
         return sum(one.iterations for one in self.candidates)
 
     @property
     def number(self) -> int:
-        """Of the search that found it, from 0."""
+        """Index of the search that found it, from 0."""
         return self.candidates[0].number
 
 
@@ -73,18 +73,18 @@ class ExcitationDesign:
     stages : tuple of Stage
         The last one's trajectory is the design's.
     unoptimised : PredictedAccuracy
-        Of the best of the random paths that the searches began with.
+        Accuracy of the best of the random paths that the searches began with.
     seed : int
     seconds : float
     notes : tuple of str
     interrupted : bool
         Whether the user ended the search; the design is the best so far.
     relative : RelativeAccuracy, optional
-        Its errors beside the parameters of the robot, if these are known.
+        Its errors relative to the parameters of the robot, if these are known.
     tried : tuple of PathForm
         Forms that `form` was chosen from.
     sensor : SensorRows, optional
-        Whose tool the motion is for, in place of the robot's parameters.
+        The sensor whose tool the motion is for, instead of the robot's parameters.
     """
 
     model: TorqueModel
@@ -116,7 +116,7 @@ class ExcitationDesign:
 
     @property
     def measured(self) -> RowModel:
-        """Whose rows a recording of the motion gives."""
+        """The model whose rows a recording of the motion has."""
         return self.model if self.sensor is None else self.sensor
 
     @property
@@ -136,7 +136,7 @@ class ExcitationDesign:
 
     @property
     def accuracy(self) -> PredictedAccuracy:
-        """How accurately recording it will identify the base parameters."""
+        """Predicted accuracy of the base parameters from its recording."""
         return self.stages[-1].accuracy
 
     @property
@@ -146,5 +146,5 @@ class ExcitationDesign:
 
     @property
     def proof(self) -> PathProof:
-        """What is proven of it."""
+        """Its proof."""
         return self.stages[-1].proof

@@ -1,11 +1,9 @@
-"""Limits that are no linear function of the variables, as rows where they matter.
+"""Limits that are not linear in the variables, as rows where they matter.
 
-A guard measures every item it watches (a joint's torque, a pair of bodies) along a
-path; what is above zero is not allowed.  Rows are made only at times where an item
-comes near to that.
-
-A row of distances is one pair of bodies at one time, or a smooth maximum over all
-pairs; each pose and pair is looked at once:
+A guard measures each of its items (a joint's torque, a pair of bodies) along a path;
+values above zero are not allowed.  Rows are made only at times where an item is near
+zero. A row of distances is one pair of bodies at one time, or a smooth maximum over all
+pairs; each pose and pair is computed once:
 
     log(sum over pairs of exp(s x)) / s,    x = tenths of a metre nearer than allowed.
 """
@@ -32,18 +30,18 @@ from consistent_id.robot.kinematics import link_places
 _TIGHTER = 0.03  # share of a limit given up where a proof has failed
 _TORQUE = 1e-7  # s of work per joint, joint before it, and member
 _DENSITY = 24  # samples per period of the highest frequency
-_NEAR = 0.05  # share of what is allowed within which an item gets a row
+_NEAR = 0.05  # share of the limit within which an item gets a row
 
-_CLOSE = 0.1  # m; unit of distances, and beyond it they need not be known well
-_SPARE = 0.002  # m; distance beyond what is wanted that is kept at samples
+_CLOSE = 0.1  # m; unit of distances; larger ones need not be accurate
+_SPARE = 0.002  # m; distance beyond the required one that is kept at samples
 _FURTHER = 0.003  # m; distance added where a proof has failed
 _PAIR_DENSITY = 48  # bodies come nearer between samples, by little if many
-_NEAR_BODIES = 0.5  # tenths of a metre from what is allowed, within which are rows
+_NEAR_BODIES = 0.5  # tenths of a metre from the limit within which rows are made
 _QUERY = 5e-6  # s of work per pair and time
-_SHARP = 20.0  # one over the distance, in tenths of a metre, at which a row is blunt
+_SHARP = 20.0  # inverse smoothing distance of a row, in tenths of a metre
 
 EVERY = -1
-"""In place of an item: all items that a guard watches, as one row."""
+"""Instead of an item: all items of a guard, as one row."""
 
 
 class ItemRows(NamedTuple):
@@ -54,7 +52,7 @@ class ItemRows(NamedTuple):
 
 
 class Guard(Protocol):
-    """What a path must not do, item by item.
+    """A nonlinear limit of a path, item by item.
 
     Attributes
     ----------
@@ -72,10 +70,10 @@ class Guard(Protocol):
 
     @property
     def near(self) -> float:
-        """How near to what is allowed an item gets a row."""
+        """Distance from the limit within which an item gets a row."""
 
     def measure(self, motion: Array) -> Matrix:
-        """Return how far each item is above what is allowed, (samples, items)."""
+        """Return the excess of each item over its limit, (samples, items)."""
 
     def rows(self, motion: Array, items: IntArray) -> "ItemRows":
         """Return one item per sample, with its derivatives."""
@@ -84,23 +82,23 @@ class Guard(Protocol):
         """Name an item for people."""
 
     def initial_places(self, times: int) -> "set[WatchedPlace]":
-        """Return the places of rows that a search has from its start."""
+        """Return the rows that a search has from its start."""
 
     def tightened(
         self,
         failed: Sequence[tuple[str, str]] = (),
         peaks: Mapping[str, float] | None = None,
     ) -> Self:
-        """Return a guard that allows a little less.
+        """Return a slightly tighter guard.
 
-        Of bodies, to the pairs of names that were too near, and to all if none is
-        named; of torque, such peaks to the joints that are named.
+        For bodies, the named pairs must stay further apart, or all pairs if none is
+        named; for torque, the named joints get lower peaks.
         """
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class TorqueGuard:
-    """Torque of every parameter vector of a set, in shares of the limit.
+    """Torque of every parameter vector of a set, relative to the limit.
 
     Parameters
     ----------
@@ -109,7 +107,7 @@ class TorqueGuard:
     reach : float
         Share of the limit that may be used at a sample.
     slow : ndarray, shape (joints,), optional, [rad/s or m/s]
-        Velocities that stand in for the jump of Coulomb friction, see `smooth`.
+        Velocities that replace the jump of Coulomb friction, see `smooth`.
     """
 
     model: TorqueModel
@@ -120,7 +118,7 @@ class TorqueGuard:
 
     @property
     def density(self) -> int:
-        """Two dozen: torque bends no more than motion does."""
+        """Two dozen: torque varies no faster than motion."""
         return _DENSITY
 
     @property
@@ -134,7 +132,7 @@ class TorqueGuard:
         return _TORQUE * len(self.effort) ** 2 * len(self.parameters)
 
     def measure(self, motion: Array) -> Matrix:
-        """Return how far each torque is above its limit."""
+        """Return the excess of each torque over its limit."""
         torque = self._kernel(motion).torque(motion)
         return (abs(torque) / self.effort - self.reach).reshape(len(torque), -1)
 
@@ -160,7 +158,7 @@ class TorqueGuard:
         failed: Sequence[tuple[str, str]] = (),
         peaks: Mapping[str, float] | None = None,
     ) -> Self:
-        """Return a guard with less of each limit to use, of some joints' no more."""
+        """Return a guard with lower limits, and given peaks for some joints."""
         joints = self.model.torque_joints
         most = np.array([(peaks or {}).get(joint, np.inf) for joint in joints])
         return replace(
@@ -176,7 +174,7 @@ class TorqueGuard:
         return kernels[samples]
 
 
-# CasADi functions on memory of their own, which no guard takes to another process.
+# CasADi functions with their own memory, which is not sent to other processes.
 _KERNELS: WeakKeyDictionary[TorqueGuard, dict[int, TorqueKernel]] = WeakKeyDictionary()
 
 
@@ -187,8 +185,8 @@ class ClearanceGuard:
     Parameters
     ----------
     spare : mapping of int to float, [m]
-        Distance beyond what is wanted, and beyond the usual 2 mm, that a pair keeps at
-        samples, by its place in the scene.
+        Distance beyond the required one, and beyond the usual 2 mm, that a pair keeps
+        at samples, by its index in the scene.
     """
 
     scene: Scene
@@ -210,7 +208,7 @@ class ClearanceGuard:
         return _QUERY * len(self.scene.pairs)
 
     def measure(self, motion: Array) -> Matrix:
-        """Return how much nearer than allowed each pair of bodies is."""
+        """Return the violation of each pair's required distance."""
         every = np.indices((motion.shape[1], len(self.scene.pairs)))
         sample, which = (index.ravel() for index in every)
         return self._near(motion[0], sample, which).value.reshape(every.shape[1:])
@@ -253,7 +251,7 @@ class ClearanceGuard:
         failed: Sequence[tuple[str, str]] = (),
         peaks: Mapping[str, float] | None = None,
     ) -> Self:
-        """Return a guard that keeps the bodies that were too near further apart."""
+        """Return a guard with larger distances for bodies that were too near."""
         spare = dict(self.spare)
         for place, pair in enumerate(self.scene.pairs):
             if not failed or self.scene.names(pair) in failed:
@@ -262,14 +260,14 @@ class ClearanceGuard:
 
 
 class WatchedPlace(NamedTuple):
-    """Where a guard wants a row: a time of the grid, and an item."""
+    """Position of a guard's row: a time of the grid, and an item."""
 
     time: int
     item: int
 
 
 def near_places(measure: Matrix, near: float) -> set[WatchedPlace]:
-    """Return the local maxima over time that come so near to what is allowed."""
+    """Return the local maxima over time that are near their limits."""
     before = np.roll(measure, 1, axis=0)
     after = np.roll(measure, -1, axis=0)
     peaks = (measure >= before) & (measure >= after) & (measure > -near)
@@ -288,7 +286,7 @@ def guard_rows(
     Parameters
     ----------
     time : ndarray, shape (samples,), [s]
-        The grid that places refer to.
+        The grid of the places' times.
     variables : ndarray, shape (size, joints)
     """
     columns, motion, items = _at(places, basis, time, variables)
@@ -316,12 +314,12 @@ def _at(
     return columns, motion, np.array([place.item for place in places])
 
 
-# A grid, and the columns there: a search asks for the same ones again and again.
+# A grid, and the columns there, which a search needs repeatedly.
 _COLUMNS: WeakKeyDictionary[FourierBasis, tuple[Vector, Array]] = WeakKeyDictionary()
 
 
 class _Near(NamedTuple):
-    """How much nearer than allowed some pairs are, and what shows it."""
+    """Violations of some pairs' required distances, and their planes."""
 
     value: Vector
     places: BodyPlaces
@@ -329,7 +327,7 @@ class _Near(NamedTuple):
 
 
 class _ChosenPairs(NamedTuple):
-    """Different poses and the pairs to look at there, each once; rows begin at starts.
+    """Distinct poses and their pairs, each once; rows begin at starts.
 
     Attributes
     ----------
@@ -366,7 +364,7 @@ class _Largest(NamedTuple):
 
 
 def _smooth_largest(near: Vector, starts: IntArray) -> _Largest:
-    """Return the smooth maximum of each row; of one entry, that entry."""
+    """Return the smooth maximum of each row; for one entry, that entry."""
     counts = np.diff(starts, append=len(near))
     largest = np.maximum.reduceat(near, starts)
     share = np.exp(_SHARP * (near - np.repeat(largest, counts)))

@@ -1,10 +1,10 @@
 """A move replayed in 3-D: one HTML file that needs neither network nor server.
 
-The robot and what surrounds it are drawn in a viser scene.
+The robot and its obstacles are drawn in a viser scene.
 """
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
@@ -36,7 +36,7 @@ _PAUSE = 1.0  # [s] before it begins again
 _WAY, _PATH = (150, 150, 150), (0, 114, 178)  # colours off and on the trajectory
 
 _ROOT = "/robot"
-_LINKS = ((0, 114, 178), (86, 180, 233))  # colours of links, by turns
+_LINKS = ((0, 114, 178), (86, 180, 233))  # alternating colours of links
 _JOINT, _BODY, _OBSTACLE = (90, 90, 90), (86, 180, 233), (213, 94, 0)
 _GROUND = (200, 200, 200)
 _OPACITY = 0.35  # of bodies of a scene
@@ -58,11 +58,29 @@ class Drawn:
     show : callable
         Moves it to a pose, by joint.
     by_shapes : bool
-        Whether it is drawn as its file shapes it, or as sticks.
+        Whether it is drawn by its file's shapes, or as sticks.
     """
 
     show: Show
     by_shapes: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ShapesFile:
+    """A URDF with visual shapes, and where the rest of it is.
+
+    Parameters
+    ----------
+    urdf : Path
+    package_dirs : tuple of str or Path
+        Folders in which ``package://name/...`` is looked for, besides those above.
+    locked : mapping of str to float, optional, [rad or m]
+        Positions of the file's joints that do not move.
+    """
+
+    urdf: Path
+    package_dirs: tuple[str | Path, ...] = ()
+    locked: Mapping[str, float] | None = None
 
 
 def write_replay(
@@ -70,27 +88,21 @@ def write_replay(
     robot: RobotModel,
     file: str | Path,
     *,
-    urdf: Path | None = None,
-    package_dirs: Iterable[str | Path] = (),
-    locked: Mapping[str, float] | None = None,
+    shapes: ShapesFile | None = None,
     scene: Scene | None = None,
 ) -> Path:
     """Write a page that replays a move; return the file.
 
     Run-in, trajectory and run-out are shown by a label and by the colour of the path of
-    the last link's origin.  The page holds viewer, robot and motion.
+    the last link's origin.  The page contains viewer, robot and motion.
 
     Parameters
     ----------
-    urdf : Path, optional
+    shapes : ShapesFile, optional
         The robot's file; its visual shapes are drawn by Pinocchio's
         ``ViserVisualizer``.  Without shapes, links are sticks.
-    package_dirs : iterable of str or Path
-        Folders in which ``package://name/...`` is looked for, besides those above.
-    locked : mapping of str to float, optional, [rad or m]
-        Positions of the file's joints that do not move.
     scene : Scene, optional
-        Whose obstacles are drawn too; and the robot's bodies, where sticks are.
+        Scene whose obstacles are drawn, and, with sticks, the robot's bodies.
 
     Raises
     ------
@@ -100,12 +112,10 @@ def write_replay(
     require_viewer(file)
     import viser
 
-    with redirect_stdout(StringIO()):  # of the server's address, which nobody needs
+    with redirect_stdout(StringIO()):  # of the server's address, which is not needed
         server = viser.ViserServer("127.0.0.1", 0, verbose=False)
         try:
-            html = _recorded(
-                server, move, robot, urdf, package_dirs, locked, scene
-            ).as_html()
+            html = _recorded(server, move, robot, shapes, scene).as_html()
         finally:
             server.stop()
     title = f"<title>{robot.name}: {move.duration:.1f} s</title>"
@@ -115,12 +125,12 @@ def write_replay(
 
 
 def require_viewer(file: str | Path) -> None:
-    """Refuse to go on without the library that draws.
+    """Require the library for drawing.
 
     Raises
     ------
     ProblemError
-        If it is missing; it says how to install it.
+        If it is missing; the message says how to install it.
     """
     from importlib.util import find_spec
 
@@ -134,14 +144,12 @@ def _recorded(
     server: Any,
     move: Move,
     robot: RobotModel,
-    urdf: Path | None,
-    package_dirs: Iterable[str | Path],
-    locked: Mapping[str, float] | None,
+    shapes: ShapesFile | None,
     scene: Scene | None,
 ) -> Any:
     samples = sampled(move, _RATE)
     tip = _draw_path(server, move, robot)
-    drawn = drawn_robot(server, robot, urdf, package_dirs, locked)
+    drawn = drawn_robot(server, robot, shapes)
     shows = [drawn.show]
     if scene is not None:
         shows.append(drawn_bodies(server, scene, _seen(drawn.by_shapes)))
@@ -192,7 +200,7 @@ def _phase(move: Move, time: float) -> str:
 
 
 def _seen(by_shapes: bool) -> Callable[[Body], bool]:
-    """Return which bodies of the robot to show: those that shapes do not show."""
+    """Return the bodies of the robot that its shapes do not show."""
 
     def seen(body: Body) -> bool:
         frame = body.frame or ""
@@ -203,35 +211,27 @@ def _seen(by_shapes: bool) -> Callable[[Body], bool]:
 
 
 def drawn_robot(
-    server: Any,
-    robot: RobotModel,
-    urdf: Path | None = None,
-    package_dirs: Iterable[str | Path] = (),
-    locked: Pose | None = None,
+    server: Any, robot: RobotModel, shapes: ShapesFile | None = None
 ) -> Drawn:
     """Draw a robot by its file's visual shapes, or as sticks.
 
     Parameters
     ----------
-    urdf : Path, optional
+    shapes : ShapesFile, optional
         Without one, or without shapes that can be read, sticks are drawn.
-    package_dirs : iterable of str or Path
-        As `scene_from_urdf`.
-    locked : mapping of str to float, optional, [rad or m]
-        Positions of the file's joints that the robot model does not have.
     """
-    if urdf is not None:
+    if shapes is not None:
         try:
-            return Drawn(_meshes(server, urdf, package_dirs, locked or {}), True)
+            return Drawn(_meshes(server, shapes), True)
         except (ValueError, OSError, ImportError) as cause:
-            _log.warning("%s: drawn as sticks: %s", urdf, cause)
+            _log.warning("%s: drawn as sticks: %s", shapes.urdf, cause)
             server.scene.remove_by_name(_ROOT)
     return Drawn(_sticks(server, robot), False)
 
 
-def _meshes(
-    server: Any, urdf: Path, package_dirs: Iterable[str | Path], locked: Pose
-) -> Show:
+def _meshes(server: Any, shapes: ShapesFile) -> Show:
+    urdf, package_dirs = shapes.urdf, shapes.package_dirs
+    locked: Pose = shapes.locked or {}
     import pinocchio as pin
     from pinocchio.visualize import ViserVisualizer
 
@@ -239,11 +239,11 @@ def _meshes(
     folders += [str(folder) for folder in urdf.absolute().parents]
     model = pin.buildModelFromUrdf(str(urdf))
     kind = pin.GeometryType.VISUAL
-    shapes = pin.buildGeomFromUrdf(model, str(urdf), kind, package_dirs=folders)
-    if not len(shapes.geometryObjects):
+    drawn = pin.buildGeomFromUrdf(model, str(urdf), kind, package_dirs=folders)
+    if not len(drawn.geometryObjects):
         raise ValueError("it has no visual shapes")
     # The visualizer cannot do without a collision model: an empty one.
-    visualizer = ViserVisualizer(model, pin.GeometryModel(), shapes)
+    visualizer = ViserVisualizer(model, pin.GeometryModel(), drawn)
     visualizer.initViewer(viewer=server)
     visualizer.loadViewerModel(_ROOT)
     neutral = pin.neutral(model)
@@ -262,7 +262,7 @@ def _meshes(
 
 
 def _sticks(server: Any, robot: RobotModel) -> Show:
-    """Draw each link as rods from its joint to what it carries."""
+    """Draw each link as rods from its joint to the next ones."""
     thick = _THICK * reach_of(robot)
     for number, (link, end) in enumerate(_rods(robot)):
         if np.linalg.norm(end) > thick / 4.0:
@@ -307,7 +307,7 @@ def drawn_bodies(server: Any, scene: Scene, shown: Callable[[Body], bool]) -> Sh
     """
     robot, moving = scene.robot, []
     for number, body in enumerate(scene.bodies):
-        if body.turning:  # a direction has no place
+        if body.turning:  # a direction has no position
             continue
         place = place_of(robot, body)
         folder = "obstacles" if body.frame is None else "bodies"
@@ -329,7 +329,7 @@ def drawn_bodies(server: Any, scene: Scene, shown: Callable[[Body], bool]) -> Sh
 
 
 def reach_of(robot: RobotModel) -> float:
-    """Return how far a robot's links reach at most, stretched out [m]."""
+    """Return the reach of a robot's links, stretched out [m]."""
     steps = [np.linalg.norm(joint.translation) for joint in robot.joints]
     tools = [
         np.linalg.norm(frame.translation)

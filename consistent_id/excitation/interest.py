@@ -1,4 +1,4 @@
-"""Parameters of interest: what a motion is for, whatever the others are."""
+"""Parameters of interest: a motion is designed for them, with all others unknown."""
 
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
@@ -10,18 +10,18 @@ from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import ParameterLayout, did_you_mean
 
 PAYLOAD = ("payload", "tool")
-"""Words for the ten parameters of what the last link carries."""
+"""Words for the ten parameters of the last link's load."""
 
 
 def parameters_named(layout: ParameterLayout, words: Sequence[str]) -> tuple[int, ...]:
-    """Return the places of parameters, in ascending order.
+    """Return the indices of parameters, in ascending order.
 
     Parameters
     ----------
     layout : ParameterLayout
     words : sequence of str
-        Names of parameters (``"elbow.viscous"``), or of links and joints for all that
-        they have; ``*`` stands for any letters.
+        Names of parameters (``"elbow.viscous"``), or of links and joints for all their
+        parameters; ``*`` stands for any letters.
 
     Raises
     ------
@@ -51,9 +51,9 @@ def interest_names(robot: RobotModel, words: Sequence[str]) -> tuple[str, ...]:
     """Return names of parameters, links and joints in place of words for a load.
 
     A load, such as a payload or a tool, adds to the ten parameters of the link that
-    carries it: ``"payload"`` and ``"tool"`` stand for those of each link that no other
-    hangs on, and a link that is fixed to a moving one, such as ``"tool0"``, for those
-    of that one.  A link or joint of such a name goes before.
+    carries it: ``"payload"`` and ``"tool"`` stand for those of each last link, and a
+    link that is fixed to a moving one, such as ``"tool0"``, for those of the moving
+    one. A link or joint with such a name has precedence.
 
     Examples
     --------
@@ -80,24 +80,25 @@ def interest_names(robot: RobotModel, words: Sequence[str]) -> tuple[str, ...]:
 
 
 def base_for(model: RowModel, words: Sequence[str]) -> BaseParameters:
-    """Return base parameters of which some hold nothing but those of interest.
+    """Return base parameters of which some contain only those of interest.
 
     Raises
     ------
     ProblemError
-        If a word names nothing, or nothing of interest can be told from the others.
+        If a word names nothing, or nothing of interest can be separated from the
+        others.
     """
     base = base_parameters(model, last=parameters_named(model.layout, words))
     if words and not places_of_interest(base, words):
         raise ProblemError(
-            f"interest: no motion tells {', '.join(words)} from the other parameters; "
-            "name more of them, such as the links before and after"
+            f"interest: no motion separates {', '.join(words)} from the other "
+            f"parameters; name more of them, such as the links before and after"
         )
     return base
 
 
 def places_of_interest(base: BaseParameters, words: Sequence[str]) -> tuple[int, ...]:
-    """Return which base parameters are led by one of interest; none without words."""
+    """Return base parameters that are led by one of interest; none without words."""
     named = set(parameters_named(base.layout, words))
     return tuple(k for k, i in enumerate(base.independent) if i in named)
 

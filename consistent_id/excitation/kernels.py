@@ -19,8 +19,8 @@ from consistent_id.regression.row_structure import RowModel
 from consistent_id.regression.rows.sensor_rows import SensorRows
 
 SMOOTH = 0.02
-"""Velocity [rad/s or m/s] that stands in for the jump of a sign at standstill."""
-_SLOW = 0.01  # share of the speed a joint can have that stands in for that jump
+"""Velocity [rad/s or m/s] that replaces the jump of a sign at standstill."""
+_SLOW = 0.01  # share of a joint's possible speed that replaces that jump
 
 
 class RegressorKernel:
@@ -29,7 +29,7 @@ class RegressorKernel:
     Parameters
     ----------
     model : TorqueModel or SensorRows
-        Coulomb friction with a jump is taken with a steep slope instead.
+        Coulomb friction with a jump gets a steep slope instead.
     base : BaseParameters
     samples : int
     slow : ndarray, shape (joints,), optional, [rad/s or m/s]
@@ -137,14 +137,14 @@ def smooth(model: TorqueModel, slow: Vector | None = None) -> TorqueModel:
     ----------
     model : TorqueModel
     slow : ndarray, shape (joints,), optional, [rad/s or m/s]
-        Velocity of each joint that stands in for the jump: far below the speeds that
-        matter, or a slow joint's friction is taken for viscous.  By default `SMOOTH`.
-        Coupled joints have the lesser of two.
+        Velocity of each joint that replaces the jump.  It must be far below the
+        relevant speeds; otherwise a slow joint's friction looks viscous.  By default
+        `SMOOTH`. Coupled joints have the lesser of two.
 
     Raises
     ------
     ProblemError
-        If a drive term is not smooth and has no smooth stand-in.
+        If a drive term is not smooth and has no smooth replacement.
     """
     names = model.robot.joint_names
     each = [SMOOTH] * len(names) if slow is None else slow.tolist()

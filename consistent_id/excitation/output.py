@@ -1,6 +1,6 @@
-"""What is written of a playable design: files, tables, record and figure.
+"""Output of a playable design: files, tables, record and figure.
 
-The tables of a request come before a search is begun.
+The tables of a request are made before the search.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,7 +24,7 @@ from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.aims import PathForm
 from consistent_id.excitation.design_record import design_record, design_tables
 from consistent_id.excitation.designed import ExcitationDesign
-from consistent_id.excitation.html_replay import write_replay
+from consistent_id.excitation.html_replay import ShapesFile, write_replay
 from consistent_id.excitation.interest import parameters_named
 from consistent_id.excitation.playable import (
     TRAINING,
@@ -94,7 +94,7 @@ def write_design(
 
 
 def require_places(folder: Path, formats: Sequence[str]) -> None:
-    """Refuse a folder in which `write_design` could not write in the end."""
+    """Refuse a folder in which `write_design` cannot write."""
     motions = (TRAINING, VALIDATION)
     names = [f"{name}.{end}" for name in motions for end in ("json", *formats)]
     names += [CLIENT] * ("yaml" in formats)
@@ -110,12 +110,12 @@ def _rate_of(ending: str, rate: float) -> float:
 
 
 def checked_formats(text: str) -> tuple[str, ...]:
-    """Return endings that are listed with commas.
+    """Return endings from a list with commas.
 
     Raises
     ------
     ProblemError
-        If one is not known; so that it is found before a search, not after.
+        If one is unknown; it is checked before the search.
 
     Examples
     --------
@@ -135,13 +135,15 @@ def replay_design(problem: Problem, playable: PlayableDesign, folder: Path) -> P
     if TRAINING not in playable.moves:
         raise InfeasibleError(f"nothing to replay: {playable.refusals[0]}")
     model, scene = problem.table.model, problem.table.excitation.scene
+    shapes = None
+    if model.urdf is not None:
+        packages = tuple(problem.file(name) for name in scene.packages) if scene else ()
+        shapes = ShapesFile(problem.file(model.urdf), packages, model.locked)
     return write_replay(
         playable.moves[TRAINING],
         problem.moving,
         folder / REPLAY,
-        urdf=None if model.urdf is None else problem.file(model.urdf),
-        package_dirs=[problem.file(name) for name in scene.packages] if scene else [],
-        locked=model.locked,
+        shapes=shapes,
         scene=playable.design.demands.scene,
     )
 
@@ -149,7 +151,7 @@ def replay_design(problem: Problem, playable: PlayableDesign, folder: Path) -> P
 def planned_tables(
     problem: Problem, parameters: ArrayLike | None = None
 ) -> list[Table]:
-    """Return what `playable_design` would design, for people, without a search."""
+    """Return the request of `playable_design` as tables, without a search."""
     request = design_request(problem)
     parameters_named(problem.model.layout, request.aim.interest)
     moved = what_moves(problem, parameters)
@@ -164,7 +166,7 @@ def planned_tables(
 
 
 def playable_record(playable: PlayableDesign) -> dict[str, Any]:
-    """Return all there is to know of a design and its moves, as plain values."""
+    """Return a design and its moves as plain values."""
     record = design_record(playable.design, playable.validation, playable.proofs)
     record["played"] = {
         name: {
@@ -199,7 +201,7 @@ def _rows(playable: PlayableDesign) -> Iterator[tuple[str, ...]]:
 def request_tables(
     moved: MeasuredBodies, request: DesignRequest, required: Demands
 ) -> list[Table]:
-    """Return form, aim, limits and demands of a path that is requested."""
+    """Return form, aim, limits and demands of a requested path."""
     form, aim, robot = request.form, request.aim, moved.torque.robot
     rows = moved.torque if moved.sensor is None else moved.sensor
     tried = "; or ".join(_frequencies(one) for one in request.forms)
@@ -237,7 +239,7 @@ def _measured(moved: MeasuredBodies) -> str:
 
 
 def _frequencies(form: PathForm) -> str:
-    """Say which frequencies a form has: harmonics of one, or all of them."""
+    """Return the frequencies of a form in words: harmonics of one, or all of them."""
     every = form.frequencies
     if np.allclose(every, every[0] * np.arange(1, len(every) + 1)):
         return f"{len(every)} harmonics of {every[0]:.4g} Hz"

@@ -1,4 +1,4 @@
-"""One search: from a random path to one that is as informative as limits allow."""
+"""One search: from a random path to the most informative one within limits."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -23,19 +23,19 @@ _SHARPENING = ((2.0, 40), (8.0, 120), (20.0, 80))  # power, iterations
 _SMOOTH = ((1.0, 160),)  # of objectives that no power makes sharper
 _SHARPENED = ("condition", "E")
 _BOUND_POWER = 20.0  # of the smooth condition number, never below the true one
-_ROUNDING = 1e-7  # by which a row may be missed
-_AIM = 0.01  # by which the programme is made to do better than a row demands
-_AGAIN = 60  # iterations at most from where the round before ended
-_RESTORED = 4  # steps at most from a path that violates a guard to one that does not
+_ROUNDING = 1e-7  # allowed violation of a row
+_AIM = 0.01  # margin by which the programme tightens rows
+_AGAIN = 60  # most iterations from the end of the round before
+_RESTORED = 4  # most steps from a path that violates a guard to one that does not
 _FAR = 3.0  # of the variables in such a step
 _SLOW = 2.0  # times an iteration, above which measuring all guards is slow
 _REACH = 0.3  # of the variables in the first step from a path that violates nothing
 _LEAST_REACH = 1e-3  # below which such steps end
 _WIDER = 1.5  # by which the reach grows
 _CURVED = 0.1  # curvature before any is known
-_APART = 1e-3  # by which rows are kept at least
-_FULL = 0.8  # share of the reach from which a step has used it
-_CORRECTED = 3  # times that a step is computed, with what the last one brought
+_APART = 1e-3  # least margin of rows
+_FULL = 0.8  # share of the reach from which a step counts as full
+_CORRECTED = 3  # times that a step is computed, with the last one's curvature
 _QUADRATIC = 5.0  # work of a quadratic programme, in iterations
 _ROUNDS = 8  # of adding rows where a guard was violated
 
@@ -44,26 +44,25 @@ Report = Callable[["FoundPath"], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundPath:
-    """A path where a search begins, or the best one it has found.
+    """The start of a search, or its best path.
 
     Parameters
     ----------
     number : int
-        Of the random path that the search began with.
+        Index of the random path that the search began with.
     variables : ndarray, shape (size, joints), optional
-        Of a start: None for the random path.  Of a result: it keeps all limits on the
-        search's own grid; None if no path that does was found.
+        For a start: None for the random path.  For a result: a path that keeps all
+        limits on the search's own grid; None if there is none.
     score : float
         The objective's own value, without smoothing.
     complete : bool
-        Whether the search came to its end, and neither its allowance nor the user
-        ended it.
+        Whether the search ended by itself, not by its allowance or the user.
     obstacle : str
         The limit that was violated most, if nothing was found.
     iterations : int
         Of the solver.
     work : float
-        That was done, see `Meter`.
+        Work that was done, see `Meter`.
     """
 
     number: int
@@ -106,15 +105,15 @@ def search(
     Parameters
     ----------
     work : float
-        That may be done, see `Meter`; the same work gives the same result.
+        Allowed work, see `Meter`; the same work gives the same result.
     ended : callable
-        Returns whether the search is to end at once with what it has.
+        Returns whether the search must end at once with its best path.
     report : callable
         Called with each improvement.
     """
     given = start.variables is not None
     variables = problem.random(start.number) if not given else start.variables
-    run = _Run(problem, FoundPath(start.number), Meter(work), ended, report)
+    run = _PathSearch(problem, FoundPath(start.number), Meter(work), ended, report)
     run.consider_near(np.asarray(variables))
     for power, iterations in _phases(problem.objective, given):
         variables = run.sharpened(np.asarray(variables), power, iterations)
@@ -133,13 +132,13 @@ def search(
 
 
 def _phases(objective: str, given: bool) -> tuple[tuple[float, int], ...]:
-    """Return powers and iterations; a path that is given is no longer in the rough."""
+    """Return powers and iterations; a given path skips the coarse ones."""
     if objective not in _SHARPENED:
         return _SMOOTH
     return _SHARPENING[1:] if given else _SHARPENING
 
 
-class _Run:
+class _PathSearch:
     """A search under way: the best path so far, and where guards have rows."""
 
     def __init__(
@@ -158,11 +157,11 @@ class _Run:
 
     @property
     def over(self) -> bool:
-        """Whether the allowance is spent, or the search is to end."""
+        """Whether the allowance is spent, or the search must end."""
         return self.meter.over or self._ended()
 
     def consider(self, variables: Matrix) -> bool:
-        """Keep a path if it is better than the best, and violates nothing."""
+        """Keep a path if it is better than the best, and violates no limit."""
         measures = self._measures(variables)
         violated = any(measure.max() > _ROUNDING for measure in measures)
         if violated or not self._within_bound(variables):
@@ -171,7 +170,7 @@ class _Run:
         return True
 
     def consider_near(self, variables: Matrix) -> None:
-        """Keep a path, or the nearest one like it that violates nothing."""
+        """Keep a path, or the nearest one that violates no limit."""
         x, none = variables, np.zeros(variables.size)
         if self.consider(x) or not self._problem.guards:
             return
@@ -188,7 +187,7 @@ class _Run:
                 return
 
     def sharpened(self, start: Matrix, power: float, iterations: int) -> Matrix:
-        """Minimise at one power, with more rows for as long as a guard is violated."""
+        """Minimise at one power, with more rows as long as a guard is violated."""
         self._add_places(start)
         if self.best.variables is not None and self._slow:
             return self._from_clear(power, iterations)
@@ -207,12 +206,12 @@ class _Run:
 
     @property
     def _slow(self) -> bool:
-        """Whether guards take longer than all else, so that few paths are measured."""
+        """Whether guards take longer than all other work, so few paths are measured."""
         costs = self._costs
         return costs.measure > _SLOW * (costs.iteration + costs.gradient)
 
     def _from_clear(self, power: float, iterations: int) -> Matrix:
-        """Step from the best path, which violates nothing, to better ones like it."""
+        """Step from the best path, which violates no limit, to better ones like it."""
         problem = self._problem
         criterion = problem.criterion(problem.objective, power)
         x = np.asarray(self.best.variables)
@@ -241,10 +240,9 @@ class _Run:
         return x
 
     def _step(self, x: Matrix, local: Local, reach: float) -> Matrix | None:
-        """Return the best path within a reach that violates nothing; None for none.
+        """Return the best path within a reach that violates no limit, or None.
 
-        What the guards' curvature makes of a step is taken into account once the step
-        is known, and once more.
+        The guards' curvature along a step is included after the step is known, twice.
         """
         limits = self._problem.limits
         values, jacobian = self._rows(x)
@@ -265,7 +263,7 @@ class _Run:
         return None
 
     def _is_clear(self, variables: Matrix) -> bool:
-        """Return whether a path violates nothing; add rows where it nearly does."""
+        """Return whether a path violates no limit; add rows where it nearly does."""
         measures = self._measures(variables)
         guards = self._problem.guards
         for guard, places, measure in zip(guards, self._places, measures, strict=True):
@@ -280,7 +278,7 @@ class _Run:
     def _minimised(
         self, start: Matrix, power: float, iterations: int, reach: float = np.inf
     ) -> tuple[Matrix | None, Matrix]:
-        """Return the best path that keeps the rows there are, and the last one."""
+        """Return the best path that keeps the existing rows, and the last one."""
         problem, shape = self._problem, start.shape
         criterion = problem.criterion(problem.objective, power)
         best: Matrix | None = None
@@ -344,7 +342,7 @@ class _Run:
         return scaled(spread(_BOUND_POWER), self._problem.scaling)
 
     def _keeps_rows(self, measures: list[Matrix]) -> bool:
-        """Return whether guards are kept where they have rows."""
+        """Return whether guards are satisfied where they have rows."""
         for places, measure in zip(self._places, measures, strict=True):
             for time, item in places:
                 seen = measure[time].max() if item == EVERY else measure[time, item]

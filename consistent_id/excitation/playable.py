@@ -1,6 +1,7 @@
 """From a problem to motions that are ready to play, each proven as a whole.
 
-A problem says what moves, and what is measured: joint torque or a sensor's wrench.
+A problem states the moving robot and its measurements: joint torque or a sensor's
+wrench.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,7 +16,7 @@ from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.aims import Aim
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.designed import ExcitationDesign
-from consistent_id.excitation.proven_moves import ProvenMove, proven_move
+from consistent_id.excitation.proven_moves import Playing, ProvenMove, proven_move
 from consistent_id.excitation.request import DesignRequest, design_request
 from consistent_id.excitation.validating import ValidationPath, validation_trajectory
 from consistent_id.excitation.verification import Demands, PathProof
@@ -45,14 +46,13 @@ class PlayableDesign:
     design : ExcitationDesign
     validation : ValidationPath, optional
     moves : mapping of str to Move
-        From rest to rest: ``"trajectory"``, ``"validation"``, or those of the two that
-        can be played within the limits; `refusals` say why one is missing.
+        From rest to rest: ``"trajectory"``, ``"validation"``, or those of them that can
+        be played within the limits; `refusals` give the reasons for missing ones.
     proofs : mapping of str to PathProof
-        Of each of the moves, from its first moment to its last.
+        Proofs of each of the moves, over its whole duration.
     refusals : tuple of str
     notes : tuple of str
-        On bodies that nothing was requested of, and on run-ins and run-outs that are
-        not the straight ones.
+        Notes on the default scene, and on run-ins and run-outs that are not straight.
     """
 
     design: ExcitationDesign
@@ -64,16 +64,16 @@ class PlayableDesign:
 
 
 class MeasuredBodies(NamedTuple):
-    """What moves, and what is measured of it.
+    """The moving bodies, and the measured ones.
 
     Attributes
     ----------
     torque : TorqueModel
         Of the joints.
     sensor : SensorRows, optional
-        If it is a sensor's tool that is identified.
+        The sensor, if its tool is identified.
     parameters : array_like, optional
-        With which torque is predicted; see `design_trajectory`.
+        Parameters to predict torque with; see `design_trajectory`.
     notes : tuple of str
     """
 
@@ -104,17 +104,17 @@ def playable_design(
     parameters, starts, time_limit, seed, workers, executor, progress
         See `design_trajectory`.
     sequential : bool
-        Count the information of the problem's training recordings; where the table
-        gives no noise, theirs is taken.
+        Include the information of the problem's training recordings; if the table gives
+        no noise, theirs is used.
     earlier : sequence of Regression
-        Of other recordings, such as those that `save_regression` wrote, counted in the
-        same way.
+        Regressions of other recordings, such as those of `save_regression`, included in
+        the same way.
 
     Raises
     ------
     ProblemError, InfeasibleError
-        As `design_trajectory`.  What fails after the search, such as a run-in that
-        cannot keep the limits, costs no design: it is among the refusals.
+        As `design_trajectory`.  Failures after the search, such as a run-in that cannot
+        keep the limits, do not discard the design: they are among the refusals.
     """
     request, moved = design_request(problem), what_moves(problem, parameters)
     known = [*earlier, *([_training(problem)] if sequential else [])]
@@ -175,9 +175,7 @@ def _played(
             path,
             proof,
             design.demands,
-            request.start_pose,
-            periods=periods,
-            smooth=design.form.smooth,
+            Playing(request.start_pose, periods, design.form.smooth),
             seed=design.seed,
         )
     except InfeasibleError as cause:
@@ -186,7 +184,7 @@ def _played(
 
 
 def _advice(path: FourierTrajectory, demands: Demands, request: DesignRequest) -> str:
-    """Return what start pose to try when run-in or run-out is in the way."""
+    """Return advice on the start pose if run-in or run-out fails."""
     other = "Give another start_pose in [excitation]"
     if request.start_pose is None:
         return other
@@ -196,24 +194,24 @@ def _advice(path: FourierTrajectory, demands: Demands, request: DesignRequest) -
         return other
     pose = zip(move.joints, move.evaluate([move.start], 0)[0, 0], strict=True)
     start = ", ".join(f"{joint} = {q:.3f}" for joint, q in pose)
-    return f"{other}, or none: from {start} this path can be reached as it is"
+    return f"{other}, or none: this path can be reached from {start}"
 
 
 def _training(problem: Problem) -> Regression:
     if problem.table.data is None:
         raise ProblemError(
-            f"problem {problem.name!r} has no recordings to go on from; leave out "
-            "sequential, or add a [data] table"
+            f"problem {problem.name!r} has no earlier recordings; leave out "
+            f"sequential, or add a [data] table"
         )
     return regression_of(problem.table, problem.model, problem.training)
 
 
 def _with_recordings(problem: Problem, aim: Aim, known: Sequence[Regression]) -> Aim:
-    """Return the aim with what recordings tell, and their noise if none is stated."""
+    """Return the aim with recordings' information, and their noise by default."""
     if drift_of(problem.table) != "none":
         raise ProblemError(
-            "[wrist_sensor] drift: what recordings without their biases tell is not "
-            "counted yet; leave out --sequential and --earlier"
+            "[wrist_sensor] drift: the information of recordings without their "
+            "biases cannot be included yet; leave out --sequential and --earlier"
         )
     model, noise = problem.model, aim.noise
     base = base_parameters(model)
@@ -232,7 +230,8 @@ def what_moves(problem: Problem, parameters: ArrayLike | None = None) -> Measure
     ----------
     problem : Problem
     parameters : array_like, shape (parameters,) or (members, parameters), optional
-        Of the problem's model.  Those of a tool load the arm: of several the heaviest.
+        Parameters of the problem's model.  Those of a tool load the arm; the heaviest
+        of several is used.
     """
     table = problem.table.wrist_sensor
     if table is None or problem.arm is None:
@@ -244,7 +243,7 @@ def what_moves(problem: Problem, parameters: ArrayLike | None = None) -> Measure
     if tool is None:
         name = problem.model.robot.link_names[0]
         note = (
-            "torque limits: the arm's without its tool, of which nothing is known; "
+            "torque limits: those of the arm without its tool, whose mass is unknown; "
             f"state [links.{name}] mass, or --parameters of an estimate"
         )
         return MeasuredBodies(TorqueModel(problem.arm), sensor, None, (note,))
@@ -269,7 +268,7 @@ def _tool(problem: Problem, parameters: ArrayLike | None) -> InertialParameters 
 def with_load(arm: RobotModel, frame: str, load: InertialParameters) -> RobotModel:
     """Return an arm one of whose links carries a load, given in a frame on it.
 
-    Nothing changes where the link's own nominal body is not known.
+    Nothing changes if the link's own nominal body is unknown.
     """
     k, rotation, translation = frame_in_link(arm, frame, (0.0, 0.0, 0.0))
     link = arm.links[k]

@@ -1,14 +1,14 @@
-"""The programmes that a search solves: a smooth one, and steps that violate nothing.
+"""The programmes that a search solves: a smooth one, and steps without violations.
 
 The smooth one is solved by IPOPT.  Objective and nonlinear rows are Python functions of
 the flattened variables that return values and first derivatives; curvature is
 approximated on the way.
 
-Steps lead from a path that violates nothing to a better one that does not either.  Each
-is a quadratic programme: the objective's slope and its curvature as far as steps have
-shown it, the linear limits, the guards made linear where they are near, and a reach
-within which that is true.  Barrier methods begin inside all limits at once and lose
-what a path has that lies against several of them; steps keep it.
+Steps lead from a path without violations to a better one without violations. Each is a
+quadratic programme: the objective's slope and its approximate curvature, the linear
+limits, linearised guards near their limits, and a reach within which the linearisation
+is valid.  Barrier methods begin inside all limits and cannot start well from a path at
+several limits; steps can.
 """
 
 from collections.abc import Callable
@@ -23,8 +23,8 @@ from consistent_id.excitation.basis import LimitRows
 
 _TOLERANCE = 1e-4  # of the optimality conditions, in the objective's unit: a logarithm
 
-_NEAR = 12.0  # times the reach: share of a limit within which it counts
-_NEAREST = 0.6  # the same, at most; a step beyond the others is made smaller
+_NEAR = 12.0  # times the reach: share of a limit within which it is included
+_NEAREST = 0.6  # most of the same; a step beyond the others is scaled down
 _STEADY = 1e-6  # of the curvature's mean, added to its diagonal
 
 
@@ -38,7 +38,7 @@ class Programme:
         ``variables -> (value, gradient)``, flattened.
     rows : callable, optional
         ``variables -> (values, Jacobian)``, shapes (count,) and (count, variables);
-        each value is to be 0 or less.
+        each value must be 0 or less.
     count : int
         Of those rows.
     """
@@ -63,9 +63,9 @@ def minimise(
     ----------
     start : ndarray, shape (variables,)
     watch : callable
-        Sees every iterate; says whether to stop.
+        Gets every iterate; returns whether to stop.
     reach : float
-        By which each variable may differ from its start.
+        Largest difference of each variable from its start.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def minimise(
         )
         result = solver(x0=start, lbg=lower, ubg=upper, **near)
     except RuntimeError as cause:
-        if "KeyboardInterrupt" in str(cause):  # as CasADi hands on one in a callback
+        if "KeyboardInterrupt" in str(cause):  # as CasADi passes on one in a callback
             raise KeyboardInterrupt from None
         raise SolverError(f"IPOPT could not begin: {cause}") from None
     return np.asarray(result["x"]).ravel()
@@ -160,7 +160,7 @@ class Local:
 def best_step(
     start: Vector, local: Local, rows: LinearRows, reach: float
 ) -> Vector | None:
-    """Return the step that promises most; None if the programme has no solution.
+    """Return the most promising step; None if the programme has no solution.
 
     ``min slope.d + d.curvature.d / 2`` within the limits that are near, the rows and
     ``|d| <= reach``.

@@ -1,14 +1,15 @@
 """Moves along a proven path whose run-in and run-out are proven, too.
 
-The straight way comes first.  Where something is in it, a path that repeats itself may
-begin in another phase, or the way may lead by other poses: two trees of straight ways
-grow from both ends towards random poses and towards each other, until they meet
-[Kuffner2000]_; then corners are cut off.
+The straight path is tried first.  If bodies are in the way, a periodic path may begin
+in another phase, or run-in and run-out may go through other poses: two trees of
+straight pieces grow from both ends towards random poses and towards each other, until
+they meet [Kuffner2000]_; then corners are cut off.
 """
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,19 +22,18 @@ from consistent_id.motion.move import Move
 from consistent_id.motion.moves import move_along
 from consistent_id.recordings.joint_paths import FourierTrajectory
 
-_PACES = (1.0, 0.5, 0.25)  # of ways between poses at rest: slower ones need less torque
-_PHASES = 16  # of a period, in which a path may begin
-_SWINGS = (
-    4  # phases from whose nearest poses at rest ways by other poses are looked for
-)
-_TRIES = 2  # at such a way: what is free at samples may be too near to prove
-_LOOKS = 40  # at a piece of a move, before the effort of a proof
-_ROOM = 0.005  # [m]; more than is wanted that such a way keeps, where its ends do
+# Speeds of moves between poses at rest: slower ones need less torque
+_PACES = (1.0, 0.5, 0.25)
+_PHASES = 16  # number of phases of a period in which a path may begin
+_SWINGS = 4  # phases for which moves through other poses are searched
+_TRIES = 2  # tries of such a move: a pose free at samples may be too near for a proof
+_LOOKS = 40  # samples of a piece of a move, before a proof
+_ROOM = 0.005  # [m]; additional distance of such a move, if its ends have it
 _SAME = 1e-9  # share of a duration, or of a velocity, that is rounding
 
-_STEP = 0.01  # of a joint's range, at most, between poses that are looked at
-_REACH = 0.25  # of a joint's range, that a tree grows at a time
-_GROWTHS = 300  # of the trees; a way that needs more is narrow
+_STEP = 0.01  # share of a joint's range, at most, between checked poses
+_REACH = 0.25  # share of a joint's range by which a tree grows at a time
+_GROWTHS = 300  # most poses of the trees
 _CUTS = 60  # shortcuts that are tried
 
 Free = Callable[[Matrix], BoolArray]
@@ -43,12 +43,12 @@ Reached = Callable[[Vector, Vector], Vector]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProvenMove:
-    """A move from rest to rest, and what is proven of all of it.
+    """A move from rest to rest, and its proof.
 
     Parameters
     ----------
     note : str
-        How run-in and run-out lead around what is in their way; empty if nothing is.
+        How run-in and run-out avoid bodies in their way; empty if there are none.
     """
 
     move: Move
@@ -63,7 +63,7 @@ class _Way:
     Parameters
     ----------
     later : float, [s]
-        After the start of the path at which it begins.
+        Time after the start of the path at which it begins.
     made : callable
         Returns the move, or None if there is none.
     """
@@ -73,39 +73,53 @@ class _Way:
     made: Callable[[], Move | None]
 
 
+class Playing(NamedTuple):
+    """How a path is played.
+
+    Parameters
+    ----------
+    pose : dict of str to float, optional, [rad or m]
+        From where, and back to where.
+    periods : int, optional
+        How often the path is repeated.
+    smooth : bool
+        See `move_along`.
+    """
+
+    pose: dict[str, float] | None
+    periods: int | None = None
+    smooth: bool = False
+
+
 def proven_move(
     path: FourierTrajectory,
     proof: PathProof,
     demands: Demands,
-    pose: dict[str, float] | None,
+    played: Playing,
     *,
-    periods: int | None = None,
-    smooth: bool = False,
     seed: int = 0,
 ) -> ProvenMove:
-    """Return a move along a path that is proven already, from a pose and back to it.
+    """Return a move along a proven path, from a pose and back to it.
 
-    The path is proven once: what holds over one period holds over all of them, and in
+    The path is proven once: a proof over one period is valid for all of them, and in
     every phase.
 
     Parameters
     ----------
     proof : PathProof
         Of this path.
-    periods : int, optional
-        How often the path is repeated.
-    smooth : bool
-        See `move_along`.
+    played : Playing
+        From where, how often, and how smoothly.
     seed : int
-        Of the ways by other poses.
+        Seed of moves through other poses.
 
     Raises
     ------
     ProblemError, InfeasibleError
-        If no way is found; with what is in the straight one.
+        If no move is found; the message names the bodies in the straight one.
     """
     cause: ConsistentIdError | None = None
-    for number, way in enumerate(_ways(path, demands, pose, periods, smooth, seed)):
+    for number, way in enumerate(_ways(path, demands, played, seed)):
         try:
             move = way.made()
             if move is None or (number and not _seems_clear(move, demands)):
@@ -113,19 +127,18 @@ def proven_move(
             return ProvenMove(move, _whole(move, path, proof, demands, way), way.note)
         except (InfeasibleError, ProblemError) as failed:
             cause = cause or failed
-    tried = "the straight way" if pose is None else "straight ways and others"
+    tried = "the straight way" if played.pose is None else "straight ways and others"
     raise InfeasibleError(f"{cause}; of {tried}, none was proven") from cause
 
 
 def _ways(
     path: FourierTrajectory,
     demands: Demands,
-    pose: dict[str, float] | None,
-    periods: int | None,
-    smooth: bool,
+    played: Playing,
     seed: int,
 ) -> Iterator[_Way]:
     """Yield ways to play a path, the simplest first."""
+    pose, periods, smooth = played
     limits, rng = demands.limits, np.random.default_rng(seed)
 
     def along(
@@ -154,7 +167,7 @@ def _ways(
 
     for later in phases[:_SWINGS]:
         for pace in paces * _TRIES:
-            words = ("run-in and run-out go by other poses", _phased(later))
+            words = ("run-in and run-out go through other poses", _phased(later))
             note = ", ".join(word for word in (*words, _slower(pace)) if word)
             made = partial(around, path.begun_later(later), _paced(limits, pace))
             yield _Way(note, later, made)
@@ -194,7 +207,7 @@ def _paced(limits: MotionLimits, pace: float) -> MotionLimits:
 def _detours(
     swings: Move, demands: Demands, pose: dict[str, float], rng: np.random.Generator
 ) -> tuple[Matrix, Matrix] | None:
-    """Return poses by which to reach a move's first pose, and to come back."""
+    """Return poses on the way to a move's first pose, and back."""
     home = np.array([pose[joint] for joint in swings.joints])
     ends = swings.evaluate([swings.start, swings.start + swings.duration], 0)[0]
     free = _free(demands, np.vstack([home, ends]))
@@ -210,7 +223,7 @@ def _detours(
 
 
 def _free(demands: Demands, ends: Matrix) -> Free:
-    """Return what tells poses at which bodies have room, as much as the ends have."""
+    """Return a test for poses with as much clearance as the ends."""
     scene = demands.scene
     if scene is None or not scene.pairs:
         return lambda poses: np.ones(len(poses), dtype=bool)
@@ -269,7 +282,7 @@ def via_poses(
     free: Free,
     rng: np.random.Generator,
 ) -> Matrix | None:
-    """Return poses between two others, with free straight ways from each to the next.
+    """Return poses between two others, connected by free straight paths.
 
     Parameters
     ----------
@@ -282,7 +295,7 @@ def via_poses(
     Returns
     -------
     ndarray, shape (poses, joints), or None if no way was found
-        Without the two ends; none where the straight way is free.
+        Without the two ends; empty if the straight path is free.
 
     Examples
     --------

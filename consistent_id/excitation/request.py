@@ -1,45 +1,247 @@
-"""What the ``[excitation]`` table of a problem requests, as values of a design."""
+"""What the ``[excitation]`` table of a problem requests, as values of a design.
 
-from collections.abc import Mapping
+The scene is the one that the file requests, or the robot's own shapes without one.
+"""
+
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from consistent_id._support.arrays import Vector
-from consistent_id.errors import ProblemError
+from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.errors import ConsistentIdError, ProblemError
 from consistent_id.excitation.aims import Aim, PathForm, forms_to_try
 from consistent_id.excitation.criteria import Objective
 from consistent_id.excitation.interest import interest_names
-from consistent_id.excitation.request_scene import default_scene, requested_scene
 from consistent_id.excitation.verification import FRICTION_SHARE
-from consistent_id.motion.collisions.scene import Scene
+from consistent_id.motion.collisions.bodies import (
+    Body,
+    Box,
+    Capsule,
+    Cylinder,
+    Shape,
+    Sphere,
+    plane,
+)
+from consistent_id.motion.collisions.confinement import (
+    OrientationCone,
+    Workspace,
+    within_cones,
+    within_workspaces,
+)
+from consistent_id.motion.collisions.planning_scene import planning_scene_bodies
+from consistent_id.motion.collisions.scene import PairNote, Scene
+from consistent_id.motion.collisions.scene_building import build_scene, scene_from_urdf
 from consistent_id.motion.collisions.separation import nearest
+from consistent_id.motion.collisions.urdf_bodies import has_collision_shapes
 from consistent_id.motion.limits import MotionLimits, motion_limits
 from consistent_id.problems.excitation_tables import (
+    BodyTable,
+    BoxTable,
+    ConeTable,
     ExcitationTable,
     LimitsTable,
-    PerJoint,
+    RodTable,
+    SceneTable,
+    SphereTable,
+    WorkspaceTable,
 )
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.joint_paths import FourierTrajectory
+from consistent_id.robot.loaders.urdf_inertial import rotation_of
 from consistent_id.robot.model import RobotModel
-from consistent_id.robot.parameters import did_you_mean, require_known
+from consistent_id.robot.parameters import did_you_mean
+
+_WHERE = "[excitation.scene]"
+_SHAPES = ("sphere", "box", "capsule", "cylinder")
+
+_NONE = "no scene"
+
+
+def requested_scene(problem: Problem) -> Scene | None:
+    """Return the scene of ``[excitation.scene]``; None without, or if left out.
+
+    Raises
+    ------
+    ProblemError
+        If the table contradicts itself or the robot; it names the key.
+    """
+    table = problem.table.excitation.scene
+    if table is None or not problem.table.excitation.collisions:
+        return None
+    bodies = [_body(body, number) for number, body in enumerate(table.bodies, 1)]
+    try:
+        if table.planning_scene is not None:
+            file = problem.file(table.planning_scene)
+            bodies += planning_scene_bodies(file, problem.moving)
+        of = _of_urdf if table.robot == "urdf" else _of_bodies
+        boxes = [_workspace(box) for box in table.workspaces]
+        scene = within_workspaces(of(problem, table, bodies), boxes)
+        return within_cones(scene, [_cone(cone) for cone in table.cones])
+    except ConsistentIdError as cause:
+        raise ProblemError(f"{_WHERE}: {cause}") from None
+
+
+def default_scene(
+    problem: Problem, pose: dict[str, float] | None
+) -> tuple[Scene | None, tuple[str, ...]]:
+    """Return the collision shapes of a problem's URDF as a scene, and notes on it.
+
+    If a shape cannot be read, there is no scene, and a note gives the reason; it is not
+    an error, because the scene is a default.
+
+    Parameters
+    ----------
+    problem : Problem
+        Without ``[excitation.scene]``.
+    pose : dict from joint to position, optional
+        Pose of the robot: shapes that touch there are too large, and are not checked.
+    """
+    urdf = problem.table.model.urdf
+    if not problem.table.excitation.collisions:
+        return None, (f"{_NONE}, as requested",)
+    if urdf is None:
+        return None, (f"{_NONE}: no URDF, and no [excitation.scene]",)
+    file = problem.file(urdf)
+    if not has_collision_shapes(file):
+        return None, (f"{_NONE}: {file.name} has no <collision> shapes",)
+    try:
+        scene = scene_from_urdf(file, problem.moving)
+    except ConsistentIdError as cause:
+        return None, (f"{_NONE}: {cause}",)
+    around = (
+        "self-collisions are avoided, by the shapes of the URDF; obstacles are "
+        "unknown: --ground, [excitation.scene]; --no-collisions"
+    )
+    return (scene if pose is None else _apart_at(scene, pose)), (around,)
+
+
+def _cone(table: ConeTable) -> OrientationCone:
+    return OrientationCone(
+        table.link,
+        float(np.radians(table.angle_deg)),
+        np.array(table.axis),
+        np.array(table.direction),
+    )
+
+
+def _workspace(table: WorkspaceTable) -> Workspace:
+    sides = [table.x, table.y, table.z]
+    low, high = np.array(
+        [(-np.inf, np.inf) if side is None else side for side in sides]
+    ).T
+    return Workspace(table.link, low, high, np.array(table.point))
+
+
+def _of_urdf(problem: Problem, table: SceneTable, bodies: list[Body]) -> Scene:
+    if problem.table.model.urdf is None:
+        raise ProblemError(
+            'robot = "urdf", but [model] has no urdf; write robot = "bodies", and give '
+            "the robot's in [[excitation.scene.bodies]], each with its link"
+        )
+    return scene_from_urdf(
+        problem.file(problem.table.model.urdf),
+        problem.moving,
+        package_dirs=[problem.file(folder) for folder in table.packages],
+        elements=table.elements,
+        pieces=table.pieces,
+        ground=table.ground,
+        added=bodies,
+        clearance=table.clearance,
+        extra=table.extra,
+        allowed=table.allowed,
+    )
+
+
+def _of_bodies(problem: Problem, table: SceneTable, bodies: list[Body]) -> Scene:
+    if not any(body.frame for body in bodies):
+        raise ProblemError(
+            'robot = "bodies", but none of [[excitation.scene.bodies]] has a link; say '
+            "which of them are the robot's"
+        )
+    floor = [] if table.ground is None else [plane(table.ground)]
+    return build_scene(
+        problem.moving,
+        [*floor, *bodies],
+        clearance=table.clearance,
+        extra=table.extra,
+        allowed=table.allowed,
+    )
+
+
+def _body(table: BodyTable, number: int) -> Body:
+    where = f"[[excitation.scene.bodies]] {number}, {table.name!r}"
+    shapes = {name: getattr(table, name) for name in _SHAPES}
+    given = [name for name, shape in shapes.items() if shape is not None]
+    if len(given) != 1:
+        seen = " and ".join(given) or "none"
+        raise ProblemError(f"{where} needs one of {', '.join(_SHAPES)}; it has {seen}")
+    rotation, translation = (
+        rotation_of(np.radians(table.rpy_deg).tolist()),
+        np.array(table.position),
+    )
+    shape: Shape
+    match shapes[given[0]]:
+        case SphereTable() as ball:
+            shape = Sphere(ball.radius)
+        case BoxTable() as box:
+            shape = Box(box.size)
+        case rod:
+            length, turn, middle = _rod(rod, where)
+            kind = Capsule if given == ["capsule"] else Cylinder
+            shape = kind(rod.radius, length)
+            translation, rotation = translation + rotation @ middle, rotation @ turn
+    return Body(table.name, shape, table.link, rotation, translation)
+
+
+def _rod(rod: RodTable, where: str) -> tuple[float, Matrix, Vector]:
+    """Return length, orientation and middle of a capsule or cylinder."""
+    if (rod.length is None) == (rod.ends is None):
+        seen = "neither" if rod.length is None else "both"
+        raise ProblemError(f"{where}: a rod needs length or ends; it has {seen}")
+    if rod.ends is None:
+        return float(rod.length or 0.0), np.eye(3), np.zeros(3)
+    first, last = np.array(rod.ends)
+    way = last - first
+    length = float(np.linalg.norm(way))
+    if length == 0.0:
+        raise ProblemError(f"{where}: both ends are {rod.ends[0]}; write a sphere")
+    return length, _along(way / length), (first + last) / 2.0
+
+
+def _along(way: Vector) -> Matrix:
+    """Return a rotation of z to a unit vector."""
+    return np.asarray(plane(normal=way).rotation)
+
+
+def _apart_at(scene: Scene, pose: dict[str, float]) -> Scene:
+    """Leave out pairs that touch in the start pose."""
+    if not scene.pairs:
+        return scene
+    q = [[pose[name] for name in scene.robot.joint_names]]
+    touching = nearest(scene, q).distance[0] <= 0.0
+    notes = [
+        PairNote(*scene.names(pair), False, "they touch in the start pose")
+        for pair, touches in zip(scene.pairs, touching, strict=True)
+        if touches
+    ]
+    pairs = [p for p, touches in zip(scene.pairs, touching, strict=True) if not touches]
+    return replace(scene, pairs=tuple(pairs), notes=(*scene.notes, *notes))
+
 
 _TABLE = "[excitation]"
 
-_WHERE = "[excitation.limits]"
 _HARMONICS = 5  # of base frequencies that are requested without a number
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DesignRequest:
-    """Forms, aim, limits and surroundings of a path, and how it is to be played.
+    """Forms, aim, limits and scene of a path, and options for playing it.
 
     Parameters
     ----------
     forms : tuple of PathForm
-        To choose from: one, if the number of harmonics is requested.
+        Forms to choose from: one, if the number of harmonics is requested.
     aim : Aim
     limits : MotionLimits
     scene : Scene, optional
@@ -48,9 +250,9 @@ class DesignRequest:
     periods : int, optional
         How often a periodic path is repeated; None to play its duration once.
     notes : tuple of str
-        On bodies that nothing was requested of.
+        Notes on the default scene.
     friction_share : float
-        Of the effort limits, left for friction that is not known.
+        Share of the effort limits that is left for unknown friction.
     """
 
     forms: tuple[PathForm, ...]
@@ -82,8 +284,8 @@ def design_request(problem: Problem) -> DesignRequest:
     if table.rest and table.periods != 1:
         raise ProblemError(
             f"{_TABLE} periods is {table.periods}, but a path that rests at its ends "
-            "is not repeated; give rest = false, or leave periods out and play it as "
-            "often as you like"
+            f"is not repeated; give rest = false, or leave periods out and play it "
+            f"several times"
         )
     limits = _limits(table.limits, problem.moving)
     forms = _forms(table, limits)
@@ -120,7 +322,7 @@ def design_request(problem: Problem) -> DesignRequest:
 def _interest(
     problem: Problem, refine: Objective | Literal["default"] | None
 ) -> tuple[str, ...]:
-    """Return what a motion is for: on a wrench sensor the tool, whatever its bias."""
+    """Return the parameters of interest: for a wrench sensor those of the tool."""
     table, robot = problem.table.excitation, problem.model.robot
     if table.interest or problem.arm is None:
         return interest_names(robot, table.interest)
@@ -160,7 +362,7 @@ def _limits(given: LimitsTable, robot: RobotModel) -> MotionLimits:
             effort_rate=given.effort_rate,
             effort_rms=given.effort_rms,
         )
-        limits = with_current_limits(limits, given)
+        limits = limits.with_currents(given.current, given.torque_constant)
     except ProblemError as cause:
         raise ProblemError(
             f"[excitation.limits] {cause}. Its keys: position = {{ "
@@ -188,7 +390,7 @@ def _pose(given: dict[str, float], limits: MotionLimits) -> dict[str, float]:
 
 
 def _require_whole_period(form: PathForm, periods: int) -> None:
-    """Refuse to repeat what is designed and proven, if it is no whole period."""
+    """Refuse to repeat a path whose duration is not a whole period."""
     still = np.zeros((len(form.frequencies), 1))
     path = FourierTrajectory(
         ("any",), form.frequencies, np.zeros(1), still, still, form.duration
@@ -210,42 +412,7 @@ def _require_clear(scene: Scene, pose: dict[str, float]) -> None:
         first, second = scene.names(scene.pairs[k])
         raise ProblemError(
             f"{_TABLE} start_pose: bodies {first!r} and {second!r} are "
-            f"{found.distance[0, k] * 1e3:.1f} mm apart (negative: in one another), at "
-            f"least {scene.pairs[k].wanted * 1e3:.1f} mm are wanted; give another pose"
+            f"{found.distance[0, k] * 1e3:.1f} mm apart (negative: penetration), at "
+            f"least {scene.pairs[k].wanted * 1e3:.1f} mm are required; give another "
+            f"pose"
         )
-
-
-def with_current_limits(limits: MotionLimits, given: LimitsTable) -> MotionLimits:
-    """Return limits whose efforts no current exceeds: ``torque_constant * current``.
-
-    Raises
-    ------
-    ProblemError
-        If one of `current` and `torque_constant` is missing, or a name is no joint's.
-    """
-    if given.current is None and given.torque_constant is None:
-        return limits
-    if given.current is None or given.torque_constant is None:
-        missing = "current" if given.current is None else "torque_constant"
-        raise ProblemError(
-            f"{_WHERE} {missing} is missing: a current [A] limits torque with the "
-            "torque constant of the joint, gears included [N m/A]; give both"
-        )
-    current = _by_joint(given.current, limits.joints, "current")
-    constant = _by_joint(given.torque_constant, limits.joints, "torque_constant")
-    known = np.isfinite(current) & np.isfinite(constant)
-    torque = np.where(known, current * constant, np.inf)
-    return replace(limits, effort=np.minimum(limits.effort, torque))
-
-
-def _by_joint(given: PerJoint, joints: tuple[str, ...], key: str) -> Vector:
-    """Return a number for each joint, infinite where none is given."""
-    if isinstance(given, Mapping):
-        require_known(given, joints, f"{_WHERE} {key}: no joint")
-        return np.array([given.get(name, np.inf) for name in joints])
-    values = np.asarray(given, dtype=np.float64)
-    if values.shape not in ((), (len(joints),)):
-        raise ProblemError(
-            f"{_WHERE} {key} has {len(values)} numbers, expected one or {len(joints)}"
-        )
-    return np.broadcast_to(values, (len(joints),))

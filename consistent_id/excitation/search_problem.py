@@ -1,16 +1,16 @@
-"""What a search minimises, and within what; it can be sent to another process.
+"""The problem of a search: objective and limits; it can be sent to another process.
 
-What is minimised is a function of the information that a path's variables stand for,
+The objective is a function of the information of a path,
 
     M = (recorded / samples) sum_rows  w w^T / noise^2  +  earlier
 
-over the rows ``w`` of the base regressor at the sampled times: what a recording of the
-path adds to what is known of the base parameters already.
+over the rows ``w`` of the base regressor at the sampled times: a recording of the path
+adds its information to that of earlier recordings.
 
 A search starts from a random path that violates no guard: from within a wall it rarely
-succeeds.  About a pose that is clear the joints begin to swing a little; then each
-one's swing grows by itself for as long as nothing is in its way.  So a joint that meets
-a wall soon does not keep the others still.
+succeeds.  The joints begin to swing slightly about a clear pose; then the amplitude of
+each joint grows separately until a body is in its way. So a joint near a wall does not
+limit the others.
 """
 
 from collections.abc import Callable, Sequence
@@ -43,18 +43,18 @@ from consistent_id.motion.limits import MotionLimits
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.row_structure import RowModel
 
-_SAMPLES = 100  # of a path at least, and ten per period of the highest frequency
+_SAMPLES = 100  # least samples of a path, and ten per period of the highest frequency
 _GRID = 24  # samples per period of the highest frequency, at which guards measure
 _STRIDE = 3  # every third of these times is enough for a random path
 _ROW = 3e-6  # work of a guard's row for each joint
 _FILL = 0.8  # share of the limits that a random path uses
 
-_POSES = 64  # at which guards measure, if the path violates one
+_POSES = 64  # share of the times at which guards measure, if the path violates one
 _KEPT = 6  # poses about which swings are tried
 _RANGE = 0.8  # share of the joints' ranges in which these poses are
 _SWINGS = (0.25, 0.1, 0.03, 0.01)  # shares of the swing to begin with, tried in order
 _GROWTH = 1.6  # of one joint's swing at a time
-_LEAST = 1.02  # growth that is not worth another look
+_LEAST = 1.02  # growth that ends the iteration
 
 
 class Information(NamedTuple):
@@ -66,7 +66,7 @@ class Information(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class PathInformation:
-    """Maps the variables of a path to the information it gives.
+    """Maps the variables of a path to its information.
 
     Parameters
     ----------
@@ -76,10 +76,10 @@ class PathInformation:
     samples : int
         Of a path at which the regressor is taken.
     recorded : float
-        Samples that will be recorded, for which the sampled ones stand.
+        Number of samples that will be recorded, represented by the sampled ones.
     noise : ndarray, shape (torque joints,), [N m or N]
     earlier : ndarray, shape (base parameters, base parameters)
-        Information there is already.
+        Information of earlier recordings.
     """
 
     model: RowModel
@@ -93,7 +93,7 @@ class PathInformation:
     def __call__(self, variables: Matrix) -> Information:
         """Return the information of a path; the last one is remembered."""
         if self not in _EVALUATORS:
-            _EVALUATORS[self] = _Evaluator(self)
+            _EVALUATORS[self] = _PathEvaluator(self)
         return _EVALUATORS[self](variables)
 
 
@@ -109,18 +109,18 @@ class SearchProblem:
     guards : tuple of Guard
         Limits that are not linear in the variables.
     grid : ndarray, shape (samples,), [s]
-        When guards measure.
+        Times at which guards measure.
     objective : Objective
     scaling : {"none", "unit columns"}
         Of the regressor's columns in condition numbers.
     gram : ndarray, shape (base, base), optional
-        Of the task whose torque is to be predicted.
+        Gram matrix of the task whose torque is to be predicted.
     spread_bound : float
-        That the logarithm of the condition number may not exceed.
+        Bound on the logarithm of the condition number.
     seed : int
         Of the random paths that searches begin with.
     interest : tuple of int
-        Places of the base parameters whose errors matter; of none, all.
+        Indices of the base parameters whose errors matter; empty for all.
     """
 
     information: PathInformation
@@ -141,7 +141,7 @@ class SearchProblem:
 
     @property
     def costs(self) -> Costs:
-        """Work of what a search repeats."""
+        """Work of the repeated parts of a search."""
         of, joints = self.information, len(self.basis.unit)
         queries = [guard.seconds for guard in self.guards]
         return search_costs(
@@ -158,7 +158,7 @@ class SearchProblem:
         return self.basis.size, len(self.basis.unit)
 
     def random(self, number: int) -> Matrix:
-        """Return a random path that keeps the linear limits, and others if it can."""
+        """Return a random path that keeps linear limits, and, if possible, guards."""
         rng, basis = np.random.default_rng((self.seed, number)), self.basis
         variables = rng.normal(size=self.shape) * _decay(basis)[:, None]
         variables[0] = rng.uniform(-0.3, 0.3, self.shape[1])
@@ -167,7 +167,7 @@ class SearchProblem:
         return clear_start(variables, basis, self.limits, self.guards, times, rng)
 
     def criterion(self, objective: Objective, power: float = np.inf) -> Criterion:
-        """Return an objective's criterion, smooth or itself.
+        """Return an objective's criterion, smoothed or exact.
 
         Only condition numbers are scaled: columns of unit size would hide the size of
         the standard errors that the other objectives measure.
@@ -189,7 +189,7 @@ class SearchProblem:
         return self.criterion(objective)(self.information(variables).matrix).value
 
     def measures(self, variables: Matrix) -> list[Matrix]:
-        """Return what each guard measures along the grid."""
+        """Return the measures of each guard along the grid."""
         if not self.guards:
             return []
         motion = self.basis.motion(variables, self.grid)
@@ -267,7 +267,7 @@ def _gram(model: RowModel, base: BaseParameters, aim: Aim) -> Matrix | None:
     return np.asarray(np.einsum("jps,jqs->pq", V, V) / (len(V) * len(log)))
 
 
-class _Evaluator:
+class _PathEvaluator:
     """The compiled regressor of a `PathInformation`, and the last information."""
 
     def __init__(self, of: PathInformation) -> None:
@@ -305,7 +305,7 @@ class _Evaluator:
 
 
 # CasADi functions on memory of their own, which go to no other process.
-_EVALUATORS: WeakKeyDictionary[PathInformation, _Evaluator] = WeakKeyDictionary()
+_EVALUATORS: WeakKeyDictionary[PathInformation, _PathEvaluator] = WeakKeyDictionary()
 
 
 def clear_start(
@@ -316,15 +316,15 @@ def clear_start(
     time: Vector,
     rng: np.random.Generator,
 ) -> Matrix:
-    """Return a path that violates no guard: as given, or smaller, about another pose.
+    """Return a path that violates no guard: the given one, or a smaller one elsewhere.
 
-    If there is none among some random poses, the path is returned as it was given.
+    If there is none among some random poses, the given path is returned.
 
     Parameters
     ----------
     path : ndarray, shape (size, joints)
     time : ndarray, shape (samples,), [s]
-        When the guards measure.
+        Times at which the guards measure.
     """
 
     def clear(candidate: Matrix) -> bool:
@@ -352,7 +352,7 @@ def _grown(
     clear: Callable[[Matrix], bool],
     rng: np.random.Generator,
 ) -> Matrix:
-    """Let each joint swing further by itself, up to as far as in the given path."""
+    """Enlarge the swing of each joint separately, up to that of the given path."""
     share = np.abs(start[1:]).max(axis=0) / np.abs(path[1:]).max(axis=0)
     growth = np.full(path.shape[1], _GROWTH)
     while (growth > _LEAST).any():
@@ -370,7 +370,7 @@ def _grown(
 
 
 def _at_rest(offsets: Matrix, basis: FourierBasis, guards: Sequence[Guard]) -> Vector:
-    """Return how far the worst guard is above what it allows, pose by pose."""
+    """Return the largest excess of all guards, pose by pose."""
     motion: Array = np.zeros((3, *offsets.shape))
     motion[0] = basis.limits.middle + offsets * basis.limits.derivative(0)
     measures = [guard.measure(motion).max(axis=1) for guard in guards]

@@ -1,12 +1,10 @@
-"""Searches from many starts, side by side, none of whose work is lost.
+"""Parallel searches from many starts, whose results survive a killed process.
 
-Starts are dealt to lanes, every so many-th to each.  A lane searches its starts one
-after another, with an allowance of work of its own.  So what is found depends on
-neither the clock nor on where lanes are run.
-
-What searches have found so far is in files.  A process that is killed is replaced: what
-it had finished is in the folder, and the start that was under way is searched again
-from its beginning, so that the result is the same.
+Starts are distributed to lanes in turn.  A lane searches its starts one after another,
+with its own allowance of work.  So the result depends neither on the clock nor on where
+lanes run. Results so far are kept in files.  A killed process is replaced: its finished
+results are in the folder, and the unfinished start is searched again from its
+beginning, so the result is the same.
 """
 
 import os
@@ -26,7 +24,7 @@ from consistent_id._support.run import Interrupted
 from consistent_id.excitation.path_search import FoundPath, search
 from consistent_id.excitation.search_problem import SearchProblem
 
-_TRIES = 3  # of a start under way when a process was killed; the executor has one more
+_TRIES = 3  # tries of a start after a process was killed; the executor has one more
 
 
 def run_searches(
@@ -41,22 +39,22 @@ def run_searches(
 ) -> tuple[FoundPath, ...]:
     """Run searches until all are done, their work is spent or the user interrupts.
 
-    What is found comes back best first; fewer than the starts, if some never began or
-    were lost with a process that was killed.
+    Results are sorted, the best first.  There are fewer than starts if some never began
+    or were lost with a killed process.
 
     Parameters
     ----------
     problem : SearchProblem
     starts : sequence of FoundPath
     lanes : int
-        Shares of the starts; what is found depends on their number.
+        Shares of the starts; the result depends on their number.
     work : float
-        Of each lane, see `Meter`; its first start begins in any case.
+        Work of each lane, see `Meter`; its first start begins in any case.
     interrupted : callable
-        Returns whether the user has asked to end.
+        Returns whether the user has interrupted the search.
     executor : Executor, optional
-        Where lanes are run; what is found does not depend on it.  By default one in
-        this process, and each other one in a process of its own.
+        Where lanes run; the result does not depend on it.  By default one in this
+        process, and each other one in a separate process.
     progress : bool
         Show a bar with the best value so far.
     """
@@ -89,7 +87,7 @@ def run_searches(
 
 
 def _here(executor: Executor | None, lanes: int) -> int:
-    """Return how many of the lanes are run in this process."""
+    """Return the number of lanes in this process."""
     if executor is None:
         return 1
     return lanes if executor.kind == "serial" else 0
@@ -98,7 +96,7 @@ def _here(executor: Executor | None, lanes: int) -> int:
 def lane_work(
     found: Sequence[FoundPath], starts: Sequence[FoundPath], lanes: int
 ) -> float:
-    """Return the work of the lane that did most."""
+    """Return the largest work of a lane."""
     work = {one.number: one.work for one in found}
     dealt = (starts[k::lanes] for k in range(lanes))
     return max(sum(work.get(one.number, 0.0) for one in lane) for lane in dealt)
@@ -112,18 +110,18 @@ def run_lane(
     ended: Callable[[], bool],
     show: Callable[[], None] = lambda: None,
 ) -> tuple[FoundPath, ...]:
-    """Search from one start after another; what is found goes to the folder, too.
+    """Search from one start after another; results are also written to the folder.
 
     Parameters
     ----------
     problem : SearchProblem
     starts : sequence of FoundPath
     work : float
-        For all of them, see `Meter`; the first begins in any case.
+        Work for all of them, see `Meter`; the first begins in any case.
     folder : Path
-        With what is known of them already.
+        Folder with earlier results.
     ended : callable
-        Returns whether to end at once with what there is.
+        Returns whether to end at once with the results so far.
     show : callable
         Called after each start.
     """
@@ -154,11 +152,11 @@ def run_lane(
 def run_lane_elsewhere(
     problem: SearchProblem, work: float, folder: Path, starts: Sequence[FoundPath]
 ) -> tuple[FoundPath, ...]:
-    """Run a lane in another process, for as long as anybody waits for it."""
+    """Run a lane in another process, as long as its caller waits for it."""
     main, seen = os.getppid(), folder.exists()
 
     def ended() -> bool:
-        # Nobody tells a worker that the process it works for was killed, or has enough.
+        # A worker is not informed if its calling process was killed, or has ended.
         return os.getppid() != main or (seen and not folder.exists())
 
     return run_lane(problem, starts, work, folder, ended)
@@ -166,12 +164,12 @@ def run_lane_elsewhere(
 
 @contextmanager
 def report_folder(place: Path | None = None) -> Iterator[Path]:
-    """Yield a new folder, which is gone at once for all who still write to it.
+    """Yield a new folder, which disappears at once at the end.
 
     Parameters
     ----------
     place : Path, optional
-        Of the folder; by default that of temporary files.
+        Parent of the folder; by default that of temporary files.
     """
     folder = last = Path(mkdtemp(prefix="excitation-", dir=place))
     try:
@@ -183,27 +181,27 @@ def report_folder(place: Path | None = None) -> Iterator[Path]:
 
 
 def times_begun(folder: Path, number: int) -> int:
-    """Note that a search begins, and in which process; return how often it has."""
+    """Note that a search begins, and its process; return how often it has begun."""
     file = folder / f"{number}.begun"
     try:
         with file.open("a") as noted:
             noted.write(f"{os.getpid()}\n")
         return len(file.read_text().splitlines())
-    except FileNotFoundError:  # a folder that this computer does not see
+    except FileNotFoundError:  # a folder that this computer cannot access
         return 1
 
 
 def write_report(
     folder: Path, found: FoundPath, *, complete: bool | None = None
 ) -> None:
-    """Write what a search has found, at once or not at all.
+    """Write the result of a search, completely or not at all.
 
     Parameters
     ----------
     folder : Path
     found : FoundPath
     complete : bool, optional
-        In place of the candidate's own: a search under way is not complete.
+        Instead of the candidate's own: a running search is not complete.
     """
     temporary = folder / f"{found.number}-{os.getpid()}.partial"
     known: dict[str, Any] = {
@@ -216,7 +214,7 @@ def write_report(
     }
     if found.variables is not None:
         known["variables"] = found.variables
-    # A process that is about to be killed may find the folder gone already.
+    # The folder may have been removed before a process is killed.
     with suppress(FileNotFoundError):
         with temporary.open("wb") as file:
             np.savez(file, **known)
@@ -224,7 +222,7 @@ def write_report(
 
 
 def read_reports(folder: Path, *, ended: bool = False) -> Iterator[FoundPath]:
-    """Yield what searches have reported, ended or not; or those that have ended."""
+    """Yield results of all searches, ended or not; or only of those that have ended."""
     for file in sorted(folder.glob("*.npz")):
         with np.load(file) as saved:
             if ended and not saved["ended"]:

@@ -9,7 +9,6 @@ import msgspec
 import numpy as np
 
 from consistent_id._support.arrays import Matrix
-from consistent_id._support.run import require_trusted
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.problems.excitation_tables import ExcitationTable, SceneTable
@@ -17,7 +16,7 @@ from consistent_id.problems.file import read_problem_table
 from consistent_id.problems.folder import problem_files
 from consistent_id.problems.loading import problem_of, stated_problem
 from consistent_id.problems.overrides import overridden
-from consistent_id.problems.paths import names_outside
+from consistent_id.problems.paths import require_own_names
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.robot_draft import ROBOT_ENDINGS, robot_draft
 from consistent_id.problems.statement import Statement
@@ -39,7 +38,7 @@ _LIMITS = (
     "share",
 )
 OPEN = "open"
-"""Word for the parameters that an earlier estimate left open."""
+"""Word for the parameters that an earlier estimate does not determine."""
 _OPEN_ORIGINS = ("loose", "prior", "convention")
 _SCENE = ("ground", "clearance", "planning_scene")
 
@@ -54,7 +53,7 @@ def problem_to_excite(
 ) -> Problem:
     """Return the problem of a file, with changes to its ``[excitation]`` table.
 
-    Masses do not matter to a motion: a problem file may ask for a datasheet's that no
+    Masses do not affect the design: a problem file may require datasheet masses that no
     link has.
 
     Parameters
@@ -74,8 +73,7 @@ def problem_to_excite(
     table = overridden(read_problem_table(file), stated, file).table
     excitation = changed(table.excitation, changes)
     if table.data is None and not _has_masses(table.links):
-        for sentence in names_outside(table, file):
-            require_trusted(file, sentence)
+        require_own_names(table, file)
         free = ConstraintsTable(masses="free")
         table = msgspec.structs.replace(table, constraints=free, excitation=excitation)
         return replace(problem_of(table, file), source=file)
@@ -85,7 +83,7 @@ def problem_to_excite(
 
 
 def estimated_parameters(problem: Problem, files: Sequence[Path]) -> Matrix | None:
-    """Return the parameters that estimates of a problem's torque model found.
+    """Return the parameters of estimates of a problem's torque model.
 
     Parameters
     ----------
@@ -99,7 +97,7 @@ def estimated_parameters(problem: Problem, files: Sequence[Path]) -> Matrix | No
     Raises
     ------
     ProblemError
-        If one is no estimate, or of another torque model.
+        If one is not an estimate, or of another torque model.
     """
     if not files:
         return None
@@ -111,7 +109,7 @@ def estimated_parameters(problem: Problem, files: Sequence[Path]) -> Matrix | No
 def earlier_recordings(
     problem: Problem, files: Sequence[Path]
 ) -> tuple[Regression, ...]:
-    """Return the regressions of a problem's torque model that files hold.
+    """Return regressions of a problem's torque model from files.
 
     Parameters
     ----------
@@ -121,7 +119,7 @@ def earlier_recordings(
     Raises
     ------
     ProblemError
-        If one is no regression, or of another torque model.
+        If one is not a regression, or of another torque model.
     """
     found = []
     for file in files:
@@ -133,30 +131,30 @@ def earlier_recordings(
         except ProblemError as cause:
             raise ProblemError(
                 f"earlier recordings {file}: {cause}. consistent-id compress PROBLEM "
-                "writes them, for the same robot and drive terms; an estimate does not "
-                "hold what its data told"
+                "writes them, for the same robot and drive terms; an estimate does "
+                "not contain the information of its data"
             ) from None
         found.append(regression)
     return tuple(found)
 
 
 def with_open_parameters(problem: Problem, files: Sequence[Path]) -> Problem:
-    """Return the problem with what estimates left open in place of the word "open".
+    """Return the problem with estimates' open parameters instead of the word "open".
 
-    Open is what the data bound only loosely, and what a prior or a convention chose.
-    A parameter is open if one of the estimates says so.
+    A parameter is open if, in one of the estimates, the data bound it only loosely, or
+    a prior or a convention determined it.
 
     Raises
     ------
     ProblemError
-        If there is no estimate, or it left nothing open.
+        If there is no estimate, or nothing is open.
     """
     excitation = problem.table.excitation
     if OPEN not in excitation.interest:
         return problem
     if not files:
         raise ProblemError(
-            f"interest in what is {OPEN!r} needs an estimate that left it so: give "
+            f"interest {OPEN!r} needs an estimate with open parameters: give "
             "--parameters delivered.json"
         )
     base = base_parameters(problem.model)

@@ -1,4 +1,4 @@
-"""Stages of a design: searches, and the proof of what they find."""
+"""Stages of a design: searches, and the proof of their results."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -22,16 +22,16 @@ _TRIAL = 0.1  # share of the work in which one of several forms is tried
 _FIRST = 0.6  # share of the work after which the first of two stages ends
 _LAST = 0.9  # share after which the last stage ends; the rest is for proofs
 _MORE = 0.3  # share that searches get at least after a proof has failed
-_REFINED = 2  # paths that go on to the second stage, however many lanes there are
-_ATTEMPTS = 4  # at a proof, each with less of the limits to use
-_WORSE = 0.05  # a logarithm, by which another path may be worse than one unproven
+_REFINED = 2  # paths that enter the second stage, for any number of lanes
+_ATTEMPTS = 4  # tries of a proof, each with lower limits
+_WORSE = 0.05  # logarithm by which another path may be worse than an unproven one
 _CREST = 2.0  # peak over root mean square, of torque whose peak is not limited
 _EQUAL = 1e-9  # difference of logarithms below which two paths are equally good
-_COMPARED = 8  # random paths at most that a design must be better than
+_COMPARED = 8  # most random paths that a design must be better than
 
 
 class _NothingYet(KeyboardInterrupt):
-    """The user ended a search before it had anything to keep."""
+    """The user ended a search before it had a result."""
 
 
 Prove = Callable[[FourierTrajectory], PathProof]
@@ -39,7 +39,7 @@ Prove = Callable[[FourierTrajectory], PathProof]
 
 @dataclass(frozen=True, slots=True)
 class Means:
-    """By what means to search.
+    """The means of a search.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Means:
     lanes : int
         Shares of the starts, searched side by side.
     work : float
-        That may be done in each lane, see `Meter`.
+        Work of each lane, see `Meter`.
     interrupted : callable
         Returns whether the user has asked to end.
     executor : Executor, optional
@@ -67,7 +67,7 @@ class Means:
     def run(
         self, problem: SearchProblem, starts: Sequence[FoundPath], work: float
     ) -> tuple[FoundPath, ...]:
-        """Run searches, each lane with so much work."""
+        """Run searches, with a given work of each lane."""
         return run_searches(
             problem,
             starts,
@@ -93,7 +93,7 @@ def compared_paths(problem: SearchProblem, starts: int) -> list[FoundPath]:
 def best_form(
     problems: Sequence[SearchProblem], means: Means, meter: Meter
 ) -> SearchProblem:
-    """Return the problem whose form promises most: by a short search of each."""
+    """Return the problem with the most promising form, by a short search of each."""
     if len(problems) == 1:
         return problems[0]
     starts = [FoundPath(number) for number in range(min(means.starts, means.lanes))]
@@ -119,7 +119,7 @@ def design_stages(
     """
     prove = _proving_once(demands)
     objectives = aim.objectives
-    search = _Search(aim, means, meter, prove)
+    search = _DesignSearch(aim, means, meter, prove)
     random = [FoundPath(number) for number in range(means.starts)]
     last = len(objectives) == 1
     problem = replace(problem, objective=objectives[0])
@@ -150,7 +150,7 @@ def _scored(
 
 
 def _bound(aim: Aim, reached: float) -> float:
-    """Return the logarithm that the condition number may not exceed."""
+    """Return the bound on the logarithm of the condition number."""
     if aim.condition_at_most is None:
         return reached + float(np.log(aim.growth))
     bound = float(np.log(aim.condition_at_most))
@@ -175,7 +175,7 @@ def _unchanged(first: Stage, problem: SearchProblem) -> Stage:
 
 
 def _proving_once(demands: Demands) -> Prove:
-    """Return what proves paths, each once: a second stage may end where it began."""
+    """Return a prover of paths, each once: a second stage may end at its start."""
     proofs: dict[bytes, PathProof] = {}
 
     def prove(path: FourierTrajectory) -> PathProof:
@@ -188,7 +188,7 @@ def _proving_once(demands: Demands) -> Prove:
 
 
 @dataclass(frozen=True, slots=True)
-class _Search:
+class _DesignSearch:
     """What the stages of one design have in common."""
 
     aim: Aim
@@ -203,7 +203,7 @@ class _Search:
         known: Sequence[FoundPath],
         share: float,
     ) -> Stage:
-        """Search; where no path can be proven, search on with less of the limits.
+        """Search; if no path can be proven, continue with lower limits.
 
         `known` are paths that keep the limits already: no worse one is returned.
         """
@@ -253,7 +253,7 @@ class _Search:
             peaks = _allowed_peaks(proofs[tried])
             guards = tuple(g.tightened(failed, peaks) for g in problem.guards)
             problem, starts = replace(problem, guards=guards), usable[:_REFINED]
-            if peaks:  # which the paths found so far are far from
+            if peaks:  # for which the paths found so far are far away
                 starts = [FoundPath(number) for number in range(means.starts)]
             work = max(share * means.work - meter.spent, _MORE * means.work)
         proofs[0].require()
@@ -275,9 +275,9 @@ class _Search:
 
 
 def _allowed_peaks(proof: PathProof) -> dict[str, float]:
-    """Return what torque joints may reach whose torque fails over time.
+    """Return peak limits for joints whose torque violates a limit over time.
 
-    Rates and root mean squares are no rows of a search: they fall with the peak.
+    Rates and root mean squares are not rows of a search: they decrease with the peak.
     """
     margins = proof.margins.margins
     reached = {m.joint: m.bound for m in margins if m.quantity == "torque"}
@@ -315,7 +315,7 @@ def _nothing_found(found: Sequence[FoundPath], out_of_time: bool) -> InfeasibleE
     obstacles = sorted({one.obstacle for one in found if one.obstacle})
     more = "give a longer time_limit, " if out_of_time else ""
     torque = any(text.startswith("torque") for text in obstacles)
-    left = ". Without parameters friction_share of it is left free" if torque else ""
+    left = ". Without parameters, friction_share of it is reserved" if torque else ""
     return InfeasibleError(
         f"{len(found)} searches found no path that keeps {', '.join(obstacles)} within "
         f"its limit; {more}raise it, or narrow the joints' ranges to where less is "

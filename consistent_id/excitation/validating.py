@@ -19,7 +19,7 @@ from consistent_id.excitation.verification import PathProof
 from consistent_id.recordings.joint_paths import FourierTrajectory
 
 _REACH = 0.95  # share of the limits that a path may use
-_SWINGS = (1.0, 0.85, 0.65, 0.4, 0.2)  # shares of its swing, tried in this order
+_SWINGS = (1.0, 0.85, 0.65, 0.4, 0.2)  # shares of its amplitude, tried in this order
 _GRID = 8  # samples per period of the highest frequency, at which guards measure
 
 
@@ -31,7 +31,7 @@ class ValidationPath:
     ----------
     trajectory : FourierTrajectory
     proof : PathProof
-        Of the same limits as the design's.
+        Proof of the same limits as the design's.
     likeness : ndarray, shape (joints,)
         Correlation of each joint's velocity with the design's, over its duration.
     """

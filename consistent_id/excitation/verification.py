@@ -1,4 +1,4 @@
-"""What a path must keep to, and what is proven of it over its whole duration."""
+"""The demands on a path, and their proof over its whole duration."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -25,7 +25,7 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
 
 FRICTION_SHARE = 0.3
-"""Share of the effort limits left for friction that is not known.
+"""Share of the effort limits left for unknown friction.
 
 At full speed friction takes 19 to 40 % of the effort limits of a UR10e's joints, 21 to
 36 % of a TX40's, 50 % and more of TIAGo's; the median of all 16 joints is 31 %
@@ -37,18 +37,18 @@ _REACH = 0.99  # share of a torque limit that may be used at samples
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Demands:
-    """All that a path must keep to.
+    """All demands on a path.
 
     Parameters
     ----------
     model : TorqueModel
-        That predicts torque.
+        Model that predicts torque.
     parameters : ndarray, shape (members, parameters), optional
-        Of that model; without them torque is not checked.
+        Parameters of that model; without them torque is not checked.
     scene : Scene, optional
         Bodies that must stay apart; without it collisions are not checked.
     notes : tuple of str
-        On what is not checked, and why.
+        Notes on limits that are not checked, with reasons.
     torque_of : str
         Whose torque is compared with the limits.
     """
@@ -58,7 +58,7 @@ class Demands:
     parameters: Matrix | None
     scene: Scene | None
     notes: tuple[str, ...]
-    torque_of: str = "of the parameters that were given"
+    torque_of: str = "of the given parameters"
 
     @property
     def guards(self) -> tuple[Guard, ...]:
@@ -68,7 +68,7 @@ class Demands:
             # a joint whose torque is not measured has a motor too
             every = replace(self.model, torque_joints=())
             slow = slow_speeds(self.limits)
-            # what has no limit at a time, but one over time, begins with twice that
+            # a joint with only a limit over time begins with twice this limit
             peak = np.isinf(self.limits.effort)
             effort = np.where(peak, 2.0 * self.limits.effort_rms, self.limits.effort)
             guards.append(TorqueGuard(every, self.parameters, effort, _REACH, slow))
@@ -78,13 +78,13 @@ class Demands:
 
     @property
     def of_short_motion(self) -> "Demands":
-        """The same without limits of root mean squares: a run-in heats no motor."""
+        """The same without limits of root mean squares: run-ins do not heat motors."""
         none = np.full_like(self.limits.effort_rms, np.inf)
         unlimited = replace(self.limits, effort_rms=none)
         return replace(self, limits=unlimited)
 
     def proof(self, paths: JointPath | Sequence[JointPath]) -> "PathProof":
-        """Prove what can be proven of a path, or of several played one by one."""
+        """Prove all limits of a path, or of several played one by one."""
         every = list(paths) if isinstance(paths, Sequence) else [paths]
         return combined([self._proof(path) for path in every])
 
@@ -103,21 +103,21 @@ class Demands:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathProof:
-    """What is proven of a path.
+    """The proof of a path.
 
     Parameters
     ----------
     margins : MotionMargins
-        From limits of motion and torque; of several paths, of the one with the least.
+        Margins from limits of motion and torque; of several paths, the least.
     clearance : ClearanceReport, optional
-        How far apart bodies stay, if there is a scene.
+        Proven distances of bodies, if there is a scene.
     """
 
     margins: MotionMargins
     clearance: ClearanceReport | None
 
     def retimed(self, clock: Callable[[float], float]) -> "PathProof":
-        """Return the proof of the same motion, whose times another clock shows."""
+        """Return the proof of the same motion on another clock."""
         margins = [replace(m, time=clock(m.time)) for m in self.margins.margins]
         apart = self.clearance
         if apart is not None:
@@ -126,12 +126,12 @@ class PathProof:
 
     @property
     def holds(self) -> bool:
-        """Whether everything that was demanded is proven."""
+        """Whether all demands are proven."""
         apart = self.clearance is None or self.clearance.holds
         return self.margins.holds and apart
 
     def require(self) -> None:
-        """Raise unless everything is proven.
+        """Raise unless all demands are proven.
 
         Raises
         ------
@@ -147,7 +147,7 @@ class PathProof:
 
 
 def combined(proofs: Sequence[PathProof]) -> PathProof:
-    """Return what the proofs of several paths, played one by one, prove together."""
+    """Return one proof from those of several paths, played one by one."""
     margins = min((p.margins for p in proofs), key=lambda found: found.least.relative)
     apart = [p.clearance for p in proofs if p.clearance is not None]
     return PathProof(margins, worst_clearance(apart) if apart else None)
@@ -160,7 +160,7 @@ def demands(
     scene: Scene | None = None,
     friction_share: float = FRICTION_SHARE,
 ) -> Demands:
-    """Return what a path must keep to.
+    """Return the demands on a path.
 
     Parameters
     ----------
@@ -171,14 +171,14 @@ def demands(
     scene : Scene, optional
         Of the model's robot.
     friction_share : float
-        Of the limits of torque, that is left for friction where no parameters say how
-        large it is.
+        Share of the torque limits that is left for friction, if no parameters include
+        it.
 
     Raises
     ------
     ProblemError
         If limits of a joint are missing, or parameters or scene are of another robot;
-        or if nothing can be proven of a drive term.
+        or if no proof is possible for a drive term.
     """
     limits = robot_limits(limits, model.robot)
     _require_same_robot(scene, model.robot)
@@ -204,16 +204,15 @@ def demands(
     rigid = TorqueModel(model.robot)
     left = f"{100.0 * friction_share:.3g} %"
     whose = (
-        f"of the robot of the file; {left} of the limits is left for its friction, "
-        "which is not known"
+        f"of the robot's file; {left} of the limits is left for its unknown friction"
     )
-    notes += (f"torque limits: {whose}; --parameters takes that of an estimate",)
+    notes += (f"torque limits: {whose}; --parameters uses an estimate instead",)
     limits = _reserved(limits, friction_share)
     return Demands(limits, rigid, np.atleast_2d(nominal), scene, notes, whose)
 
 
 def _reserved(limits: MotionLimits, share: float) -> MotionLimits:
-    """Return limits with a share of those of torque left free."""
+    """Return limits with a reserved share of the torque limits."""
     if not 0.0 <= share < 1.0:
         raise ProblemError(f"friction_share is {share}, expected 0 or more, below 1")
     return replace(
@@ -229,7 +228,7 @@ def robot_limits(limits: MotionLimits, robot: RobotModel) -> MotionLimits:
     Raises
     ------
     ProblemError
-        If limits of a joint are missing, or these are no limits.
+        If limits of a joint are missing, or the argument is of another type.
     """
     if not isinstance(limits, MotionLimits):
         raise ProblemError(

@@ -1,9 +1,9 @@
-"""Work of a search, counted by what is computed and not by the clock.
+"""Work of a search, counted by computations and not by the clock.
 
-A search on a busy machine takes longer and does the same: it ends after so much work.
-The unit is a second of an idle processor of 2023, on which the constants below were
-measured (``python benchmarks/excitation_work.py``); on another one a unit takes more or
-less than a second.
+A search on a busy machine takes longer and gives the same result: it ends after a given
+work. The unit is a second of an idle processor of 2023, on which the constants below
+were measured (``python benchmarks/excitation_work.py``); on another one a unit takes
+more or less than a second.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ _SHAPE = 2.5e-7  # s per sample and joint, for measuring the linear limits
 
 @dataclass(frozen=True, slots=True)
 class Costs:
-    """Work of what a search repeats, each in units.
+    """Work of the repeated parts of a search, in units.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class Costs:
     iteration : float
         A step of the solver, with the linear limits.
     measure : float
-        What all guards measure along the grid.
+        Measuring all guards along the grid.
     row : float
         A row of a guard, with its derivatives.
     """
@@ -42,7 +42,7 @@ class Costs:
 
 @dataclass(slots=True)
 class Meter:
-    """Work that is done, of as much as there may be."""
+    """Work done so far, and its limit."""
 
     allowed: float = float("inf")
     spent: float = 0.0
@@ -54,7 +54,7 @@ class Meter:
 
     @property
     def over(self) -> bool:
-        """Whether there is none left."""
+        """Whether the limit is reached."""
         return self.spent >= self.allowed
 
 
@@ -71,11 +71,11 @@ def search_costs(
     Parameters
     ----------
     entries : int
-        Of the base regressor: torque joints x samples x base parameters.
+        Entries of the base regressor: torque joints x samples x base parameters.
     nonzeros : int
         Of the linear limits' rows.
     samples : int
-        Times joints, at which the linear limits are measured.
+        Samples times joints, at which the linear limits are measured.
     measure, row : float
         See `Costs`.
     """

@@ -1,11 +1,12 @@
-"""Drives as learning environments configure them: Isaac Lab, and mjlab.
+"""Drives as configurations of learning environments: Isaac Lab, and mjlab.
 
-Python source that makes the configuration when it is imported where that environment
-is installed; it needs nothing of this package.
+They are Python source, to be imported where the environment is installed, without this
+package.
 """
 
 from collections.abc import Mapping
 from pprint import pformat
+from typing import NamedTuple
 
 import numpy as np
 
@@ -91,11 +92,12 @@ def to_isaac_lab(
     ----------
     estimate : Estimate
     gains : PDGains, optional
-        Of the joints' drives; without them stiffness and damping are to be filled in.
+        Gains of the joints' drives; without them, stiffness and damping must be filled
+        in.
     delay : float, [s]
         Of commands.
     allow_refused : bool
-        Export what is refused, too.
+        Export refused estimates, too.
 
     Raises
     ------
@@ -112,7 +114,8 @@ def to_isaac_lab(
     }
     expressed = ("damping", "friction", "armature")
     notes = not_expressed(estimate, "Isaac Lab", expressed)
-    return _export(estimate, "isaaclab", _ISAAC_LAB, tables, gains, delay, notes)
+    source = _Template("isaaclab", _ISAAC_LAB, tables, notes)
+    return _export(estimate, source, gains, delay)
 
 
 @exporter("mjlab")
@@ -129,19 +132,23 @@ def to_mjlab(
     """
     joints: dict[str, object] = {"JOINTS": list(estimate.model.robot.joint_names)}
     note = "the MJCF file has armature, damping, friction and offsets: export it, too"
-    return _export(estimate, "mjlab", _MJLAB, joints, gains, delay, (note,))
+    source = _Template("mjlab", _MJLAB, joints, (note,))
+    return _export(estimate, source, gains, delay)
+
+
+class _Template(NamedTuple):
+    """A format's name, its Python source with gaps, tables to fill in, and notes."""
+
+    form: str
+    text: str
+    tables: Mapping[str, object]
+    notes: tuple[str, ...]
 
 
 def _export(
-    estimate: Estimate,
-    form: str,
-    template: str,
-    tables: Mapping[str, object],
-    gains: PDGains | None,
-    delay: float,
-    notes: tuple[str, ...],
+    estimate: Estimate, template: _Template, gains: PDGains | None, delay: float
 ) -> Export:
-    given = dict(tables)
+    given, notes = dict(template.tables), template.notes
     names = {"kp": "None", "kd": "None", "limit": "None"}
     if gains is not None:
         of_joints = gains.of(len(estimate.model.robot))
@@ -164,10 +171,10 @@ def _export(
         for name, table in given.items()
     )
     line = provenance(estimate).replace('"""', "'''").replace("\\", "/")
-    text = template.format(
+    text = template.text.format(
         line=line, delay=float(delay), tables=written, **names, **single
     )
-    return Export(form, text.encode(), notes)
+    return Export(template.form, text.encode(), notes)
 
 
 def _values(estimate: Estimate, parameter: str) -> dict[str, float]:

@@ -1,6 +1,6 @@
 """The identified robot's dynamics as CasADi functions, and in C.
 
-The C is one file of C99 that needs ``math.h`` alone.
+The C code is one file of C99 that needs only ``math.h``.
 """
 
 import re
@@ -77,6 +77,12 @@ class Functions(NamedTuple):
 def to_casadi(estimate: Estimate, *, allow_refused: bool = False) -> Functions:
     """Return the dynamics of the identified robot as CasADi functions.
 
+    Parameters
+    ----------
+    estimate : Estimate
+    allow_refused : bool
+        Export what is refused, too.
+
     Raises
     ------
     ProblemError
@@ -85,7 +91,7 @@ def to_casadi(estimate: Estimate, *, allow_refused: bool = False) -> Functions:
     import casadi as ca
 
     x = estimate.parameters
-    # Joints without a measured torque have one nonetheless.
+    # Joints without a measured torque have a torque, too.
     model = replace(estimate.model, torque_joints=())
     weightless = replace(model, robot=replace(model.robot, gravity=np.zeros(3)))
     q, dq, ddq = (ca.SX.sym(s, len(model.robot)) for s in ("q", "dq", "ddq"))
@@ -101,7 +107,7 @@ def to_casadi(estimate: Estimate, *, allow_refused: bool = False) -> Functions:
     rigid = _torque(bodies, inertial, q, dq, ddq)
     at_rest = _torque(bodies, inertial, q, rest, rest)
     inertia = ca.jacobian(_torque(weightless, x, q, rest, ddq), ddq)
-    # |load| has no slope at rest: what is linear in the acceleration is the mass.
+    # |load| has no slope at rest: the part linear in the acceleration is the mass.
     M = ca.substitute(inertia, ddq, rest)
     return Functions(
         function("inverse_dynamics", [q, dq, ddq], tau, "tau"),
@@ -147,7 +153,7 @@ def to_c(
     ----------
     estimate : Estimate
     name : str, optional
-        What the functions' names begin with; by default the robot's name.
+        Prefix of the functions' names; by default the robot's name.
     allow_refused : bool
     """
     import casadi as ca
@@ -178,7 +184,7 @@ def _torque(model: TorqueModel, x: Any, q: Any, dq: Any, ddq: Any) -> Any:
 
 
 def identifier(name: str) -> str:
-    """Return a name as C and Python take it.
+    """Return a name that is valid in C and Python.
 
     Examples
     --------

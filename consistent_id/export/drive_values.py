@@ -1,4 +1,4 @@
-"""Friction and drive coefficients joint by joint, and which of them a format lacks."""
+"""Friction and drive coefficients by joint, and those that a format cannot express."""
 
 from collections.abc import Collection, Container, Mapping
 from dataclasses import dataclass
@@ -17,9 +17,10 @@ class JointDrive:
     Parameters
     ----------
     values : dict of str to float
-        By name, such as ``"viscous"``; what the joint's terms lack is not there.
+        By name, such as ``"viscous"``; only coefficients of the joint's terms are
+        included.
     middle : float, [rad or m]
-        Between the joint's limits, where friction that varies is taken.
+        Middle of the joint's limits, at which varying friction is evaluated.
     """
 
     joint: str
@@ -58,10 +59,10 @@ def joint_drives(estimate: Estimate) -> tuple[JointDrive, ...]:
 
 
 def follower_drives(estimate: Estimate) -> tuple[JointDrive, ...]:
-    """Return drives, without anything, of joints that follow one whose drive is known.
+    """Return empty drives of joints that follow one whose drive is known.
 
-    What such a joint resists is felt by its leader, whose coefficients contain it.
-    Stated again at the follower, a simulator would count it twice.
+    The friction of such a joint acts on its leader, whose coefficients contain it. If
+    it were stated again at the follower, a simulator would count it twice.
     """
     known = {drive.joint for drive in joint_drives(estimate) if drive.terms.names}
     return tuple(
@@ -72,10 +73,10 @@ def follower_drives(estimate: Estimate) -> tuple[JointDrive, ...]:
 
 
 def in_leader(follower: str) -> str:
-    """Return the note on a follower whose stated friction is taken away."""
+    """Return the note on a follower whose stated friction is removed."""
     return (
-        f"friction of {follower} is zero now: it follows another joint, whose "
-        "coefficients contain it"
+        f"friction of {follower} is set to zero: it follows another joint, whose "
+        f"coefficients contain it"
     )
 
 
@@ -100,7 +101,7 @@ def not_expressed(
     expressed: Collection[str],
     exempt: Container[tuple[str, str]] = (),
 ) -> tuple[str, ...]:
-    """Return sentences on drive terms that a format has no place for.
+    """Return sentences on drive terms that a format cannot express.
 
     Parameters
     ----------
@@ -109,7 +110,7 @@ def not_expressed(
     expressed : collection of str
         Parameters of simulators that it has: `simulated_as` of the terms.
     exempt : container of (str, str)
-        Joints (or couplings) and terms that it has a place for, though not at all.
+        Joints (or couplings) and terms that it can express, though not for all.
     """
     without = [
         (drive.joint, name, drive.values[name])
@@ -134,7 +135,7 @@ def _rounded_signs(
     expressed: Collection[str],
     exempt: Container[tuple[str, str]],
 ) -> tuple[str, ...]:
-    """Say where a Coulomb level stands for something smoother or of two levels."""
+    """Return notes on Coulomb levels that replace smoother or two-level friction."""
     if "friction" not in expressed:
         return ()
     levels = [
@@ -161,7 +162,7 @@ def _rounded_signs(
     if smooth:
         notes.append(
             f"{where} has Coulomb friction that jumps with the sign of the velocity; "
-            f"identified was tanh(velocity / scale), scale: {', '.join(smooth)}"
+            f"the identified form is tanh(velocity / scale), scale: {', '.join(smooth)}"
         )
     if uneven:
         notes.append(

@@ -1,10 +1,10 @@
-"""The formats to which an estimate is exported, one gate for all, and what they return.
+"""The formats to which an estimate is exported, one gate for all, and their results.
 
 An entry names the function that exports, which is imported when it is called.
-`exported` refuses estimates that are not to be used, and floating bases where a format
-has no place for one; `exporter` gives functions that are called directly the same gate.
-An `Export` is a file's content, its provenance in it, and what the format could not
-say.
+`exported` refuses estimates that must not be used, and floating bases that a format
+cannot express; `exporter` gives functions that are called directly the same gate. An
+`Export` is a file's content with its provenance, and notes on parts that the format
+cannot express.
 """
 
 import re
@@ -22,7 +22,7 @@ from consistent_id.estimation.verdict import HELP
 if TYPE_CHECKING:  # `consistent-id --help` lists the formats
     from consistent_id.estimation.estimate import Estimate
     from consistent_id.recordings.signals import PDGains
-    from consistent_id.robot.loaders.splice import Document, Edit
+    from consistent_id.robot.loaders.splice import Edit, XmlText
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -35,7 +35,7 @@ class ExportFormat:
     Parameters
     ----------
     content : str
-        What is written, for people.
+        Description of the content, for people.
     module, function : str
         ``function(estimate, [source,] *, allow_refused) -> Export`` in a module of this
         package.
@@ -101,7 +101,7 @@ _COMMENT = re.compile(rb"\s*<!-- consistent-id: [^>]* -->")
 
 
 class SideFile(NamedTuple):
-    """What a format has no place for, in a file of the same name but its suffix."""
+    """Parts that a format cannot express, in a file with another suffix."""
 
     suffix: str
     content: bytes
@@ -109,15 +109,15 @@ class SideFile(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Export:
-    """A file in the making.
+    """The content of a file, before it is written.
 
     Parameters
     ----------
     format : str
     content : bytes
     notes : tuple of str
-        What of the estimate the format cannot express, and what was done so that it
-        expresses the rest.
+        Parts of the estimate that the format cannot express, and changes made for the
+        others.
     files : tuple of (Path, Path)
         Files to be copied, and where to, beside the content.
     side : SideFile, optional
@@ -133,12 +133,12 @@ class Export:
         return self.content.decode("utf-8", "replace")
 
     def save(self, path: str | Path) -> Path:
-        """Write the content and what belongs beside it; each is whole or not there.
+        """Write the content and the files beside it, each completely or not at all.
 
         Raises
         ------
         ProblemError
-            If a place cannot be written to, or another file is where one is to be.
+            If a folder cannot be written to, or another file would be overwritten.
         """
         beside = [(Path(path).parent / name, place) for place, name in self.files]
         for target, place in beside:
@@ -206,7 +206,7 @@ def exported(
         options |= {"gains": gains, "delay": delay}
     module = import_module(f"consistent_id.export.{known.module}")
     function = getattr(module, known.function)
-    # The gate is passed: the function's own need not judge the estimate again.
+    # The gate is passed: the function need not check the estimate again.
     export: Export = function(estimate, allow_refused=True, **options)
     notes = _of_springs(estimate, gains)
     return replace(export, notes=(*export.notes, *notes)) if notes else export
@@ -252,25 +252,25 @@ def _format(form: str) -> ExportFormat:
 def _require_exportable(
     estimate: "Estimate", known: ExportFormat, allow_refused: bool
 ) -> None:
-    """Refuse bases that a format has no place for, and what is not to be used."""
+    """Refuse bases that a format cannot express, and estimates not to be used."""
     robot = estimate.model.robot
     if robot.floating and not known.floating:
         others = ", ".join(f.name for f in EXPORT_FORMATS if f.floating)
         raise ProblemError(
-            f"{known.content}: dynamics of joints alone, but the base of "
-            f"{robot.name!r} floats; formats for it are {others}"
+            f"{known.content}: the format has dynamics of joints only, but the base "
+            f"of {robot.name!r} floats; formats for it are {others}"
         )
     if allow_refused or (verdict := estimate.verdict).usable:
         return
     ground = verdict.grounds[0]
     raise ProblemError(
-        f"{verdict.sentence}: {ground.statement}. {ground.advice}; or say "
+        f"{verdict.sentence}: {ground.statement}. {ground.advice}; or use "
         f"allow_refused (--accept {ground.kind!r} in the shell). See {HELP}"
     )
 
 
 def _of_springs(estimate: "Estimate", gains: "PDGains | None") -> tuple[str, ...]:
-    """Say that no file has the springs between motors and links."""
+    """Return the note on springs between motors and links, which no file has."""
     from math import isfinite
 
     if gains is None:
@@ -299,7 +299,7 @@ def provenance(estimate: "Estimate") -> str:
     )
 
 
-def comment_edit(document: "Document", text: str) -> "Edit":
+def comment_edit(document: "XmlText", text: str) -> "Edit":
     """Return the edit that puts a comment first, in place of an earlier one."""
     text = text.replace("--", "- -").replace(">", "")
     edit = document.insert(document.root, [[f"<!-- {text} -->"]])

@@ -1,7 +1,7 @@
-"""Inertias as files state them: about the centre of mass, divided among fixed links.
+"""Inertias in the form of files: about the centre of mass, divided among fixed links.
 
-Only the inertia of a whole moving link is identified: how it divides among parts that
-never move against each other leaves no trace in any torque.
+Only the inertia of a whole moving link is identifiable: its division among parts that
+never move against each other has no effect on torque.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ _ROUNDING = 1e-12  # of the largest eigenvalue: the digits of a difference of in
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Part:
+class FileLink:
     """A link of the file: its parameters in its own frame, and that frame's place.
 
     `rotation` and `translation` place it in the frame of the moving link.
@@ -49,10 +49,10 @@ class SplitInertia:
     note: str = ""
 
 
-def split_inertia(whole: InertialParameters, parts: Sequence[Part]) -> SplitInertia:
+def split_inertia(whole: InertialParameters, parts: Sequence[FileLink]) -> SplitInertia:
     """Divide the whole among parts, of which the first is the moving link itself.
 
-    The others keep what the file states if that, and what remains for the first, is
+    The others keep the file's values if these, and the remainder for the first, are
     physically consistent.  Otherwise each gets a share of the whole in proportion to
     its mass; all of these are consistent.
     """
@@ -65,7 +65,7 @@ def split_inertia(whole: InertialParameters, parts: Sequence[Part]) -> SplitIner
     names = ", ".join(part.name for part in heavy)
     keeps = all(part.body.is_consistent(_ROUNDING) for part in heavy)
     if not whole.is_consistent(_ROUNDING) or (keeps and rest.is_consistent(_ROUNDING)):
-        note = f"{own.name} is what remains without {names}, which stay as they were"
+        note = f"{own.name} is the remainder without {names}, which are not changed"
         return SplitInertia((own.given(rest), *(part.body for part in others)), note)
     masses = np.maximum([part.body.mass for part in parts], 0.0)
     if masses.sum() == 0.0:
@@ -73,8 +73,8 @@ def split_inertia(whole: InertialParameters, parts: Sequence[Part]) -> SplitIner
     weights = masses / masses.sum()
     bodies = tuple(p.given(whole, w) for p, w in zip(parts, weights, strict=True))
     note = (
-        f"what remains of {own.name} without {names} would not be physically "
-        "consistent: the whole is divided in proportion to the masses"
+        f"the remainder of {own.name} without {names} would not be physically "
+        f"consistent: the whole is divided in proportion to the masses"
     )
     return SplitInertia(bodies, note)
 

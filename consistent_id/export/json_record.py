@@ -25,6 +25,12 @@ def robot_record(estimate: Estimate, *, allow_refused: bool = False) -> dict[str
     its joint; inertias are about the centre of mass, in the link's axes.  Infinite
     limits are null.  A joint that follows another has ``mimic``, and no drive.
 
+    Parameters
+    ----------
+    estimate : Estimate
+    allow_refused : bool
+        Export what is refused, too.
+
     Raises
     ------
     ProblemError
@@ -56,7 +62,7 @@ def robot_record(estimate: Estimate, *, allow_refused: bool = False) -> dict[str
 
 
 def drive_record(estimate: Estimate) -> dict[str, Any]:
-    """Return the drives alone, for formats that have no place for all of them."""
+    """Return only the drives, for formats that cannot express all of them."""
     return {"format": DRIVES_FORMAT, **_origin(estimate), **_drive_part(estimate)}
 
 
@@ -66,7 +72,14 @@ def json_text(record: dict[str, Any]) -> bytes:
 
 
 def to_json(estimate: Estimate, *, allow_refused: bool = False) -> Export:
-    """Return `robot_record` as JSON, which YAML readers read too."""
+    """Return `robot_record` as JSON, which YAML readers read too.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    allow_refused : bool
+        Export what is refused, too.
+    """
     record = robot_record(estimate, allow_refused=allow_refused)
     return Export("json", json_text(record))
 

@@ -11,14 +11,14 @@ from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id._support.extras import needed
 from consistent_id.errors import ModelError
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.export.file_inertias import Part, central, split_inertia
+from consistent_id.export.file_inertias import FileLink, central, split_inertia
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders import mjcf_spec
 from consistent_id.robot.loaders.mjcf import compiled_body
 from consistent_id.robot.model import FixedFrame, RobotModel
 
-# MuJoCo wants a mass above 1e-15 kg, moments above 1e-14 kg m^2, and A + B >= C of the
-# numbers as they stand.
+# MuJoCo requires a mass above 1e-15 kg, moments above 1e-14 kg m^2, and A + B >= C for
+# the numbers in the file.
 _MASS = 1e-12
 _MOMENT = 2e-14
 _ROUNDING = 1e-14  # of the sum of second moments
@@ -81,7 +81,7 @@ def require_mujoco() -> Any:
 
 
 def set_body(body: Any, what: InertialParameters, *, moves: bool = True) -> list[str]:
-    """Give a body an explicit inertial; say so if it had to be thickened."""
+    """Give a body an explicit inertial; return a note if it had to be thickened."""
     found = principal_body(what, moves)
     body.explicitinertial = True
     body.mass, body.ipos, body.inertia = found.mass, found.com, found.moments
@@ -92,7 +92,7 @@ def set_body(body: Any, what: InertialParameters, *, moves: bool = True) -> list
     if found.raised == 0.0 and found.mass == what.mass:
         return []
     return [
-        f"{body.name} is thinner than MuJoCo takes: second moments raised by up to "
+        f"{body.name} is thinner than MuJoCo accepts: second moments raised by up to "
         f"{found.raised:.1g} kg m^2, mass {found.mass - what.mass:.1g} kg"
     ]
 
@@ -134,7 +134,7 @@ def _below(body: Any) -> Iterator[Any]:
         child = body.next_body(child)
 
 
-class Source(NamedTuple):
+class MjcfSource(NamedTuple):
     """A file's specification, its bodies and joints, and its compiled model."""
 
     spec: Any
@@ -157,7 +157,7 @@ def read_spec(path: Path) -> tuple[Any, Any]:
         raise ModelError(f"{path}: MuJoCo refuses it: {cause}") from None
 
 
-def put_into(source: Source, estimate: Estimate) -> list[str]:
+def put_into(source: MjcfSource, estimate: Estimate) -> list[str]:
     """Put the estimate's bodies into a file's; return notes."""
     mujoco = require_mujoco()
     robot, spec, tree = estimate.model.robot, source.spec, source.tree
@@ -173,8 +173,8 @@ def put_into(source: Source, estimate: Estimate) -> list[str]:
         link, joint = robot.links[k].name, robot.joints[k].name
         whole = InertialParameters(vector)
         if link not in tree.bodies and not whole.vector.any():
-            continue  # between two joints of one body nothing stands
-        free = robot.joints[k].kind == "free"  # a body of the world, held or not
+            continue  # between two joints of one body there is no body
+        free = robot.joints[k].kind == "free"  # a body of the world, fixed or not
         if link not in tree.bodies or (not free and tree.carried.get(joint) != link):
             raise ModelError(
                 f"{source.file}: no body {link!r} that joint {joint!r} alone moves. "
@@ -186,7 +186,7 @@ def put_into(source: Source, estimate: Estimate) -> list[str]:
 
 
 def _set_link(
-    source: Source, robot: RobotModel, k: int, whole: InertialParameters
+    source: MjcfSource, robot: RobotModel, k: int, whole: InertialParameters
 ) -> list[str]:
     link = robot.links[k]
     own = FixedFrame(link.name, np.eye(3), np.zeros(3))
@@ -204,7 +204,7 @@ def _set_link(
     return [split.note, *notes] if split.note else notes
 
 
-def _part(source: Source, frame: FixedFrame) -> Part:
+def _part(source: MjcfSource, frame: FixedFrame) -> FileLink:
     """Return a body where a link's frame is: its origin lies on the joint's axis."""
     hinge = require_mujoco().mjtJoint.mjJNT_HINGE
     anchor = np.zeros(3)
@@ -213,4 +213,4 @@ def _part(source: Source, frame: FixedFrame) -> Part:
         if body == frame.name and joint.type == hinge:
             anchor = np.array(joint.pos)
     origin = frame.translation - frame.rotation @ anchor
-    return Part(frame.name, source.body(frame.name), frame.rotation, origin)
+    return FileLink(frame.name, source.body(frame.name), frame.rotation, origin)

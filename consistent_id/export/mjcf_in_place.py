@@ -18,7 +18,7 @@ from consistent_id.export.mjcf_bodies import read_spec, require_mujoco
 from consistent_id.export.mjcf_text import exact_xml
 from consistent_id.robot.loaders.mjcf import compiled_body
 from consistent_id.robot.loaders.mjcf_spec import stand_in
-from consistent_id.robot.loaders.splice import Document, Edit, joined
+from consistent_id.robot.loaders.splice import Edit, XmlText, joined
 from consistent_id.robot.loaders.urdf_inertial import number
 from consistent_id.robot.loaders.xml import Element
 
@@ -66,7 +66,7 @@ def put_in_place(
     Parameters
     ----------
     spec : mujoco.MjSpec
-        What the file is to say.
+        The new content of the file.
     comment : str
         For its first line.
     folder : Path, optional
@@ -76,7 +76,7 @@ def put_in_place(
     """
     home = source.parent
     folder = home if folder is None else folder
-    document = Document.read(source)
+    document = XmlText.read(source)
     files = tuple(dict.fromkeys(asset_files(document, home))) if copies else ()
     outside = [name for _, name in files if ".." in name.parts or name.is_absolute()]
     if outside:
@@ -95,9 +95,7 @@ def put_in_place(
     edits = number_edits(
         document,
         places,
-        before,
-        after,
-        degree=before_spec.compiler.degree,
+        _CompiledPair(before, after, before_spec.compiler.degree),
         every_body=every,
     )
     if every:
@@ -193,40 +191,50 @@ def places_in(root: Element, model: Any) -> Places | None:
     return Places(tuple(bodies), tuple(joints))
 
 
+class _CompiledPair(NamedTuple):
+    """Models of the file as it is, and as it is to be.
+
+    Parameters
+    ----------
+    before, after : mujoco.MjModel
+    degree : bool
+        Whether angles of the file are in degrees.
+    """
+
+    before: Any
+    after: Any
+    degree: bool
+
+
 def number_edits(
-    document: Document,
+    document: XmlText,
     places: Places,
-    before: Any,
-    after: Any,
+    change: _CompiledPair,
     *,
-    degree: bool,
     every_body: bool,
 ) -> list[Edit]:
     """Return edits of inertials, joints and gravity that differ between two models.
 
     Parameters
     ----------
-    before, after : mujoco.MjModel
-        Of the file as it is, and as it is to be.
-    degree : bool
-        Whether angles of the file are in degrees.
     every_body : bool
         Write all inertials, because before they were computed from shapes.
     """
     edits: list[Edit] = []
+    before, after = change.before, change.after
     for b, element in enumerate(places.bodies, start=1):
         if every_body or not _same_body(before, after, b):
             edits += _inertial(document, element, after, b)
     for j, element in enumerate(places.joints):
         if element.tag != "freejoint":
-            edits += _joint(document, element, before, after, j, degree)
+            edits += _joint(document, element, change, j)
     if not np.array_equal(before.opt.gravity, after.opt.gravity):
         values = {"gravity": _text(after.opt.gravity)}
         edits += set_section(document, "option", values)
     return edits
 
 
-def tendon_edits(document: Document, before: Any, after: Any) -> list[Edit]:
+def tendon_edits(document: XmlText, before: Any, after: Any) -> list[Edit]:
     """Return edits that add the tendons that only the later model has."""
     sections = []
     for t in range(before.ntendon, after.ntendon):
@@ -247,7 +255,7 @@ def tendon_edits(document: Document, before: Any, after: Any) -> list[Edit]:
 
 
 def site_edits(
-    document: Document, places: Places, before: Any, after: Any
+    document: XmlText, places: Places, before: Any, after: Any
 ) -> list[Edit]:
     """Return edits that add the sites that only the later model has."""
     known = {before.site(s).name for s in range(before.nsite)}
@@ -280,7 +288,7 @@ def _end(model: Any, wrap: int) -> str:
 
 
 def set_section(
-    document: Document, tag: str, attributes: Mapping[str, str]
+    document: XmlText, tag: str, attributes: Mapping[str, str]
 ) -> list[Edit]:
     """Return edits of a section's attributes; the section is added if it lacks."""
     found = list(document.root.all(tag))
@@ -291,7 +299,7 @@ def set_section(
     return [document.insert(document.root, [[f"<{tag} {pairs}/>"]])]
 
 
-def _inertial(document: Document, body: Element, model: Any, b: int) -> list[Edit]:
+def _inertial(document: XmlText, body: Element, model: Any, b: int) -> list[Edit]:
     values = {
         "pos": _text(model.body_ipos[b]),
         "quat": _text(model.body_iquat[b]),
@@ -306,13 +314,17 @@ def _inertial(document: Document, body: Element, model: Any, b: int) -> list[Edi
 
 
 def _joint(
-    document: Document, element: Element, before: Any, after: Any, j: int, degree: bool
+    document: XmlText,
+    element: Element,
+    change: _CompiledPair,
+    j: int,
 ) -> list[Edit]:
     """Return edits of what a joint has of drives and springs, where it changed."""
-    found, wanted = _drive(before, j), _drive(after, j)
+    after = change.after
+    found, wanted = _drive(change.before, j), _drive(after, j)
     changed = {name: value for name, value in wanted.items() if value != found[name]}
     hinge = after.jnt_type[j] == require_mujoco().mjtJoint.mjJNT_HINGE
-    if degree and hinge and "springref" in changed:
+    if change.degree and hinge and "springref" in changed:
         changed["springref"] = float(np.rad2deg(changed["springref"]))
     values = {name: number(value) for name, value in changed.items()}
     if not element.name:  # as `load_mjcf` calls it, so that it can be found
@@ -355,7 +367,7 @@ def _text(values: Any) -> str:
     return " ".join(number(value) for value in values)
 
 
-def path_edits(document: Document, home: Path, folder: Path) -> list[Edit]:
+def path_edits(document: XmlText, home: Path, folder: Path) -> list[Edit]:
     """Return edits by which files that lie beside `home` are found from `folder`."""
     if home.resolve() == folder.resolve() or not any(asset_files(document, home)):
         return []
@@ -375,7 +387,7 @@ def path_edits(document: Document, home: Path, folder: Path) -> list[Edit]:
     return edits + (set_section(document, "compiler", default) if default else [])
 
 
-def asset_files(document: Document, home: Path) -> Iterator[tuple[Path, Path]]:
+def asset_files(document: XmlText, home: Path) -> Iterator[tuple[Path, Path]]:
     """Yield files that are there: where, and where as the MJCF file says it."""
     root = document.root
     settings: dict[str, str] = {}

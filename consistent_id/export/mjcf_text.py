@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from typing import Any
 
-from consistent_id.robot.loaders.splice import Document, Edit
+from consistent_id.robot.loaders.splice import Edit, XmlText
 from consistent_id.robot.loaders.urdf_inertial import number
 from consistent_id.robot.loaders.xml import Element
 
@@ -14,7 +14,7 @@ def exact_xml(spec: Any) -> bytes:
     Frames, inertials and joints of named bodies, and gravity, have all their digits.
     """
     model = spec.compile()
-    document = Document.of(spec.to_xml().encode())
+    document = XmlText.of(spec.to_xml().encode())
     root, edits = document.root, []
     for option in root.all("option"):
         if "gravity" in option.attributes:
@@ -30,7 +30,7 @@ def exact_xml(spec: Any) -> bytes:
     return document.spliced(edits)
 
 
-def _body(document: Document, element: Element, model: Any, b: int) -> list[Edit]:
+def _body(document: XmlText, element: Element, model: Any, b: int) -> list[Edit]:
     edits = _set(document, element, pos=model.body_pos[b], quat=model.body_quat[b])
     inertial = element.child("inertial")
     if inertial is None:
@@ -45,7 +45,7 @@ def _body(document: Document, element: Element, model: Any, b: int) -> list[Edit
     )
 
 
-def _joint(document: Document, element: Element, model: Any, j: int) -> list[Edit]:
+def _joint(document: XmlText, element: Element, model: Any, j: int) -> list[Edit]:
     """Return edits of a joint's own numbers; those of its class are left alone."""
     dof, place = int(model.jnt_dofadr[j]), int(model.jnt_qposadr[j])
     exact = {
@@ -63,7 +63,7 @@ def _joint(document: Document, element: Element, model: Any, j: int) -> list[Edi
     return _exact(document, element, exact)
 
 
-def _tendon(document: Document, element: Element, model: Any) -> list[Edit]:
+def _tendon(document: XmlText, element: Element, model: Any) -> list[Edit]:
     t = model.tendon(element.name).id
     exact = {
         name: [getattr(model, f"tendon_{name}")[t]]
@@ -73,7 +73,7 @@ def _tendon(document: Document, element: Element, model: Any) -> list[Edit]:
     return _exact(document, element, exact)
 
 
-def _exact(document: Document, element: Element, exact: dict[str, Any]) -> list[Edit]:
+def _exact(document: XmlText, element: Element, exact: dict[str, Any]) -> list[Edit]:
     """Return edits that give stated numbers all their digits."""
     stated = {
         name: value for name, value in exact.items() if _plain(element, name, value)
@@ -86,6 +86,6 @@ def _plain(element: Element, name: str, value: Any) -> bool:
     return len(element.attributes.get(name, "").split()) == len(value)
 
 
-def _set(document: Document, element: Element, **values: Iterable[float]) -> list[Edit]:
+def _set(document: XmlText, element: Element, **values: Iterable[float]) -> list[Edit]:
     text = {k: " ".join(number(x) for x in v) for k, v in values.items()}
     return document.set(element, text)

@@ -84,6 +84,12 @@ def to_numpy(estimate: Estimate, *, allow_refused: bool = False) -> Export:
     Friction and drive terms included. It holds the robot's numbers and a recursive
     Newton-Euler algorithm over arrays of samples.
 
+    Parameters
+    ----------
+    estimate : Estimate
+    allow_refused : bool
+        Export what is refused, too.
+
     Raises
     ------
     ProblemError

@@ -24,6 +24,12 @@ def to_pinocchio(estimate: Estimate, *, allow_refused: bool = False) -> Any:
     ``model.damping * v + model.upperDryFrictionLimit * numpy.sign(v)``.  Continuous
     joints have (cos, sin) as configuration, as from Pinocchio's own URDF reader.
 
+    Parameters
+    ----------
+    estimate : Estimate
+    allow_refused : bool
+        Export what is refused, too.
+
     Raises
     ------
     ProblemError

@@ -28,10 +28,10 @@ from consistent_id.export.export_formats import (
     exporter,
     provenance,
 )
-from consistent_id.export.file_inertias import Part, central, split_inertia
+from consistent_id.export.file_inertias import FileLink, central, split_inertia
 from consistent_id.export.json_record import drive_record, json_text
 from consistent_id.robot.inertia import InertialParameters
-from consistent_id.robot.loaders.splice import Document, Edit, joined
+from consistent_id.robot.loaders.splice import Edit, XmlText, joined
 from consistent_id.robot.loaders.urdf_inertial import (
     body_of,
     inertia_attributes,
@@ -139,13 +139,13 @@ def to_urdf(
 @dataclass(frozen=True, slots=True, eq=False)
 class _File:
     path: Path
-    document: Document
+    document: XmlText
     links: Mapping[str, Element]
     joints: Mapping[str, Element]
 
     @classmethod
     def read(cls, path: Path) -> "_File":
-        document = Document.read(path)
+        document = XmlText.read(path)
         for finding in urdf_findings(document.root, lambda joint: False):
             if finding.severity == "error":
                 raise ModelError(f"{path}, {finding}")
@@ -187,10 +187,10 @@ def _link_edits(
     link = robot.links[k]
     if robot.joints[k].kind != "free":  # the root of a file hangs on no joint
         _require_carried(file, file.joint(robot.joints[k].name), link.name)
-    parts = [Part(link.name, body_of(file.link(link.name)), np.eye(3), np.zeros(3))]
+    parts = [FileLink(link.name, body_of(file.link(link.name)), np.eye(3), np.zeros(3))]
     for frame in link.merged:
         body = body_of(file.link(frame.name))
-        parts.append(Part(frame.name, body, frame.rotation, frame.translation))
+        parts.append(FileLink(frame.name, body, frame.rotation, frame.translation))
     split = split_inertia(whole, parts)
     edits = []
     for part, body in zip(parts, split.bodies, strict=True):

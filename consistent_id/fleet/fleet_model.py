@@ -1,10 +1,10 @@
-"""What robots of one type share, and what each has of its own.
+"""Parameters that robots of one type share, and each robot's own.
 
-Of a joint's rows ``[Y_o Y_s tau]`` let ``U`` span the own columns.  What the own
-parameters can explain, ``U^T [Y_o Y_s tau]``, is kept aside in as many rows as there
-are own parameters; the rest, orthogonal to ``U``, is an ordinary regression of the
-shared parameters.  The sum of both squares is that of the whole, for all parameters.
-Robots' parts lie on disk, so that memory does not hold those of a whole fleet.
+Of a joint's rows ``[Y_o Y_s tau]`` let ``U`` span the own columns.  The part that the
+own parameters explain, ``U^T [Y_o Y_s tau]``, is stored in as many rows as there are
+own parameters; the rest, orthogonal to ``U``, is an ordinary regression of the shared
+parameters.  The sum of both squares is that of the whole, for all parameters. Robots'
+parts are on disk, not in memory.
 """
 
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import joint_noise
 
 OF_THE_TYPE = ("rotor_inertia", "spring")
-"""Drive terms that robots of one type share: masses and springs that were built in."""
+"""Drive terms that robots of one type share: rotors and springs."""
 
 _RANK = 1e-10  # relative singular value that is rounding
 _SILENT = 1e-12  # norm of a column, relative to the largest, that is rounding
@@ -73,7 +73,7 @@ def fleet_model(model: TorqueModel) -> FleetModel:
     Raises
     ------
     ProblemError
-        If no term is a robot's own; then recordings of all robots are those of one.
+        If no term is a robot's own; then all recordings are those of one robot.
     """
     drive = tuple(
         DriveTerms(terms=[t for t in of_joint.terms if set(t.names) <= {*OF_THE_TYPE}])
@@ -98,8 +98,8 @@ def fleet_model(model: TorqueModel) -> FleetModel:
     )
     if not any(len(columns) for columns in own):
         raise ProblemError(
-            "no friction or offset is a robot's own: give [drive] terms, or identify "
-            "all recordings as those of one robot"
+            "robots have no friction or offset of their own: give [drive] terms, or "
+            "identify all recordings as those of one robot"
         )
     return FleetModel(model, shared, common, own, base_parameters(model))
 
@@ -172,8 +172,8 @@ def own_sets(fleet: FleetModel, whole: ConicSet) -> tuple[OwnSet, ...]:
             of_joints.append((A[np.ix_(inside, columns)], b[inside]))
         if len(owns):
             raise ProblemError(
-                f"fleet: {labels[owns[0]]} ties friction or offsets to other "
-                "parameters; robots of a fleet have those joint by joint"
+                f"fleet: {labels[owns[0]]} relates friction or offsets to other "
+                f"parameters; a fleet needs separate ones for each joint"
             )
         pieces.append(of_joints)
     return tuple(
@@ -195,9 +195,9 @@ class RobotShare:
     torque : float, [N m or N]
         Norm of the torque of all joints.
     alone : float, [N m or N]
-        Norm of what least squares of this robot alone leaves.
+        Residual norm of least squares of this robot alone.
     level : ndarray, shape (joints,), [N m or N]
-        White noise that does as much to parameters as each joint's.
+        Equivalent white noise of each joint.
     """
 
     name: str
@@ -303,7 +303,7 @@ def own_fit(rows: Matrix, shared: Vector, limits: OwnSet) -> OwnFit:
 
 
 def bound_rows(rows: Matrix, shared: int, limits: OwnSet, fit: OwnFit) -> Matrix:
-    """Return what own parameters cannot explain while they are held at their bounds.
+    """Return the part that own parameters at their bounds do not explain.
 
     Returns
     -------

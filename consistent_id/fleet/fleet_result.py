@@ -1,4 +1,4 @@
-"""What was found of a fleet: the bodies, and each robot beside them."""
+"""The result of a fleet: the bodies, and each robot."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -35,13 +35,13 @@ class FleetRobot:
     statistic : float
         Rise of the squared misfit by sharing bodies with the others, in its own noise.
     freedom : int
-        What it would be on average for a robot like the others in white noise.
+        Its mean for a robot like the others with white noise.
     p_value : float
-        Chance of so much, among robots that scatter as this fleet does.
+        Probability of such a value among robots that scatter as this fleet does.
     outlier : bool
         Whether it was left out of what is shared.
     payload : FoundPayload, optional
-        What it carries, if it was said to carry something.
+        Its payload, if one was stated.
     """
 
     name: str
@@ -68,12 +68,12 @@ class Fleet:
     model : TorqueModel
         Of one robot.
     bodies : Estimate
-        What is shared, without outliers; a model without friction.
+        The shared estimate, without outliers; a model without friction.
     robots : tuple of FleetRobot
     spread : float
-        By which a typical robot's statistic exceeds that of equal robots.
+        Ratio of a typical robot's statistic to that of equal robots.
     settled : bool
-        Whether the bounds of own parameters were found for good.
+        Whether the bounds of own parameters converged.
     seconds : float
         Wall time.
     """
@@ -104,7 +104,7 @@ class Fleet:
         return tuple(robot.name for robot in self.robots if robot.outlier)
 
     def headline(self) -> Table:
-        """Return the verdict on the bodies, and what weighs most in it."""
+        """Return the verdict on the bodies, and its main reason."""
         verdict = self.bodies.verdict
         return Table(f"Shared bodies: {verdict.word}", (), (), verdict.brief)
 
@@ -116,11 +116,11 @@ class Fleet:
             "least squares of the robot alone",
             f"chi^2: rise of the squared misfit by sharing; a typical robot's is "
             f"{self.spread:.3g} times that of equal robots, and p is among such",
-            f"outliers: {', '.join(self.outliers) or 'none'} (nominal chance of naming "
-            f"any without cause: {LEVEL:g})",
+            f"outliers: {', '.join(self.outliers) or 'none'} (nominal probability of "
+            f"a false one: {LEVEL:g})",
         ]
         if len(self.robots) < FEWEST:
-            notes[-1] = f"outliers are named among {FEWEST} robots or more"
+            notes[-1] = f"outliers are named only among {FEWEST} robots or more"
         if len(order) > _SHOWN:
             notes.append(f"the first {_SHOWN} of {len(order)} robots")
         if not self.settled:
@@ -173,7 +173,7 @@ class Fleet:
         )
 
     def payload_table(self) -> Table | None:
-        """Return what robots carry: masses and centres; None if none carries a load."""
+        """Return robots' payloads: masses and centres; None if there are none."""
         rows = []
         for robot in self.robots:
             found = robot.payload

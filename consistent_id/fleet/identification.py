@@ -1,8 +1,8 @@
 """Robots of one type, identified together.
 
-Bodies are shared; friction, offsets and what a robot carries are each robot's own.  Own
-parameters are taken out of each robot's regression, so that the cost grows with the
-number of robots and the shared problem has the size of one robot's; `settling` says how
+Bodies are shared; friction, offsets and payloads are each robot's own. Own parameters
+are projected out of each robot's regression, so the cost grows with the number of
+robots and the shared problem has the size of one robot's; `settling` says how
 constraints on them are kept.
 """
 
@@ -22,8 +22,10 @@ from consistent_id.constraints.priors import Prior
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.estimation.best_fit import base_factor
 from consistent_id.estimation.constrained import (
-    DEFAULT_CONSTRAINTS,
     constrained_least_squares,
+)
+from consistent_id.estimation.constrained_fit import (
+    DEFAULT_CONSTRAINTS,
 )
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.fleet.fleet_model import (
@@ -69,10 +71,10 @@ def identify_fleet(
 ) -> Fleet:
     """Identify robots of one type from a problem file each.
 
-    Bodies, rotor inertias, springs and coupled gears are shared, friction and offsets
-    each robot's own, and so is what its file's [payload] is.  Robots whose bodies are
-    others are named and left out of what is shared.  Training recordings count; they
-    are streamed if that is possible, see `stream_regression`.
+    Bodies, rotor inertias, springs and coupled gears are shared, friction, offsets and
+    the [payload] of its file are each robot's own.  Robots with other bodies are named
+    and left out. Training recordings are used; they are streamed if possible, see
+    `stream_regression`.
 
     Parameters
     ----------
@@ -82,7 +84,7 @@ def identify_fleet(
         Where the recordings are compressed, a robot at a time; the result does not
         depend on it.
     progress : bool
-        Say on the standard error how far it is.
+        Show the progress on the standard error.
 
     Raises
     ------
@@ -98,8 +100,8 @@ def identify_fleet(
     first = next((p for p in problems if p.name not in payloads), None)
     if first is None:
         raise ProblemError(
-            "fleet: every robot carries something, so the data do not separate the "
-            "link from its load; give a robot without [payload]"
+            "fleet: every robot has a payload, so the data do not separate the link "
+            "from its load; give a robot without [payload]"
         )
     for problem in problems:
         for what in ("constraints", "prior", "links"):

@@ -1,4 +1,4 @@
-"""Which robots of a fleet have other bodies: by the misfit that sharing costs.
+"""Robots of a fleet with other bodies, found by the misfit that sharing costs.
 
 With the squared misfits of robot ``i`` alone, of all others, and of all together, each
 row divided by its noise,
@@ -7,11 +7,11 @@ row divided by its noise,
 
 has a ``chi^2`` distribution if robot ``i`` has the bodies of the others, with as many
 degrees of freedom as there are parameters that both determine [Chow1960]_.  No model is
-exact, and robots of one type are not quite the same.  So the fleet is its own measure:
-the median of ``T_i`` over its degrees of freedom says by how much a typical robot
-exceeds noise, and the ratio of a high quantile to the median, with how many degrees of
-freedom robots scatter about that.  A robot's ratio to the median has an F distribution
-with these.
+exact, and robots of one type are not quite the same.  So the scale comes from the
+fleet: the median of ``T_i`` over its degrees of freedom is the factor by which a
+typical robot exceeds noise, and the ratio of a high quantile to the median, determines
+the degrees of freedom of the scatter about it.  A robot's ratio to the median has an F
+distribution with these.
 """
 
 from collections.abc import Iterator, Sequence
@@ -30,7 +30,7 @@ robots differ by noise alone, and some hundredths where they differ more, along 
 directions: ``benchmarks/fleet_outliers.py``."""
 
 FEWEST = 5
-"""Robots among which one can be named: of fewer, the scatter is not known."""
+"""Least number of robots for naming outliers: with fewer, the scatter is not known."""
 
 _HIGH = 0.9  # quantile that shows how widely robots scatter; of fewer than _MANY, one
 _HIGH_OF_FEW, _MANY = 0.75, 20  # that a single outlier does not move
@@ -41,7 +41,7 @@ _NEAR = 0.5  # of the largest excess, from which outliers are named in one round
 
 @dataclass(frozen=True, eq=False)
 class Outliers:
-    """What sharing costs each robot.
+    """The cost of sharing for each robot.
 
     Parameters
     ----------

@@ -1,12 +1,12 @@
-"""What single robots of a fleet carry: a body of each one's own, fixed to a link.
+"""Payloads of single robots of a fleet: a separate body, fixed to a link.
 
 A load's ten columns are those of the link that carries it, so that along its robot's
 motion the link has the parameters ``x + p``, ``x`` shared and ``p`` its own.  Given the
 shared parameters, a load is a small cone programme.  Seen from the shared problem, its
 best misfit is a convex function of them, and near a point this is a sum of squares: the
 load moves as its cone allows, held back by a curvature that follows from slacks and
-multipliers.  What the load explains is projected out of the robot's
-rows, joint by joint, so that residuals stay those of joints.
+multipliers.  The part that the load explains is projected out of the robot's rows,
+joint by joint, so residuals remain those of joints.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,9 @@ from consistent_id.constraints import Constraint, PhysicalConsistency
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.best_fit import BestFit, best_fit
-from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.constrained import (
+    constrained_least_squares,
+)
 from consistent_id.estimation.determination import linear_errors
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.loaded_robot import likely_body
@@ -28,8 +30,7 @@ from consistent_id.estimation.payload import datasheet_constraints
 from consistent_id.fleet.fleet_model import FleetModel, span
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.correlated_noise import CorrelatedNoise
-from consistent_id.regression.independent_columns import independent_columns
-from consistent_id.regression.linear import solve_linear
+from consistent_id.regression.linear import independent_columns, solve_linear
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import residual_noise
@@ -51,14 +52,14 @@ _TOLD = ("data", "loose", "constraint")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CarriedBody:
-    """What a robot of a fleet carries, beyond the bodies that all share.
+    """The payload of a robot of a fleet.
 
     Parameters
     ----------
     link : str
         That carries it.
     datasheet : Datasheet
-        What is known of the load, in the frame of that link.
+        The datasheet of the load, in the frame of that link.
     """
 
     link: str
@@ -98,7 +99,7 @@ FREE = LoadFit(np.zeros(10), np.eye(10), np.zeros((0, 10)))
 
 @dataclass(frozen=True, slots=True)
 class PlacedBody:
-    """What a robot carries, and its carrier's place among the shared parameters."""
+    """A robot's payload, and its carrier's index among the shared parameters."""
 
     carried: CarriedBody
     columns: slice
@@ -122,7 +123,7 @@ def placed(fleet: FleetModel, carried: CarriedBody, robot: str) -> PlacedBody:
     if carried.link not in links:
         near = did_you_mean(carried.link, links)
         raise ProblemError(
-            f"fleet: {robot} carries something on link {carried.link!r}; {near}"
+            f"fleet: {robot} has a payload on link {carried.link!r}; {near}"
         )
     return PlacedBody(
         carried, fleet.shared.layout.link_slice(links.index(carried.link))
@@ -265,7 +266,7 @@ def _ratio(multipliers: Array, slacks: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundPayload:
-    """What one robot of a fleet carries.
+    """The payload of one robot of a fleet.
 
     Parameters
     ----------
@@ -306,7 +307,7 @@ class FoundPayload:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SharedErrors:
-    """How far the shared parameters may be off.
+    """Errors of the shared parameters.
 
     Parameters
     ----------
@@ -361,7 +362,7 @@ def found_payload(
     regression : Regression
         Of this robot, link and load as one body.
     bodies : Estimate
-        What all robots share.
+        The estimate that all robots share.
     errors : SharedErrors
         Of the bodies.
 
@@ -394,6 +395,6 @@ def _own_errors(own: LoadProblem, estimate: Estimate) -> Vector:
     model = own.model
     known = np.vstack([c.lower(model).A_eq for c in own.constraints])
     noise = residual_noise(own.regression, own.base)
-    found = linear_errors(own.base, noise, known)
+    found = linear_errors(own.base, noise, known).values
     told = np.array([origin in _TOLD for origin in estimate.origins])
     return np.where(told, found, np.inf)

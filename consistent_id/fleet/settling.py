@@ -1,10 +1,10 @@
-"""The shared problem of a fleet, solved until nothing of single robots changes.
+"""The shared problem of a fleet, solved until convergence.
 
-Robots' own parameters have been taken out of their rows as if nothing held them.  Where
-constraints hold them, the rows that they then fail to explain go back to the shared
-problem, and it is solved again: until no bound of friction or offsets changes, and the
-loads that robots carry explain as much as was thought.  That is the optimum of all
-robots together.
+Robots' own parameters have been projected out of their rows without constraints. If
+constraints are active, the rows that the constrained parameters do not explain are
+added to the shared problem, and it is solved again, until no active bound of friction
+or offsets changes, and payloads have converged. The result is the optimum of all robots
+together.
 """
 
 from collections.abc import Callable, Sequence
@@ -38,12 +38,12 @@ from consistent_id.regression.correlated_noise import CorrelatedNoise
 from consistent_id.regression.regression import Regression, triangle
 
 _ROUNDS = 30  # of the shared problem, until nothing changes
-_SAME = 1e-8  # relative squared misfit up to which loads explain what was thought
+_SAME = 1e-8  # relative squared misfit for convergence of payloads
 
 
 @dataclass(frozen=True, eq=False)
 class StoredRobot:
-    """What memory holds of a robot.
+    """The data of a robot in memory.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class Settled:
     shared : Regression
         Of the shared parameters, what is robots' own taken out.
     settled : bool
-        Whether nothing changed in the end.
+        Whether the iteration converged.
     """
 
     bodies: Estimate
@@ -88,7 +88,7 @@ class Settled:
 
 @dataclass(frozen=True, eq=False)
 class _Own:
-    """What is a robot's own, beside given shared parameters.
+    """A robot's own parameters, beside given shared ones.
 
     `surprise` is by how much its squared misfit, relatively, is not what it was thought
     to be when the shared parameters were found.

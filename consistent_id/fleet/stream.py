@@ -1,7 +1,7 @@
 """The regression, and the estimate, from recordings of any size.
 
 Each log is compressed window by window, by one process or many, where the problem
-allows it; what needs a whole recording at once is read whole, if it is small enough.
+allows it; logs that need it are read whole, if they are small enough.
 """
 
 import logging
@@ -18,7 +18,9 @@ from consistent_id._support.arrays import IntArray, Matrix, Vector
 from consistent_id._support.executors import Executor, single_threaded, tree_reduced
 from consistent_id._support.progress import counted, stages
 from consistent_id.errors import NotExcitedError, ProblemError, RecordingError
-from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.constrained import (
+    constrained_least_squares,
+)
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.judgement import judge
 from consistent_id.estimation.method import Method
@@ -65,8 +67,8 @@ def stream_regression(
 
     The regression is that of ``build_regression(problem.model, problem.training)`` to
     rounding, but memory does not grow with the recordings: a window of each channel is
-    held, with as many samples on either side as filters and splines take to forget
-    where they began.  A first pass reads the times alone; speeds, if the file asks for
+    in memory, with enough samples on either side for the transients of filters and
+    splines.  A first pass reads only the times; speeds, if the file asks for
     ``trim_standstill`` or ``least_speed``, take another one.
 
     Bags are decoded once, into a temporary file of about the same size.
@@ -138,7 +140,7 @@ def _streamed(
 
         whole = tree_reduced(regressions(), Regression.__add__)
     if whole is None:
-        raise NotExcitedError(f"problem {problem.name!r}: no sample counts")
+        raise NotExcitedError(f"problem {problem.name!r}: no sample is used")
     middles, samples, left = list[NoisyRows](), list[int](), iter(seen)
     model = problem.model
     for part in parts:
@@ -230,7 +232,7 @@ def _compressed_whole(model: TorqueModel, log: WholeLog) -> Compressed:
 
 
 @dataclass(frozen=True, eq=False)
-class _Source:
+class _StreamedLog:
     """A log, what its entry says of it, and how it is prepared."""
 
     log: RowSource
@@ -258,7 +260,7 @@ def _parts(
             yield WholeLog(replace(problem, table=table), role)
         else:
             log = _rows_of(problem, data, entry, spool / f"{number}.rows")
-            yield from _kept(_Source(log, entry, data.preparation), executor)
+            yield from _kept(_StreamedLog(log, entry, data.preparation), executor)
 
 
 def _rows_of(
@@ -274,7 +276,7 @@ def _rows_of(
     return LogRows(path, joints, columns, gain, tuple(entry.omit))
 
 
-def _kept(source: _Source, executor: Executor) -> Iterator[KeptRows]:
+def _kept(source: _StreamedLog, executor: Executor) -> Iterator[KeptRows]:
     """Yield what counts of a log, stretch by stretch."""
     log, entry, table = source.log, source.entry, source.table
     ends = rows_of(entry)
@@ -375,8 +377,8 @@ def stream_estimate(
 
     The estimate is the weighted constrained one of the training recordings.  It is
     judged by its own fit and by the validation recordings, which are streamed too.
-    What needs recordings as a whole is not done: faults of the log are not looked for,
-    and no other method is compared with.
+    Steps that need recordings as a whole are left out: the log is not checked for
+    faults, and other methods are not compared.
 
     Parameters
     ----------
@@ -429,7 +431,7 @@ def _error(estimate: Estimate, regression: Regression) -> TorqueError:
     rms = regression.residual_rms(estimate.parameters)
     stacked = stacked_of_kinds(estimate.model, counts * rms**2, counts * size**2)
     relative = rms / np.where(size > 0.0, size, np.nan)
-    # What friction can hold at rest is not known sample by sample: it counts as error.
+    # Friction at rest is not known sample by sample, so it is included in the error.
     return TorqueError("all held-out logs", rms, relative, size, stacked, rms, stacked)
 
 
@@ -440,23 +442,23 @@ def obstacle(problem: Problem) -> str:
         return f"problem {problem.name!r} has no recordings"
     if data.preparation.least_joint_speed == "estimated":
         return (
-            "[data.preparation]: a least_joint_speed that is estimated takes all "
+            "[data.preparation]: a least_joint_speed that is estimated needs all "
             "recordings at once; give the speed that a part of the log shows "
             "(rest_speed)"
         )
     if data.preparation.contact_radius == "estimated":
         return (
-            "[data.preparation]: a contact_radius that is estimated takes all "
+            "[data.preparation]: a contact_radius that is estimated needs all "
             "recordings at once; state the radius of each contact"
         )
     if drift_of(problem.table) != "none":
-        return "[wrist_sensor]: drift takes all recordings at once"
+        return "[wrist_sensor]: drift needs all recordings at once"
     gains = data.gains
     for key in ("delay", "scale", "encoder_bias", "stiffness"):
         if gains is not None and getattr(gains, key) == "estimated":
             return (
-                f"[data.gains]: a {key} that is estimated takes all recordings at "
-                "once; give the value that a part of the log shows (consistent-id "
+                f"[data.gains]: a {key} that is estimated needs all recordings at "
+                f"once; give the value that a part of the log shows (consistent-id "
                 "identify of a file with that part)"
             )
     return ""
@@ -466,7 +468,7 @@ def reason_for_whole(problem: Problem, entry: RecordingTable) -> str:
     """Return why a log is read as a whole; empty if it is read piece by piece."""
     data = problem.table.data
     if data is not None and data.gains is not None:
-        return "[data.gains]: torque is made of the commands of a whole recording"
+        return "[data.gains]: torque is computed from the commands of a whole recording"
     if problem.arm is not None or problem.model.robot.floating:
         return "the motion of a base, or of a wrench sensor, is found from all of it"
     if entry.tracks:
@@ -488,12 +490,12 @@ def _of_preparation(table: PreparationTable) -> str:
     where = "[data.preparation]"
     if table.method in _WHOLE_METHODS:
         return (
-            f'{where}: method = "{table.method}" looks at a whole recording at once; '
+            f'{where}: method = "{table.method}" needs a whole recording at once; '
             '"butterworth" and "savitzky-golay" do not'
         )
     if table.least_joint_speed is not None:
         return (
-            f"{where}: least_joint_speed looks at a whole recording at once; "
+            f"{where}: least_joint_speed needs a whole recording at once; "
             "least_speed does not"
         )
     if "estimated" in table.delays.values():
@@ -502,7 +504,7 @@ def _of_preparation(table: PreparationTable) -> str:
 
 
 def require_room(problem: Problem, entry: RecordingTable, reason: str) -> None:
-    """Refuse to read a log as a whole that does not fit into memory.
+    """Refuse a log that does not fit into memory as a whole.
 
     Raises
     ------

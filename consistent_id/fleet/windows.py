@@ -1,10 +1,11 @@
-"""A large log in windows: its clock, prepared stretches, and the rows that count.
+"""A large log in windows: its clock, prepared stretches, and the used rows.
 
 One pass over the times finds the stretches between gaps before anything else is read.
-Filters, splines and differences forget: what lies `reach` samples away changes a sample
-by less than its last digit.  So a window is prepared with so many more at both ends,
-which are then dropped.  The rows that count are the file's, in motion, and fast enough;
-top speeds are those of the whole stretch, so that they take a pass of their own.
+The response of filters, splines and differences decays: samples at a distance of
+`reach` change a sample by less than its last digit.  So a window is prepared with this
+number of additional samples at both ends, which are then dropped.  Used rows are those
+of the file in motion, and fast enough; top speeds are those of the whole stretch, so
+they need a separate pass.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -50,7 +51,8 @@ from consistent_id.recordings.signals.masks import (
 _MARK = 4096  # rows between two whose times are kept
 
 WINDOW = 2**15  # samples; twenty channels of them and their copies take some 50 MB
-SPLINE = 64  # samples after which a spline has forgotten: each leaves a half, or less
+# Samples for the decay of a spline's response: at least a factor of two each
+SPLINE = 64
 _DIFFERENCES = 4  # samples that central differences and their ends look at
 
 _AT_ONCE = 32  # windows that one worker takes: a million samples
@@ -60,7 +62,7 @@ Cuts = tuple[tuple[int, int], ...]
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """What lies between two gaps of a log, and the clock on which it is prepared.
+    """A stretch between two gaps of a log, and the clock of its preparation.
 
     Parameters
     ----------
@@ -132,7 +134,7 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class ClockSurvey:
-    """The stretches of a log, and times of rows that were asked for.
+    """The stretches of a log, and times of requested rows.
 
     Parameters
     ----------
@@ -190,7 +192,7 @@ def survey(
 
 
 class _Seen:
-    """What has been seen of a stretch so far."""
+    """The rows of a stretch that were read so far."""
 
     def __init__(self, first: int, begin: float) -> None:
         self.first, self.begin = first, float(begin)
@@ -385,7 +387,7 @@ def _lead(whole: PreparedStretch) -> int:
 
 @dataclass(frozen=True, eq=False)
 class KeptRows:
-    """Samples of a stretch that count.
+    """The used samples of a stretch.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
-"""Simulated experiments on known robots, rehearsals, and a paper's study done again.
+"""Simulated experiments on known robots, rehearsals, and a paper's reproduced study.
 
 A robot follows a motion, such as a writing task.  Encoders and a load cell write on one
 clock, cameras on another.  All true values are known, so that an estimate from the logs
 can be compared with them.  `consistent_id.laboratory.rehearsal` plays a design before
-the robot does, `consistent_id.laboratory.reproduction` does a published study again.
+the robot does, `consistent_id.laboratory.reproduction` reproduces a published study.
 """
 
 from consistent_id.laboratory.closed_loop import (

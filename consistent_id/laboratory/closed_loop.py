@@ -30,7 +30,7 @@ _EVERY = 20  # of the motion's samples, for the mean inertia that sets the gains
 _POSES = 200  # random poses at which the mass matrix must be positive definite
 
 _TICKS = 1000  # per call of the compiled loop
-_FRICTION_POSES = 50  # of the motion at which friction is looked at
+_FRICTION_POSES = 50  # samples of the motion at which friction is checked
 _STABLE = 2.5  # of Runge-Kutta's fourth order: steps over time constants, up to 2.78
 
 
@@ -46,19 +46,19 @@ class ControllerGains(NamedTuple):
 class Controller:
     """``tau = Y(q_d, dq_d, ddq_d) x + K e + D de``, ``e = q_d - q``.
 
-    It runs at the rate of the motion it is given, holds its torque in between, and sees
-    encoder readings only: ``de`` is the difference of ``e`` between ticks, through a
-    low-pass of first order.
+    It runs at the rate of the given motion, keeps its torque constant in between, and
+    uses only encoder readings: ``de`` is the difference of ``e`` between ticks, through
+    a low-pass of first order.
 
     Parameters
     ----------
     model : TorqueModel
         The controller's model of the robot.
     parameters : array_like, shape (parameters,)
-        Its belief; zero for none, and no gains either.
+        Its parameters; zero for no feedforward and no gains.
     bandwidth : float, [Hz]
-        ``K = (2 pi bandwidth)^2 m``, ``m`` being each joint's own inertia by the
-        belief, on average over the motion.
+        ``K = (2 pi bandwidth)^2 m``, ``m`` being each joint's own inertia by these
+        parameters, on average over the motion.
     damping : float
         ``D = 2 damping (2 pi bandwidth) m``.
     rate_cutoff : float, [Hz]
@@ -128,8 +128,8 @@ class SimulatedRobot:
         for name, terms in zip(model.robot.joint_names, model.terms, strict=True):
             if terms.needs_load:
                 raise ProblemError(
-                    f"laboratory: friction of {name!r} depends on the load, and so on "
-                    "the acceleration that it decides; leave load_friction out"
+                    f"laboratory: friction of {name!r} depends on the load, and so "
+                    f"on the acceleration that it determines; leave load_friction out"
                 )
             if terms.smoothed(1.0) != terms:
                 raise ProblemError(
@@ -217,13 +217,13 @@ def with_friction(
 
 
 class Loop(NamedTuple):
-    """What happened at each tick; the torque holds until the next.
+    """The motion at each tick; the torque is constant until the next.
 
     Attributes
     ----------
     motion : Recording
-        True position, velocity, acceleration and torque.  At a tick the last two
-        jump; what is logged is halfway, where a filter without phase finds them.
+        True position, velocity, acceleration and torque.  At a tick the last two jump;
+        the mean of both sides is logged, as a zero-phase filter returns.
     torque : ndarray, shape (samples, joints), [N m or N]
         The same torque.
     readings : ndarray, shape (samples, joints), [rad or m]
@@ -276,8 +276,8 @@ def controlled(
         at = int(np.argmin(np.isfinite(logged).all(axis=0)))
         raise SolverError(
             f"{wanted.name}: the robot gets out of control before t = "
-            f"{wanted.time[at]:.4g} s; lower the controller's bandwidth, or take more "
-            "substeps"
+            f"{wanted.time[at]:.4g} s; lower the controller's bandwidth, or use more "
+            f"substeps"
         )
     q, dq, ddq, torque, readings = (part.T for part in np.split(logged, 5))
     name = f"{wanted.name} (as it was)"
@@ -355,7 +355,7 @@ def _run(step: Any, state: Vector, inputs: Array) -> Array:
 def _require_stable(
     robot: SimulatedRobot, dynamics: Any, q: Array, tick: float, substeps: int
 ) -> None:
-    """Refuse steps longer than what friction near standstill, the steepest, takes."""
+    """Refuse steps that are too long for friction near standstill."""
     import casadi as ca
 
     if substeps < 1:
@@ -370,6 +370,6 @@ def _require_stable(
     if needed > substeps:
         raise ProblemError(
             f"laboratory: near standstill friction brakes within {1 / fastest:.3g} s, "
-            f"too fast for {substeps} steps in {tick:.3g} s; take {needed} substeps, "
+            f"too fast for {substeps} steps in {tick:.3g} s; use {needed} substeps, "
             "or a larger velocity_scale"
         )

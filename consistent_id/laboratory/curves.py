@@ -1,4 +1,4 @@
-"""Curves in space: what a robot writes, as exact functions of a parameter.
+"""Curves in space that a robot writes, as exact functions of a parameter.
 
 A curve runs from ``u = 0`` to ``u = 1``.  Circle, ellipse, bulb, ellipsoid and helix
 are all of one form,
@@ -24,7 +24,7 @@ _REFITS = 8  # of a spline's knots to its own lengths
 
 
 class Curve(Protocol):
-    """A smooth way through space, from ``u = 0`` to ``u = 1``."""
+    """A smooth curve in space, from ``u = 0`` to ``u = 1``."""
 
     def evaluate(self, u: ArrayLike, derivatives: int = 2) -> Array:
         """Return position and derivatives by `u`, (derivatives + 1, samples, 3), [m].

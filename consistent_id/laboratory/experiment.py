@@ -1,4 +1,4 @@
-"""An experiment: a robot follows a motion, sensors write it down, each on its clock.
+"""An experiment: a robot follows a motion, and sensors record it, each on its clock.
 
 Both logs are then synchronised, ready for a regression.
 """
@@ -26,7 +26,7 @@ from consistent_id.recordings.signals.tracks import (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Laboratory:
-    """A robot, its controller and what it is measured with.
+    """A robot, its controller and its sensors.
 
     Parameters
     ----------
@@ -71,14 +71,14 @@ class Laboratory:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExperimentLog:
-    """What an experiment left behind.
+    """The logs of an experiment.
 
     Parameters
     ----------
     wanted : Recording
-        The motion that was asked for.
+        The commanded motion.
     truth : Recording
-        Position, velocity, acceleration and torque as they were; no sensor knows them.
+        True position, velocity, acceleration and torque, without sensors.
     encoders : Recording
         Positions in whole steps and the load cell's torques, on the controller's clock.
     cameras : Recording
@@ -109,8 +109,8 @@ def perform(
         To be followed: position, velocity and acceleration, uniformly sampled at the
         rate at which the controller runs and the encoders are read.
     rng : numpy.random.Generator
-        Each sensor draws from a stream of its own, so that a change of one leaves the
-        noise of the others as it was.
+        Each sensor draws from its own stream, so a change of one does not change the
+        noise of the others.
 
     Examples
     --------
@@ -162,7 +162,7 @@ def _filmed(
     times, stamps = cameras.stamps(start, stop)
     path = CubicHermiteSpline(truth.time, truth.position, truth.velocity)
     q = path(times)
-    # The first and the last picture have no neighbour: a picture further in stands in.
+    # The first and the last picture have no neighbour: the next inner one is used.
     middle = np.clip(times, start + frame, stop - frame)
     ends = path(middle + frame) + path(middle - frame)
     ddq = (ends - 2.0 * path(middle)) / frame**2
@@ -178,7 +178,7 @@ def _filmed(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SynchronisedLog:
-    """Motion and torque on one clock, and the delay that was taken out.
+    """Motion and torque on one clock, and the corrected delay.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ def synchronised(
     trim : float, [s]
         Cut off at either end, where filters see one side only.
     longest : float, [s]
-        Longest delay that is looked for.
+        Longest delay that is tried.
     """
     delay = estimate_delay(
         track(log.encoders, "position"),

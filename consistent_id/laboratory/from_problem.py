@@ -25,11 +25,11 @@ from consistent_id.problems.laboratory_tables import (
     BulbTable,
     CircleTable,
     EllipseTable,
-    EllipsoidTable,
     HelixTable,
     LaboratoryTable,
     OutlineTable,
     PointsTable,
+    SpiralTable,
     TaskTable,
 )
 from consistent_id.problems.problem import Problem
@@ -43,7 +43,7 @@ def task_path(problem: Problem, name: str) -> TaskPath:
     Raises
     ------
     ProblemError
-        If there is no such task, or it makes no sense.
+        If there is no such task, or it is invalid.
     PathError
         If the robot cannot write it.
     """
@@ -73,7 +73,7 @@ def curve_of(table: TaskTable) -> Curve:
         case BulbTable():
             a, b = table.semi_axes
             return bulb((a, b), taper=table.taper, **place)
-        case EllipsoidTable():
+        case SpiralTable():
             a, b, c = table.semi_axes
             latitude = float(np.radians(table.latitude_deg))
             return ellipsoid((a, b, c), latitude=latitude, **place)
@@ -91,8 +91,8 @@ def laboratory_table(problem: Problem) -> LaboratoryTable:
 def laboratory_of(problem: Problem, inertial: ArrayLike) -> Laboratory:
     """Return the laboratory of a problem, around a robot of known inertia.
 
-    The controller's belief is the robot's own parameters, friction included, less the
-    share that the file states.
+    The controller's parameters are the robot's own, friction included, less the share
+    that the file states.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Writing tasks turned into joint motion: along the curve, within limits, exactly.
 
 Newton's method follows the curve ``x(q) = c(u)`` from its start with steps in which no
-joint moves far; what it passes becomes the first guess at any time.
+joint moves far; its points are the initial values at any time.
 """
 
 from dataclasses import dataclass
@@ -29,8 +29,8 @@ from consistent_id.robot.model import RobotModel
 
 _STEP = 0.1  # rad or m: the most that a joint moves between two nodes
 _FIRST, _LAST = 2e-2, 1e-5  # longest and shortest step of the curve's parameter
-_TRIES = 24  # random poses from which the first point is looked for
-_CHECKED = 2000  # instants at which limits and singularities are looked for
+_TRIES = 24  # random poses from which the first point is searched
+_CHECKED = 2000  # instants at which limits and singularities are checked
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,12 +63,12 @@ class TaskPath:
 
     @property
     def start(self) -> float:
-        """When it begins [s]."""
+        """Start time [s]."""
         return self.task.start
 
     @property
     def duration(self) -> float:
-        """How long it lasts [s]."""
+        """Duration [s]."""
         return self.task.duration
 
     def evaluate(self, time: ArrayLike) -> Array:
@@ -114,9 +114,9 @@ def follow(
     start : array_like, shape (joints,), optional, [rad or m]
         A pose near which to begin, which chooses between elbow up and down, say; joints
         that do not write stay there.  By default the middle of the joints' ranges, and
-        poses at random if it leads nowhere.
+        random poses if this fails.
     worst_condition : float
-        Largest condition number of the Jacobian that is taken; see `Solution`.
+        Largest allowed condition number of the Jacobian; see `Solution`.
 
     Raises
     ------
@@ -226,7 +226,7 @@ def _marched(writer: Writer, task: WritingTask, q: Vector) -> TaskPath:
 
 
 def _stuck(writer: Writer, task: WritingTask, u: float, q: Vector) -> PathError:
-    """Say why the path cannot be followed further: out of reach, or singular."""
+    """Return why the path cannot be followed further: out of reach, or singular."""
     new, left = nearest_pose(writer, task, u, q)
     if left > 10.0 * EXACT * writer.reach:
         return _unreachable(task, u, left)

@@ -1,4 +1,4 @@
-"""What a laboratory measures with: encoders, a load cell, cameras."""
+"""The sensors of a laboratory: encoders, a load cell, cameras."""
 
 from dataclasses import dataclass
 
@@ -53,9 +53,9 @@ class LoadCell:
 class Cameras:
     """Joint positions and accelerations, on a clock of their own.
 
-    What happens at ``t`` is stamped ``(1 + drift) t + delay``.  Accelerations are
-    second differences of true positions from picture to picture, with noise of their
-    own: what shakes faster than pictures are taken is averaged, not folded back.
+    The stamp of time ``t`` is ``(1 + drift) t + delay``.  Accelerations are second
+    differences of true positions from picture to picture, with noise of their own: what
+    shakes faster than pictures are taken is averaged, not folded back.
 
     Parameters
     ----------

@@ -202,7 +202,7 @@ class WritingTask:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Writer:
-    """What writes: a point of a robot's frame, and the joints that move it.
+    """The writing point of a robot's frame, and the joints that move it.
 
     Parameters
     ----------

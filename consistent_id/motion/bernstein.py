@@ -13,7 +13,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
 
-_HALVINGS = 6  # coefficients are then within some thousandths of the polynomial
+_HALVINGS = 6  # the error of coefficients is then some thousandths of the polynomial
 
 
 def values(control: Matrix, u: Vector) -> Matrix:
@@ -96,7 +96,7 @@ def finer(control: Array) -> Array:
 
 @lru_cache(maxsize=16)
 def _parts(degree: int) -> Matrix:
-    """Return what makes coefficients over parts; exact, since all are dyadic."""
+    """Return the map to coefficients over parts; exact, as all numbers are dyadic."""
     left = np.array(
         [[comb(i, j) / 2.0**i for j in range(degree + 1)] for i in range(degree + 1)]
     )

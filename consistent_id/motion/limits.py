@@ -1,8 +1,8 @@
-"""What a joint's motion may not exceed, at any time."""
+"""Limits of joints' motion that must be kept at all times."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Self, TypeVar
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,12 +10,11 @@ from numpy.typing import ArrayLike
 from consistent_id._support.arrays import Vector, array_default, freeze, freeze_arrays
 from consistent_id.errors import ProblemError
 from consistent_id.robot.model import Joint, RobotModel, limits_with_followers
-from consistent_id.robot.parameters import did_you_mean
+from consistent_id.robot.parameters import require_known
 
 _ORDERS = ("velocity", "acceleration", "jerk")
 _OVER_TIME = ("effort_rate", "effort_rms")
 _EFFORTS = ("effort", *_OVER_TIME)
-_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +36,7 @@ class MotionLimits:
     Raises
     ------
     ProblemError
-        If a joint has no range to move in, or one that is not finite, or nothing that
+        If a joint has no range to move in, or one that is not finite, or no limit that
         bounds its speed; the message names joint and limit.
     """
 
@@ -83,8 +82,8 @@ class MotionLimits:
                 )
         if not min(getattr(self, name)[j] for name in _ORDERS) < np.inf:
             raise ProblemError(
-                f"{where}: nothing bounds its speed; give velocity, acceleration or "
-                "jerk"
+                f"{where}: no limit bounds its speed; give velocity, acceleration or "
+                f"jerk"
             )
 
     @property
@@ -99,7 +98,7 @@ class MotionLimits:
         return np.asarray(getattr(self, _ORDERS[order - 1]))
 
     def within(self, share: float) -> Self:
-        """Return limits of the same middle, of which only a share is used."""
+        """Return limits with the same middle, reduced to a share."""
         if not 0.0 < share <= 1.0:
             raise ProblemError(f"share of limits is {share}, expected above 0 up to 1")
         half = share * self.derivative(0)
@@ -109,6 +108,40 @@ class MotionLimits:
             upper=self.middle + half,
             **{name: share * getattr(self, name) for name in (*_ORDERS, *_EFFORTS)},
         )
+
+    def with_currents(
+        self,
+        current: ArrayLike | Mapping[str, float] | None,
+        torque_constant: ArrayLike | Mapping[str, float] | None,
+    ) -> Self:
+        """Return limits whose efforts need no larger current.
+
+        Parameters
+        ----------
+        current : array_like or mapping, optional, [A]
+            Largest current; one for all joints, one each, or some by name.
+        torque_constant : array_like or mapping, optional, [N m/A or N/A]
+            Torque of the joint over current, gears included; given likewise.
+
+        Raises
+        ------
+        ProblemError
+            If only one of them is given, or a name is no joint's.
+        """
+        if current is None and torque_constant is None:
+            return self
+        if current is None or torque_constant is None:
+            missing = "current" if current is None else "torque_constant"
+            raise ProblemError(
+                f"limits: {missing} is missing: a current [A] limits torque with the "
+                "torque constant of the joint, gears included [N m/A]; give both"
+            )
+        unlimited = [np.inf] * len(self.joints)
+        most = _each(current, unlimited, self.joints, "current")
+        constant = _each(torque_constant, unlimited, self.joints, "torque_constant")
+        known = np.isfinite(most) & np.isfinite(constant)
+        torque = np.where(known, most * constant, np.inf)
+        return replace(self, effort=np.minimum(self.effort, torque))
 
 
 def motion_limits(
@@ -122,7 +155,7 @@ def motion_limits(
     effort_rate: ArrayLike | Mapping[str, float] | None = None,
     effort_rms: ArrayLike | Mapping[str, float] | None = None,
 ) -> MotionLimits:
-    """Return a robot's limits, with what is given in place of what its file says.
+    """Return a robot's limits; given values replace those of its file.
 
     Parameters
     ----------
@@ -138,7 +171,7 @@ def motion_limits(
     Raises
     ------
     ProblemError
-        If a name is no joint's, or a joint's limits leave it no motion or any motion.
+        If a joint name is unknown, or a joint's limits allow no motion or any motion.
 
     Examples
     --------
@@ -153,7 +186,9 @@ def motion_limits(
         joint.name: _own_range(replace(joint, limits=limits))
         for joint, limits in zip(robot.driven, own, strict=True)
     }
-    span |= _known(position or {}, names, "position")
+    position = {} if position is None else position
+    require_known(position, names, "limits: position: no joint")
+    span |= position
     unlimited = [np.inf] * len(names)
     return MotionLimits(
         joints=names,
@@ -181,13 +216,13 @@ def _each(
     names: tuple[str, ...],
     what: str,
 ) -> Vector:
-    """Return one number per joint, from whatever form it was given in."""
+    """Return one number per joint, from any of the input forms."""
     if given is None:
         return np.array(own)
     if isinstance(given, Mapping):
-        chosen = _known(given, names, what)
+        require_known(given, names, f"limits: {what}: no joint")
         return np.array(
-            [chosen.get(n, value) for n, value in zip(names, own, strict=True)]
+            [given.get(n, value) for n, value in zip(names, own, strict=True)]
         )
     values = np.asarray(given, dtype=float)
     if values.shape not in ((), (len(names),)):
@@ -196,13 +231,3 @@ def _each(
             f"{len(names)}"
         )
     return np.broadcast_to(values, (len(names),))
-
-
-def _known(
-    given: Mapping[str, _T], names: tuple[str, ...], what: str
-) -> Mapping[str, _T]:
-    for name in given:
-        if name not in names:
-            near = did_you_mean(name, names)
-            raise ProblemError(f"limits: {what} of {name!r}: no such joint; {near}")
-    return given

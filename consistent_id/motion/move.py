@@ -1,4 +1,4 @@
-"""A motion that a robot can play as it is: from rest, through a trajectory, to rest."""
+"""A motion that a robot can play: from rest, through a trajectory, to rest."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from consistent_id.recordings.joint_paths import FourierTrajectory, sampled
 from consistent_id.recordings.recording import Recording
 
 _ORDERS = ("position", "velocity", "acceleration")
-_SAME = 1e-9  # share of the duration that two times may miss each other by
+_SAME = 1e-9  # share of the duration by which two times may differ
 _ROUNDING = 1e-9  # jump of any joint that is rounding
 _JUMP = 1e-6  # share of its bound by which a derivative may jump
 
@@ -21,13 +21,13 @@ _JUMP = 1e-6  # share of its bound by which a derivative may jump
 class Move:
     """A run-in from rest, a trajectory, a run-out to rest; a joint path itself.
 
-    Position, velocity and acceleration are continuous; the jerk and what follows may
-    jump between pieces, so that their bounds hold piece by piece.
+    Position, velocity and acceleration are continuous; the jerk and higher derivatives
+    may jump between pieces, so their bounds are valid piece by piece.
 
     Parameters
     ----------
     run_in : tuple of PolynomialPath
-        None, if the trajectory begins at rest in the pose that is wanted.
+        None, if the trajectory begins at rest in the required pose.
     trajectory : FourierTrajectory
         The part that excites.
     run_out : tuple of PolynomialPath
@@ -111,17 +111,17 @@ class Move:
 
     @property
     def start(self) -> float:
-        """When it begins [s]."""
+        """Start time [s]."""
         return self.pieces[0].start
 
     @property
     def duration(self) -> float:
-        """How long it lasts [s]."""
+        """Duration [s]."""
         return end_of(self.pieces[-1]) - self.start
 
     @property
     def window(self) -> tuple[float, float]:
-        """When the exciting part begins and ends [s]; see `trimmed`."""
+        """Begin and end of the exciting part [s]; see `trimmed`."""
         return self.trajectory.start, end_of(self.trajectory)
 
     def excites(self, time: ArrayLike) -> BoolArray:
@@ -134,6 +134,12 @@ class Move:
 
         At a junction, those of the piece that begins.  Before the start and after the
         end the robot rests.
+
+        Parameters
+        ----------
+        time : array_like, shape (samples,), [s]
+        derivatives : int
+            Highest one.
         """
         given = checked(time, (None,), "time")
         t = np.clip(given, self.start, end_of(self.pieces[-1]))
@@ -152,10 +158,16 @@ class Move:
         return np.asarray(np.max(bounds, axis=0))
 
     def recording(self, rate: float, name: str = "move") -> Recording:
-        """Sample position, velocity and acceleration; see `paths.sampled`."""
+        """Sample position, velocity and acceleration; see `paths.sampled`.
+
+        Parameters
+        ----------
+        rate : float, [Hz]
+        name : str
+        """
         return sampled(self, rate, name)
 
 
 def end_of(piece: PolynomialPath | FourierTrajectory) -> float:
-    """Return when a piece ends [s]."""
+    """Return the end time of a piece [s]."""
     return piece.start + piece.duration

@@ -1,8 +1,8 @@
-"""Run-in and run-out: what makes a trajectory one that a robot can play.
+"""Run-in and run-out, with which a robot can play a trajectory.
 
-Both lead from rest, in a pose that suits, to a state of motion, or back.  For a given
+Both lead from rest, in a suitable pose, to a state of motion, or back.  For a given
 duration, the coefficients of their polynomial are linear in the pose at rest; so each
-limit leaves an interval of poses, known without a search.
+limit gives an interval of poses, without a search.
 """
 
 from collections.abc import Mapping
@@ -29,11 +29,12 @@ from consistent_id.motion.transfers import (
 from consistent_id.recordings.joint_paths import FourierTrajectory
 from consistent_id.robot.parameters import did_you_mean
 
-_SAME = 1e-9  # difference, over the trajectory's bound, that is rounding
+_SAME = 1e-9  # difference, relative to the trajectory's bound, that counts as rounding
 
-_FACTORS = (1.0, 2.0, 8.0)  # of the trajectory's own bounds, where no limit is given
+# Factors on the trajectory's own bounds, where no limit is given
+_FACTORS = (1.0, 2.0, 8.0)
 
-_ROUNDING = 1e-10  # share of a limit that is left when a pose is chosen
+_ROUNDING = 1e-10  # reserve, as a share of a limit, when a pose is chosen
 
 Pose = ArrayLike | Mapping[str, float]
 
@@ -49,13 +50,12 @@ def move_along(
     periods: int | None = None,
     smooth: bool = False,
 ) -> Move:
-    """Return a move from rest through a trajectory to rest, within limits on the way.
+    """Return a move from rest to rest through a trajectory.
 
-    A run-in is one polynomial where that stays within the limits; else a point-to-point
-    one, and a swing from a pose nearby.  Where acceleration or jerk has no limit, the
-    trajectory's own bound is that of run-in and run-out, or a multiple of it where no
-    way is within that.  The trajectory itself is not checked; torque and collisions on
-    the way are not either.
+    A run-in is one polynomial, if that stays within the limits; else a point-to-point
+    polynomial and a swing from a nearby pose.  If acceleration or jerk has no limit,
+    the trajectory's own bound is used for run-in and run-out, or a multiple of it if
+    necessary.  The trajectory itself, torques and collisions are not checked.
 
     Parameters
     ----------
@@ -63,20 +63,20 @@ def move_along(
         Periodic, or at rest at its ends.
     limits : MotionLimits
     from_pose, to_pose : array_like, shape (joints,), or mapping by joint, optional
-        Where the robot rests before and after [rad or m]; by default the nearest poses
-        from which and to which it can swing.
+        Poses in which the robot rests before and after [rad or m]; by default the
+        nearest poses for a swing.
     from_via, to_via : array_like, shape (poses, joints), optional
-        Poses in which it rests on the way from `from_pose` and to `to_pose`, in order.
+        Intermediate poses after `from_pose` and before `to_pose`, in order.
     periods : int, optional
-        How often the trajectory is repeated; by default as its duration says.
+        Number of repetitions of the trajectory; by default from its duration.
     smooth : bool
-        Whether ways between poses at rest begin and end without jerk; a swing from a
-        pose nearby into a motion does not.
+        Whether moves between poses at rest begin and end without jerk; a swing from a
+        nearby pose into a motion does not.
 
     Raises
     ------
     ProblemError
-        If a pose or a state is outside the limits, or no way is within them.
+        If a pose or a state is outside the limits, or no move keeps them.
 
     Examples
     --------
@@ -108,7 +108,7 @@ def move_along(
         try:
             return _moved(trajectory, own, *ends, matched)
         except ProblemError:
-            continue  # no limit of the user's is in the way, perhaps
+            continue  # perhaps no limit of the user is violated
     own = _with_own_bounds(limits, trajectory, widest)
     return _moved(trajectory, own, *ends, matched)
 
@@ -143,7 +143,7 @@ def _moved(
 def _between(
     poses: list[MotionState | None], limits: MotionLimits, matched: int
 ) -> tuple[PolynomialPath, ...]:
-    """Return the ways between poses at rest, one after another."""
+    """Return the moves between poses at rest, one after another."""
     return tuple(
         transfer(one, other, limits, matched=matched)
         for one, other in pairwise(poses)
@@ -154,7 +154,7 @@ def _between(
 def _way(
     begin: MotionState, end: MotionState, limits: MotionLimits, matched: int
 ) -> tuple[PolynomialPath, ...]:
-    """Return one piece, or where none is within limits, two that meet at rest."""
+    """Return one piece, or, if none keeps the limits, two that meet at rest."""
     try:
         return (transfer(begin, end, limits, matched=matched),)
     except ProblemError:
@@ -197,7 +197,7 @@ def _pose(pose: Pose | None, joints: tuple[str, ...], name: str) -> MotionState 
     for joint in (*pose, *joints):
         if joint not in pose or joint not in joints:
             near = did_you_mean(joint, joints)
-            what = "says nothing of" if joint not in pose else "names"
+            what = "does not name" if joint not in pose else "names"
             raise ProblemError(f"{name} {what} joint {joint!r}; {near}")
     return MotionState.at_rest(joints, [pose[joint] for joint in joints])
 
@@ -214,7 +214,7 @@ def _repeated(trajectory: FourierTrajectory, periods: int) -> FourierTrajectory:
 def _with_own_bounds(
     limits: MotionLimits, trajectory: FourierTrajectory, factor: float
 ) -> MotionLimits:
-    """Return limits that bound what the trajectory's own bounds, times `factor`, do."""
+    """Return limits; missing ones are the trajectory's own bounds, times `factor`."""
 
     def bound(order: int) -> Vector:
         own = factor * trajectory.derivative_bound(order)
@@ -253,8 +253,8 @@ def approach(
     Parameters
     ----------
     near : array_like, shape (joints,), optional, [rad or m]
-        Of the poses at rest from which it can be done in this time, the nearest to this
-        one is taken; by default the middle one.
+        Among the possible poses at rest, the nearest to this one is chosen; by default
+        the middle one.
 
     Raises
     ------
@@ -286,7 +286,7 @@ def departure(
 ) -> PolynomialPath:
     """Return the shortest polynomial path within limits from a state to rest.
 
-    It is the `approach` of the same state, seen in a mirror of time.
+    It is the time reversal of the `approach` of the same state.
     """
     mirror = np.array([[1.0], [-1.0], [1.0], [-1.0]])
     mirrored = replace(begin, values=mirror * begin.values)
@@ -297,7 +297,7 @@ def departure(
 def _poses(
     control: Array, duration: Vector, limits: MotionLimits, allowed: Array
 ) -> Array:
-    """Return the least and the greatest pose that limits leave, (2, durations, joints).
+    """Return the least and the greatest pose within limits, (2, durations, joints).
 
     Parameters
     ----------
@@ -313,7 +313,7 @@ def _poses(
         fixed = control - limits.middle if k == 0 else control
         a = bernstein.finer(bernstein.derivative(fixed, duration, k))
         b = bernstein.finer(bernstein.derivative(unit, duration, k))
-        # |a + b pose| <= allowed; where b is 0 it is no matter of the pose.
+        # |a + b pose| <= allowed; where b is 0, the pose has no effect.
         with np.errstate(divide="ignore", invalid="ignore"):
             one, other = (-allowed[k] - a) / b, (allowed[k] - a) / b
         counts = b != 0.0

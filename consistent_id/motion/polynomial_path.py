@@ -20,7 +20,7 @@ class PolynomialPath:
     joints : tuple of str
     control : array_like, shape (degree + 1, joints), [rad or m]
         Bernstein coefficients of the position over the whole duration; the first and
-        the last are where it begins and ends.
+        the last are its positions at both ends.
     duration : float, [s]
     start : float, [s]
 
@@ -50,6 +50,12 @@ class PolynomialPath:
         """Return position and derivatives, shape (derivatives + 1, samples, joints).
 
         Before the start and after the end, those at the start and at the end.
+
+        Parameters
+        ----------
+        time : array_like, shape (samples,), [s]
+        derivatives : int
+            Highest one.
         """
         s = checked(time, (None,), "time") - self.start
         u = np.clip(s / self.duration, 0.0, 1.0)
@@ -59,7 +65,7 @@ class PolynomialPath:
     def derivative_bound(self, order: int) -> Vector:
         """Return a bound of each joint's derivative from start to end.
 
-        In absolute value; a few thousandths above the largest there is, or less.
+        In absolute value; at most a few thousandths above the largest value.
         """
         return np.asarray(abs(bernstein.finer(self._derivative(order))).max(axis=0))
 

@@ -1,7 +1,7 @@
 """The shortest polynomial from one state of motion to another, within limits.
 
-It is quintic: position, velocity and acceleration are given at both ends.  That a
-duration is long enough is proven by Bernstein coefficients.
+It is quintic: position, velocity and acceleration are given at both ends. Bernstein
+coefficients prove that a duration is long enough.
 """
 
 from collections.abc import Callable
@@ -29,11 +29,12 @@ from consistent_id.robot.parameters import did_you_mean
 
 MATCHED = 3  # position, velocity and acceleration are met at both ends
 _ORDERS = ("position", "velocity", "acceleration", "jerk")
-_RATIO = 1.03  # between durations that are tried
-_REACH = (1e-4, 1e3)  # shortest and longest of them, over what limits suggest
-_SHORTEST = 1e-3  # duration, over that of crossing a joint's range; below is rounding
+_RATIO = 1.03  # ratio of durations that are tried
+# Shortest and longest of them, relative to an estimate from the limits
+_REACH = (1e-4, 1e3)
+_SHORTEST = 1e-3  # least duration, relative to that of crossing a joint's range
 _TOLERANCE = 1e-6  # relative, of the shortest duration
-_INSIDE = 1e-9  # share of a limit that is left, so that rounding cannot exceed it
+_INSIDE = 1e-9  # reserve, as a share of a limit, for rounding
 
 # Durations (t,) -> Bernstein coefficients (degree + 1, t, joints).
 Family = Callable[[Vector], Array]
@@ -41,7 +42,7 @@ Family = Callable[[Vector], Array]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionState:
-    """Where joints are and how they move, at one time.
+    """Positions and derivatives of joints at one time.
 
     Parameters
     ----------
@@ -64,13 +65,25 @@ class MotionState:
 
     @classmethod
     def at_rest(cls, joints: tuple[str, ...], position: ArrayLike) -> Self:
-        """Return a pose, shape (joints,), [rad or m], that is not left."""
+        """Return a pose, shape (joints,), [rad or m], that is not left.
+
+        Parameters
+        ----------
+        joints : sequence of str
+        position : array_like, shape (joints,), [rad or m]
+        """
         pose = frozen(position, (len(joints),), "pose")
         return cls(joints, np.vstack([pose, np.zeros((3, len(pose)))]))
 
     @classmethod
     def of(cls, path: JointPath, time: float) -> Self:
-        """Return the state that a path has at a time [s]."""
+        """Return the state that a path has at a time [s].
+
+        Parameters
+        ----------
+        path : JointPath
+        time : float, [s]
+        """
         return cls(path.joints, path.evaluate([time], derivatives=3)[:, 0])
 
 
@@ -85,22 +98,22 @@ def transfer(
 
     All joints take the same time.  Durations 3 % apart are tried from short to long,
     and the first that is proven to keep position, velocity, acceleration and jerk
-    within their limits is refined to a millionth.  None is shorter than a thousandth
-    of what crossing a joint's range takes at its limits.
+    within their limits is refined to a millionth.  None is shorter than a thousandth of
+    the time to cross a joint's range at its limits.
 
     Parameters
     ----------
     begin, end : MotionState
     limits : MotionLimits
-        Of these joints, and maybe others.
+        Limits of these joints; others are ignored.
     matched : int
-        How many of position, velocity, acceleration and jerk are met at both ends: 4
-        for a polynomial of degree 7, whose jerk jumps at neither.
+        Number of derivatives, from the position, that are matched at both ends: 4 for a
+        polynomial of degree 7 with continuous jerk.
 
     Raises
     ------
     ProblemError
-        If a state is outside the limits, or no duration is within; with joint and
+        If a state is outside the limits, or no duration keeps them; with joint and
         limit.
 
     Examples
@@ -144,7 +157,7 @@ def shortest(
     family : function
         From durations to Bernstein coefficients.
     states : tuple of MotionState
-        That the family meets at its ends.
+        States at the ends of the family.
     """
     if any(state.joints != limits.joints for state in states):
         raise ProblemError("states are of different joints; expected the same")
@@ -187,7 +200,7 @@ def _reached(control: Array, duration: Vector, limits: MotionLimits) -> Array:
 
 
 def allowed_by(states: tuple[MotionState, ...], limits: MotionLimits) -> Matrix:
-    """Return what may be reached: the limits less rounding, and the states."""
+    """Return the allowed values: the limits less rounding, and the states."""
     allowed = np.array([limits.derivative(k) for k in range(4)]) * (1.0 - _INSIDE)
     for state in states:
         own = abs(_centred(state, limits)) * (1.0 + _INSIDE)
@@ -202,7 +215,7 @@ def _centred(state: MotionState, limits: MotionLimits) -> Matrix:
 def _check_state(state: MotionState, limits: MotionLimits) -> None:
     most = np.array([limits.derivative(k) for k in range(4)])
     over = abs(_centred(state, limits)) > most * (1.0 + _INSIDE)
-    # The jerk of a state counts with its path, not with the way to it.
+    # The jerk of a state belongs to its path, not to the transfer.
     if over[:MATCHED].any():
         k, j = (int(i) for i in np.argwhere(over[:MATCHED])[0])
         raise ProblemError(
@@ -236,7 +249,7 @@ def _range(limits: MotionLimits, k: int, j: int) -> str:
 
 
 def _impossible(tried: Vector, over: Array, limits: MotionLimits) -> ProblemError:
-    """Return the error that names the limit nearest to being met."""
+    """Return the error that names the limit nearest to being kept."""
     t = int(np.argmin(over.max(axis=(0, 2))))
     k, j = np.unravel_index(int(np.argmax(over[:, t])), over[:, t].shape)
     limit = _range(limits, int(k), int(j))

@@ -1,4 +1,4 @@
-"""The problem file: its tables, the values that they stand for, the study of them."""
+"""The problem file: its tables, their values, and the study of a problem."""
 
 from consistent_id._support.face import face
 

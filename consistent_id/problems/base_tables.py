@@ -1,4 +1,4 @@
-"""The tables of what is measured beside the joints: base, contacts, wrench sensors."""
+"""Tables of measurements beside the joints: base, contacts, wrench sensors."""
 
 from collections.abc import Sequence
 from dataclasses import fields
@@ -9,7 +9,7 @@ import numpy as np
 from msgspec import Meta
 
 from consistent_id._support.arrays import Vector
-from consistent_id.problems.tables import NonNegative, Table
+from consistent_id.problems.tables import FileTable, NonNegative
 from consistent_id.recordings.readers.beside_columns import (
     BaseColumns,
     BesideColumns,
@@ -17,11 +17,14 @@ from consistent_id.recordings.readers.beside_columns import (
     WrenchColumns,
 )
 
+ALWAYS = "always"
+"""In place of a contact's column: the robot stands on that foot all the time."""
+
 Names = str | list[str]
 Four = Annotated[list[float], Meta(min_length=4, max_length=4)]
 
 
-class BaseTable(Table, frozen=True, kw_only=True):
+class BaseTable(FileTable, frozen=True, kw_only=True):
     """Columns of a floating base: of an inertial measurement unit, or of its pose."""
 
     angular_velocity: Names | None = None
@@ -33,11 +36,11 @@ class BaseTable(Table, frozen=True, kw_only=True):
     imu_orientation: Four | None = None
 
 
-class ContactTable(Table, frozen=True, kw_only=True):
+class ContactTable(FileTable, frozen=True, kw_only=True):
     """Where the robot may touch its surroundings, and the column that says when.
 
-    Of a foot on which it stands all the time `closed` is true.  Samples closer than the
-    guard [s] to a change are left out.
+    For a foot on which it stands all the time `closed` is true.  Samples closer than
+    the guard [s] to a change are left out.
     """
 
     frame: str
@@ -49,7 +52,7 @@ class ContactTable(Table, frozen=True, kw_only=True):
     radius: NonNegative = 0.0
 
 
-class WrenchTable(Table, frozen=True, kw_only=True):
+class WrenchTable(FileTable, frozen=True, kw_only=True):
     """Columns of a measured force, or of a force and a moment."""
 
     frame: str
@@ -59,7 +62,7 @@ class WrenchTable(Table, frozen=True, kw_only=True):
     axes: Literal["frame", "base", "world"] = "frame"
 
 
-class WristSensorTable(Table, frozen=True, kw_only=True):
+class WristSensorTable(FileTable, frozen=True, kw_only=True):
     """A wrench sensor whose tool or payload is identified, with its bias."""
 
     frame: str
@@ -89,7 +92,7 @@ def _base_columns(table: BaseTable) -> BaseColumns:
     return BaseColumns(**values)
 
 
-def _values(table: Table) -> dict[str, Any]:
+def _values(table: FileTable) -> dict[str, Any]:
     """Return the fields, points as arrays."""
     named = msgspec.structs.asdict(table)
     return {k: np.array(v) if isinstance(v, tuple) else v for k, v in named.items()}

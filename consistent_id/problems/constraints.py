@@ -44,14 +44,14 @@ from consistent_id.problems.tables import (
 def constraints_of(
     table: ConstraintsTable, folder: Path, joints: Mapping[str, JointTable]
 ) -> tuple[Constraint, ...]:
-    """Return the constraints that a table asks for; meshes are files in a folder.
+    """Return the constraints of a table; meshes are files in a folder.
 
     The tables of joints describe their motors.
 
     Raises
     ------
     ProblemError
-        If a relation or a shape makes no sense.
+        If a relation or a shape is invalid.
     """
     chosen: list[Constraint] = [PhysicalConsistency(table.margin)]
     chosen += _of_bodies(table)
@@ -84,7 +84,7 @@ def constraints_of(
 
 
 def prior_of(table: PriorTable, file: Path) -> Prior:
-    """Return the prior that a table asks for.
+    """Return the prior of a table.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def prior_of(table: PriorTable, file: Path) -> Prior:
 
 
 def _of_bodies(table: ConstraintsTable) -> list[Constraint]:
-    """Return what is known of masses and centres of mass, or of whole bodies."""
+    """Return the constraints on masses and centres of mass, or on whole bodies."""
     if table.bodies == "model":
         return [FixedBodies()]
     chosen: list[Constraint] = []
@@ -127,8 +127,8 @@ def _motors(joints: Mapping[str, JointTable]) -> dict[str, Motor]:
             continue
         if joint.gear_ratio is None:
             raise ProblemError(
-                f"[joints.{name}]: motor_inertia without gear_ratio; the link feels "
-                "the motor through its gear: give both"
+                f"[joints.{name}]: motor_inertia without gear_ratio; the motor acts "
+                f"on the link through its gear: give both"
             )
         motors[name] = Motor(joint.motor_inertia, joint.gear_ratio)
     return motors

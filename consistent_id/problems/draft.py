@@ -36,7 +36,7 @@ Role = Literal["training", "validation"]
 
 @dataclass(frozen=True, slots=True)
 class DraftRecording:
-    """Rows of a log, and what they are for.
+    """Rows of a log, and their role.
 
     Parameters
     ----------
@@ -60,11 +60,11 @@ class Draft:
     recordings : tuple of DraftRecording
         Those for training first.
     stated : Statement
-        What the user states.
+        The user's statement.
     joints : tuple of str
         Joints that move.
     held : dict of str to float
-        Other joints between base and tip, and where they are held [rad or m].
+        Other joints between base and tip, and their locked positions [rad or m].
     columns : Columns
     rate : float, [Hz]
         Of the log.
@@ -76,17 +76,17 @@ class Draft:
     raw : mapping of Path to Recording
         The logs, as they were read.
     notes : tuple of str
-        What else was guessed.
+        Notes on other guesses.
     drive : DriveTable
-        Of all joints, as long as no model was selected.
+        Drive terms of all joints, if no model was selected.
     joint_drives : mapping of str to JointTable
-        What some joints have else.
+        Exceptions for some joints.
     selection : ModelSelection, optional
-        The model that the training rows ask for.
+        The model selected from the training rows.
     delay : float or "estimated", [s]
-        By which commands of PD-controlled joints are late.
+        Delay of the commands of PD-controlled joints.
     standing : StandingDraft, optional
-        What is taken for known of a robot whose base floats.
+        Assumptions for a robot whose base floats.
     """
 
     model: Path
@@ -111,27 +111,27 @@ class Draft:
 
     @property
     def bodies(self) -> Literal["identified", "model"]:
-        """Whether bodies are identified, or those of the model are the robot's."""
+        """Whether bodies are identified, or taken from the model."""
         return self.stated.bodies or "identified"
 
     @property
     def locked(self) -> tuple[str, ...]:
-        """Joints between base and tip that are held."""
+        """Joints between base and tip that are locked."""
         return tuple(self.held)
 
     @property
     def log(self) -> Path:
-        """The first log to learn from."""
+        """The first training log."""
         return self.recordings[0].log
 
     @property
     def training(self) -> tuple[int, int]:
-        """The first log's rows to learn from: first and last, from 1."""
+        """The first log's training rows: first and last, from 1."""
         return self.recordings[0].rows
 
     @property
     def validation(self) -> tuple[int, int]:
-        """The rows to judge by, of the first log that has some."""
+        """The validation rows of the first log that has some."""
         return next(r.rows for r in self.recordings if r.role == "validation")
 
     @property
@@ -220,7 +220,7 @@ class Draft:
         ----------
         folder : Path
         accepted : sequence of str
-            Kinds of findings that its user overlooked; a comment says so.
+            Kinds of findings that the user accepted; a comment says so.
         """
         head = (
             f"# Drafted from {self.model.name} and {self.log_names}. A comment that\n"
@@ -241,7 +241,7 @@ DRIVE_COMMENTS = {
     "rotor_inertia = true adds the rotors of geared motors.",
     "drive.velocity_scale": "GUESS [rad/s or m/s]: width of the sign change",
 }
-"""Of a drive of which nothing is known."""
+"""Comments on a drive whose terms are unknown."""
 
 _GAINS_COMMENTS = {
     "data.gains": "GUESS: the delay [s] with which the torque fits best, at most\n"
@@ -288,7 +288,7 @@ def _of_constraints(draft: "Draft") -> dict[str, str]:
 
 
 def _of_roles(draft: "Draft") -> str:
-    """Say how one log is divided, if it is for both, training and validation."""
+    """Return how one log is divided into training and validation, in words."""
     if len({entry.log for entry in draft.recordings}) == len(draft.recordings):
         return ""
     return "The first 70 % of the motion are for training, the rest for validation."
@@ -319,20 +319,20 @@ def _rate(draft: "Draft") -> str:
 
 
 def _held_sentence(draft: "Draft") -> str:
-    """Say which joints do not move, if there are such."""
+    """Return the joints that do not move, in words."""
     where, joints = _held(draft)
     return f"{where.capitalize()}: {joints}.\n" if draft.held else ""
 
 
 def _held(draft: "Draft") -> tuple[str, str]:
-    """Say which joints are held, and where if not at zero."""
+    """Return the locked joints, with their positions if not zero, in words."""
     if not any(draft.held.values()):
         return "locked at zero", ", ".join(draft.held)
     return "locked", ", ".join(f"{k} at {v:g}" for k, v in draft.held.items())
 
 
 def draft_table(draft: "Draft") -> Table:
-    """Return what was taken from the files, and what was guessed."""
+    """Return the settings from the files, and the guesses, as a table."""
     columns = draft.columns
     channels = ("time", "position", "velocity", "torque", "position_command")
     named = ((c, getattr(columns, c)) for c in channels)
@@ -356,19 +356,22 @@ def draft_table(draft: "Draft") -> Table:
         del rows[-3 if draft.bodies == "identified" else -1 :]
     if draft.held:
         rows.insert(1, _held(draft))
+    unused = columns.position_command if draft.stated.gains is None else None
+    commands = f"{unused} are not used: torque is computed from commands by --gains"
     return Table(
         f"How {draft.model.name} and {draft.log_names} were read",
         ("what", "which"),
         tuple(rows),
         (
             *draft.notes,
+            *([] if unused is None else [commands]),
             "consistent-id init writes this to a problem file that you can correct",
         ),
     )
 
 
 def _taken(draft: "Draft") -> tuple[str, str]:
-    """Say what is taken from the model."""
+    """Return the settings from the model, in words."""
     if draft.bodies == "model":
         return "bodies", "the model's"
     if draft.standing is not None:

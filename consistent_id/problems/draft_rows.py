@@ -1,4 +1,4 @@
-"""Which rows of a log a draft takes: what moves, for training and for validation."""
+"""The rows of a log for a draft: motion, for training and for validation."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,11 +24,11 @@ SHARE = 0.2
 _TRAINING = 0.7  # of the motion; the rest is for validation
 _PERIOD = 0.02  # of the motion: shorter periods need no whole ones
 _GAP = 10.0  # steps without a sample
-_ALIKE = 1.25  # ratio of rates up to which one resampled rate does for both
+_ALIKE = 1.25  # ratio of rates up to which one resampled rate suffices for both
 
 
 class Clock(NamedTuple):
-    """What makes the clocks of logs uniform: a rate [Hz], and the longest gap [s]."""
+    """Settings for uniform clocks of logs: a rate [Hz], and the longest gap [s]."""
 
     resample: float | None
     max_gap: float | None
@@ -51,7 +51,7 @@ class Split:
 def split_logs(
     logs: Mapping[Path, Recording], clock: Clock, stated: Statement, *, whole: bool
 ) -> Split:
-    """Divide logs; if each is wholly for training, what moves of it.
+    """Divide logs; if each is wholly for training, keep its motion.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def split_logs(
 
 
 def _kept(raw: Recording, file: Path, stated: Statement) -> Recording:
-    """Return the rows that are stated to count; all of them if none are."""
+    """Return the stated rows; all rows if none are stated."""
     if stated.rows_of(file) is None:
         return raw
     entry = _entry(file, "training", stated, stated.rows_of(file))
@@ -135,12 +135,12 @@ def _training(raw: Recording, duration: float) -> float:
 
 
 def clock_of(raws: Sequence[Recording], longest: float | None = None) -> Clock:
-    """Return what makes the logs' clocks uniform; the longest gap, if it is stated.
+    """Return the settings for uniform clocks; the longest gap, if it is stated.
 
     Raises
     ------
     RecordingError
-        If one uniform rate does not do for all.
+        If one uniform rate does not fit all.
     """
     rates = [own_rate(raw) for raw in raws]
     steps = [

@@ -1,4 +1,4 @@
-"""From a robot and logs to the draft of a problem: what is guessed, and how."""
+"""From a robot and logs to the draft of a problem."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -45,18 +45,19 @@ from consistent_id.robot.parameters import did_you_mean
 
 DRY = 0.05
 """Width of friction's change of sign where commands are to be replayed, [rad/s or m/s].
-Friction of simulators is dry.  A wider change can fit torque better, as what is creep,
-play and lag, and then replays worse: on parts of the training motion that were not
-learnt from, rollouts of two real robots choose 0.05 and less, and torque 0.1."""
+Friction of simulators is dry.  A wider change can fit torque better, because it
+represents creep, play and lag, but replays worse: on held-out parts of the training
+motion, rollouts of two real robots select 0.05 and less, and torque 0.1."""
 _CUTOFFS = (2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 50.0)  # Hz
 _FOLDS = 6
 _USUAL = 10.0  # Hz
 _STANDING = 30.0
-"""Hz, of a robot on its feet: around joints that turn back a filter spreads friction's
-jump, and the lower the cut-off, the fewer rows are left (see `rest_guard`)."""
-_LOW = 5.0  # Hz; a choice among higher ones alone would be none
+"""Hz, for a robot on its feet: a filter spreads friction's jump around reversals of
+joints, and a lower cut-off leaves fewer rows (see `rest_guard`).
+"""
+_LOW = 5.0  # Hz; least cut-off that must be among those tried
 _SURE = 5.0  # standard errors of the delay
-_SAMPLES = 1.0  # sampling periods; less is within what the stamps say
+_SAMPLES = 1.0  # sampling periods; less is below the resolution of the stamps
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,33 +78,35 @@ def draft_problem(
 ) -> Draft:
     """Draft the problem of identifying a robot from one log or several.
 
-    Joints and columns are matched by name, the clock is made uniform, what stands still
-    at either end is left out, and `select_model` chooses the model on what is for
-    training.  Without logs for validation, the last 30 % of each log's motion are.
+    Joints and columns are matched by name, the clock is made uniform, standstill at
+    either end is left out, and `select_model` selects the model from the training rows.
+    Without logs for validation, the last 30 % of each log's motion are the validation
+    rows.
 
     Parameters
     ----------
     model : str or Path
         URDF or MJCF.
     log : str, Path, table or Recording, or a list of them
-        To learn from: files (see `read_recording`), or data frames, Arrow tables and
+        Training logs: files (see `read_recording`), or data frames, Arrow tables and
         mappings of arrays (see `recording_from`).  All have the columns of the first.
     progress : bool
-        Whether the choice shows on the standard error how far it is.
+        Whether to show the progress of the selection on the standard error.
     stated
-        What is known, by the fields of `Statement`, such as ``torque="current{number}",
-        masses="free"``; all else is found or chosen.  Logs for `validation` are of the
-        same kinds as `log`; they are read when all else has been chosen.  Where bodies
-        are the model's or the base floats, no masses are chosen; where the base floats,
-        no model is: bodies behind the base are those of the model.
+        The user's statements, by the fields of `Statement`, such as
+        ``torque="current{number}", masses="free"``; all other settings are found or
+        selected.  Logs for `validation` have the same forms as `log`; they are read
+        after the selection.  If bodies are the model's, no masses are selected; if the
+        base floats, neither masses nor a model: bodies behind the base are those of the
+        model.
 
     Raises
     ------
     ModelError, RecordingError
         If a file cannot be read, or columns cannot be guessed.
     ProblemError
-        If no log is given, or one is given twice; if nothing of such a name can be
-        stated, or two statements contradict each other.
+        If no log is given, or one is given twice; if a keyword is unknown, or two
+        statements contradict each other.
     """
     return drafted(Path(model), log, statement_of(stated), progress=progress)
 
@@ -173,7 +176,7 @@ class _Reading(NamedTuple):
 
 
 def _reading(logs: RobotLogs, given: GivenLogs) -> _Reading:
-    """Read logs, without velocities that come late unless their columns are given."""
+    """Read logs, without delayed velocities unless their columns are given."""
     read = {file: logs.read(file) for file in given.training}
     if logs.stated.velocity is None:
         logs = on_time(logs, read.values())
@@ -188,14 +191,14 @@ def _reading(logs: RobotLogs, given: GivenLogs) -> _Reading:
 def _masses(
     logs: RobotLogs, masses: Literal["datasheet", "free"] | None
 ) -> Literal["datasheet", "free"]:
-    """Return whether masses are known; where the model has none, they are free."""
+    """Return whether masses are known; if the model has none, they are free."""
     if all(link.datasheet.mass is None for link in logs.robot.links):
         return "free"
     return masses or ("free" if logs.robot.floating else "datasheet")
 
 
 def _fixed(stated: Statement) -> set[str]:
-    """Return the kinds of moves that what is stated rules out."""
+    """Return the kinds of moves that the statement excludes."""
     by_field = {
         "masses": ["masses"],
         "cutoff": ["motion_cutoff"],
@@ -216,7 +219,7 @@ def _plain_cutoff(
 ) -> DraftCutoff:
     """Return the cut-off of a draft whose model has not been selected."""
     if given is not None:
-        return DraftCutoff(given, f"{given:g} Hz, as was asked for")
+        return DraftCutoff(given, f"{given:g} Hz, as stated")
     if select:
         usual = usual_cutoff(reading.split.training, standing=standing)
         return DraftCutoff(usual, "the plain default")
@@ -241,21 +244,21 @@ def _with_validation(
 
 
 def _with_delay(draft: Draft) -> Draft:
-    """Return a draft with the delay of commands that its training rows ask for.
+    """Return a draft with the delay of commands from its training rows.
 
-    The delay with which torque fits best also takes up what the model lacks; but a
+    The delay with the best torque fit also compensates for errors of the model; but a
     command reaches its drive before the next is sent.
     """
     try:
         found = replace(draft, delay="estimated").problem().delay_of_commands
     except ConsistentIdError as cause:
-        note = f"commands are taken to be on time, as no delay was found ({cause})"
+        note = f"commands are assumed to have no delay: none was found ({cause})"
         return replace(draft, notes=(*draft.notes, note))
     return replace(draft, delay=float(f"{min(found, 1.0 / draft.rate):.2g}"))
 
 
 def _with_model(draft: Draft, progress: bool) -> Draft:
-    """Return a draft with the model that its training rows ask for, if they do."""
+    """Return a draft with the model selected from its training rows, if possible."""
     fixed, band = _fixed(draft.stated), draft.stated.band
     try:
         chosen = select_model(
@@ -263,7 +266,7 @@ def _with_model(draft: Draft, progress: bool) -> Draft:
         )
     except ConsistentIdError as cause:
         reason = f"{draft.cutoff:g} Hz, as none could be chosen ({cause})"
-        note = f"the model is the plain default, as none could be chosen ({cause})"
+        note = f"the model is the plain default, as none could be selected ({cause})"
         return replace(draft, cutoff_reason=reason, notes=(*draft.notes, note))
     return replace(draft, selection=chosen)
 
@@ -277,7 +280,7 @@ def _require_kinds(keep: Sequence[str]) -> None:
 
 
 def _stated_drive(logs: RobotLogs, stated: Statement) -> StatedDrive:
-    """Return the drive that is stated, or that of which nothing is known."""
+    """Return the stated drive, or the default one."""
     width = stated.friction_velocity
     if stated.drive is not None:
         return stated_drive(stated.drive, logs.robot.joint_names, width=width)
@@ -291,7 +294,7 @@ def _stated_drive(logs: RobotLogs, stated: Statement) -> StatedDrive:
 
 
 def usual_cutoff(training: Sequence[Recording], *, standing: bool = False) -> float:
-    """Return a cut-off [Hz] that no data have chosen."""
+    """Return a default cut-off [Hz]."""
     top = SHARE * min(own_rate(part) for part in training)
     return float(f"{min(_STANDING if standing else _USUAL, top):.2g}")
 
@@ -339,7 +342,7 @@ def _chosen(
 
 
 def on_time(logs: RobotLogs, training: Iterable[Recording]) -> RobotLogs:
-    """Return how logs are read, without a velocity that comes late.
+    """Return how logs are read, without a delayed velocity.
 
     Parameters
     ----------
@@ -350,9 +353,9 @@ def on_time(logs: RobotLogs, training: Iterable[Recording]) -> RobotLogs:
         delay = velocity_delay(raw)
         if delay is not None:
             note = (
-                f"the velocity of {raw.name} comes {1e3 * delay.seconds:.3g} ms after "
-                "the position: it is not read, and positions are differentiated; "
-                "name the column (--velocity) to read it all the same"
+                f"the velocity of {raw.name} is {1e3 * delay.seconds:.3g} ms later "
+                f"than the position: it is not read, and positions are "
+                f"differentiated; name the column (--velocity) to read it anyway"
             )
             columns = replace(logs.columns, velocity=None)
             return replace(logs, columns=columns, notes=(*logs.notes, note))
@@ -360,7 +363,7 @@ def on_time(logs: RobotLogs, training: Iterable[Recording]) -> RobotLogs:
 
 
 def velocity_delay(recording: Recording) -> Delay | None:
-    """Return by how much the velocity comes late; None if it does not, or has none."""
+    """Return the delay of the velocity; None without a delay or a velocity."""
     if recording.velocity is None:
         return None
     joints, time, name = recording.joints, recording.time, recording.name
@@ -369,7 +372,7 @@ def velocity_delay(recording: Recording) -> Delay | None:
     try:
         delay = estimate_delay(position, velocity)
     except RecordingError:
-        return None  # not of one motion: the diagnosis says what it is instead
+        return None  # not of one motion: the diagnosis finds its content
     period = _SAMPLES / own_rate(recording)
     late = delay.seconds > max(period, _SURE * delay.standard_error)
     return delay if late else None

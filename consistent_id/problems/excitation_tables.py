@@ -1,16 +1,16 @@
-"""The ``[excitation]`` table of a problem file: what motion to design, within what."""
+"""The ``[excitation]`` table of a problem file: the motion to design and its limits."""
 
 from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from consistent_id.problems.tables import NonNegative, Pair, Positive, Table
+from consistent_id.problems.tables import FileTable, NonNegative, Pair, Positive
 
 Three = tuple[float, float, float]
 PerJoint = Positive | list[Positive] | dict[str, Positive]
 
 
-class LimitsTable(Table, frozen=True, kw_only=True):
+class LimitsTable(FileTable, frozen=True, kw_only=True):
     """Limits in place of the robot file's; one for all joints, or by name."""
 
     position: dict[str, Pair] = {}
@@ -26,19 +26,19 @@ class LimitsTable(Table, frozen=True, kw_only=True):
     share: Annotated[float, Meta(gt=0.0, le=1.0)] = 1.0
 
 
-class SphereTable(Table, frozen=True, kw_only=True):
+class SphereTable(FileTable, frozen=True, kw_only=True):
     """A ball about the body's position; in m, as all that follow."""
 
     radius: Positive
 
 
-class BoxTable(Table, frozen=True, kw_only=True):
+class BoxTable(FileTable, frozen=True, kw_only=True):
     """A box about the body's position."""
 
     size: tuple[Positive, Positive, Positive]
 
 
-class RodTable(Table, frozen=True, kw_only=True):
+class RodTable(FileTable, frozen=True, kw_only=True):
     """A capsule or cylinder: along z of the body, or between two points."""
 
     radius: Positive
@@ -46,7 +46,7 @@ class RodTable(Table, frozen=True, kw_only=True):
     ends: tuple[Three, Three] | None = None
 
 
-class BodyTable(Table, frozen=True, kw_only=True):
+class BodyTable(FileTable, frozen=True, kw_only=True):
     """A body of the robot, on a link, or without one an obstacle: one of four shapes.
 
     `position` [m] and `rpy_deg` [degrees] place it in the link's or the base's frame.
@@ -62,10 +62,10 @@ class BodyTable(Table, frozen=True, kw_only=True):
     cylinder: RodTable | None = None
 
 
-class WorkspaceTable(Table, frozen=True, kw_only=True):
+class WorkspaceTable(FileTable, frozen=True, kw_only=True):
     """A box in the base frame that a point of a link may not leave; in m.
 
-    A face that is not given is not there.
+    A missing face is no bound.
     """
 
     link: str
@@ -75,7 +75,7 @@ class WorkspaceTable(Table, frozen=True, kw_only=True):
     z: Pair | None = None
 
 
-class ConeTable(Table, frozen=True, kw_only=True):
+class ConeTable(FileTable, frozen=True, kw_only=True):
     """A cone about an axis of the base frame that a link's direction may not leave."""
 
     link: str
@@ -84,7 +84,7 @@ class ConeTable(Table, frozen=True, kw_only=True):
     direction: Three = (0.0, 0.0, 1.0)
 
 
-class SceneTable(Table, frozen=True, kw_only=True):
+class SceneTable(FileTable, frozen=True, kw_only=True):
     """What must not touch: the robot's own bodies, and what stands around it."""
 
     robot: Literal["urdf", "bodies"] = "urdf"
@@ -101,7 +101,7 @@ class SceneTable(Table, frozen=True, kw_only=True):
     allowed: list[tuple[str, str]] = []
 
 
-class ExcitationTable(Table, frozen=True, kw_only=True):
+class ExcitationTable(FileTable, frozen=True, kw_only=True):
     """Form, aim and limits of an exciting trajectory."""
 
     duration: Positive = 10.0

@@ -1,4 +1,4 @@
-"""The problem file: ``problem.toml`` decoded into typed values, nothing unknown kept.
+"""The problem file: ``problem.toml`` decoded into typed values, without unknown keys.
 
 One struct per table of the file; `problem.load_problem` turns them into a problem.
 """
@@ -27,11 +27,11 @@ from consistent_id.problems.excitation_tables import ExcitationTable
 from consistent_id.problems.laboratory_tables import LaboratoryTable, TaskTable
 from consistent_id.problems.tables import (
     ConstraintsTable,
+    FileTable,
     NonNegative,
     Pair,
     Positive,
     PriorTable,
-    Table,
     Three,
 )
 from consistent_id.problems.tables import DriveTable as DriveTable
@@ -41,7 +41,7 @@ from consistent_id.recordings.log_formats import LOG_FORMATS
 _ROBOTS = (".urdf", ".xml", ".mjcf", ".xacro")
 
 
-class DHTable(Table, frozen=True, kw_only=True):
+class DHTable(FileTable, frozen=True, kw_only=True):
     """One row of Denavit-Hartenberg parameters; angles in degrees."""
 
     alpha_deg: float
@@ -55,7 +55,7 @@ class DHTable(Table, frozen=True, kw_only=True):
     effort: Positive | None = None
 
 
-class ModelTable(Table, frozen=True, kw_only=True):
+class ModelTable(FileTable, frozen=True, kw_only=True):
     """The robot: a URDF or MJCF file, or a DH table, and the part of it that moves."""
 
     urdf: str | None = None
@@ -69,7 +69,7 @@ class ModelTable(Table, frozen=True, kw_only=True):
     locked: dict[str, float] = {}
 
 
-class LinkTable(Table, frozen=True, kw_only=True):
+class LinkTable(FileTable, frozen=True, kw_only=True):
     """A link's datasheet."""
 
     mass: NonNegative | None = None
@@ -79,12 +79,12 @@ class LinkTable(Table, frozen=True, kw_only=True):
 
 
 class PayloadTable(LinkTable, frozen=True, kw_only=True):
-    """What the robot carries, and the datasheet of that in the carrier's frame."""
+    """The robot's payload, and its datasheet in the carrier's frame."""
 
     link: str
 
 
-class CouplingTable(Table, frozen=True, kw_only=True):
+class CouplingTable(FileTable, frozen=True, kw_only=True):
     """Terms of two joints whose gears are coupled."""
 
     first: str
@@ -95,7 +95,7 @@ class CouplingTable(Table, frozen=True, kw_only=True):
     rotor_inertia: bool = False
 
 
-class ColumnsTable(Table, frozen=True, kw_only=True):
+class ColumnsTable(FileTable, frozen=True, kw_only=True):
     """Names of the columns in the recordings."""
 
     time: str = "time"
@@ -110,7 +110,7 @@ class ColumnsTable(Table, frozen=True, kw_only=True):
     array_joints: list[str] = []
 
 
-class PreparationTable(Table, frozen=True, kw_only=True):
+class PreparationTable(FileTable, frozen=True, kw_only=True):
     """What is done to each recording, in this order."""
 
     max_gap: Positive | None = None
@@ -137,7 +137,7 @@ class PreparationTable(Table, frozen=True, kw_only=True):
     most_slip: Positive | None = None
 
 
-class TrackTable(Table, frozen=True, kw_only=True):
+class TrackTable(FileTable, frozen=True, kw_only=True):
     """A channel of a recording that was written into a file of its own."""
 
     file: str
@@ -147,7 +147,7 @@ class TrackTable(Table, frozen=True, kw_only=True):
     delay: float | Literal["estimated"] = 0.0
 
 
-class RecordingTable(Table, frozen=True, kw_only=True):
+class RecordingTable(FileTable, frozen=True, kw_only=True):
     """One recording and its part in the study.
 
     Rows are counted from 1, as the file has them; the first and the last are kept,
@@ -161,14 +161,14 @@ class RecordingTable(Table, frozen=True, kw_only=True):
     tracks: list[TrackTable] = []
 
 
-class GainsTable(Table, frozen=True, kw_only=True):
+class GainsTable(FileTable, frozen=True, kw_only=True):
     """Gains of PD-controlled joints: one for all, or one each in the robot's order.
 
-    With them torque is computed from what the joints were told, commands being late by
-    a delay [s].  The drives make `scale` times that torque, and encoders read the
-    position plus `encoder_bias` [rad or m]: numbers, or what the training data say.
-    Between motors, where encoders are, and links there are springs of a `stiffness`
-    [N m/rad or N/m], if it is given.
+    With them torque is computed from the joints' commands, delayed by `delay` [s].  The
+    real torque is `scale` times this torque, and encoders read the position plus
+    `encoder_bias` [rad or m]: numbers, or estimated from the training data. Between
+    motors, where encoders are, and links there are springs of a `stiffness` [N m/rad or
+    N/m], if it is given.
     """
 
     kp: NonNegative | list[NonNegative]
@@ -180,7 +180,7 @@ class GainsTable(Table, frozen=True, kw_only=True):
     stiffness: Positive | list[Positive] | Literal["estimated"] | None = None
 
 
-class DataTable(Table, frozen=True, kw_only=True):
+class DataTable(FileTable, frozen=True, kw_only=True):
     """Recordings of a real robot."""
 
     recordings: Annotated[list[RecordingTable], Meta(min_length=1)]
@@ -198,7 +198,7 @@ class DataTable(Table, frozen=True, kw_only=True):
     preparation: PreparationTable = PreparationTable()
 
 
-class SinusoidTable(Table, frozen=True, kw_only=True):
+class SinusoidTable(FileTable, frozen=True, kw_only=True):
     """One term of a joint's motion."""
 
     amplitude: float | Pair
@@ -206,7 +206,7 @@ class SinusoidTable(Table, frozen=True, kw_only=True):
     phase_deg: float = 0.0
 
 
-class MotionTable(Table, frozen=True, kw_only=True):
+class MotionTable(FileTable, frozen=True, kw_only=True):
     """A motion given by formulas."""
 
     duration: Positive
@@ -214,7 +214,7 @@ class MotionTable(Table, frozen=True, kw_only=True):
     joints: list[list[SinusoidTable]]
 
 
-class SimulationTable(Table, frozen=True, kw_only=True):
+class SimulationTable(FileTable, frozen=True, kw_only=True):
     """A simulated experiment; its truth: the consistent robot nearest the published."""
 
     training: str
@@ -223,7 +223,7 @@ class SimulationTable(Table, frozen=True, kw_only=True):
     seed: Annotated[int, Meta(ge=0)] = 0
 
 
-class CombinationTable(Table, frozen=True, kw_only=True):
+class CombinationTable(FileTable, frozen=True, kw_only=True):
     """One combination of a published parametrisation."""
 
     name: str
@@ -233,7 +233,7 @@ class CombinationTable(Table, frozen=True, kw_only=True):
     effect: Literal["inertia", "gravity"] = "inertia"
 
 
-class PublishedTable(Table, frozen=True, kw_only=True):
+class PublishedTable(FileTable, frozen=True, kw_only=True):
     """What a paper printed: its combinations, its experiments, its tables."""
 
     source: str
@@ -250,7 +250,7 @@ class PublishedTable(Table, frozen=True, kw_only=True):
     decimals: int = 4
 
 
-class ProblemTable(Table, frozen=True, kw_only=True):
+class ProblemTable(FileTable, frozen=True, kw_only=True):
     """The whole file."""
 
     name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]

@@ -1,4 +1,4 @@
-"""What is wrong with a problem file: the line, the key, and what could stand there."""
+"""Faults of a problem file: the line, the key, and the allowed words."""
 
 import re
 from collections.abc import Iterator, Sequence

@@ -1,4 +1,4 @@
-"""Which problem files a path stands for: one file, or a folder of several robots."""
+"""The problem files of a path: one file, or a folder of several robots."""
 
 from pathlib import Path
 
@@ -8,11 +8,11 @@ RESULTS = "results.json"
 """The file that makes a folder one of results."""
 
 _OWN = "problem.toml"
-_OTHERS = ("pyproject.toml",)  # TOML files that are something else
+_OTHERS = ("pyproject.toml",)  # TOML files that are not problem files
 
 
 def problem_files(path: str | Path) -> tuple[Path, ...]:
-    """Return the problem files that a path stands for.
+    """Return the problem files of a path.
 
     A file stands for itself, a folder for its ``problem.toml``.  A folder without one
     stands for all TOML files in it and in its subfolders: a robot's folder for the
@@ -41,6 +41,12 @@ def problem_files(path: str | Path) -> tuple[Path, ...]:
 def is_results(path: Path) -> bool:
     """Return whether a path is a folder of results, which opens without computing."""
     return (path / RESULTS).is_file()
+
+
+def results_or_file(file: Path) -> Path:
+    """Return the folder of results whose problem file it is, else the file itself."""
+    is_theirs = file.name == _OWN and is_results(file.parent)
+    return file.parent if is_theirs else file
 
 
 def toml_files(folder: Path) -> list[Path]:

@@ -1,4 +1,4 @@
-"""Logs as a caller gives them: files, tables in memory, recordings."""
+"""Logs from a caller: files, tables in memory, recordings."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -51,7 +51,7 @@ def given_logs(
     """
     roles = [_several(training), _several(validation)]
     if not roles[0]:
-        raise ProblemError("no log to learn from, expected at least one")
+        raise ProblemError("no training log, expected at least one")
     every = [log for logs in roles for log in logs]
     names = {id(log): _path(log, number) for number, log in enumerate(every, 1)}
     _require_distinct([names[id(log)] for log in every])

@@ -16,7 +16,7 @@ from consistent_id._support.files import marked, when_written, write_atomically
 from consistent_id.errors import ProblemError
 from consistent_id.problems.file import ProblemTable, problem_table
 from consistent_id.problems.paths import record_own
-from consistent_id.problems.tables import Table
+from consistent_id.problems.tables import FileTable
 
 _MOST_LINES = 1000  # three times the longest that was written by hand; more take long
 # A header below its blank lines and comments.  To tomlkit these belong to the table
@@ -33,8 +33,8 @@ def rewritten(
 ) -> str:
     """Return a problem file's text with other tables, comments kept.
 
-    A table that does not change stays as it was written; the comment above it gives
-    way to one of the fresh text.  Of a table that changes, lines stay whose values do.
+    A table that does not change keeps its text; a comment of the fresh text replaces
+    the one above it.  In a table that changes, lines with equal values keep their text.
 
     Parameters
     ----------
@@ -45,8 +45,8 @@ def rewritten(
     changed : sequence of str
         Tables that the fresh text has otherwise, such as ``"data.preparation"``.
     expected : ProblemTable
-        What the file has to say.  Where tables are written in a form that cannot be
-        replaced one by one, or lines are very many, the fresh text is returned.
+        The content that the file must have.  If tables cannot be replaced one by one,
+        or the file is very long, the fresh text is returned.
     """
     if text.count("\n") > _MOST_LINES:
         return fresh
@@ -109,7 +109,7 @@ def _path(header: str) -> str:
 
 
 def _replace(written: Any, anew: Any, path: Sequence[str]) -> None:
-    """Let a table, and those below it, say what the fresh one says."""
+    """Update a table, and those below it, to the fresh content."""
     name, *rest = path
     if name not in anew:
         written.pop(name, None)
@@ -183,7 +183,7 @@ def write_problem(text: str, file: Path) -> Path:
     Raises
     ------
     ProblemError
-        If it is no problem's text, or cannot be written.
+        If it is not the text of a problem, or cannot be written.
     """
     table = problem_table(text, file)
     write_atomically(file, marked(text))
@@ -191,7 +191,7 @@ def write_problem(text: str, file: Path) -> Path:
     return file
 
 
-def toml_text(table: Table, comments: Mapping[str, str]) -> str:
+def toml_text(table: FileTable, comments: Mapping[str, str]) -> str:
     """Return a table as TOML.
 
     Parameters
@@ -204,19 +204,19 @@ def toml_text(table: Table, comments: Mapping[str, str]) -> str:
     return "\n".join(_lines(table, "", comments)).strip() + "\n"
 
 
-def _lines(table: Table, path: str, comments: Mapping[str, str]) -> Iterator[str]:
+def _lines(table: FileTable, path: str, comments: Mapping[str, str]) -> Iterator[str]:
     """Yield a table's own keys, then the tables in it."""
     tables, named = [], set()
     for key, value, default in _fields(table):
         inner = f"{path}.{key}".lstrip(".")
-        if isinstance(value, Table):
+        if isinstance(value, FileTable):
             tables.append((inner, [value], f"[{inner}]"))
         elif isinstance(value, Mapping) and _has_tables(value):
             for name, member in value.items():
                 path_of = f"{inner}.{bare_key(name)}"
                 tables.append((path_of, [member], f"[{path_of}]"))
                 named.add(path_of)
-        elif isinstance(value, list) and value and isinstance(value[0], Table):
+        elif isinstance(value, list) and value and isinstance(value[0], FileTable):
             tables.append((inner, value, f"[[{inner}]]"))
         elif value is None and default is msgspec.UNSET:
             yield f"{key} = 0"  # none, where a key that is missing means another's
@@ -239,7 +239,7 @@ def _comment_lines(text: str) -> Iterator[str]:
 
 
 def _has_tables(value: Mapping[str, Any]) -> bool:
-    return any(isinstance(member, Table) for member in value.values())
+    return any(isinstance(member, FileTable) for member in value.values())
 
 
 def problem_name(file: Path) -> str:
@@ -249,12 +249,12 @@ def problem_name(file: Path) -> str:
 
 
 def bare_key(name: str) -> str:
-    """Return a key as TOML wants it: in quotes if it needs them."""
+    """Return a key in TOML's form: in quotes if it needs them."""
     plain = all(c.isascii() and (c.isalnum() or c in "-_") for c in name)
     return name if plain and name else _value(name)
 
 
-def _fields(table: Table) -> Iterator[tuple[str, Any, Any]]:
+def _fields(table: FileTable) -> Iterator[tuple[str, Any, Any]]:
     """Yield a table's keys, values and defaults; its tag first, if it has one."""
     config = type(table).__struct_config__
     if config.tag_field is not None:
@@ -267,7 +267,7 @@ def _fields(table: Table) -> Iterator[tuple[str, Any, Any]]:
 
 
 def _value(value: object) -> str:
-    if isinstance(value, Table):
+    if isinstance(value, FileTable):
         value = {k: v for k, v, default in _fields(value) if v != default}
     if isinstance(value, list | tuple):
         return f"[{', '.join(_value(item) for item in value)}]"

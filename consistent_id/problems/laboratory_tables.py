@@ -4,10 +4,10 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from consistent_id.problems.tables import NonNegative, Pair, Positive, Table, Three
+from consistent_id.problems.tables import FileTable, NonNegative, Pair, Positive, Three
 
 
-class PenTable(Table, frozen=True, kw_only=True):
+class PenTable(FileTable, frozen=True, kw_only=True):
     """What every writing task states: which point writes, when, from which pose.
 
     The point is fixed in a frame; joints that are not named are locked.
@@ -54,7 +54,7 @@ class BulbTable(OutlineTable, frozen=True, kw_only=True, tag="bulb", tag_field="
     taper: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.5
 
 
-class EllipsoidTable(
+class SpiralTable(
     OutlineTable, frozen=True, kw_only=True, tag="ellipsoid", tag_field="shape"
 ):
     """See `curves.ellipsoid`."""
@@ -80,13 +80,13 @@ class PointsTable(PenTable, frozen=True, kw_only=True, tag="points", tag_field="
 
 
 TaskTable = (
-    CircleTable | EllipseTable | BulbTable | EllipsoidTable | HelixTable | PointsTable
+    CircleTable | EllipseTable | BulbTable | SpiralTable | HelixTable | PointsTable
 )
 
 Each = NonNegative | list[NonNegative]  # one for all joints, or one each
 
 
-class FrictionTable(Table, frozen=True, kw_only=True):
+class FrictionTable(FileTable, frozen=True, kw_only=True):
     """Friction of the laboratory's robot; see `laboratory.with_friction`."""
 
     viscous: Each = 0.0
@@ -94,7 +94,7 @@ class FrictionTable(Table, frozen=True, kw_only=True):
     velocity_scale: Positive = 0.02
 
 
-class ControllerTable(Table, frozen=True, kw_only=True):
+class ControllerTable(FileTable, frozen=True, kw_only=True):
     """See `laboratory.Controller`; `error` is the share by which its belief is off."""
 
     bandwidth: Positive = 5.0
@@ -103,20 +103,20 @@ class ControllerTable(Table, frozen=True, kw_only=True):
     error: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.0
 
 
-class EncodersTable(Table, frozen=True, kw_only=True):
+class EncodersTable(FileTable, frozen=True, kw_only=True):
     """See `laboratory.Encoders`."""
 
     step: Each = 0.0
 
 
-class LoadCellTable(Table, frozen=True, kw_only=True):
+class LoadCellTable(FileTable, frozen=True, kw_only=True):
     """See `laboratory.LoadCell`."""
 
     noise: Each = 0.0
     offset: float | list[float] = 0.0
 
 
-class CamerasTable(Table, frozen=True, kw_only=True):
+class CamerasTable(FileTable, frozen=True, kw_only=True):
     """See `laboratory.Cameras`."""
 
     rate: Positive
@@ -126,7 +126,7 @@ class CamerasTable(Table, frozen=True, kw_only=True):
     acceleration_noise: Each = 0.0
 
 
-class LaboratoryTable(Table, frozen=True, kw_only=True):
+class LaboratoryTable(FileTable, frozen=True, kw_only=True):
     """Experiments on a robot of known parameters, and how their logs are prepared."""
 
     experiments: Annotated[list[str], Meta(min_length=1)]

@@ -1,4 +1,4 @@
-"""What problems consist of: the problems of a folder, a line each, or one of them."""
+"""Lists of problems: the problems of a folder, a line each, or one in detail."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,7 +14,7 @@ from consistent_id.robot.chains import base_question
 
 
 def list_problems(folder: Path, files: Sequence[Path]) -> Table:
-    """Return a line on each problem of a folder; notes name what is missing."""
+    """Return a line on each problem of a folder; notes name missing files."""
     rows: list[tuple[str, ...]] = []
     notes = []
     for file in files:
@@ -55,7 +55,7 @@ def _data_of(problem: Problem) -> str:
 
 
 def problem_tables(problem: Problem) -> list[Table]:
-    """Return what a problem consists of: robot, datasheet, base parameters."""
+    """Return a problem as tables: robot, datasheet, base parameters."""
     robot, model = problem.model.robot, problem.model
     base = base_parameters(model)
     drives = {

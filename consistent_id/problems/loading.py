@@ -1,11 +1,10 @@
-"""From a problem file, or its content, to the problem that it states."""
+"""From a problem file, or its content, to the problem."""
 
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from consistent_id._support.run import require_trusted
 from consistent_id.constraints import lowered
 from consistent_id.errors import ProblemError
 from consistent_id.problems.constraints import constraints_of, prior_of
@@ -14,7 +13,7 @@ from consistent_id.problems.folder import problem_files
 from consistent_id.problems.log_entries import gains_of_drives
 from consistent_id.problems.model import assumed, behind_sensor, torque_model
 from consistent_id.problems.overrides import overridden
-from consistent_id.problems.paths import names_outside
+from consistent_id.problems.paths import require_own_names
 from consistent_id.problems.preparation import check_data
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.statement import (
@@ -26,7 +25,7 @@ from consistent_id.recordings.recording import Recording
 
 
 class StatedProblem(NamedTuple):
-    """A problem, and notes on what was stated in place of its file's content."""
+    """A problem, and notes on statements that replace its file's content."""
 
     problem: Problem
     notes: tuple[str, ...] = ()
@@ -43,15 +42,15 @@ def load_problem(path: str | Path, *, trust: bool = False, **stated: Any) -> Pro
         Whether the file may name files outside of its folder and of that of the data
         (``CONSISTENT_ID_DATASETS``), and other environment variables.
     stated
-        In place of what the file states: the fields of `Statement`, such as
+        Statements that replace the file's content: the fields of `Statement`, such as
         ``cutoff=8.0``.
 
     Raises
     ------
     ProblemError
-        If the file does not fit; with the path of the faulty key.  If it names what
-        only a file that is trusted may name.  If the folder has
-        no ``problem.toml`` and holds several problems; with their files.
+        If the file does not fit; with the path of the faulty key.  If it names files or
+        variables that only a trusted file may name.  If the folder has no
+        ``problem.toml`` and holds several problems; with their files.
     ModelError
         If the robot cannot be built.
     """
@@ -61,7 +60,7 @@ def load_problem(path: str | Path, *, trust: bool = False, **stated: Any) -> Pro
 def stated_problem(
     path: Path, stated: Statement, *, trust: bool = False
 ) -> StatedProblem:
-    """Load a problem with what is stated in place of its file's content.
+    """Load a problem with statements that replace its file's content.
 
     Raises
     ------
@@ -70,14 +69,14 @@ def stated_problem(
     """
     file = one_problem_file(path)
     table = read_problem_table(file)
-    for sentence in () if trust else names_outside(table, file):
-        require_trusted(file, sentence)
+    if not trust:
+        require_own_names(table, file)
     table, notes = overridden(table, stated, file)
     return StatedProblem(replace(problem_of(table, file), source=file), notes)
 
 
 def one_problem_file(path: Path) -> Path:
-    """Return the only problem file that a path stands for.
+    """Return the only problem file of a path.
 
     Raises
     ------
@@ -119,7 +118,7 @@ def problem_of(
         gains_of_drives(table.data)
         check_data(table.data, floating=model.robot.floating and arm is None)
     constraints = constraints_of(assumed(table, model), file.parent, table.joints)
-    lowered(constraints, model)  # a name that is wrong is found here, not after hours
+    lowered(constraints, model)  # check names here, not after hours
     problem = Problem(
         folder=file.parent,
         table=table,

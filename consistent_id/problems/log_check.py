@@ -1,4 +1,4 @@
-"""A problem's recordings, looked through for faults."""
+"""The check of a problem's recordings for faults."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -6,7 +6,7 @@ from dataclasses import replace
 import msgspec
 
 from consistent_id.diagnosis import Diagnosis, LogFinding, diagnose
-from consistent_id.diagnosis.shift_findings import LONG
+from consistent_id.diagnosis.small_shifts import LONG
 from consistent_id.problems.log_entries import drive_limits
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording
@@ -17,16 +17,16 @@ _OF_COMMANDS = (
 )
 
 _OF_DELAYS = (
-    "log the torque unfiltered, or the motion through the same filter; if it is known "
-    "to be a delay alone, --accept lag"
+    "log the torque unfiltered, or the motion through the same filter; if it is "
+    "known to be only a delay, --accept lag"
 )
 
 
 def check_problem(problem: Problem) -> Diagnosis:
     """Look for faults in a problem's recordings.
 
-    A filter of the drives is late as well as slow.  A delay that preparation undoes
-    hides it, so that behind a long one the recordings are looked at as they are, too.
+    A filter of the drives also causes a delay.  The preparation's correction of a delay
+    hides it, so for a long delay the uncorrected recordings are checked, too.
     """
     found = _checked(problem, problem.prepare)
     if not found.faults and abs(_delay(problem)) >= LONG:
@@ -56,13 +56,13 @@ def _checked(problem: Problem, prepare: Callable[[Recording], Recording]) -> Dia
 
 
 def _delay(problem: Problem) -> float:
-    """Return the delay of the torque that preparation undoes, [s]."""
+    """Return the delay of the torque that the preparation corrects, [s]."""
     data = problem.table.data
     return 0.0 if data is None else float(data.preparation.delays.get("torque", 0.0))
 
 
 def _without_delay(problem: Problem) -> Problem:
-    """Return a problem of which the torque is taken as it was recorded."""
+    """Return a problem with the torque as recorded."""
     data = problem.table.data
     if data is None:
         return problem
@@ -73,12 +73,12 @@ def _without_delay(problem: Problem) -> Problem:
 
 
 def _hidden(problem: Problem, late: Diagnosis) -> tuple[LogFinding, ...]:
-    """Return what a delay hides: a filter of the drives, or else how late they are."""
+    """Return the finding behind a delay: a filter of the drives, or their lag."""
     if filters := late.of("drive filter"):
         return filters
     undone = (
-        f"; [data.preparation] undoes a delay of {1e3 * _delay(problem):.3g} ms, but "
-        "it can undo no filter"
+        f"; [data.preparation] corrects a delay of {1e3 * _delay(problem):.3g} ms, "
+        f"but it cannot correct a filter"
     )
     return tuple(
         replace(

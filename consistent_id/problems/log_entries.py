@@ -1,9 +1,9 @@
-"""What a problem file says of logs and drives: columns, rows, gains, calibration."""
+"""Logs and drives in a problem file: columns, rows, gains, calibration."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import msgspec
 import numpy as np
@@ -11,25 +11,25 @@ import numpy as np
 from consistent_id._support.tables import Table
 from consistent_id.constraints import Constraint
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.drive_calibration import (
-    UNKNOWNS,
-    CalibrationFit,
-    CommandDelay,
-    command_delay,
-    fit_calibration,
-)
-from consistent_id.estimation.transmission_springs import JointSprings, joint_springs
 from consistent_id.problems.base_tables import beside_columns
 from consistent_id.problems.file import DataTable, GainsTable, RecordingTable
 from consistent_id.recordings.log_formats import log_format
-from consistent_id.recordings.readers import JOINT_STATE, Columns
+from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals import DriveCalibration, PDGains, calibrated
+from consistent_id.recordings.signals.drive_torque import (
+    DriveCalibration,
+    PDGains,
+    calibrated,
+)
 from consistent_id.regression.regressor import TorqueModel
+
+if TYPE_CHECKING:
+    from consistent_id.estimation.drive_calibration import CalibrationFit, CommandDelay
+    from consistent_id.estimation.transmission_springs import JointSprings
 
 
 def span_of(raw: Recording, entry: RecordingTable) -> tuple[float, float]:
-    """Return the times of the first and the last row that count [s].
+    """Return the times of the first and the last used row [s].
 
     Raises
     ------
@@ -45,9 +45,9 @@ def span_of(raw: Recording, entry: RecordingTable) -> tuple[float, float]:
 
 
 def rows_of(entry: RecordingTable) -> tuple[int, int] | None:
-    """Return the first and the last row that count, from 0, omitted ones left out.
+    """Return the first and the last used row, from 0, without omitted ones.
 
-    None, if all rows count.
+    None, if all rows are used.
     """
     if entry.rows is None:
         return None
@@ -106,13 +106,12 @@ def gains_of_drives(data: DataTable) -> PDGains | None:
     columns = data.columns
     if columns is None or columns.position_command is None:
         raise ProblemError(
-            "[data.gains] make torque of commands, but [data.columns] names no "
-            "position_command"
+            "[data.gains] need commands, but [data.columns] names no position_command"
         )
     if columns.torque is not None:
         raise ProblemError(
-            f"[data.columns] names a torque, {columns.torque}, and [data.gains] make "
-            "one of commands; leave one of them out"
+            f"[data.columns] names a torque, {columns.torque}, and [data.gains] "
+            f"compute one from commands; leave one of them out"
         )
     limit = data.gains.torque_limit
     return PDGains(
@@ -123,7 +122,7 @@ def gains_of_drives(data: DataTable) -> PDGains | None:
 
 
 def drive_limits(gains: PDGains | None, joints: Sequence[str]) -> dict[str, float]:
-    """Return where drives that follow commands clip their torque, [N m or N]."""
+    """Return the torque limits of drives that follow commands, [N m or N]."""
     if gains is None:
         return {}
     limits = gains.of(len(joints)).torque_limit.tolist()
@@ -137,8 +136,8 @@ def with_torque(
 ) -> Recording:
     """Return a log with the torque of its commands, if there are gains.
 
-    The measured velocity is left out then: the drive has it in its torque, and noise
-    that is in the motion and in the torque would bias estimates.
+    The measured velocity is then left out: the computed torque contains it, and noise
+    in both motion and torque would bias estimates.
 
     Parameters
     ----------
@@ -174,7 +173,7 @@ class FoundDrives:
     Parameters
     ----------
     gains : PDGains, optional
-        What they really are: as stated, times the scale.
+        The real gains: the stated ones, times the scale.
     delay : CommandDelay, optional
         The scan of the delay, if it is to be found.
     fit : CalibrationFit, optional
@@ -185,12 +184,12 @@ class FoundDrives:
 
     gains: PDGains | None = None
     calibration: DriveCalibration = DriveCalibration()  # noqa: RUF009  frozen
-    delay: CommandDelay | None = None
-    fit: CalibrationFit | None = None
-    springs: JointSprings | None = None
+    delay: "CommandDelay | None" = None
+    fit: "CalibrationFit | None" = None
+    springs: "JointSprings | None" = None
 
     def tables(self) -> list[Table]:
-        """Return what was found, for people; nothing if nothing was asked for."""
+        """Return the estimated values as tables; none if nothing was estimated."""
         found = (self.fit or self.delay, self.springs)
         return [one.table() for one in found if one is not None]
 
@@ -202,7 +201,7 @@ def found_drives(
     prepared: Prepared,
     groups: Sequence[Sequence[str]] = (),
 ) -> FoundDrives:
-    """Return gains and calibration; what the file calls estimated, from the data.
+    """Return gains and calibration, estimated from the data where the file says so.
 
     Parameters
     ----------
@@ -216,6 +215,13 @@ def found_drives(
     ProblemError, RecordingError
         If the file or its recordings cannot be used.
     """
+    from consistent_id.estimation.drive_calibration import (
+        UNKNOWNS,
+        command_delay,
+        fit_calibration,
+    )
+    from consistent_id.estimation.transmission_springs import joint_springs
+
     gains = None if data is None else gains_of_drives(data)
     if data is None or data.gains is None or gains is None:
         return FoundDrives()
@@ -244,7 +250,7 @@ def found_drives(
 
 
 def _stated(table: GainsTable) -> DriveCalibration:
-    """Return what is stated of drives and encoders; right ones where nothing is."""
+    """Return stated values of drives and encoders; ideal ones where none are."""
     unstated = table.stiffness is None or table.stiffness == "estimated"
     return DriveCalibration(
         0.0 if table.delay == "estimated" else float(table.delay),

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -27,13 +28,6 @@ from consistent_id.regression.loads import unloaded_joints
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.rows.wrench_sensor import tool_model
 from consistent_id.robot.chains import Selection, selected
-from consistent_id.robot.loaders import (
-    DHRow,
-    from_classical_dh,
-    from_modified_dh,
-    load_mjcf,
-    load_urdf,
-)
 from consistent_id.robot.loaders.robot_file import is_mjcf
 from consistent_id.robot.model import (
     STANDARD_GRAVITY,
@@ -43,10 +37,13 @@ from consistent_id.robot.model import (
 )
 from consistent_id.robot.parameters import did_you_mean
 
+if TYPE_CHECKING:
+    from consistent_id.robot.loaders.dh import DHRow
+
 DEFAULT_DRIVE = DriveTable(
     viscous=True, coulomb="tanh", velocity_scale=0.02, offset=True
 )
-"""Drive terms of a robot of which nothing is known; the scale in rad/s or m/s."""
+"""Default drive terms of a robot; the scale in rad/s or m/s."""
 
 
 def torque_model(table: ProblemTable, file: Path) -> TorqueModel:
@@ -55,12 +52,12 @@ def torque_model(table: ProblemTable, file: Path) -> TorqueModel:
     Raises
     ------
     ProblemError
-        If a joint is named that there is not.
+        If a named joint does not exist.
     ModelError
         If the robot cannot be built.
     """
     robot = robot_of(table, file.parent)
-    if table.wrist_sensor is None:  # else the datasheet is of what is behind it
+    if table.wrist_sensor is None:  # else the datasheet is that of the tool behind it
         robot = described(robot, table)
     for name in table.joints:
         if name not in robot.joint_names:
@@ -110,7 +107,7 @@ def excitation_table(
 def described(robot: RobotModel, table: ProblemTable) -> RobotModel:
     """Return a robot with the datasheet of a problem file over its own.
 
-    Of a link that carries something, link and load are one body: no datasheet is its.
+    If a link carries a load, both are one body without a datasheet.
     """
     sheets = {name: _datasheet(robot, name, link) for name, link in table.links.items()}
     if table.payload is not None:
@@ -127,12 +124,12 @@ def drive_of(table: ProblemTable, robot: RobotModel) -> TorqueModel:
 
 
 def behind_sensor(table: ProblemTable, model: TorqueModel) -> TorqueModel:
-    """Return the model of what is behind a robot's wrench sensor, if it is asked for.
+    """Return the model of the tool behind a robot's wrench sensor, if requested.
 
     Raises
     ------
     ProblemError
-        If the sensor has no columns, or has no bias and one that drifts.
+        If the sensor has no columns, or a drift without a bias.
     """
     sensor = table.wrist_sensor
     if sensor is None:
@@ -202,16 +199,24 @@ def robot_of(table: ProblemTable, folder: Path) -> RobotModel:
     gravity = STANDARD_GRAVITY if model.gravity is None else model.gravity
     if model.urdf is not None:
         file = require_there(folder / expanded(model.urdf, table), table)
+        from consistent_id.robot.loaders.urdf import load_urdf
+
         return load_urdf(file, gravity=gravity, **asdict(selection))
     if model.mjcf is not None:
         file = require_there(folder / expanded(model.mjcf, table), table)
+        from consistent_id.robot.loaders.mjcf import load_mjcf
+
         return load_mjcf(file, gravity=model.gravity, **asdict(selection))
+    from consistent_id.robot.loaders.dh import from_classical_dh, from_modified_dh
+
     rows = [_dh_row(row) for row in model.modified_dh or model.classical_dh]
     build = from_modified_dh if model.modified_dh else from_classical_dh
     return selected(build(table.name, rows, gravity=gravity), selection)
 
 
-def _dh_row(row: DHTable) -> DHRow:
+def _dh_row(row: DHTable) -> "DHRow":
+    from consistent_id.robot.loaders.dh import DHRow
+
     limits = JointLimits(
         -np.inf if row.lower is None else row.lower,
         np.inf if row.upper is None else row.upper,
@@ -229,7 +234,7 @@ def _datasheet(robot: RobotModel, name: str, table: LinkTable) -> Datasheet:
 
 
 def datasheet_of(table: LinkTable, known: Datasheet = Datasheet()) -> Datasheet:  # noqa: B008  frozen
-    """Return what a table states of a body, over what is known besides."""
+    """Return a table's datasheet of a body, over the known values."""
     bounds = table.mass_bounds
     return Datasheet(
         mass=known.mass if table.mass is None else table.mass,

@@ -1,4 +1,4 @@
-"""What a user names, opened: a problem file, or a robot and its logs, identified."""
+"""Opening a user's problem: a problem file, or a robot and its logs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -29,9 +29,9 @@ class Opened:
     ----------
     problem : Problem
     draft : Draft, optional
-        What was guessed and selected, if there was no problem file.
+        The draft, if there was no problem file.
     notes : tuple of str
-        What was stated in place of the file's content.
+        Notes on statements that replace the file's content.
     """
 
     problem: Problem
@@ -92,9 +92,9 @@ def open_problem(
     logs : sequence of Path
         To learn from.
     stated : Statement, optional
-        What is known; beside a problem file, in place of what it states.
+        The user's statement; it replaces settings of a problem file.
     progress : bool
-        Whether the choice of a model shows how far it is.
+        Whether to show the progress of the selection.
     trust : bool
         See `load_problem`.
 
@@ -130,17 +130,17 @@ def identify_log(
     robot : str or Path
         URDF or MJCF.
     log : str, Path, table or Recording, or a list of them
-        To learn from: files, or data frames, Arrow tables and mappings of arrays.
+        Training logs: files, or data frames, Arrow tables and mappings of arrays.
     accepted, seed, progress
         See `run_study`.
     stated
-        What is known, as in `draft_problem`: the fields of `Statement`.
+        The user's statements, as in `draft_problem`: the fields of `Statement`.
 
     Returns
     -------
     Study
-        `Study.delivered` is the estimate to take away, `Study.verdict` says whether to
-        use it.
+        `Study.delivered` is the final estimate, `Study.verdict` states whether to use
+        it.
 
     Raises
     ------

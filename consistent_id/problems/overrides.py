@@ -1,4 +1,4 @@
-"""What a user states beside a problem file takes the place of what the file states."""
+"""A user's statements, which replace settings of a problem file."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -8,7 +8,7 @@ import msgspec
 
 from consistent_id._support.files import relative_path
 from consistent_id.errors import ProblemError
-from consistent_id.problems.base_tables import BaseTable, ContactTable
+from consistent_id.problems.base_tables import ALWAYS, BaseTable, ContactTable
 from consistent_id.problems.excitation_tables import SceneTable
 from consistent_id.problems.file import (
     ColumnsTable,
@@ -16,15 +16,14 @@ from consistent_id.problems.file import (
     ProblemTable,
     RecordingTable,
 )
-from consistent_id.problems.floating.contact_guess import ALWAYS
 from consistent_id.problems.log_entries import columns_of, gains_table
 from consistent_id.problems.model import robot_of
 from consistent_id.problems.paths import as_named
 from consistent_id.problems.stated_drive import stated_drive
 from consistent_id.problems.statement import Statement, declarations
-from consistent_id.problems.tables import JointTable, Table
+from consistent_id.problems.tables import FileTable, JointTable
 
-_MADE: dict[str, Callable[[], Table]] = {
+_MADE: dict[str, Callable[[], FileTable]] = {
     "columns": ColumnsTable,
     "base": BaseTable,
     "scene": SceneTable,
@@ -33,25 +32,25 @@ _MADE: dict[str, Callable[[], Table]] = {
 
 
 class Stated(NamedTuple):
-    """A problem file's content with what is stated beside it, and notes on that."""
+    """A problem file's content with a user's statements, and notes on them."""
 
     table: ProblemTable
     notes: tuple[str, ...] = ()
 
 
 def overridden(table: ProblemTable, stated: Statement, file: Path) -> Stated:
-    """Return a problem file's content with what is stated in place of its own.
+    """Return a problem file's content with statements in place of its own.
 
     Parameters
     ----------
     file : Path
-        From whose folder names of files count.
+        File whose folder relative names refer to.
 
     Raises
     ------
     ProblemError
-        If something is stated that a problem file cannot leave open, or that goes
-        without what the file lacks; with a command that works.
+        If a statement concerns a choice that a problem file always makes, or needs a
+        table that the file lacks; with a command that works.
     """
     notes = []
     for name in stated.given:
@@ -60,7 +59,7 @@ def overridden(table: ProblemTable, stated: Statement, file: Path) -> Stated:
             raise ProblemError(_refusal(name, stated, file))
         if declared.key.startswith("data.") and table.data is None:
             raise ProblemError(
-                f"{declared.option} is of logs, but {file} names none; add a [data] "
+                f"{declared.option} is for logs, but {file} names none; add a [data] "
                 "table, or give robot and log: consistent-id identify ROBOT.urdf LOG"
             )
         before = _shown(table, declared.key)
@@ -77,7 +76,7 @@ def overridden(table: ProblemTable, stated: Statement, file: Path) -> Stated:
 
 
 def _refusal(name: str, stated: Statement, file: Path) -> str:
-    """Say why something cannot be stated beside a problem file, and what to do."""
+    """Return why something cannot be stated beside a problem file, with advice."""
     declared = declarations()[name]
     if name == "imu":
         return (
@@ -92,8 +91,8 @@ def _refusal(name: str, stated: Statement, file: Path) -> str:
     value = getattr(stated, name)
     words = f"{value:g}" if isinstance(value, float) else " ".join(value)
     return (
-        f"{declared.option} is of the choice of a model, and {file} states the model. "
-        f"To choose again: consistent-id select {file} {declared.option} {words}"
+        f"{declared.option} is for the selection of a model, and {file} states the "
+        f"model. To select again: consistent-id select {file} {declared.option} {words}"
     )
 
 
@@ -113,10 +112,10 @@ def _shown(table: Any, key: str) -> str:
             return "; ".join(filter(None, (_shown(member, key) for member in table)))
         part, _, key = key.partition(".")
         table = getattr(table, part, None)
-    if isinstance(table, Table):
+    if isinstance(table, FileTable):
         values = msgspec.structs.asdict(table)
         return ", ".join(f"{k} {v}" for k, v in values.items() if v)
-    if isinstance(table, list) and table and isinstance(table[0], Table):
+    if isinstance(table, list) and table and isinstance(table[0], FileTable):
         return f"{len(table)} tables"
     if table is None or table in ([], {}):
         return ""

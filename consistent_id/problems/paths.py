@@ -1,10 +1,11 @@
 """Files that a problem file names: where they are, and which ones it may name.
 
-A problem file comes with data from others.  What it names is read, and parts of it end
-up in reports; so, unless somebody has said that it is trusted, it may name what lies
-below its own folder or below the folder of the data, and no other environment variable
-than that folder's.  What a run of this user has written may name the files that it
-named then, wherever they are: a record in the user's state folder has a digest of each.
+A problem file comes with data from others.  Files that it names are read, and parts of
+them end up in reports; so, unless somebody has said that it is trusted, it may name
+what lies below its own folder or below the folder of the data, and no other environment
+variable than that folder's.  Problem files that a run of this user has written may name
+the same files as then, anywhere: a record in the user's state folder has a digest of
+each.
 """
 
 import json
@@ -15,11 +16,12 @@ from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
 from consistent_id._support.files import relative_path
+from consistent_id._support.run import require_trusted
 from consistent_id._support.trust import is_recorded, record
 from consistent_id.errors import ProblemError
 from consistent_id.problems.file import ProblemTable
@@ -82,8 +84,34 @@ class _Name:
         return sha256(json.dumps(said).encode()).hexdigest()
 
 
-def names_outside(table: ProblemTable, file: Path) -> Iterator[str]:
-    """Yield a sentence about each name that leads out of these folders.
+def require_own_names(table: ProblemTable, file: Path) -> None:
+    """Refuse a problem file that names what only one that is trusted may name.
+
+    Raises
+    ------
+    ProblemError
+        With the key of the first such name, unless the run trusts the file; if the
+        name leads to no file, trust would not help, and the message says so.
+    """
+    for sentence, missing in names_outside(table, file):
+        if missing:
+            raise ProblemError(
+                f"{file}: {sentence}, and no such file is there. Put it there, or "
+                "change the name in the problem file. A folder of results needs no "
+                "other file for report, export, compare, info and check"
+            )
+        require_trusted(file, sentence)
+
+
+class Outside(NamedTuple):
+    """What is wrong with a name, in words, and whether it leads to no file."""
+
+    sentence: str
+    missing: bool = False
+
+
+def names_outside(table: ProblemTable, file: Path) -> Iterator[Outside]:
+    """Yield each name that leads out of these folders.
 
     Names that a run of this user wrote into the file are left out.
 
@@ -103,14 +131,15 @@ def names_outside(table: ProblemTable, file: Path) -> Iterator[str]:
         if digest is not None and is_recorded(digest):
             continue
         if others:
-            yield (
+            yield Outside(
                 f"{name.key} is {name.pattern!r} and uses the environment variable "
                 f"{min(others)}, expected none but {DATA_FOLDER}"
             )
         else:
-            yield (
+            yield Outside(
                 f"{name.key} leads to {str(place)!r}, outside of the file's folder and "
-                f"of {DATA_FOLDER}"
+                f"of {DATA_FOLDER}",
+                _is_missing(place),
             )
 
 
@@ -123,7 +152,7 @@ def record_own(table: ProblemTable, file: Path) -> None:
     Parameters
     ----------
     table : ProblemTable
-        What the file says.
+        The content of the file.
     file : Path
     """
     own = [file.parent.resolve()]
@@ -204,6 +233,14 @@ def _with_leaves(value: Any, keys: list[str], changed: Callable[[str], str]) -> 
 def _is_below(place: Path, roots: list[Path]) -> bool:
     real = _resolved(place)
     return real is not None and any(real.is_relative_to(root) for root in roots)
+
+
+def _is_missing(place: Path) -> bool:
+    real = _resolved(place)
+    try:
+        return real is not None and not real.exists()
+    except OSError:
+        return False  # nobody may look
 
 
 def _resolved(place: Path) -> Path | None:

@@ -4,14 +4,17 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from consistent_id._support.tables import Table
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.drive_calibration import CommandDelay
 from consistent_id.problems.file import (
     DataTable,
+    MotionTable,
     ProblemTable,
     RecordingTable,
     TrackTable,
@@ -24,21 +27,44 @@ from consistent_id.problems.log_entries import (
     span_of,
     with_torque,
 )
-from consistent_id.problems.motions import sampled_motion
 from consistent_id.problems.paths import expanded, require_there
-from consistent_id.problems.preparation import Log, joined
-from consistent_id.problems.robot_preparation import FoundInTraining, with_robot
-from consistent_id.recordings.readers import read_recording, read_track
+from consistent_id.recordings.joint_paths import Sinusoid, SinusoidalMotion
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals import DriveCalibration, PDGains, Track
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import did_you_mean
 
 
+def sampled_motion(table: MotionTable, joints: Sequence[str], name: str) -> Recording:
+    """Return the recording of a motion, without torque."""
+    terms = tuple(
+        tuple(
+            Sinusoid(*_ends(term.amplitude), term.frequency, np.radians(term.phase_deg))
+            for term in of_joint
+        )
+        for of_joint in table.joints
+    )
+    motion = SinusoidalMotion(table.duration, table.rate, terms)
+    return motion.recording(tuple(joints), name=name)
+
+
+def _ends(amplitude: float | Sequence[float]) -> tuple[float, float]:
+    if isinstance(amplitude, Sequence):
+        return amplitude[0], amplitude[1]
+    return amplitude, amplitude
+
+
+if TYPE_CHECKING:
+    from consistent_id.estimation.drive_calibration import CommandDelay
+    from consistent_id.problems.preparation import Log
+    from consistent_id.problems.robot_preparation import FoundInTraining
+    from consistent_id.recordings.signals.drive_torque import DriveCalibration, PDGains
+    from consistent_id.recordings.signals.tracks import Track
+
+
 @dataclass(frozen=True)
 class Problem:
-    """A problem read from its folder; recordings are read when asked for.
+    """A problem read from its folder; recordings are read when needed.
 
     Parameters
     ----------
@@ -51,7 +77,7 @@ class Problem:
     source : Path, optional
         File that it was read from; a draft was read from none.
     arm : RobotModel, optional
-        That carries a wrench sensor, if the model is of what is behind it.
+        The arm that carries a wrench sensor, if the model is that of its tool.
     """
 
     folder: Path
@@ -105,12 +131,12 @@ class Problem:
 
     @property
     def moving(self) -> RobotModel:
-        """The robot that moves: the arm, where the model is of what it carries."""
+        """The moving robot: the arm, if the model is that of its tool."""
         return self.model.robot if self.arm is None else self.arm
 
     @property
     def recorded_joints(self) -> tuple[str, ...]:
-        """Joints that recordings are of: the robot's, or its carrying arm's."""
+        """Joints of the recordings: the robot's, or its carrying arm's."""
         return self.moving.joint_names
 
     def file(self, path: str) -> Path:
@@ -152,7 +178,7 @@ class Problem:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Recordings of the file that are not there."""
+        """Recordings of the file that are missing."""
         return tuple(f for f in self._log_files if not self._path(f).exists())
 
     @property
@@ -180,6 +206,8 @@ class Problem:
         omit : sequence of int
             Broken rows to leave out, counted from 1.
         """
+        from consistent_id.recordings.readers.recording_file import read_recording
+
         data, path = self._data(), self._path(file)
         if (path, *omit) not in self._read:
             self._read[path, *omit] = read_recording(
@@ -205,26 +233,30 @@ class Problem:
         return found_drives(data, self.model, self.constraints, self._calibrated, equal)
 
     @property
-    def gains(self) -> PDGains | None:
+    def gains(self) -> "PDGains | None":
         """What gains of PD-controlled joints really are, if the file states them."""
         return self.drives.gains
 
     @property
-    def command_delay(self) -> CommandDelay | None:
+    def command_delay(self) -> "CommandDelay | None":
         """How late commands are, from the training data, if the file asks for it."""
         return self.drives.delay
 
     @property
     def delay_of_commands(self) -> float:
-        """By which commands are taken to be late [s]: stated, or found in the data."""
+        """The delay of commands [s]: stated, or estimated from the data."""
         return self.drives.calibration.delay
 
     def prepare(self, recording: Recording) -> Recording:
         """Prepare a recording as the file asks; the longest part if it has gaps."""
+        from consistent_id.problems.preparation import Log
+
         data = self._data()
         return max(Log(recording, data.preparation, self._then()).prepared(), key=len)
 
-    def _track(self, entry: TrackTable) -> Track:
+    def _track(self, entry: TrackTable) -> "Track":
+        from consistent_id.recordings.readers.recording_file import read_track
+
         return read_track(
             self._path(entry.file),
             self.recorded_joints,
@@ -262,11 +294,13 @@ class Problem:
         return [p for log, span in self._logged(role) for p in log.prepared(*span)]
 
     @cached_property
-    def found_in_training(self) -> FoundInTraining:
+    def found_in_training(self) -> "FoundInTraining":
         """What preparation takes from the training data."""
+        from consistent_id.problems.robot_preparation import FoundInTraining
+
         return FoundInTraining.of(self.table, self.model, self._parts, self.constraints)
 
-    def _logged(self, role: str) -> Iterator[tuple[Log, tuple[float, float]]]:
+    def _logged(self, role: str) -> Iterator[tuple["Log", tuple[float, float]]]:
         """Yield logs, and the times between which they count."""
         for entry in self._data().recordings:
             if entry.role == role:
@@ -276,25 +310,29 @@ class Problem:
         self,
         entry: RecordingTable,
         raw: Recording | None = None,
-        calibration: DriveCalibration | None = None,
-    ) -> Log:
+        calibration: "DriveCalibration | None" = None,
+    ) -> "Log":
         """Return an entry's log, joined with its tracks; see `_raw`."""
+        from consistent_id.problems.preparation import Log, joined
+
         raw = self._raw(entry) if raw is None else raw
         for other in entry.tracks:
             raw = joined(raw, self._track(other), other.delay)
         return Log(raw, self._data().preparation, self._then(calibration))
 
     def _then(
-        self, calibration: DriveCalibration | None = None
+        self, calibration: "DriveCalibration | None" = None
     ) -> Callable[[Recording], Recording] | None:
         """Return what is done to a prepared part that takes the robot."""
+        from consistent_id.problems.robot_preparation import with_robot
+
         robot, soft = self.model.robot, None
         if self.table.data is not None and self.table.data.gains is not None:
             known = self.drives.calibration if calibration is None else calibration
             soft = known.of(len(robot)).compliance
         return with_robot(self.table, robot, self.arm, soft)
 
-    def _shared_log(self, entry: RecordingTable) -> Log:
+    def _shared_log(self, entry: RecordingTable) -> "Log":
         """Return an entry's log; entries of the same log share it."""
         key = (entry.file, *entry.omit, *entry.tracks)
         if key not in self._logs:
@@ -302,7 +340,7 @@ class Problem:
         return self._logs[key]
 
     def _raw(
-        self, entry: RecordingTable, calibration: DriveCalibration | None = None
+        self, entry: RecordingTable, calibration: "DriveCalibration | None" = None
     ) -> Recording:
         """Return an entry's log; with the problem's calibration or another."""
         raw = self.read(entry.file, omit=entry.omit)
@@ -313,7 +351,7 @@ class Problem:
         known = self.drives.calibration if calibration is None else calibration
         return with_torque(raw, stated, known)
 
-    def _calibrated(self, calibration: DriveCalibration) -> list[Recording]:
+    def _calibrated(self, calibration: "DriveCalibration") -> list[Recording]:
         """Return the prepared training recordings of another calibration."""
         return [
             part
@@ -329,5 +367,5 @@ class Problem:
         return {}
 
     @cached_property
-    def _logs(self) -> dict[tuple[object, ...], Log]:
+    def _logs(self) -> dict[tuple[object, ...], "Log"]:
         return {}

@@ -9,12 +9,15 @@ from consistent_id.constraints import PhysicalConsistency
 from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.base_least_squares import least_squares
-from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.constrained import (
+    constrained_least_squares,
+)
 from consistent_id.estimation.cross_validation import (
     RegularisationPath,
     cross_validated,
 )
-from consistent_id.estimation.estimate import Estimate, fitted_spans
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.fitted_to import fitted_spans
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.robust import huber
 from consistent_id.problems.problem import Problem
@@ -41,8 +44,8 @@ def identify(
     Least squares and the constrained estimate come with equal weights for all joints,
     and both again weighted by each joint's noise, so that each constrained estimate has
     a twin without constraints.  Besides come robust least squares;
-    ``"box-constrained QP"``: the quadratic programme with every constraint but physical
-    consistency, which shows what masses, bounds and signs contribute by themselves; and
+    ``"box-constrained QP"``: the quadratic programme with every constraint except
+    physical consistency, which shows the effect of masses, bounds and signs alone; and
     ``"cross-validated"``: the constrained estimate with a `Penalty` whose weight is
     chosen from the training data.
 
@@ -114,8 +117,8 @@ def refitted(
 ) -> Estimate:
     """Fit a constrained estimate again, to more data than it was judged with.
 
-    The verdict stays that of the estimate that was judged, which had not seen the data
-    that judged it; the fit, the certificate and all errors are the new one's.
+    The verdict stays that of the judged estimate, which was not fitted to the
+    validation data; the fit, the certificate and all errors are those of the new one.
 
     Parameters
     ----------
@@ -138,7 +141,7 @@ def refitted(
         base=base,
         method=judged.method,
     )
-    names = ", ".join(recording.name for recording in recordings)
+    names = ", ".join(dict.fromkeys(recording.name for recording in recordings))
     note = (
         f"fitted again, after it was judged, to all recordings ({names}); verdict and "
         "held-out error are those of the estimate from the training data alone"

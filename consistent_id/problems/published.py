@@ -18,7 +18,9 @@ from consistent_id.constraints import (
 from consistent_id.constraints.priors import PointToSet
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.base_least_squares import stationarity_certificate
-from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.constrained import (
+    constrained_least_squares,
+)
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.method import Method

@@ -1,4 +1,4 @@
-"""A problem file for a robot that has no log yet: what motion to record first."""
+"""A problem file for a robot that has no log yet, with the motion to record first."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path

@@ -47,12 +47,12 @@ class RobotLogs:
         With the joints that the logs have.
     columns : Columns
     locked : dict of str to float
-        Joints that do not move, and where they are held [rad or m].
+        Joints that do not move, and their positions [rad or m].
     stated : Statement
     notes : tuple of str
-        What was guessed.
+        Notes on guesses.
     floating : FloatingColumns, optional
-        How the base moves, if it floats.
+        Motion of the base, if it floats.
     tables : mapping of Path to ColumnTable
         Logs in memory, by the paths that stand for them.
     """
@@ -66,7 +66,7 @@ class RobotLogs:
     tables: Mapping[Path, ColumnTable] = field(default_factory=dict)
 
     def read(self, log: Path) -> Recording:
-        """Read a log as it was written; `with_torque` makes torque of its commands."""
+        """Read a log as written; `with_torque` computes torque from its commands."""
         joints, stated = self.robot.joint_names, self.stated
         gain = gains_of(stated.torque_gain, len(joints))
         how: dict[str, Any] = {
@@ -87,7 +87,7 @@ def robot_logs(
     *,
     tables: Mapping[Path, ColumnTable] | None = None,
 ) -> RobotLogs:
-    """Find out how a robot's logs are to be read.
+    """Find how to read a robot's logs.
 
     Parameters
     ----------
@@ -96,8 +96,7 @@ def robot_logs(
     log : Path
         One of the logs; the others have the same columns.
     stated : Statement, optional
-        What is known; of the robot's joints, those that the log does not have are
-        locked.
+        The user's statement; joints of the robot that the log does not have are locked.
     tables : mapping of Path to ColumnTable, optional
         Logs in memory, by the paths that stand for them.
 
@@ -178,7 +177,7 @@ def _guessed(
     known: Mapping[str, str],
     **more: Any,
 ) -> ColumnGuess:
-    """Guess columns; where that fails, say what else the log has.
+    """Guess columns; if this fails, name the log's other columns.
 
     Parameters
     ----------
@@ -246,22 +245,22 @@ def _require_floating(stated: Statement, *, floating: bool) -> None:
     """Refuse columns of a base that does not move."""
     if stated.of_part("base") and not floating:
         raise ProblemError(
-            "columns of the base or of contacts are given, but the base is taken for "
-            "fixed; say --base floating (base = 'floating') too"
+            "columns of the base or of contacts are given, but the base is assumed "
+            "to be fixed; add --base floating (base = 'floating')"
         )
 
 
 def _require_base(model: Path, log: Path, robot: RobotModel, stated: Statement) -> None:
-    """Refuse a robot on legs whose base is taken for fixed, though its log moves it."""
+    """Refuse a robot on legs with a fixed base whose log has a moving base."""
     if stated.base is not None or not base_question(robot):
         return
     moved = [str(found) for found in base_in_log(log)]
     if moved:
         raise ProblemError(
-            f"several limbs hang on the base of {model}, and {log} says how a base "
-            f"moves ({'; '.join(moved[:3])}). Does it move? Then say --base floating. "
-            "If it hangs still, or is bolted down, say --base ROOT with the name of "
-            "the link that stands still"
+            f"{model} has several limbs on its base, and {log} has the motion of a "
+            f"base ({'; '.join(moved[:3])}). If the base moves, add --base floating. "
+            f"If it hangs still, or is bolted down, add --base ROOT with the name of "
+            f"the link that stands still"
         )
 
 
@@ -336,7 +335,7 @@ _KINDS = ("geometry_msgs/msg/WrenchStamped", "geometry_msgs/msg/Wrench")
 def wrenches_in_log(
     log: Path, names: Sequence[str] | None = None
 ) -> tuple[WrenchNames, ...]:
-    """Return what a log has that may be of a wrench sensor.
+    """Return columns of a log that may belong to a wrench sensor.
 
     Parameters
     ----------
@@ -378,8 +377,8 @@ def wrench_note(found: Sequence[WrenchNames], robot: RobotModel) -> str:
     columns = f'[[data.wrenches]] frame = "{frame}", values = [{values}]'
     if robot.floating:
         return (
-            f"{seen}: these look like a wrench sensor's and are not used; at a foot "
-            f"whose frame is {frame}, say, write {columns}"
+            f"{seen}: these look like a wrench sensor's columns and are not used; "
+            f"for a foot with frame {frame}, for example, write {columns}"
         )
     return (
         f"{seen}: these look like a wrench sensor's; they tell what hangs on it, not "

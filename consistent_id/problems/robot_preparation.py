@@ -1,4 +1,4 @@
-"""What is done to prepared recordings that takes the robot or a sensor that drifts."""
+"""Preparation steps that need the robot, or a sensor that drifts."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -38,7 +38,7 @@ from consistent_id.robot.model import RobotModel
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorDrift:
-    """The biases of a sensor, one for each recording, and the tool that tells them.
+    """The biases of a sensor, one for each recording, and the tool to find them.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class SensorDrift:
         model: TorqueModel,
         training: Callable[[], Sequence[Recording]],
     ) -> "SensorDrift":
-        """Fit the tool to recordings, whatever the bias of each, if it drifts."""
+        """Fit the tool to recordings with unknown biases, if the bias drifts."""
         drift = drift_of(table)
         if drift == "none":
             return SensorDrift(model, drift, np.zeros(0))
@@ -92,9 +92,9 @@ def drift_of(table: ProblemTable) -> Drift:
 def regression_of(
     table: ProblemTable, model: TorqueModel, recordings: Sequence[Recording]
 ) -> Regression:
-    """Compress prepared recordings; what each tells of its own bias is left out.
+    """Compress prepared recordings; information on each one's bias is left out.
 
-    The bias is gone from the recordings, but not what they tell of it: it is unknown.
+    The bias is subtracted from the recordings, but it remains unknown.
     """
     drift = drift_of(table)
     if drift == "none":
@@ -118,7 +118,7 @@ def with_robot(
     arm: RobotModel | None,
     compliance: Vector | None,
 ) -> Callable[[Recording], Recording] | None:
-    """Return what is done to a part: springs, a sensor that carries it, slip."""
+    """Return the steps for a part: springs, the motion of a sensor, slip."""
     sensor = table.wrist_sensor
     slip = None if table.data is None else table.data.preparation.most_slip
     steps: list[Callable[[Recording], Recording]] = []
@@ -135,18 +135,19 @@ def with_robot(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundInTraining:
-    """What preparation takes from the training data, as a problem file asks.
+    """Values that the preparation estimates from the training data.
 
     Parameters
     ----------
     speed : float, [rad/s or m/s]
-        Below which joints rest; zero if no row is left out, or if it was not asked for.
+        Speed below which joints rest; zero if no row is left out, or if it is not
+        required.
     reach : float, [s]
         See `without_rests`.
     drift : SensorDrift
         Biases of a wrench sensor.
     feet : ContactRadius, optional
-        What is added to the radius of round feet.
+        The correction of the radius of round feet.
     """
 
     speed: float
@@ -161,7 +162,7 @@ class FoundInTraining:
         parts: Callable[[str], Sequence[Recording]],
         constraints: Sequence[Constraint],
     ) -> "FoundInTraining":
-        """Find what the file asks for; `parts` are recordings of a role."""
+        """Estimate the values that the file requires; `parts` are recordings."""
         training = partial(parts, "training")
         how = PreparationTable() if table.data is None else table.data.preparation
         reach, drift = rest_reach(how), SensorDrift.of(table, model, training)

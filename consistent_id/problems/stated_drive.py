@@ -1,4 +1,4 @@
-"""Drive terms in words: of all joints, and of some joints in place of these."""
+"""Drive terms in words: for all joints, with exceptions for some."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ _SWITCHES = tuple(name for name, value in DEFAULTS.items() if value in (False, "
 
 @dataclass(frozen=True, slots=True)
 class StatedDrive:
-    """Drive terms of all joints, and what some joints have else."""
+    """Drive terms of all joints, and exceptions for some."""
 
     common: DriveTable
     joints: Mapping[str, JointTable]
@@ -51,8 +51,8 @@ def stated_drive(
     alone = [word for word in words if "=" in word]
     if alone and not common:
         raise ProblemError(
-            f"drive terms are {alone[0]!r} alone, expected those of all joints before, "
-            f"such as viscous coulomb offset {alone[0]}"
+            f"drive terms are only {alone[0]!r}, expected those of all joints "
+            f"before, such as viscous coulomb offset {alone[0]}"
         )
     table, own = drive_table(common, width), dict[str, JointTable]()
     for word in alone:

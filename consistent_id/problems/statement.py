@@ -1,8 +1,8 @@
-"""What a user can state of a robot, its logs and how they are used: declared once.
+"""The statements of a user on a robot and its logs, each declared once.
 
 A field of `Statement` is a keyword in Python, an option in the shell, a row of the
-documentation and, by its ``key``, a place in the problem file.  What is not stated is
-found in the logs, selected by the training data, or a default.
+documentation and, by its ``key``, a place in the problem file.  Other settings are
+found in the logs, selected from the training data, or defaults.
 """
 
 import inspect
@@ -22,7 +22,9 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 Part = Literal["robot", "log", "base", "model", "selection"]
-"""What a field is of; a selection has no key, as a problem file holds its result."""
+"""Part that a field describes; a selection has no key, as a problem file has its
+result.
+"""
 
 EVERY = ""
 """In place of a log's name: all logs."""
@@ -71,7 +73,7 @@ _COLUMN = "the log's column, with {joint} or {number} (default: found by its nam
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Statement:
-    """What a user states of a robot and its logs; None for what is not stated.
+    """The statement of a user on a robot and its logs; None for fields not stated.
 
     The fields are the keywords of `draft_problem`, `identify_log` and `load_problem`,
     and the options of the shell's commands; `declarations` has a sentence on each.
@@ -94,12 +96,12 @@ class Statement:
         "model.base",
     )
     tip: str | None = _said(
-        "robot", "--tip LINK", "last link that counts, such as the flange", "model.tip"
+        "robot", "--tip LINK", "last link of the chain, such as the flange", "model.tip"
     )
     locked: Mapping[str, float] | None = _said(
         "robot",
         "--lock JOINT ...",
-        "joints that stand still, at zero or where JOINT=POSITION says (rad or m)",
+        "joints that stand still, at zero or at JOINT=POSITION (rad or m)",
         "model.locked",
         read=words.positions,
     )
@@ -121,7 +123,7 @@ class Statement:
     validation: Sequence[Any] = _said(
         "log",
         "--validate LOG ...",
-        "logs to judge by (default: the last 30 %% of each log's motion)",
+        "logs for validation (default: the last 30 %% of each log's motion)",
         "data.recordings",
         default=(),
         read=words.folders,
@@ -194,7 +196,7 @@ class Statement:
     rows: Mapping[str, Sequence[int]] | Sequence[int] | None = _said(
         "log",
         "--rows FIRST,LAST ...",
-        "rows of the logs that count, from 1; LOG=FIRST,LAST for one of them",
+        "rows of the logs to use, from 1; LOG=FIRST,LAST for one of them",
         "data.recordings.rows",
         read=words.rows("--rows FIRST,LAST or LOG=FIRST,LAST"),
     )
@@ -216,7 +218,7 @@ class Statement:
     duplicates: Literal["refuse", "first", "last"] | None = _said(
         "log",
         "--duplicates",
-        "which of several rows with one time stamp counts (default: refuse)",
+        "which of several rows with one time stamp is used (default: refuse)",
         "data.duplicates",
         choices=("refuse", "first", "last"),
     )
@@ -261,7 +263,7 @@ class Statement:
     contacts: Mapping[str, str] | None = _said(
         "base",
         "--contact FRAME=COLUMN ...",
-        "flag of a foot, or FRAME=always; none: it touches nothing",
+        "flag of a foot, or FRAME=always; none: no contacts",
         "data.contacts",
         read=words.contacts,
     )
@@ -284,8 +286,8 @@ class Statement:
     drive: Sequence[str] | None = _said(
         "model",
         "--drive TERM ...",
-        "drive terms of all joints, such as viscous coulomb offset, and of one joint "
-        "in their place: JOINT=viscous,coulomb",
+        "drive terms of all joints, such as viscous coulomb offset; other terms for "
+        "one joint: JOINT=viscous,coulomb",
         "drive",
         read=tuple,
     )
@@ -313,7 +315,7 @@ class Statement:
     keep: Sequence[str] = _said(
         "selection",
         "--keep KIND ...",
-        "what stays as the file or the plain model has it, such as masses, delay, "
+        "settings that stay as in the file or the plain model, such as masses, delay, "
         "coupling, least_speed, motion_cutoff or drive terms",
         default=(),
         read=tuple,
@@ -332,6 +334,13 @@ class Statement:
             value = getattr(self, name)
             if value is not None and not isinstance(value, Mapping):
                 object.__setattr__(self, name, {EVERY: tuple(value)})
+        for folder in self.package_dirs:
+            if not Path(folder).is_dir():
+                raise ProblemError(
+                    f"--package-dirs (package_dirs): {folder} is no folder; name the "
+                    "folders of the packages that the robot's meshes are in, or those "
+                    "above them"
+                )
         if not isinstance(self.validation, list | tuple):
             object.__setattr__(self, "validation", (self.validation,))
         if self.bodies == "model" and self.masses == "free":

@@ -16,19 +16,25 @@ from consistent_id.comparison.constraint_prices import (
     constraint_costs,
     shadow_prices,
 )
-from consistent_id.comparison.parameter_uncertainty import Uncertainty, uncertainty
 from consistent_id.constraints import lowered
 from consistent_id.diagnosis import Diagnosis
-from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.constrained import (
+    constrained_least_squares,
+)
 from consistent_id.estimation.cross_validation import RegularisationPath
-from consistent_id.estimation.estimate import Estimate, fitted_spans
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import Fit, fit_of
+from consistent_id.estimation.fitted_to import fitted_spans
 from consistent_id.estimation.judgement import judge
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.recommendation import (
     MethodCandidate,
     Recommendation,
     recommend,
+)
+from consistent_id.estimation.uncertainties.parameter_uncertainty import (
+    Uncertainty,
+    uncertainty,
 )
 from consistent_id.estimation.verdict import Verdict, confirmed
 from consistent_id.problems.log_check import check_problem
@@ -59,22 +65,22 @@ from consistent_id.regression.segments import (
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A problem worked through: each part is computed once, when first asked for.
+    """The study of a problem: each part is computed once, when first needed.
 
     Parameters
     ----------
     problem : Problem
     seed : int
-        Of the bootstrap behind `uncertainty`.
+        Seed of the bootstrap for `uncertainty`.
     progress : bool
-        Whether the bootstrap shows on the standard error how far it is.
+        Whether the bootstrap shows its progress on the standard error.
     accepted : tuple of str
-        Kinds of findings and reasons that verdicts are to overlook.
+        Kinds of findings and reasons that verdicts ignore.
 
     Raises
     ------
     ProblemError, NotExcitedError, InfeasibleError, SolverError
-        Any part, if it cannot be computed.
+        By any part that cannot be computed.
     """
 
     problem: Problem
@@ -142,18 +148,18 @@ class Study:
 
     @cached_property
     def diagnosis(self) -> Diagnosis | None:
-        """What is wrong with the recordings; None if they are simulated."""
+        """Diagnosis of the recordings; None if they are simulated."""
         recorded = self.problem.table.data is not None
         return check_problem(self.problem) if recorded else None
 
     @property
     def findings(self) -> tuple[LogFinding, ...]:
-        """What is wrong with the recordings, as verdicts take it."""
+        """Faults of the recordings that verdicts use."""
         return () if self.diagnosis is None else self.diagnosis.findings
 
     @cached_property
     def recommendation(self) -> Recommendation:
-        """Which estimate to use, chosen from the training data."""
+        """The recommendation of an estimate, from the training data."""
         problem = self.problem
         return recommend(
             problem.model,
@@ -178,14 +184,14 @@ class Study:
     def delivered(self) -> Estimate:
         """The recommended estimate, fitted again to training and validation data.
 
-        Its verdict and its held-out error are those of `recommended`, which had seen
-        the training data alone.  Without validation data it is the same estimate.
+        Its verdict and its held-out error are those of `recommended`, which was fitted
+        to the training data alone.  Without validation data it is the same estimate.
         """
         return self._refitted(self.recommended)
 
     def _refitted(self, report: EstimateReport) -> Estimate:
         """Return a constrained estimate, fitted again to all data."""
-        judged = report.judged
+        judged = report.with_verdict
         if not self.validation:
             return judged
         crossed = judged.method == Method.CROSS_VALIDATED
@@ -199,14 +205,13 @@ class Study:
         """Whether the recommended estimate may be used, and why."""
         return self.recommended.verdict
 
-    def judged(self, estimate: Estimate) -> Verdict:
+    def verdict_on(self, estimate: Estimate) -> Verdict:
         """Return the verdict on an estimate, with all that the study knows.
 
-        Recordings that it was fitted to are not held out.  If none is left, the verdict
-        that it came with counts, and what is computed now can only make it worse: the
-        fit, the error on the data that it was fitted to, bodies, findings.  If that
-        is so, but the study itself would deliver this estimate, then the verdict is
-        the study's.
+        Recordings that it was fitted to are not held out.  If no others remain, its own
+        verdict is used, and the evidence computed now can only make it worse: the fit,
+        the error on the data that it was fitted to, bodies, findings.  If it does, but
+        the study itself would deliver this estimate, the verdict is the study's.
 
         Parameters
         ----------
@@ -252,12 +257,12 @@ class Study:
         return tuple(r for r, own in spans if not any(own.overlaps(o) for o in others))
 
     def _fit(self, estimate: Estimate) -> Fit:
-        """Return how well an estimate explains the training data."""
+        """Return the errors of an estimate on the training data."""
         model = self.problem.model
         known = lowered(self.problem.constraints, model).A_eq
         x, own = estimate.parameters, estimate.fit
         fit = fit_of(model, self.regression, x, self.base, known=known)
-        # Whether constraints contradict its data, its own optimum says.
+        # Its own optimum shows whether constraints contradict its data.
         return fit if own is None else replace(fit, excess=own.excess)
 
     def _delivered_as(self, estimate: Estimate) -> EstimateReport | None:
@@ -271,7 +276,7 @@ class Study:
         return report if same else None
 
     def answer(self, verdict: Verdict | None = None) -> dict[str, Any]:
-        """Return the verdict as every command has it in its JSON.
+        """Return the verdict in the form of every command's JSON.
 
         Parameters
         ----------
@@ -295,7 +300,7 @@ class Study:
         Parameters
         ----------
         costs : bool
-            Whether to compute what constraints cost, instead of when it is asked for.
+            Whether to compute the costs of constraints now, not when needed.
         """
         parts = {**_STAGES, **_COSTS} if costs else _STAGES
         with stages(len(parts), self.progress) as begin:
@@ -310,14 +315,14 @@ class Study:
 
     @property
     def constrained(self) -> Estimate:
-        """The constrained estimate; alone, if the others have not been asked for."""
+        """The constrained estimate, computed alone if the others are not needed yet."""
         if "estimates" not in self.__dict__:
             return self._constrained
         return self.estimate(Method.CONSTRAINED)
 
     @cached_property
     def comparison(self) -> Comparison:
-        """The estimates side by side."""
+        """The comparison of all estimates."""
         return compare(
             self.estimates,
             self.validation,
@@ -328,7 +333,7 @@ class Study:
 
     @cached_property
     def costs(self) -> tuple[ConstraintCost, ...]:
-        """What each constraint costs in fit, with equal weights for all joints."""
+        """The cost of each constraint in fit, with equal weights for all joints."""
         problem = self.problem
         return constraint_costs(
             problem.model, self.regression, problem.constraints, base=self.base
@@ -336,7 +341,7 @@ class Study:
 
     @cached_property
     def prices(self) -> tuple[ShadowPrice, ...]:
-        """What each single row or link condition costs, likewise."""
+        """The cost of each single row or link condition, likewise."""
         problem = self.problem
         return shadow_prices(
             problem.model, self.regression, problem.constraints, base=self.base
@@ -344,7 +349,7 @@ class Study:
 
     @cached_property
     def uncertainty(self) -> Uncertainty:
-        """How well each parameter of the constrained estimate is determined."""
+        """The uncertainty of each parameter of the constrained estimate."""
         return uncertainty(
             self.problem.model,
             self.segments,
@@ -379,7 +384,7 @@ class Study:
 def _says_more(stated: Verdict | None, found: Verdict) -> bool:
     """Return whether a stated verdict is the found one, with more worth knowing.
 
-    What a comparison of all estimates has found besides is not computed again.
+    Further findings of a comparison of all estimates are not computed again.
     """
     if stated is None:
         return False
@@ -412,13 +417,13 @@ def run_study(
     ----------
     problem : Problem
     seed : int
-        Of the bootstrap, if the study's `uncertainty` is asked for.
+        Seed of the bootstrap, if the study's `uncertainty` is needed.
     progress : bool
         Show how far it is, on the standard error.
     accepted : sequence of str
-        Kinds of findings and reasons that verdicts are to overlook.
+        Kinds of findings and reasons that verdicts ignore.
     costs : bool
-        Whether to compute what constraints cost, instead of when it is asked for.
+        Whether to compute the costs of constraints now, not when needed.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Tables of a problem file for drives and constraints, and what they consist of."""
+"""Tables of a problem file for drives and constraints, and their parts."""
 
 from typing import Annotated, Any, Literal, get_type_hints
 
@@ -18,11 +18,11 @@ Three = Annotated[list[float], Meta(min_length=3, max_length=3)]
 Pair = Annotated[list[float], Meta(min_length=2, max_length=2)]
 
 
-class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+class FileTable(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
     """A table of the file; a key that it does not name is an error."""
 
 
-class RelationTable(Table, frozen=True, kw_only=True):
+class RelationTable(FileTable, frozen=True, kw_only=True):
     """A linear relation of parameters by name."""
 
     terms: dict[str, float]
@@ -30,7 +30,7 @@ class RelationTable(Table, frozen=True, kw_only=True):
     upper: float | None = None
 
 
-class EqualLinksTable(Table, frozen=True, kw_only=True):
+class EqualLinksTable(FileTable, frozen=True, kw_only=True):
     """Two links that are alike, or mirror images."""
 
     first: str
@@ -38,17 +38,17 @@ class EqualLinksTable(Table, frozen=True, kw_only=True):
     mirror: Literal["x", "y", "z"] | None = None
 
 
-class EllipsoidTable(Table, frozen=True, kw_only=True):
+class EllipsoidTable(FileTable, frozen=True, kw_only=True):
     """An ellipsoid along a link frame's axes [m]."""
 
     centre: Three
     semi_axes: Three
 
 
-class ShapeTable(Table, frozen=True, kw_only=True):
+class ShapeTable(FileTable, frozen=True, kw_only=True):
     """Where a link's centre of mass or material lies: one of four shapes [m].
 
-    A mesh is a file in the problem's folder, in the link's frame; its hull counts, or
+    A mesh is a file in the problem's folder, in the link's frame; its hull is used, or
     the smallest ellipsoid around it.
     """
 
@@ -61,7 +61,7 @@ class ShapeTable(Table, frozen=True, kw_only=True):
     mesh_shape: Literal["hull", "ellipsoid"] = "hull"
 
 
-class ConstraintsTable(Table, frozen=True, kw_only=True):
+class ConstraintsTable(FileTable, frozen=True, kw_only=True):
     """Constraints of the constrained estimate."""
 
     margin: Annotated[float, Meta(ge=0.0, lt=1.0)] = 1e-6
@@ -84,7 +84,7 @@ class ConstraintsTable(Table, frozen=True, kw_only=True):
     density_on: list[ShapeTable] = []
 
 
-class PriorTable(Table, frozen=True, kw_only=True):
+class PriorTable(FileTable, frozen=True, kw_only=True):
     """The prior on parameters that are not identifiable: a slack, or a weight."""
 
     slack: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
@@ -100,7 +100,7 @@ _DriveTable: Any = msgspec.defstruct(
         (name, _POSITIVE.get(kind, kind), DEFAULTS[name])
         for name, kind in get_type_hints(DriveOptions).items()
     ],
-    bases=(Table,),
+    bases=(FileTable,),
     frozen=True,
     kw_only=True,
 )
@@ -115,8 +115,8 @@ class DriveTable(_DriveTable, frozen=True, kw_only=True):  # type: ignore[misc, 
         return DriveTerms(**{name: getattr(self, name) for name in DEFAULTS})
 
 
-# Of a joint a key may be missing: then that of all joints counts.  TOML has no null:
-# zero stands for it.
+# A joint's key may be missing: then that of all joints is used.  TOML has no null: zero
+# stands for it.
 _NONE = {float | None: NonNegative | None}
 _JointDrive: Any = msgspec.defstruct(
     "_JointDrive",
@@ -128,7 +128,7 @@ _JointDrive: Any = msgspec.defstruct(
         )
         for name, kind in get_type_hints(DriveOptions).items()
     ],
-    bases=(Table,),
+    bases=(FileTable,),
     frozen=True,
     kw_only=True,
 )
@@ -136,7 +136,7 @@ _DIRECTED = ("asymmetric", "stribeck_velocity", "load_friction")
 
 
 class JointTable(_JointDrive, frozen=True, kw_only=True):  # type: ignore[misc, call-arg]
-    """What one joint has else than all, and what the datasheet says of its motor."""
+    """Exceptions for one joint, and the datasheet of its motor."""
 
     gear_ratio: float | None = None
     motor_inertia: NonNegative | None = None
@@ -150,9 +150,9 @@ class JointTable(_JointDrive, frozen=True, kw_only=True):  # type: ignore[misc, 
     def over(self, drive: DriveTable) -> DriveTable:
         """Return the drive of the joint: its own keys, those of all for the others.
 
-        What is of all and contradicts the joint's own is left out: the width of a sign
-        change that it has not, friction of a direction that it has not, and an offset
-        beside asymmetric friction.
+        Settings for all joints that contradict the joint's own are ignored: the width
+        of a sign change or the friction of a direction that it does not have, and an
+        offset beside asymmetric friction.
         """
         own = {
             k: None if v == 0 and k in _OPTIONAL else v for k, v in self.stated.items()
@@ -168,7 +168,7 @@ class JointTable(_JointDrive, frozen=True, kw_only=True):  # type: ignore[misc, 
 
 
 def exceptions(own: DriveTable, common: DriveTable) -> dict[str, Any]:
-    """Return what one joint has else than all, by key; zero stands for none."""
+    """Return the exceptions of one joint, by key; zero stands for none."""
     values = {key: getattr(own, key) for key in DEFAULTS}
     return {
         key: 0.0 if value is None else value

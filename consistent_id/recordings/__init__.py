@@ -1,4 +1,4 @@
-"""Measured logs and paths to play: readers of files, signals made from logs."""
+"""Measured logs and paths to play: readers of files, signals computed from logs."""
 
 from consistent_id._support.face import face
 

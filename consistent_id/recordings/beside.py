@@ -1,4 +1,4 @@
-"""What is measured beside the joints: motion of the base, wrenches and contacts."""
+"""Measurements beside the joints: motion of the base, wrenches and contacts."""
 
 from dataclasses import dataclass, field, replace
 from typing import Literal, Self, get_args
@@ -28,7 +28,7 @@ Axes = Literal["frame", "base", "world"]
 class BaseMotion:
     """Motion of a base, in the axes of its own frame.
 
-    That is all that dynamics ask of it: neither place nor heading matter.
+    Dynamics need nothing else: position and heading have no effect.
 
     Parameters
     ----------
@@ -38,7 +38,8 @@ class BaseMotion:
         Acceleration of the frame's origin less gravity: what an accelerometer at the
         origin measures.  At rest and upright it is (0, 0, 9.81).
     rotation : array_like, shape (samples, 3, 3), optional
-        Of the base frame in the world: turns wrenches that are given in world axes.
+        Rotation of the base frame in the world: it transforms wrenches given in world
+        axes.
 
     Raises
     ------
@@ -71,7 +72,14 @@ class BaseMotion:
 
     @classmethod
     def at_rest(cls, samples: int, gravity: ArrayLike = (0.0, 0.0, -9.81)) -> Self:
-        """Return the motion of a base that stands still, its axes those of gravity."""
+        """Return the motion of a base that stands still, its axes those of gravity.
+
+        Parameters
+        ----------
+        samples : int
+        gravity : array_like, shape (3,), [m/s^2]
+            In the base frame.
+        """
         still = np.zeros((samples, 3))
         g = checked(gravity, (3,), "gravity")
         return cls(still, still, still - g, np.tile(np.eye(3), (samples, 1, 1)))
@@ -94,7 +102,7 @@ class BaseMotion:
             Of the base frame in the world.
         angular_velocity, angular_acceleration : array_like, shape (samples, 3)
         acceleration : array_like, shape (samples, 3), [m/s^2]
-            Of the base frame's origin, without gravity: zero at rest.
+            Acceleration of the base frame's origin, without gravity: zero at rest.
         gravity : array_like, shape (3,), [m/s^2]
         """
         R = checked(rotation, (None, 3, 3), "rotation")
@@ -131,13 +139,12 @@ class Wrench:
     frame : str
         A link of the robot, or one that is fixed to it.
     values : array_like, shape (samples, 6), [N, N m]
-        Force, then moment about the point, both as they act on the robot.  A sensor
-        under a foot measures that; one that measures what the foot does to the ground
-        has the opposite sign.
+        Force, then moment about the point, both acting on the robot.  The wrench that a
+        foot exerts on the ground has the opposite sign.
     point : array_like, shape (3,), [m]
         In the frame.
     axes : {"frame", "base", "world"}
-        Whose axes `values` are given in.  World axes need `BaseMotion.rotation`.
+        Axes of `values`.  World axes need `BaseMotion.rotation`.
     """
 
     frame: str
@@ -165,7 +172,7 @@ class Wrench:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactFlags:
-    """When a point, or a flat face, of the robot is held by its surroundings.
+    """Contact of a point, or a flat face, of the robot with its surroundings.
 
     Parameters
     ----------
@@ -176,13 +183,13 @@ class ContactFlags:
     point : array_like, shape (3,), [m]
         Of the contact, in the frame.
     radius : float, [m]
-        Of a foot that is a ball about the point and rolls on level ground: the contact
-        is below the point.  Needs `BaseMotion.rotation`.
+        Radius of a foot that is a ball about the point and rolls on level ground: the
+        contact is below the point.  Needs `BaseMotion.rotation`.
     surface : bool
         Whether moments are transmitted too, as by the sole of a humanoid's foot.
     certain : array_like of bool, shape (samples,), optional
-        Where this is false, as around touch-down or where the point slips by more than
-        it should, samples have no rows.  By default true.
+        Where this is false, for example around touch-down or while the point slips,
+        samples have no rows.  By default true.
     """
 
     frame: str
@@ -215,13 +222,13 @@ class ContactFlags:
     def from_wrench(
         cls, wrench: Wrench, *, threshold: float, guard: int = 0, radius: float = 0.0
     ) -> "ContactFlags":
-        """Return when a measured force says that there is contact.
+        """Return the contact flags of a measured force.
 
         Parameters
         ----------
         wrench : Wrench
         threshold : float, [N]
-            Force from which on there is contact.
+            Least force of a contact.
         guard : int
             Samples before and after touch-down and lift-off that are not certain.
         radius : float, [m]
@@ -232,7 +239,7 @@ class ContactFlags:
 
 
 def away_from_changes(closed: BoolArray, time: Vector, guard: float) -> BoolArray:
-    """Return which samples are further than a guard from any change of a flag.
+    """Return the samples that are further than a guard from any change of a flag.
 
     A change is halfway between two samples.
     """

@@ -1,10 +1,10 @@
-"""Which columns of a log are a robot's positions, velocities and torques: a guess.
+"""A guess of a log's columns for a robot's positions, velocities and torques.
 
-A name is taken for a joint's channel if it holds the joint's name or number and a word
+A name counts as a joint's channel if it contains the joint's name or number and a word
 for the channel, such as ``q``, ``pos`` or ``effort``; an array of all joints has the
 word alone.  Six names that differ by a number are one pattern, ``q{1..6}``.  Commands
-are taken where they are wanted in place of torque, motor currents where there is a
-gain: how much torque an ampere is, no log says.
+are used if they are requested instead of torque, motor currents only with a gain,
+because no log contains the torque per ampere.
 """
 
 import re
@@ -36,14 +36,14 @@ _EXAMPLES = {
 
 @dataclass(frozen=True, slots=True)
 class ColumnGuess:
-    """A log's columns, as far as they could be found.
+    """The columns of a log that were found.
 
     Parameters
     ----------
     joints : tuple of str
         The robot's joints that the log has positions of.
     notes : tuple of str
-        What was chosen between.
+        The choices that were made, in words.
     """
 
     columns: Columns
@@ -54,19 +54,19 @@ class ColumnGuess:
 @dataclass(frozen=True, slots=True)
 class _NamePattern:
     text: str
-    joints: tuple[str, ...]  # of the robot, that the log has such a column of
+    joints: tuple[str, ...]  # joints of the robot with such a column in the log
     names: tuple[tuple[str, str], ...] = ()  # the log's name of a joint, the robot's
     is_array: bool = False  # of all joints
 
 
 @dataclass(frozen=True, slots=True)
 class _NumberedColumns:
-    """Columns whose names differ by a number alone.
+    """Columns whose names differ only by a number.
 
     Parameters
     ----------
     before, after : str
-        What stands on either side of the number.
+        The text on either side of the number.
     """
 
     before: str
@@ -86,7 +86,7 @@ class _NumberedColumns:
         return f"{self.before}{{number}}{self.after}"
 
     def name(self, place: int) -> str:
-        """Return the name at a place, from 0."""
+        """Return the name at an index, from 0."""
         return f"{self.before}{self.first + place}{self.after}"
 
 
@@ -120,24 +120,24 @@ def guess_columns(
     units : mapping of str to str or sequence of str, optional
         Units by channel, as in `Columns`; the others are found in the columns' names.
     currents : bool
-        Whether motor currents stand for torque where there is none: if there is a gain.
+        Whether motor currents may be used if there is no torque: with a gain.
     commands : bool
-        Whether commands of position are wanted in place of torque.
+        Whether commands of position are required instead of torque.
     held : sequence of str
-        All joints in their order, where some are held and are not among `joints`:
-        numbered columns may count these as well.
+        All joints in their order, if some are locked and not among `joints`: numbered
+        columns may include them.
     chains : mapping of int to sequence of str, optional
-        Of a robot with branches, the only chain of so many joints: the others are
-        proposed to be held, where the log has columns of another number.
+        For a robot with branches, the only chain of a number of joints: if the log has
+        this number of columns, the message proposes to lock the others.
     taken : collection of str
-        Names that are of no joint, such as those of a floating base.
+        Names that belong to no joint, such as those of a floating base.
     arrays : Columns, optional
-        Arrays of all joints that are known by their names, such as parts of ``qpos``.
+        Known arrays of all joints, such as parts of ``qpos``.
 
     Raises
     ------
     RecordingError
-        If positions or torques cannot be found; with what the log has instead.
+        If positions or torques cannot be found; with the log's columns.
     """
     joints, known = tuple(joints), dict(known or {})
     _require_channels(known)
@@ -156,7 +156,7 @@ def guess_columns(
     if arrays is not None:
         given = ((c, getattr(arrays, c)) for c in CHANNELS)
         known = {c: name for c, name in given if name is not None} | known
-    # A CSV file has no arrays: one column is that of one joint.
+    # A CSV file has no arrays: a column belongs to one joint.
     flat = names is None and log_format(log).name == "CSV" and len(joints) > 1
     names = column_names(log) if names is None else names
     names = [name for name in names if name not in taken]
@@ -174,7 +174,7 @@ def guess_columns(
         if not patterns:
             if channel == "velocity":
                 continue
-            raise _not_found(log, channel, names, joints, chains)
+            raise _not_found(log, channel, names, joints, chains, known)
         best, *others = patterns
         found = _with(found, channel, best)
         if channel == "position":
@@ -182,12 +182,12 @@ def guess_columns(
         elif channel == "torque" and best.joints != moved and not torque_joints:
             found = replace(found, torque_joints=best.joints)
         if also := _rivals(best, others):
-            notes.append(f"{channel} is taken from {best.text}, not from {also}")
+            notes.append(f"{channel} is read from {best.text}, not from {also}")
     return _in_units(ColumnGuess(found, moved, tuple(notes)))
 
 
 def _rivals(best: _NamePattern, others: Sequence[_NamePattern]) -> str:
-    """Return the patterns of as many joints that stand for other columns."""
+    """Return the patterns of other columns for the same joints."""
     mine = _expanded(best)
     alike = [p for p in others if len(p.joints) == len(best.joints)]
     return ", ".join(p.text for p in alike if _expanded(p) != mine)
@@ -203,19 +203,19 @@ def _in_units(guess: ColumnGuess) -> ColumnGuess:
         unit = unit_of(channel, name)
         if unit in KNOWN[channel]:
             columns = replace(columns, units={**columns.units, channel: unit})
-            notes.append(f"{channel} is in {unit}, as {name} says")
+            notes.append(f"{channel} is in {unit}, according to {name}")
     return replace(guess, columns=columns, notes=tuple(notes))
 
 
 def require_torque(pattern: str | None, torque_gain: Sequence[float]) -> None:
-    """Refuse motor currents as torque, if no gain makes torque of them.
+    """Refuse motor currents as torque without a gain.
 
     Parameters
     ----------
     pattern : str, optional
         Name of the torque's columns.
     torque_gain : sequence of float
-        As it was given; empty if it was not.
+        The given gain; empty if there is none.
 
     Raises
     ------
@@ -224,8 +224,8 @@ def require_torque(pattern: str | None, torque_gain: Sequence[float]) -> None:
     """
     if is_current(pattern or "") and not len(torque_gain):
         raise RecordingError(
-            f"torque is taken from {pattern}, which is named as a current, without a "
-            "gain. Give the N m per ampere of each joint, gear ratio included: "
+            f"torque is read from {pattern}, whose name denotes a current, without a "
+            f"gain. Give the N m per ampere of each joint, gear ratio included: "
             "--torque-gain (torque_gain); 1 if these columns are torques in N m"
         )
 
@@ -254,14 +254,14 @@ def _time(log: Path, names: Sequence[str]) -> str:
         return min(found, key=len)
     raise RecordingError(
         f"{log}: no column is named time, t or timestamp; the log has {shown(names)}. "
-        "Say which it is: --time NAME"
+        "Name it: --time NAME"
     )
 
 
 def _patterns(
     channel: str, names: Sequence[str], joints: Sequence[str], held: Sequence[str] = ()
 ) -> list[_NamePattern]:
-    """Return all patterns of a channel's columns, the most fitting first."""
+    """Return all patterns of a channel's columns, the best first."""
 
     def fits(text: str) -> bool:
         if channel == "current":
@@ -297,7 +297,7 @@ def _candidates(
     held: Sequence[str],
     currents: bool,
 ) -> list[_NamePattern]:
-    """Return what may be a channel of the joints that move, the most fitting first."""
+    """Return candidates for a channel of the moving joints, the best first."""
     patterns = _patterns(channel, names, moved, held)
     if channel == "torque" and not patterns and currents:
         return _patterns("current", names, moved, held)
@@ -307,7 +307,7 @@ def _candidates(
 
 
 def _expanded(pattern: _NamePattern) -> list[str]:
-    """Return the log's names that a pattern makes."""
+    """Return the log's names of a pattern."""
     own = {joint: name for name, joint in pattern.names}
     return [
         pattern.text.format(joint=own.get(joint, joint), number=number)
@@ -341,6 +341,7 @@ def _not_found(
     names: Sequence[str],
     joints: Sequence[str],
     chains: Mapping[int, Sequence[str]] | None,
+    known: Mapping[str, str],
 ) -> RecordingError:
     example = _EXAMPLES[channel]
     runs = _numbered_columns(names)
@@ -350,15 +351,21 @@ def _not_found(
         more = _of_another_number(others[0], joints, chains)
     elif channel == "torque" and (currents := _patterns("current", names, joints)):
         more = (
-            f" {currents[0].text} are motor currents: the N m per ampere of each "
-            "joint, gear ratio included, make torque of them: --torque-gain NUMBER ..."
+            f" {currents[0].text} are motor currents: convert them to torque with "
+            f"the N m per ampere of each joint, gear ratio included: --torque-gain "
+            f"NUMBER ..."
+        )
+    elif channel == "torque" and "position_command" in known:
+        more = (
+            f" Of the commands in {known['position_command']} the gains of the drives "
+            "make torque: --gains KP,KD[,LIMIT] ..."
         )
     elif not any(joint in name for joint in joints for name in names):
         more = " If the log has other names of joints: --names NAME=JOINT ..."
     flag = channel.replace("_", "-")
     return RecordingError(
         f"{log}: found no column that is the {channel} of {shown(joints)}; the "
-        f"log has {shown(names, joints)}. Say which: --{flag} {example}, or with "
+        f"log has {shown(names, joints)}. Name it: --{flag} {example}, or with "
         f"{{number}} for the joint's place from 1, {{index}} from 0.{more}"
     )
 
@@ -368,7 +375,7 @@ def _of_another_number(
     joints: Sequence[str],
     chains: Mapping[int, Sequence[str]] | None,
 ) -> str:
-    """Return what to type where a log has columns of another number of joints."""
+    """Return advice if a log has columns of another number of joints."""
     said = (
         f" {run} are {len(run)} columns, the robot has {len(joints)} joints that move"
     )
@@ -377,12 +384,12 @@ def _of_another_number(
     if chains is None:
         rest = " ".join(joints[len(run) :])
         first = f"the first {len(run)}"
-        return f"{said}: if the log has {first}, hold the rest: --lock {rest}"
+        return f"{said}: if the log has {first}, lock the others: --lock {rest}"
     if moved := chains.get(len(run)):
         rest = " ".join(joint for joint in joints if joint not in moved)
         ends = f"those from {moved[0]} to {moved[-1]}"
-        return f"{said}: if the log has {ends}, hold the rest: --lock {rest}"
-    return f"{said}: say which stand still: --lock JOINT ... (or --base, --tip LINK)"
+        return f"{said}: if the log has {ends}, lock the others: --lock {rest}"
+    return f"{said}: name the joints at rest: --lock JOINT ... (or --base, --tip LINK)"
 
 
 def _numbered_columns(names: Sequence[str]) -> tuple[_NumberedColumns, ...]:
@@ -411,16 +418,16 @@ def _runs(name: str, names: Sequence[str]) -> Iterator[_NumberedColumns]:
 
 
 def _with_joint(name: str, joints: Sequence[str]) -> str:
-    """Return a name with ``{joint}`` in the place of a joint's, if it has one.
+    """Return a name with ``{joint}`` in place of a joint's name, if it has one.
 
-    Of joint_1 and joint_10, the longer name is the one that is meant.
+    If both joint_1 and joint_10 match, the longer name is used.
     """
     inside = max((j for j in joints if j in name), key=len, default=None)
     return name if inside is None or "{" in name else name.replace(inside, "{joint}")
 
 
 def shown(names: Sequence[str], joints: Sequence[str] = (), most: int = 12) -> str:
-    """Return names for a message: by pattern where they have numbers or joints' names.
+    """Return names for a message: as patterns if they have numbers or joints' names.
 
     Examples
     --------

@@ -1,10 +1,10 @@
-"""What the words of a column's name say: a joint's channel, a base, contacts, a wrench.
+"""The meaning of words in a column's name: a joint's channel, a base, a wrench.
 
 The words are those of logs of MuJoCo, Drake, Isaac Gym and Isaac Lab, legged_gym,
 LeRobot, ROS, KUKA, ABB, Universal Robots and Franka, and of people who write their own.
 Scalar columns belong together if their names differ by x, y, z (and w), or by three or
-four numbers; an array has the name alone.  A wrench is six columns whose names say
-force or moment and an axis, and are alike otherwise, such as ``fx`` to ``tz`` or
+four numbers; an array has only the name.  A wrench is six columns whose names contain
+force or moment and an axis, and are equal otherwise, such as ``fx`` to ``tz`` or
 ``wrench.force.x`` (ROS), an array of six columns, or two of three.
 """
 
@@ -17,9 +17,9 @@ from consistent_id.recordings.readers.units import unit_of_a_name
 
 CHANNELS = ("position", "velocity", "torque")
 
-# A name is of a channel if it has all words of one of these phrases; "qpos", "qvel" and
-# "qfrc actuator" are of MuJoCo, "observation state" of LeRobot, "axis act" of KUKA,
-# "feedback joints" of ABB.
+# A name belongs to a channel if it has all words of one of these phrases; "qpos",
+# "qvel" and "qfrc actuator" are of MuJoCo, "observation state" of LeRobot, "axis act"
+# of KUKA, "feedback joints" of ABB.
 _WORDS = {
     channel: tuple(frozenset(phrase.split()) for phrase in phrases.split(", "))
     for channel, phrases in {
@@ -96,7 +96,7 @@ _NOT_OF_A_SENSOR |= {"joint", "contact"}
 
 
 def words(pattern: str) -> set[str]:
-    """Return the words of a pattern beside the joint, in lower case.
+    """Return the words of a pattern without the joint, in lower case.
 
     Examples
     --------
@@ -110,11 +110,11 @@ def words(pattern: str) -> set[str]:
 
 
 def channel_of(pattern: str, names: Iterable[str] = ()) -> str:
-    """Return the channel that a pattern is of; empty for none.
+    """Return the channel of a pattern; empty for none.
 
-    Of what is not measured, commands of position alone are a channel.  A plain
-    ``action`` is one beside ``observation.state`` (LeRobot), of which it is the target;
-    elsewhere it is what a policy gave out, in units of its own.
+    Among commands, only those of position are a channel.  A plain ``action`` beside
+    ``observation.state`` (LeRobot) is its target; elsewhere it is the output of a
+    policy, in other units.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def channel_of(pattern: str, names: Iterable[str] = ()) -> str:
         return "position_command"
     if said & _COMMANDED:
         return ""
-    # Of torque_axis_act the torque is meant, of vel_axis_act a share of the limit.
+    # torque_axis_act is a torque, vel_axis_act a share of the limit.
     if "torque" in fits:
         return "torque"
     if not fits and pattern.endswith("{joint}_w"):  # Drake
@@ -154,14 +154,14 @@ def channel_of(pattern: str, names: Iterable[str] = ()) -> str:
 
 
 def is_current(pattern: str) -> bool:
-    """Return whether a pattern says motor current, and not torque."""
+    """Return whether a pattern denotes motor current, not torque."""
     said = words(pattern)
     torque = any(phrase <= said for phrase in _WORDS["torque"])
     return bool(said & _CURRENT) and not torque
 
 
 def unit_of(channel: str, pattern: str) -> str:
-    """Return the unit that a name states, or that its maker writes; empty for SI."""
+    """Return the unit that a name states, or its maker's unit; empty for SI."""
     said = words(pattern)
     if channel == "position" and any(said >= some for some in _DEGREES):
         return "deg"
@@ -174,7 +174,7 @@ def unit_of(channel: str, pattern: str) -> str:
 class BaseNames:
     """Names of one quantity of the base: an array, or one name for each column.
 
-    `order` is that of a quaternion, where the names say it.
+    `order` is that of a quaternion, if the names state it.
     """
 
     role: BaseRole
@@ -188,14 +188,14 @@ class BaseNames:
 def base_names(
     names: Sequence[str], widths: Mapping[str, int], known: Sequence[str] = ()
 ) -> tuple[BaseNames, ...]:
-    """Return what of a log may be of the base, in the log's order.
+    """Return the columns that may describe the base, in the log's order.
 
     Parameters
     ----------
     widths : mapping of str to int
         Columns of the names that are arrays of several.
     known : sequence of str
-        Names that are something else, such as joints' columns.
+        Names with another meaning, such as joints' columns.
 
     Examples
     --------
@@ -227,7 +227,7 @@ def _base_arrays(names: Sequence[str], widths: Mapping[str, int]) -> list[BaseNa
 
 
 def _groups(names: Sequence[str]) -> list[BaseNames]:
-    """Return scalar columns that differ by their axis alone."""
+    """Return scalar columns that differ only by their axis."""
     groups: dict[tuple[str, str], dict[str, str]] = {}
     for name in names:
         match = _AXIS.fullmatch(name)
@@ -241,7 +241,7 @@ def _groups(names: Sequence[str]) -> list[BaseNames]:
         if kind not in ("xyz", "wxyz", "012", "123", "0123", "1234"):
             continue
         role = _role(words(stem), len(axes))
-        # q1 to q4 are joints as a rule: of a bare q, letters alone say quaternion.
+        # q1 to q4 are usually joints: after a bare q, only letters denote a quaternion.
         if role is None or (words(stem) == {"q"} and kind != "wxyz"):
             continue
         order: Order | None = None
@@ -266,7 +266,7 @@ def _role(said: set[str], width: int) -> BaseRole | None:
 
 
 def contact_names(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the columns that may be contact flags, or forces that tell of contact.
+    """Return the columns that may be contact flags, or contact forces.
 
     Examples
     --------
@@ -281,7 +281,7 @@ def contact_names(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def matched_frame(column: str, feet: Mapping[str, Sequence[str]]) -> str | None:
-    """Return the foot whose name a column holds, or part of it; None if it is not one.
+    """Return the foot whose name, or part of it, a column contains; None if not unique.
 
     Parameters
     ----------
@@ -310,7 +310,7 @@ def matched_frame(column: str, feet: Mapping[str, Sequence[str]]) -> str | None:
 
 
 def _plain(name: str) -> str:
-    """Return a frame's name in lower case, without what all feet are called."""
+    """Return a frame's name in lower case, without the common words of feet."""
     parts = re.split(r"[^a-z0-9]+", name.lower())
     return "".join(part for part in parts if part not in ("foot", "feet", "link"))
 
@@ -328,7 +328,7 @@ class WrenchNames:
 def wrench_names(
     names: Sequence[str], widths: Mapping[str, int] | None = None
 ) -> tuple[WrenchNames, ...]:
-    """Return what of a log may be a wrench sensor's.
+    """Return the columns that may belong to a wrench sensor.
 
     Parameters
     ----------
@@ -397,7 +397,7 @@ def _by_axis(names: Sequence[str]) -> list[list[str]]:
 
 
 def _by_number(names: Sequence[str]) -> list[list[str]]:
-    """Return six numbered columns whose name says wrench, such as UR's TCP force."""
+    """Return six numbered columns named like a wrench, such as UR's TCP force."""
     groups: dict[str, dict[int, str]] = {}
     for name in names:
         match = _NUMBERED.fullmatch(name)

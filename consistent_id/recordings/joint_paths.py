@@ -1,11 +1,11 @@
-"""Joint paths over time: what each must offer, Fourier series, and sums of sinusoids.
+"""Joint paths over time: the protocol, Fourier series, and sums of sinusoids.
 
-A Fourier series has one convention here,
+There is one convention for Fourier series,
 
     q(t) = offset + sum_k  sine_k sin(w_k s) + cosine_k cos(w_k s),
     s = t - start,    w_k = 2 pi frequency_k
 
-Coefficients are in units of position, whatever variables an optimiser prefers.
+Coefficients are in units of position, for any variables of an optimiser.
 """
 
 from collections.abc import Sequence
@@ -47,19 +47,20 @@ class JointPath(Protocol):
 
     @property
     def start(self) -> float:
-        """When it begins [s]."""
+        """Start time [s]."""
 
     @property
     def duration(self) -> float:
-        """How long it lasts [s]."""
+        """Duration [s]."""
 
     def evaluate(self, time: ArrayLike, derivatives: int = 2) -> Array:
         """Return position and its derivatives, (derivatives + 1, samples, joints)."""
 
     def derivative_bound(self, order: int) -> Vector:
-        """Return a number per joint that the derivative of this order never exceeds.
+        """Return a bound of each joint's derivative of this order.
 
-        In absolute value, at any time from start to end.  It may be a generous one.
+        It is a bound of the absolute value at any time from start to end, not
+        necessarily tight.
         """
 
 
@@ -75,7 +76,7 @@ class FourierTrajectory:
     offset : array_like, shape (joints,), [rad or m]
     sine, cosine : array_like, shape (terms, joints), [rad or m]
     duration : float, [s]
-        How long it is played: one period, several, or none in full.
+        Time for which it is played: one period, several, or a part of one.
     start : float, [s]
         When it begins; all angles are zero then.
 
@@ -143,7 +144,7 @@ class FourierTrajectory:
         ----------
         time : array_like, shape (samples,), [s]
         derivatives : int
-            How many: with 2, position, velocity and acceleration; with 3, jerk too.
+            Number of derivatives: 2 for velocity and acceleration, 3 for jerk, too.
 
         Returns
         -------
@@ -164,9 +165,9 @@ class FourierTrajectory:
         return bound + abs(self.offset) if order == 0 else bound
 
     def begun_later(self, by: float) -> Self:
-        """Return the trajectory from so many seconds after its start, as long as it is.
+        """Return the trajectory that begins some seconds later, with the same duration.
 
-        Of a periodic one, which lasts whole periods, it is the same motion in another
+        For a periodic one that lasts whole periods, it is the same motion in another
         phase.
         """
         sine, cosine = (trig(by * self.rates)[:, None] for trig in (np.sin, np.cos))
@@ -177,7 +178,7 @@ class FourierTrajectory:
         )
 
     def recording(self, rate: float, name: str = "trajectory") -> Recording:
-        """Sample position, velocity and acceleration; both ends belong to it.
+        """Sample position, velocity and acceleration, including both ends.
 
         Parameters
         ----------
@@ -338,7 +339,7 @@ class SinusoidalMotion:
 
 
 def sampled(path: JointPath, rate: float, name: str = "trajectory") -> Recording:
-    """Sample position, velocity and acceleration; both ends belong to it.
+    """Sample position, velocity and acceleration, including both ends.
 
     Parameters
     ----------
@@ -354,12 +355,12 @@ def sampled(path: JointPath, rate: float, name: str = "trajectory") -> Recording
 
 
 def freeze_path(path: JointPath, where: str) -> None:
-    """Make what every path states plain values, or refuse it.
+    """Convert the common fields of paths to plain values, or refuse them.
 
     Raises
     ------
     ProblemError
-        If names of joints are not distinct, or there is no time from start to end.
+        If names of joints are not distinct, or the duration is not positive.
     """
     joints = tuple(path.joints)
     if not joints or len(set(joints)) != len(joints):

@@ -36,10 +36,13 @@ class LogFormat:
     folders : bool
         Whether a log may be a folder.
     streams : bool
-        Whether it can be read piece by piece, in memory that does not grow with it; of
-        a file, see `in_pieces`.
+        Whether it can be read piece by piece, in constant memory; for a single file,
+        see `in_pieces`.
     states_units : bool
         Whether arrays may state units: its module has ``array_units(path, names)``.
+    is_text : bool
+        Whether a row may hold what is no number: its functions also take the rows that
+        will be left out.
     """
 
     name: str
@@ -52,6 +55,7 @@ class LogFormat:
     folders: bool = False
     streams: bool = False
     states_units: bool = False
+    is_text: bool = False
 
     def in_pieces(self, path: Path) -> bool:
         """Return whether a file can be read piece by piece."""
@@ -61,7 +65,7 @@ class LogFormat:
         return in_pieces is None or bool(in_pieces(path))
 
     def reader(self, where: object) -> Any:
-        """Return the module that reads it.
+        """Return the module that reads the format.
 
         Raises
         ------
@@ -86,7 +90,7 @@ HDF5 = LogFormat(
 )
 
 LOG_FORMATS = (
-    LogFormat("CSV", (".csv", ".tsv"), "csv", streams=True),
+    LogFormat("CSV", (".csv", ".tsv"), "csv", streams=True, is_text=True),
     LogFormat("Parquet", (".parquet",), "parquet", streams=True),
     LogFormat("Feather", (".feather", ".arrow"), "feather", streams=True),
     LogFormat("NPZ", (".npz",), "npz"),
@@ -111,7 +115,7 @@ def log_format(path: Path) -> LogFormat:
     Raises
     ------
     RecordingError
-        If there is none of such a suffix.
+        If no format has this suffix.
     """
     suffix = path.suffix.lower()
     for known in LOG_FORMATS:

@@ -1,4 +1,4 @@
-"""A recording: what a robot's log says, checked once at the door."""
+"""A recording: the data of a robot's log, checked once."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -25,14 +25,20 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 
-_LATEST = 1e12  # s, some 30 000 years: no clock that still resolves milliseconds
+LATEST = 1e12
+"""Latest time [s], in some 30 000 years: no clock beyond it resolves milliseconds."""
+
 _MEASURED = ("position", "velocity", "acceleration", "torque")
 COMMANDS = ("position_command", "velocity_command", "torque_command")
-"""What the controller asked of the joints: held from one sample to the next."""
+"""Commands of the controller to the joints, constant from one sample to the next."""
 
 _CHANNELS = (*_MEASURED, *COMMANDS)
 
 Severity = Literal["fault", "warning", "note"]
+
+
+class SampleError(RecordingError):
+    """Samples hold what no robot wrote; who read them knows where they stand."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,20 +98,21 @@ class Recording:
     velocity, acceleration : array_like, shape (samples, joints), optional
     torque : array_like, shape (samples, joints), optional, [N m or N]
     base : BaseMotion, optional
-        How the base moves, if it floats.
+        Motion of the base, if it floats.
     wrenches : tuple of Wrench
         Measured forces on the robot from outside.
     contacts : tuple of ContactFlags
-        Where the robot may touch its surroundings, and when it does.
+        Contacts of the robot with its surroundings.
     torque_known : array_like of bool, shape (samples, joints), optional
-        Where a joint's torque is what a model says of it; elsewhere, as where the joint
-        rests and friction is whatever balances it, there is no row.  By default it is.
+        Where a joint's torque is that of the model; elsewhere there is no row, for
+        example while the joint rests and friction has any value that balances it.  By
+        default true.
     name : str
-        Where it comes from; used in messages.
+        Name of the source; used in messages.
     position_command, velocity_command : array_like, shape (samples, joints), optional
-        Commands of the drives, each held from its sample to the next.
+        Commands of the drives, each constant from its sample to the next.
     torque_command : array_like, shape (samples, joints), optional, [N m or N]
-        Feed-forward torque; `commanded` makes torque of commands.
+        Feed-forward torque; `commanded` computes the torque from commands.
     torque_filter : TorqueFilter, optional
         If torque and wrenches are low-passed: the filter, and what they were before.
         Set by `low_passed` and `decimated`; `build_regression` filters its rows alike.
@@ -170,13 +177,13 @@ class Recording:
             if len(value) != len(time):
                 raise RecordingError(
                     f"{self.name}: {what} has {len(value)} samples, expected "
-                    f"{len(time)}, as many as there are times; what changes the clock "
-                    "of the joints does not change that of the base"
+                    f"{len(time)}, as many as there are times; a change of the "
+                    f"joints' clock does not change that of the base"
                 )
 
     @property
     def _beside(self) -> list[tuple[str, BaseMotion | Wrench | ContactFlags]]:
-        """What was recorded beside the joints, and what to call it."""
+        """Channels recorded beside the joints, and their names."""
         base = [] if self.base is None else [self.base]
         return [
             *(("base motion", value) for value in base),
@@ -187,19 +194,17 @@ class Recording:
     def _check_time(self, time: Vector) -> None:
         if not np.isfinite(time).all():
             bad = int(np.argmin(np.isfinite(time)))
-            raise RecordingError(f"{self.name}: time of sample {bad} is {time[bad]}")
-        if abs(time).max() > _LATEST:
+            raise SampleError(f"{self.name}: time of sample {bad} is {time[bad]}")
+        if abs(time).max() > LATEST:
             bad = int(np.argmax(abs(time)))
-            raise RecordingError(
+            raise SampleError(
                 f"{self.name}: time of sample {bad} is {time[bad]:.3g} s, expected "
-                "seconds. Say the unit: --units us (or ms, ns). If only that row is "
-                f"broken, leave it out: --omit {bad + 1} (omit = [{bad + 1}] of "
-                "read_recording and [[data.recordings]])"
+                f"seconds. State the unit: --units us (or ms, ns)"
             )
         steps = np.diff(time)
         if (steps <= 0.0).any():
             bad = int(np.argmax(steps <= 0.0))
-            raise RecordingError(
+            raise SampleError(
                 f"{self.name}: time goes from {time[bad]:.9g} s (sample {bad}) to "
                 f"{time[bad + 1]:.9g} s; it must increase. Sort the samples; of "
                 'repeated ones take one: duplicates = "first" (--duplicates first)'
@@ -212,7 +217,7 @@ class Recording:
         if not np.isfinite(array).all():
             sample, joint = (int(i) for i in np.argwhere(~np.isfinite(array))[0])
             count = int((~np.isfinite(array)).sum())
-            raise RecordingError(
+            raise SampleError(
                 f"{what} of joint {self.joints[joint]!r} is {array[sample, joint]} at "
                 f"sample {sample} (t = {self.time[sample]:.6g} s), the first of "
                 f"{count}. Remove or repair those samples"
@@ -291,7 +296,7 @@ class Recording:
         )
 
     def table(self) -> Table:
-        """Return how far each joint moved and how hard it was driven, for people."""
+        """Return each joint's ranges of motion and torque, for people."""
         channels = {name: getattr(self, name) for name in self.channels}
         return Table(
             f"{self.name}: {len(self)} samples, {self.duration:.4g} s at "
@@ -346,7 +351,7 @@ class Recording:
         )
 
     def samples(self, keep: slice | IntArray) -> Self:
-        """Return some samples: a run, every ``keep.step``-th of them, or by place."""
+        """Return some samples: a run, every ``keep.step``-th of them, or by index."""
         channels = {
             channel: values[keep]
             for channel in _CHANNELS
@@ -369,7 +374,7 @@ class Recording:
 
 @dataclass(frozen=True, slots=True)
 class LogFinding:
-    """One thing that is wrong, or worth knowing.
+    """One fault, warning or note on a log.
 
     Parameters
     ----------
@@ -380,13 +385,13 @@ class LogFinding:
     where : str
         Joint, pair of joints, or recording; ``"all joints"``.
     statement : str
-        What was seen, with figures and units.
+        What was found, with figures and units.
     advice : str
         What to do.
     score : float
-        Evidence, one at the threshold and larger beyond it.
+        Strength of the evidence: one at the threshold, larger beyond it.
     recording : str
-        In which it was seen.
+        Recording in which it was found.
     """
 
     kind: str
@@ -414,13 +419,13 @@ def states(recording: Recording) -> tuple[Matrix, Matrix, Matrix]:
 
 
 def velocities(recording: Recording) -> Matrix:
-    """Return velocities, as measured or else by differences of position."""
+    """Return measured velocities, or else differences of position."""
     if recording.velocity is not None:
         return recording.velocity
     return np.gradient(recording.position, recording.time, axis=0)
 
 
 def positions_at(recording: Recording, times: Vector) -> Matrix:
-    """Return positions at other times, on straight lines between samples."""
+    """Return positions at other times, by linear interpolation."""
     joints = recording.position.T
     return np.column_stack([np.interp(times, recording.time, q) for q in joints])

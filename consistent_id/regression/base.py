@@ -14,12 +14,13 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.executors import single_threaded
 from consistent_id.errors import NotExcitedError, ProblemError
-from consistent_id.regression.independent_columns import (
+from consistent_id.regression.linear import (
     STRUCTURAL_TOLERANCE,
     ColumnSplit,
+    LinearSolution,
+    solve_linear,
     split_at_gap,
 )
-from consistent_id.regression.linear import LinearSolution, solve_linear
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_structure import RowModel, random_rows
@@ -283,6 +284,14 @@ def condition_number(
     """Return the condition number of a regressor (never of its square).
 
     A triangular factor has the same singular values as the matrix it came from.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (rows, columns)
+    basis : str
+        Which columns the matrix has.
+    unit_columns : bool
+        Whether columns are divided by their norms first.
 
     Raises
     ------

@@ -27,10 +27,9 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
 from consistent_id._support.executors import single_threaded
-from consistent_id.regression.linear import DATA_RANK_TOLERANCE
+from consistent_id.regression.linear import DATA_RANK_TOLERANCE, extended, triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_structure import row_structure
-from consistent_id.regression.triangles import extended, triangle
 
 SHOWN = 2**14
 """Rows of a recording whose residuals show how noise is correlated."""

@@ -85,6 +85,12 @@ def shapes_of(model: TorqueModel) -> tuple[FrictionShape, ...]:
 def with_shapes(model: TorqueModel, values: Mapping[str, float]) -> TorqueModel:
     """Return the model with the named shapes changed.
 
+    Parameters
+    ----------
+    model : TorqueModel
+    values : mapping of str to float
+        By the names of `shapes_of`.
+
     Raises
     ------
     ProblemError

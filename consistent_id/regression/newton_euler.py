@@ -83,7 +83,7 @@ class FramePlace(NamedTuple):
     translation: Vec
 
 
-class _State(NamedTuple):
+class _MovingLink(NamedTuple):
     """A link's motion, and the unit screws ``(coordinate, e, v)`` that move it."""
 
     w: Vec
@@ -144,11 +144,11 @@ def _states(
     joints: Sequence[JointGeometry],
     gravity: Vec,
     motion: Sequence[JointMotion | FreeMotion],
-) -> Iterator[_State]:
+) -> Iterator[_MovingLink]:
     """Yield the state of each link, parents first."""
     at_rest = (-gravity[0], -gravity[1], -gravity[2])
-    base = _State(_NONE, _NONE, at_rest, (), (_NONE, _NONE, _NONE))
-    states: list[_State] = []
+    base = _MovingLink(_NONE, _NONE, at_rest, (), (_NONE, _NONE, _NONE))
+    states: list[_MovingLink] = []
     for joint, moves in zip(joints, motion, strict=True):
         if isinstance(moves, FreeMotion):
             states.append(_free(moves))
@@ -159,16 +159,16 @@ def _states(
         yield states[-1]
 
 
-def _free(base: FreeMotion) -> _State:
+def _free(base: FreeMotion) -> _MovingLink:
     """Return the state of a free base; unit rates push and turn it along its axes."""
     units: tuple[Vec, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     screws = [(_NONE, unit) for unit in units] + [(unit, _NONE) for unit in units]
     numbered = zip(base.coordinates, screws, strict=True)
     of_base = tuple((j, e, v) for j, (e, v) in numbered)
-    return _State(base.w, base.dw, base.a, of_base, _spin(base.w, base.dw))
+    return _MovingLink(base.w, base.dw, base.a, of_base, _spin(base.w, base.dw))
 
 
-def _wrench(link: _State, body: Sequence[Scalar]) -> tuple[Vec, Vec]:
+def _wrench(link: _MovingLink, body: Sequence[Scalar]) -> tuple[Vec, Vec]:
     """``f = m a + W h`` and ``n = I dw + w x I w + h x a``."""
     m, hx, hy, hz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz = body
     h = (hx, hy, hz)
@@ -178,7 +178,9 @@ def _wrench(link: _State, body: Sequence[Scalar]) -> tuple[Vec, Vec]:
     return f, _add(n, _cross(h, link.a))
 
 
-def _child(joint: JointGeometry, moves: JointMotion, parent: _State) -> _State:
+def _child(
+    joint: JointGeometry, moves: JointMotion, parent: _MovingLink
+) -> _MovingLink:
     """Carry the parent's state over a joint into its link's frame."""
     axis = (joint.align[0][2], joint.align[1][2], joint.align[2][2])
     arm = joint.translation
@@ -197,7 +199,9 @@ def _child(joint: JointGeometry, moves: JointMotion, parent: _State) -> _State:
         a = _add(_add(a, push), _scaled(2.0, coupled))
     else:
         w, dw = _add(w, rate), _add(_add(dw, push), coupled)
-    return _State(w, dw, a, _moved(screws, joint.slides, axis, moves), _spin(w, dw))
+    return _MovingLink(
+        w, dw, a, _moved(screws, joint.slides, axis, moves), _spin(w, dw)
+    )
 
 
 def _moved(
@@ -225,7 +229,7 @@ def _spin(w: Vec, dw: Vec) -> Matrix:
     )
 
 
-def _entries(e: Vec, v: Vec, link: _State) -> tuple[Scalar, ...]:
+def _entries(e: Vec, v: Vec, link: _MovingLink) -> tuple[Scalar, ...]:
     """Coefficients of the ten inertial parameters in ``v.f + e.n``.
 
     The inertia's are those of ``e dw^T + (e x w) w^T``, symmetrised; written out, each

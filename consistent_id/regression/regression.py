@@ -31,11 +31,11 @@ from consistent_id.regression.correlated_noise import (
     joined_noise,
     recorded_noise,
 )
+from consistent_id.regression.linear import extended
+from consistent_id.regression.linear import triangle as triangle
 from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_structure import row_structure
-from consistent_id.regression.triangles import extended
-from consistent_id.regression.triangles import triangle as triangle
 from consistent_id.robot.parameters import ParameterLayout
 
 _WORKERS = 2

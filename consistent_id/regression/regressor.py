@@ -386,6 +386,14 @@ class TorqueModel:
         """Return torques of parameters `x`, shape (samples, torque joints), [N m or N].
 
         In the order of `torque_joints`.
+
+        Parameters
+        ----------
+        x : array_like, shape (parameters,)
+        q, dq, ddq : array_like, shape (samples, joints)
+            Position [rad or m], velocity and acceleration.
+        base : BaseMotion, optional
+            Of a robot whose base floats.
         """
         x = frozen(x, (len(self.layout),), "parameters")
         state, moves = self._checked(q, dq, ddq, base)
@@ -524,5 +532,11 @@ def joint_torque_regressor(
     """Return the rigid-body regressor, shape (joints, 10 links, samples).
 
     See `TorqueModel.regressor`, which has drive terms besides.
+
+    Parameters
+    ----------
+    robot : RobotModel
+    q, dq, ddq : array_like, shape (samples, joints)
+        Position [rad or m], velocity and acceleration.
     """
     return TorqueModel(robot).regressor(q, dq, ddq)

@@ -16,10 +16,10 @@ from consistent_id.regression.linear import (
     DATA_RANK_TOLERANCE,
     LinearSolution,
     solve_linear,
+    triangle,
 )
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.triangles import triangle
 
 _EXACT = 1e-6  # residual, relative to the torque, that counts as none
 _FEW = 3.0  # spare effective samples for each parameter, below which errors are rough

@@ -17,9 +17,8 @@ from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id.recordings.beside import BaseMotion
 from consistent_id.regression.drive.drive_terms import DriveTerms
-from consistent_id.regression.independent_columns import STRUCTURAL_TOLERANCE
+from consistent_id.regression.linear import STRUCTURAL_TOLERANCE, triangle
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.triangles import triangle
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import ParameterLayout
 

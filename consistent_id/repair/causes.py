@@ -1,7 +1,7 @@
-"""Which mistake explains an inertial that cannot be right, if one does.
+"""Mistakes that explain an impossible inertial.
 
-Mistakes are what people and programs do wrong when they write an inertial; each is
-undone, and what results is judged.
+These are mistakes of people and programs when they write an inertial; each is undone,
+and the result is judged.
 """
 
 from collections.abc import Iterator, Sequence
@@ -56,12 +56,12 @@ _ORDERS = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeantInertial:
-    """What a link's inertial may have been meant to be.
+    """A likely intended inertial of a link.
 
     Parameters
     ----------
     cause : str
-        What would have gone wrong.
+        The assumed mistake.
     mass : float, [kg]
     inertia : ndarray, shape (3, 3), [kg m^2]
         About the centre of mass, in the inertial's own axes.
@@ -91,7 +91,7 @@ class Ranked:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkStatement:
-    """What a file states of a link, in the inertial's axes."""
+    """A link's inertial as a file states it, in the inertial's axes."""
 
     name: str
     mass: float
@@ -106,7 +106,7 @@ class LinkStatement:
 
     @property
     def stated(self) -> MeantInertial:
-        """What is stated, as a candidate without a cause."""
+        """The stated inertial, as a candidate without a cause."""
         return MeantInertial("", self.mass, self.inertia)
 
     @property

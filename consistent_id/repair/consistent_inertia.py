@@ -1,4 +1,4 @@
-"""The nearest physically consistent inertia: one that is not, moved the least."""
+"""The physically consistent inertia nearest to an inconsistent one."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ POINT = 1e-6  # [m]; what is smaller has no extent, and its moments are rounding
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NearestInertia:
-    """A central inertia, and how far it is from the one that was stated.
+    """A central inertia, and its distance from the stated one.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def is_consistent(inertia: Matrix, least: float = 0.0) -> bool:
 
 
 def point_mass(mass: float, inertia: Matrix) -> bool:
-    """Return whether an inertia has no extent but what printing its moments left."""
+    """Return whether an inertia has no extent except from rounding of its moments."""
     return bool(abs(inertia).max() <= mass * POINT**2)
 
 
@@ -48,10 +48,10 @@ def nearest_inertia(
     """Return the nearest physically consistent central inertia.
 
     Mass and centre of mass stay.  Then the distance of pseudo-inertias
-    ``||J0^-1/2 (J - J0) J0^-1/2||_F``, for a reference ``J0`` that has no direction,
-    is that of the second moments ``S`` in the Frobenius norm; and the nearest ``S``
-    whose eigenvalues are not below a least one has the same axes, with those that are
-    below it raised.  No program need be solved.
+    ``||J0^-1/2 (J - J0) J0^-1/2||_F``, for a reference ``J0`` that has no direction, is
+    that of the second moments ``S`` in the Frobenius norm; and the nearest ``S`` whose
+    eigenvalues are not below a least one has the same axes, with those that are below
+    it raised.  It needs no programme.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def nearest_inertia(
         About the centre of mass.
     thickness : float, [m]
         Least standard deviation of mass along every axis; never less than `THINNEST` of
-        its size, so that simulators do not stumble over rounding.
+        its size, so that rounding in simulators does not matter.
 
     Returns
     -------

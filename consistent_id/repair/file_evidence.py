@@ -1,4 +1,4 @@
-"""What a whole file says of each of its links: inertial, shapes, twins, mistakes."""
+"""The evidence of a whole file on each link: inertial, shapes, twins, mistakes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -39,16 +39,16 @@ from consistent_id.robot.loaders.urdf_lint import (
 )
 from consistent_id.robot.loaders.xml import Element
 
-_LARGE = 0.1  # change of the nearest inertia of which a user is warned
+_LARGE = 0.1  # change of the nearest inertia above which a user is warned
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StatedInertial:
     """A link's mass and inertia as stated; None where they cannot be read.
 
-    `unreadable` says what stands in their place, `displaced` what stands in that of a
-    readable origin.  The inertia is about the centre of mass `com`, in `axes`, whose
-    columns are directions in the link's frame.
+    `unreadable` is the text in their place, `displaced` the text in place of a readable
+    origin.  The inertia is about the centre of mass `com`, in `axes`, whose columns are
+    directions in the link's frame.
     """
 
     mass: float | None
@@ -61,7 +61,7 @@ class StatedInertial:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Remedy:
-    """What a link gets, in its inertial's axes, and why.
+    """The new inertial of a link, in its inertial's axes, and the reason.
 
     `nearest` says that no cause was found.
     """
@@ -75,7 +75,7 @@ class Remedy:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Explained:
-    """What a link may have been meant to be, the likeliest first."""
+    """Likely intended inertials of a link, the likeliest first."""
 
     ranked: tuple[Ranked, ...] = ()
     consistent: bool = True
@@ -95,12 +95,12 @@ class Explained:
 
     @property
     def several(self) -> bool:
-        """Whether no one mistake stands out."""
+        """Whether no single mistake is the likeliest."""
         return bool(self.ranked) and not clear(self.ranked)
 
     @property
     def doubt(self) -> str:
-        """What is probably wrong with a consistent inertial; empty if nothing is."""
+        """The probable mistake of a consistent inertial; empty if there is none."""
         if not self.ranked or not self.ranked[0].candidate.cause or self.several:
             return ""
         return f"consistent, but probably {self.ranked[0].candidate.cause}"
@@ -129,7 +129,7 @@ class FileEvidence:
 
     @classmethod
     def of(cls, path: Path, root: Element) -> Self:
-        """Read what the links of a file state, and their shapes."""
+        """Read the inertials of a file's links, and their shapes."""
         found = {}
         for link in root.all("link"):
             inertial = link.child("inertial")
@@ -144,7 +144,7 @@ class FileEvidence:
         return cls(found, bodies, link_solids(path, root))
 
     def explained(self, name: str, mass: float | None, *, fixed: bool) -> Explained:
-        """Return what a link may have been meant to be.
+        """Return the likely intended inertials of a link.
 
         If its mass is `fixed`, because the user states it, no other is considered.
         """
@@ -162,7 +162,7 @@ class FileEvidence:
         return Explained(ranked, stated.consistent)
 
     def warning(self, name: str, done: Remedy) -> str:
-        """Say why the nearest consistent inertia should be looked at."""
+        """Return the reason to check the nearest consistent inertia."""
         link, solid = self.statements.get(name), self.solids.get(name)
         words = []
         if _LARGE < done.change < np.inf:
@@ -175,14 +175,14 @@ class FileEvidence:
             radius, reach = radius_of_gyration(body), solid.reach(link.com)
             if radius > reach:
                 words.append(
-                    f"its radius of gyration, {radius:.3g} m, leaves the link's "
-                    f"shapes, which reach {reach:.3g} m"
+                    f"its radius of gyration, {radius:.3g} m, is larger than the "
+                    f"reach of the link's shapes, {reach:.3g} m"
                 )
         return "; ".join(words)
 
 
 def stated_inertial(inertial: Element) -> StatedInertial:
-    """Read an inertial; numbers that are none do not stop the rest."""
+    """Read an inertial; invalid numbers do not stop the others."""
     found: dict[str, float] = {}
     unreadable = []
     for tag, names in (("mass", ("value",)), ("inertia", INERTIA_ENTRIES)):

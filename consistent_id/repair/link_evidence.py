@@ -1,10 +1,10 @@
-"""How well an inertial fits what else is known of a link: its shapes, and other links.
+"""The fit of an inertial to other evidence on a link: its shapes, and other links.
 
-A link's shapes fill a solid, taken as of one density throughout.  Costs are minus
-logarithms of probabilities.  Their widths are those of what half of the published
-robots at hand state (``python benchmarks/repair_causes.py --evidence`` prints them);
-tails are those of Student's t with three degrees of freedom, because some of what is
-published is made up.
+A link's shapes fill a solid of assumed uniform density.  Costs are minus logarithms of
+probabilities.  Their widths are those of what half of the published robots at hand
+state (``python benchmarks/repair_causes.py --evidence`` prints them); tails are those
+of Student's t with three degrees of freedom, because some of what is published is made
+up.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -121,7 +121,7 @@ def twin_inertias(
     """Return the inertias that a link would have as the mirror image of others.
 
     A twin has the same mass, and the same centre of mass up to signs.  Where that is on
-    a plane of the frame, there are several.  Centres at the origin tell nothing.
+    a plane of the frame, there are several.  Centres at the origin give no information.
     """
     found: list[tuple[str, Matrix]] = []
     size = float(abs(body.com).max())

@@ -1,4 +1,4 @@
-"""What was wrong with a file's links, and what was done about it."""
+"""The faults of a file's links, and their repairs."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -16,12 +16,12 @@ Status = Literal["consistent", "repaired", "doubtful", "refused"]
 
 @dataclass(frozen=True, slots=True)
 class Suggestion:
-    """What an inertial may have been meant to be.
+    """A likely intended inertial.
 
     Parameters
     ----------
     cause : str
-        What would have gone wrong; what is proposed if it is none that is known.
+        The assumed mistake, or the proposal if no known mistake explains it.
     mass : float, [kg]
     inertia : tuple of float, [kg m^2]
         ``ixx, ixy, ixz, iyy, iyz, izz``.
@@ -37,20 +37,21 @@ class Suggestion:
 
 @dataclass(frozen=True, slots=True)
 class LinkRepair:
-    """What was wrong with a link, and what was done about it.
+    """The fault of a link, and its repair.
 
     Parameters
     ----------
     line : int
         Of its ``<inertial>``.
     status : {"consistent", "repaired", "doubtful", "refused"}
-        Refused is what cannot be repaired without being made up, or has several likely
-        causes.  Doubtful is what is consistent, and left as it is, but far from the
-        link's shapes or its twins.
+        Refused: it cannot be repaired without inventing values, or has several likely
+        causes.  Doubtful: it is consistent, and not changed, but far from the link's
+        shapes or its twins.
     fault : str
         Empty if there is none.
     remedy : str
-        What was done, what the user must state, or what simulators may still refuse.
+        The repair, the values that the user must state, or remaining reasons for
+        simulators to refuse it.
     mass : float or None, [kg]
         Afterwards.
     before, after : tuple of float, [kg m^2]
@@ -58,9 +59,9 @@ class LinkRepair:
     change : float
         Relative change of the second moments of mass; see `nearest_inertia`.
     warning : str
-        Why the repaired inertia should be looked at.
+        Reason to check the repaired inertia.
     suggestions : tuple of Suggestion
-        What it may have been meant to be, the likeliest first.
+        Likely intended inertials, the likeliest first.
     """
 
     link: str
@@ -101,12 +102,12 @@ class Repair:
 
     @property
     def doubtful(self) -> tuple[LinkRepair, ...]:
-        """Links that are consistent, but probably not what was meant."""
+        """Links that are consistent, but probably not as intended."""
         return tuple(link for link in self.links if link.status == "doubtful")
 
     @property
     def refused(self) -> tuple[LinkRepair, ...]:
-        """Links that cannot be repaired without making something up."""
+        """Links that cannot be repaired without inventing values."""
         return tuple(link for link in self.links if link.status == "refused")
 
     def save(self, path: str | Path) -> Path:
@@ -128,14 +129,14 @@ class Repair:
 
 @dataclass(frozen=True, slots=True)
 class RepairOptions:
-    """What a user states beside the file.
+    """The user's statements beside the file.
 
     Parameters
     ----------
     masses : mapping of str to float, [kg]
         By link, in place of the file's.
     density : float, optional, [kg/m^3]
-        Of a ball that stands for an inertia which is missing or unreadable.
+        Density of a ball that replaces a missing or unreadable inertia.
     thickness : float, [m]
         Least standard deviation of mass along each axis of a link with mass.
     choices : mapping of str to int
@@ -149,13 +150,13 @@ class RepairOptions:
 
 
 def repair_table(repair: Repair) -> Table:
-    """Return a table of the links that were wrong, and what was done."""
+    """Return a table of faulty links and their repairs."""
     wrong = [link for link in repair.links if link.status != "consistent"]
     advised = [link for link in repair.links if link not in wrong and link.remedy]
     count = len(repair.links)
     notes = [
         f"{len(repair.repaired)} of {count} inertials repaired, "
-        f"{len(repair.refused)} cannot be without more information"
+        f"{len(repair.refused)} need more information"
         if wrong
         else f"nothing to repair: {count} inertials are physically consistent"
     ]

@@ -1,4 +1,4 @@
-"""What is odd about a robot description of any format: one function for each rule."""
+"""Rules for robot descriptions of any format, one function each."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -36,7 +36,7 @@ RULES = {
 
 @dataclass(frozen=True, slots=True, order=True)
 class LintFinding:
-    """One thing that a simulator refuses, or takes and should not.
+    """A fault that a simulator refuses, or accepts and should not.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class LintFinding:
     rule : str
         An entry of `RULES`.
     severity : {"error", "warning"}
-        An error is what some simulator refuses, or what cannot be loaded.
+        An error: some simulator refuses it, or it cannot be loaded.
     sentence : str
     """
 
@@ -99,7 +99,7 @@ class DescribedRobot:
 
 
 _BEYOND_SHAPES = 1.0  # radius of gyration over the reach: no body inside has more
-_BEYOND_JOINTS = 3.0  # over the distance to the joints, which bounds it only roughly
+_BEYOND_JOINTS = 3.0  # relative to the distance to the joints, a rough bound
 _THIN = 100.0  # [kg/m^3]; axes may cross, but few links are as thin as this
 _POINT = 1e-6  # [m]; what is smaller has no extent
 _VANISHING = 1e-5  # of the robot's mass
@@ -113,7 +113,7 @@ _LETTER = re.compile(r"(?<![A-Za-z])([FRBHMfrbhm]?)([LRlr])(?=[_./-]|[A-Z][a-z]|
 
 
 def all_findings(robot: DescribedRobot) -> Iterator[LintFinding]:
-    """Yield what every rule of this module finds."""
+    """Yield the findings of every rule of this module."""
     for link in robot.links:
         yield from _radius(link)
     yield from _placeholders(robot)
@@ -233,7 +233,7 @@ def _gravity(described: DescribedRobot, robot: RobotModel) -> Iterator[LintFindi
                 described.joint_lines.get(joint.name, 1),
                 "gravity-torque",
                 "warning",
-                f"joint {joint.name!r}: gravity takes {worst:.3g} {unit} in some "
+                f"joint {joint.name!r}: gravity needs {worst:.3g} {unit} in some "
                 f"posture, and the effort limit is {efforts[k]:g} {unit}",
             )
 

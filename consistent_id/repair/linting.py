@@ -1,6 +1,6 @@
-"""Everything that is found in a robot description, URDF or MJCF, and how it is printed.
+"""All findings in a robot description, URDF or MJCF, and their output.
 
-An MJCF file is taken as MuJoCo compiles it.  Findings are printed for people, for
+An MJCF file is read as compiled by MuJoCo.  Findings are printed for people, for
 programs, and as SARIF 2.1.0.
 """
 
@@ -44,7 +44,7 @@ Findings = Mapping[str, Sequence[LintFinding]]
 
 
 def lint_robot(path: str | Path) -> tuple[LintFinding, ...]:
-    """Find what simulators refuse in a robot description, or take and should not.
+    """Find faults of a robot description that simulators refuse, or should refuse.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def lint_robot(path: str | Path) -> tuple[LintFinding, ...]:
 
     See Also
     --------
-    lint_urdf : What keeps a URDF from being loaded, alone.
+    lint_urdf : Only faults that prevent a URDF from being loaded.
     """
     file = Path(path)
     try:
@@ -135,7 +135,7 @@ def _result(path: str, finding: LintFinding) -> dict[str, Any]:
 
 
 def described_urdf(path: Path, root: Element) -> tuple[DescribedRobot, FileEvidence]:
-    """Return what a URDF describes, and what it says of mistakes."""
+    """Return what a URDF describes, and its evidence for mistakes."""
     known = FileEvidence.of(path, root)
     lines = {link.name: _line(link) for link in root.all("link")}
     links = []
@@ -198,7 +198,7 @@ def _joints(root: Element, end: str, name: str) -> Iterator[Vector]:
 
 
 def described_mjcf(path: Path, root: Element) -> tuple[DescribedRobot, FileEvidence]:
-    """Return what an MJCF file describes, and what it says of mistakes.
+    """Return what an MJCF file describes, and its evidence for mistakes.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """A URDF whose inertials are not physically consistent, repaired in place.
 
-Of each link: what is wrong with its inertial, and the edits that repair it.
+For each link it returns the fault of its inertial, and the edits that repair it.
 """
 
 from collections.abc import Mapping
@@ -28,7 +28,7 @@ from consistent_id.repair.file_evidence import (
 )
 from consistent_id.repair.link_repair import LinkRepair, Repair, RepairOptions, Status
 from consistent_id.robot.inertia import second_moments
-from consistent_id.robot.loaders.splice import Document, Edit
+from consistent_id.robot.loaders.splice import Edit, XmlText
 from consistent_id.robot.loaders.urdf_inertial import inertia_attributes, number
 from consistent_id.robot.loaders.urdf_lint import unexpanded
 from consistent_id.robot.loaders.xml import Element
@@ -46,22 +46,22 @@ def repair_urdf(
     thickness: float = 0.0,
     choices: Mapping[str, int] | None = None,
 ) -> Repair:
-    """Make the inertials of a URDF physically consistent, by undoing what went wrong.
+    """Make the inertials of a URDF physically consistent, by undoing mistakes.
 
-    The mistake is looked for that explains an inconsistent inertial: a decimal point, a
-    sign, the order of the entries, units, the point or the axes that it refers to.
-    What the link may have been meant to be is judged by its shapes, by links that
-    mirror it, and by how common the mistake is.  If none explains it, mass, centre of
-    mass and axes stay, and moments of inertia move to the nearest consistent ones
-    (`nearest_inertia`).  If several do, the link is refused until one is chosen.
+    The search is for the mistake that explains an inconsistent inertial: a decimal
+    point, a sign, the order of the entries, units, the point or the axes that it refers
+    to. Candidates are judged by the link's shapes, by links that mirror it, and by how
+    common the mistake is.  If none explains it, mass, centre of mass and axes stay, and
+    moments of inertia move to the nearest consistent ones (`nearest_inertia`).  If
+    several do, the link is refused until one is chosen.
 
-    A consistent inertial is never changed unasked; where a mistake is likely, its link
-    is doubtful.  A link stated to have no mass gets no inertia.  Nothing else in the
-    file changes by a byte, and a file in which nothing is wrong does not change at all.
+    A consistent inertial is changed only by choice; if a mistake is likely, its link is
+    doubtful.  A link stated to have no mass gets no inertia.  Nothing else in the file
+    changes by a byte, and a file without faults does not change at all.
 
-    What would have to be made up is refused, unless it is stated: a mass that is
-    missing, not a number or negative, by `masses`; an inertia that is missing or not
-    numbers, by `density`.
+    Values that would have to be invented are refused, unless they are stated: a mass
+    that is missing, not a number or negative, by `masses`; an inertia that is missing
+    or not numbers, by `density`.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def repair_urdf(
         `masses`.
     """
     path = Path(source)
-    document = Document.read(path)
+    document = XmlText.read(path)
     options = RepairOptions(dict(masses or {}), density, thickness, dict(choices or {}))
     _check(path, document.root, options)
     known = FileEvidence.of(path, document.root)
@@ -130,7 +130,7 @@ def _check(path: Path, root: Element, options: RepairOptions) -> None:
 
 
 def repaired_link(
-    document: Document,
+    document: XmlText,
     link: Element,
     inertial: Element,
     options: RepairOptions,
@@ -178,13 +178,13 @@ def repaired_link(
 
 
 def _refusal(stated: StatedInertial, mass: float | None, options: RepairOptions) -> str:
-    """Say what the user has to state; empty if nothing would have to be made up."""
+    """Return what the user must state; empty if no value must be invented."""
     if stated.displaced:
-        return "where the centre of mass is cannot be known; correct it"
+        return "the centre of mass cannot be known; correct it"
     if mass is None or mass < 0.0:
-        return "which mass it has cannot be known; state it"
+        return "its mass cannot be known; state it"
     if stated.inertia is None and options.density is None and mass > 0.0:
-        return "its inertia cannot be known; state a density, to make it a ball"
+        return "its inertia cannot be known; state a density, to replace it by a ball"
     return ""
 
 
@@ -196,7 +196,7 @@ def _several(name: str) -> str:
 
 
 def _fault(stated: StatedInertial, mass: float | None, options: RepairOptions) -> str:
-    """Say what is wrong with a link; `mass` is the one that it is to have."""
+    """Return the fault of a link; `mass` is its new mass."""
     if stated.displaced or stated.unreadable:
         return "; ".join(filter(None, (stated.displaced, *stated.unreadable)))
     inertia = stated.inertia
@@ -222,7 +222,7 @@ def _fault(stated: StatedInertial, mass: float | None, options: RepairOptions) -
 
 
 def _advice(stated: StatedInertial, mass: float) -> str:
-    """Say what simulators may refuse of a consistent inertia."""
+    """Return reasons for simulators to refuse a consistent inertia."""
     if mass > 0.0 and stated.inertia is not None and point_mass(mass, stated.inertia):
         return "a point mass, which simulators refuse if it moves; state a thickness"
     return ""
@@ -235,7 +235,7 @@ def _remedy(
     options: RepairOptions,
     chosen: MeantInertial | None,
 ) -> Remedy:
-    """Return what a link with a mass gets."""
+    """Return the new inertial of a link with a mass."""
     if mass == 0.0:
         change = 1.0 if stated.inertia is not None and stated.inertia.any() else 0.0
         text = "without mass there is no inertia: set to zero"
@@ -269,7 +269,7 @@ def _keeps(inertia: Matrix, mass: float, options: RepairOptions) -> bool:
 
 
 def _edits(
-    document: Document, inertial: Element, stated: StatedInertial, done: Remedy
+    document: XmlText, inertial: Element, stated: StatedInertial, done: Remedy
 ) -> list[Edit]:
     edits, missing = [], []
     old = {} if stated.inertia is None else inertia_attributes(stated.inertia)

@@ -1,4 +1,4 @@
-"""Which estimate to use, and why: the first thing a reader wants to know."""
+"""The advice on which estimate to use, and why."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ _NOTABLE = 0.02  # relative difference of held-out errors
 
 @dataclass(frozen=True, slots=True)
 class Advice:
-    """What to do with the estimates.
+    """The advice on the estimates.
 
     Parameters
     ----------
@@ -26,11 +26,11 @@ class Advice:
     headline : str
         The verdict in one line, with the held-out error.
     reasons : tuple of str
-        Why this one.
+        Reasons for this one.
     cautions : tuple of str
-        The verdict's reasons, and what to do.
+        The verdict's reasons, with advice.
     also : tuple of str
-        Which others may be used as well.
+        Other usable estimates.
     """
 
     verdict: Verdict
@@ -52,11 +52,11 @@ def advise(
     *,
     recommendation: Recommendation | None = None,
 ) -> Advice:
-    """Say which estimate to use.
+    """Return the advice on which estimate to use.
 
     It is the recommended one; without a recommendation the first of constrained,
     weighted constrained, cross-validated and any other that may be used.  Held-out data
-    do not enter the choice: the error on them is that of a choice made without them.
+    are not used for the choice, so it does not bias the error on them.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def advise(
 
 
 def _first(comparison: Comparison) -> EstimateReport:
-    """Return the report to speak of where nothing was recommended."""
+    """Return the report to use if nothing was recommended."""
     usable = list(comparison.usable)
     named = {r.estimate.method: r for r in usable}
     first = [named[method] for method in _FIRST if method in named]

@@ -1,4 +1,4 @@
-"""Figures: joint motion, and measured beside predicted torque."""
+"""Figures: joint motion, and measured and predicted torque."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -13,7 +13,7 @@ from consistent_id.regression.motion_arrays import measured_torque
 from consistent_id.regression.row_names import in_newton
 from consistent_id.robot.model import Joint, RobotModel
 
-_POINTS = 2000  # samples drawn per curve; more would not be seen
+_POINTS = 2000  # samples drawn per curve; more would not be visible
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 
 

@@ -1,4 +1,4 @@
-"""Section: what the diagnosis says of the recordings."""
+"""Sections on data: findings of the diagnosis, and what the motion identifies."""
 
 from collections.abc import Sequence
 
@@ -11,15 +11,26 @@ from consistent_id.report.markup import (
     joined,
     listed,
     paragraphs,
+    table_html,
     tag,
 )
-from consistent_id.report.report_content import ReportContent, Section
+from consistent_id.report.plot import (
+    Frame,
+    buckets,
+    extremes,
+    instants,
+    line,
+    plot,
+    spanning,
+)
+from consistent_id.report.report_content import ReportContent, Section, angle_unit
+from consistent_id.report.summary import excitation_table
 
 _STYLE = {"fault": "bad", "warning": "care", "note": "muted"}
 
 
 def health_section(content: ReportContent) -> Section | None:
-    """Return recordings and what is wrong with them; None without recordings."""
+    """Return recordings and their faults; None without recordings."""
     if not content.training and not content.validation:
         return None
     parts = [_recordings(content)]
@@ -80,3 +91,47 @@ def _findings(found: Sequence[LogFinding]) -> Html:
         for f in found
     ]
     return grid(("severity", "kind", "where", "seen", "to do"), rows, class_="prose")
+
+
+_POINTS = 400
+
+
+def excitation_section(content: ReportContent) -> Section | None:
+    """Return rank, condition and motion; None where they are not known."""
+    if content.excitation is None:
+        return None
+    drawn = [_motion(content, recording) for recording in content.training]
+    body = joined(
+        (
+            paragraphs(
+                "The structural rank counts the parameters that any motion could "
+                "determine. The data rank counts those that this motion determines. A "
+                "small condition number means that noise is not amplified."
+            ),
+            table_html(excitation_table(content.excitation, content.training)),
+            *(
+                folded(f"Motion of {recording.name}", panels)
+                for recording, panels in zip(content.training, drawn, strict=True)
+            ),
+        )
+    )
+    return Section("excitation", "Excitation and rank", body)
+
+
+def _motion(content: ReportContent, recording: Recording) -> Html:
+    robot = content.model.robot
+    if not len(robot):
+        return paragraphs("The motion is that of the arm that carries the sensor.")
+    log = recording.of(robot.joint_names)
+    starts = buckets(len(log), _POINTS)
+    time = instants(log.time, starts)
+    panels = []
+    for j, joint in enumerate(robot.driven):
+        q = extremes(log.position[:, j], starts)
+        frame = Frame((time[0], time[-1]), spanning([q]), height=130)
+        curve = line(frame, time, q, "curve main")
+        unit = f"[{angle_unit(joint)}]"
+        panels.append(
+            plot(frame, curve, across="time [s]", down=unit, title=joint.name)
+        )
+    return tag("div", *panels, class_="panels")

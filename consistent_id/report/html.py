@@ -5,8 +5,8 @@ from pathlib import Path
 
 from consistent_id._support.files import write_atomically
 from consistent_id.comparison.comparison import Comparison
-from consistent_id.comparison.parameter_uncertainty import Uncertainty
 from consistent_id.diagnosis import Diagnosis
+from consistent_id.estimation.uncertainties.parameter_uncertainty import Uncertainty
 from consistent_id.problems.study import Study
 from consistent_id.recordings.recording import Recording
 from consistent_id.report.advice import advise
@@ -17,27 +17,21 @@ from consistent_id.report.report_content import ReportContent, Section
 def report_html(
     study: Study,
     *,
-    diagnosis: Diagnosis | None = None,
     uncertainty: Uncertainty | None = None,
     further: Sequence[Section] = (),
-    seed: int | None = None,
     command: str = "",
 ) -> str:
-    """Return a study as one HTML file, which needs no other and no network.
+    """Return a study as one HTML file, which needs no other file and no network.
 
     Parameters
     ----------
     study : Study
-    diagnosis : Diagnosis, optional
-        Of the problem's recordings; by default the study's own.
     uncertainty : Uncertainty, optional
         Of its constrained estimate.
     further : sequence of Section
         Sections that were made elsewhere, such as that of rollouts.
-    seed : int, optional
-        Of the uncertainty's bootstrap.
     command : str
-        By which the report is made again.
+        Command that reproduces the report.
 
     Examples
     --------
@@ -50,14 +44,12 @@ def report_html(
         ReportContent(
             title=study.problem.name,
             comparison=study.comparison,
-            advice=advise(
-                study.comparison, diagnosis, recommendation=study.recommendation
-            ),
+            advice=advise(study.comparison, recommendation=study.recommendation),
             training=study.training,
             validation=study.validation,
             problem=study.problem,
             excitation=study.excitation,
-            diagnosis=diagnosis if diagnosis is not None else study.diagnosis,
+            diagnosis=study.diagnosis,
             uncertainty=uncertainty,
             costs=study.costs,
             prices=study.prices,
@@ -65,7 +57,7 @@ def report_html(
             published=study.published,
             delivered=study.delivered,
             further=tuple(further),
-            seed=seed,
+            seed=None if uncertainty is None else study.seed,
             command=command,
         )
     )
@@ -75,10 +67,8 @@ def write_report(
     study: Study,
     path: str | Path,
     *,
-    diagnosis: Diagnosis | None = None,
     uncertainty: Uncertainty | None = None,
     further: Sequence[Section] = (),
-    seed: int | None = None,
     command: str = "",
 ) -> Path:
     """Write `report_html` to a file, whole or not at all; return its path.
@@ -87,7 +77,7 @@ def write_report(
     ----------
     study : Study
     path : str or Path
-    diagnosis, uncertainty, further, seed, command
+    uncertainty, further, command
         See `report_html`.
 
     Raises
@@ -97,10 +87,8 @@ def write_report(
     """
     html = report_html(
         study,
-        diagnosis=diagnosis,
         uncertainty=uncertainty,
         further=further,
-        seed=seed,
         command=command,
     )
     return write_atomically(path, html)
@@ -114,7 +102,7 @@ def comparison_html(
     diagnosis: Diagnosis | None = None,
     uncertainty: Uncertainty | None = None,
 ) -> str:
-    """Return a comparison as one HTML file; what is not known has no section.
+    """Return a comparison as one HTML file; unknown parts have no section.
 
     Parameters
     ----------

@@ -7,16 +7,14 @@ from typing import TypeVar
 
 from consistent_id._support.run import kept_going
 from consistent_id.errors import ConsistentIdError
-from consistent_id.report.excitation_section import excitation_section
-from consistent_id.report.friction_section import friction_section
-from consistent_id.report.health_section import health_section
+from consistent_id.report.health_section import excitation_section, health_section
 from consistent_id.report.links_section import costs_section, links_section
 from consistent_id.report.markup import Html, joined, tag
 from consistent_id.report.parameters_section import parameters_section
 from consistent_id.report.published_section import published_section, reproduce_section
 from consistent_id.report.report_content import ReportContent, Section
 from consistent_id.report.residuals_section import residuals_section
-from consistent_id.report.torque_section import torque_section
+from consistent_id.report.torque_section import friction_section, torque_section
 from consistent_id.report.verdict_section import (
     certificate_section,
     delivery_section,

@@ -1,4 +1,4 @@
-"""Section and table: the parameters, their uncertainty, what determines each."""
+"""Section and table: the parameters, their uncertainty, and their sources."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -6,14 +6,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from consistent_id._support.tables import Table
-from consistent_id.comparison.block_scatter import RecordingScatter
-from consistent_id.comparison.parameter_scatter import FEW
-from consistent_id.comparison.parameter_uncertainty import (
+from consistent_id.estimation.estimate import ERRORS, Estimate
+from consistent_id.estimation.method import Method
+from consistent_id.estimation.uncertainties.block_scatter import RecordingScatter
+from consistent_id.estimation.uncertainties.parameter_scatter import FEW
+from consistent_id.estimation.uncertainties.parameter_uncertainty import (
     ParameterUncertainty,
     Uncertainty,
 )
-from consistent_id.estimation.estimate import ERRORS, Estimate
-from consistent_id.estimation.method import Method
 from consistent_id.report.markup import (
     Html,
     folded,
@@ -61,7 +61,7 @@ def parameters_section(content: ReportContent) -> Section:
 
 
 def _counts(verdicts: Sequence[str]) -> Html:
-    """Return how many parameters are determined by what, as a bar and in words."""
+    """Return the number of parameters for each source, as a bar and in words."""
     count = Counter(verdicts)
     known = [v for v in _MEANING if v in count]
     bar = [
@@ -200,8 +200,8 @@ def _base(content: ReportContent) -> Html:
         f"Base parameters ({len(main.base)}): what torque depends on",
         grid(header, zip(*columns, strict=True)),
         paragraphs(
-            "The standard error is least squares' own, of noise as correlated as the "
-            "residuals.",
+            "The standard error is that of least squares, for noise as correlated as "
+            "the residuals.",
             class_="notes",
         )
         if plain is not None
@@ -244,9 +244,9 @@ def uncertainty_table(found: Uncertainty) -> Table:
             f"any consistent robot: {found.intervals.meaning}",
             found.scatter,
             *([scatter_text(found.recordings)] if found.recordings else []),
-            "full standard error: of scatter along active constraints and between "
-            "recordings, and of the prior's pull; where a prior determines a parameter "
-            "there is none: only the interval shows what is known",
+            "full standard error: it contains scatter along active constraints and "
+            "between recordings, and the prior's bias; a parameter that a prior "
+            "determines has none: only its interval shows its uncertainty",
             "where a link is on the boundary of the consistency cone with a small "
             "multiplier, the standard error is too small; the bootstrap is not",
         ),
@@ -254,25 +254,25 @@ def uncertainty_table(found: Uncertainty) -> Table:
 
 
 def scatter_text(found: RecordingScatter) -> str:
-    """Say what the scatter between recordings is, and how well it is known."""
+    """Describe the scatter between recordings, and its accuracy."""
     return (
         f"between recordings: standard deviation from one of {found.recordings} "
         "recordings to another, beyond noise (a random effect); standard errors and "
         "intervals contain it, the bootstrap does not. It has "
         f"{found.freedom:.0f} degrees of freedom"
-        + ("; they are few, so that it is rough" if found.freedom < FEW else "")
+        + ("; they are few, so it is inaccurate" if found.freedom < FEW else "")
     )
 
 
 def between_text(p: ParameterUncertainty) -> str:
-    """Return a parameter's scatter between recordings, where it means something."""
+    """Return a parameter's scatter between recordings, if it is defined."""
     if np.isnan(p.between_recordings):
         return "-"
     return f"{p.between_recordings:.2g}"
 
 
 def error_text(p: ParameterUncertainty) -> str:
-    """Return a standard error for people; a dash where it means nothing."""
+    """Return a standard error for people; a dash if it is not defined."""
     return f"{p.standard_error:.2g}" if np.isfinite(p.standard_error) else "-"
 
 

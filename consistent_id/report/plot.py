@@ -214,7 +214,7 @@ def instants(time: Vector, starts: IntArray) -> Vector:
 def packed(values: Array) -> dict[str, object]:
     """Return numbers in 16 bits each, as text: ``low + step * unsigned``.
 
-    What is lost is below a hundred thousandth of the range.
+    The rounding is below a hundred thousandth of the range.
     """
     low, high = float(values.min()), float(values.max())
     step = (high - low) / _LEVELS

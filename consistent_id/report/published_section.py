@@ -25,7 +25,7 @@ from consistent_id.report.report_content import ReportContent, Section
 
 
 def published_section(content: ReportContent) -> Section | None:
-    """Return what was found of a paper; None for a problem without one."""
+    """Return the section on a paper; None for a problem without one."""
     problem, report = content.problem, content.published
     if problem is None or report is None or problem.table.published is None:
         return None
@@ -41,7 +41,7 @@ def published_section(content: ReportContent) -> Section | None:
 
 
 def published_tables(report: PublishedReport, table: Any) -> list[Table]:
-    """Return what was found of a paper's parametrisation and estimates."""
+    """Return tables on a paper's parametrisation and estimates."""
     mine = report.parametrisation
     digits = table.decimals
     parameters = Table(
@@ -119,8 +119,9 @@ def _vector_tables(report: PublishedReport, table: Any) -> list[Table]:
             for v in report.vectors
         ),
         (
-            "margin: consistency margin, the largest least eigenvalue of J per typical "
-            "mass and length; a negative bound proves that there is no such robot",
+            "margin: consistency margin, the largest least eigenvalue of J per "
+            "typical mass and length; a negative bound proves that no such robot "
+            "exists",
             *(f"{v.name}: {v.feasibility.summary}" for v in report.vectors),
         ),
     )

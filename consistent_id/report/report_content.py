@@ -1,15 +1,15 @@
-"""What a report is made from, and the sections that it consists of."""
+"""The content of a report, and its sections."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from consistent_id.comparison.comparison import Comparison, EstimateReport
 from consistent_id.comparison.constraint_prices import ConstraintCost, ShadowPrice
-from consistent_id.comparison.parameter_uncertainty import Uncertainty
 from consistent_id.diagnosis import Diagnosis
 from consistent_id.estimation.cross_validation import RegularisationPath
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.method import Method
+from consistent_id.estimation.uncertainties.parameter_uncertainty import Uncertainty
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.published import PublishedReport
 from consistent_id.recordings.recording import Recording
@@ -23,7 +23,7 @@ from consistent_id.robot.model import Joint
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReportContent:
-    """Everything that a report can show; what is unknown is None or empty.
+    """The content of a report; unknown parts are None or empty.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class ReportContent:
     delivered : Estimate, optional
         The recommended estimate, fitted again to all data.
     further : tuple of Section
-        Sections that were made elsewhere, such as that of rollouts.
+        Additional sections, such as that of rollouts.
     seed : int, optional
         Of the bootstrap.
     command : str
@@ -88,7 +88,7 @@ class ReportContent:
 
     @property
     def rows(self) -> tuple["Row", ...]:
-        """What is measured and predicted: torques of joints, the wrench on a base."""
+        """The measured and predicted rows: torques of joints, the wrench on a base."""
         robot, names = self.model.robot, self.model.torque_joints
         joints = {joint.name: joint for joint in robot.driven}
         units = ("N" if in_newton(robot, name) else "N m" for name in names)

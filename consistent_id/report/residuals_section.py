@@ -1,4 +1,4 @@
-"""Section: the torque residual, and what it says about the model."""
+"""Section: the torque residual, and its implications for the model."""
 
 from dataclasses import dataclass
 
@@ -33,8 +33,8 @@ class Binned:
     ----------
     centres, means : ndarray, shape (bins,)
     explained : float
-        Share of the residual's variance that the means explain, less what chance
-        would; NaN where there are too few independent samples.
+        Share of the residual's variance that the means explain, less the share expected
+        by chance; NaN where there are too few independent samples.
     """
 
     centres: Vector
@@ -50,11 +50,11 @@ class ResidualStatistics:
     ----------
     rms, mean : float, [N m or N]
     correlation : float
-        How many samples carry as much information as one independent one.
+        Samples that carry the information of one independent sample.
     autocorrelation : ndarray, shape (lags + 1,)
         One at lag zero.
     bound : float
-        Within which 95 % of a white residual's autocorrelations lie.
+        Bound of 95 % of a white residual's autocorrelations.
     drift, drift_error : float, [N m/min or N/min]
         Slope of a straight line over time and its standard error, which counts
         independent samples only.
@@ -72,7 +72,7 @@ class ResidualStatistics:
 
     @property
     def white_share(self) -> float:
-        """Share of the autocorrelations that a white residual's bound holds."""
+        """Share of the autocorrelations within a white residual's bound."""
         return float(np.mean(abs(self.autocorrelation[1:]) <= self.bound))
 
 
@@ -154,7 +154,7 @@ _WINDOWS = 24
 def residuals_section(content: ReportContent) -> Section | None:
     """Return residual diagnostics of the main estimate; None without recordings.
 
-    Of joints alone: what a base lacks shows in no one velocity or position.
+    Only joints are examined, because a base has no single velocity or position.
     """
     if not content.held_out or not content.joint_rows:
         return None

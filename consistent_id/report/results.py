@@ -1,44 +1,31 @@
 """A study written to a folder, complete, and opened again without computing.
 
-``results.json`` lists what the study was computed from and what it was written to, each
-with its digest, and holds the tables of every command.  A folder is taken at its word
-as long as the digests fit.
+``results.json`` lists the inputs and outputs of the study, each with its digest, and
+contains the tables of every command.  A folder is used without computing as long as the
+digests agree.
 """
 
 import hashlib
-import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
-from math import isfinite
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 from weakref import finalize
 
 import msgspec
 
-from consistent_id._support.files import (
-    content_of,
-    relative_path,
-    require_writable,
-    write_atomically,
-    write_json,
-)
 from consistent_id._support.inputs import LARGEST_MODEL, read_input
-from consistent_id._support.run import kept_going
 from consistent_id._support.tables import Table
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.method import Method
 from consistent_id.estimation.verdict import Reason, Verdict, Word
 from consistent_id.problems.folder import RESULTS
 
 if TYPE_CHECKING:
     from consistent_id.estimation.estimate import Estimate
-    from consistent_id.problems.opening import Opened
     from consistent_id.problems.problem import Problem
-    from consistent_id.problems.study import Study
     from consistent_id.recordings.signals import PDGains
 
 ModelForm = Literal["urdf", "mjcf"]
@@ -48,24 +35,38 @@ INDEX = RESULTS
 PROBLEM = "problem.toml"
 REPORT = "report.html"
 DELIVERED = "delivered.json"
-_MARK = "<!-- consistent-id: tables of a comparison -->"
 _READ = (PROBLEM, DELIVERED, "comparison.json", REPORT)
-_FIXED = (PROBLEM, DELIVERED, "comparison.md", "comparison.json", REPORT, INDEX)
+
+
+PRINTED = ("info", "check", "identify", "uncertainty", "compare")
+"""Commands whose tables are kept."""
+
+
+_LARGE = 64 * 2**20  # bytes: a smaller file is read again, which takes 0.2 s at most
 
 
 class FileRecord(msgspec.Struct, frozen=True):
-    """A file as it was: its digest, its size and when it was changed last."""
+    """A file as it was: its digest, its size and its time stamps.
+
+    A large file with the same size and stamps is not read again.  Anybody can set
+    `changed`, but not `status`, which is the system's.  Both are 0 if the file had
+    changed just before: it could change again within the same step of the clock.
+    """
 
     sha256: str
     size: int
     changed: int = 0
+    status: int = 0
 
     def fits(self, path: Path) -> bool:
         """Return whether a file is still the same."""
-        status = path.stat()
-        if status.st_size != self.size:
+        found = path.stat()
+        if found.st_size != self.size:
             return False
-        return status.st_mtime_ns == self.changed or digest(path) == self.sha256
+        stamps = (found.st_mtime_ns, found.st_ctime_ns)
+        if self.size > _LARGE and self.status and stamps == (self.changed, self.status):
+            return True
+        return digest(path) == self.sha256
 
 
 class DriveRecord(msgspec.Struct, frozen=True):
@@ -112,16 +113,16 @@ class TableRecord(msgspec.Struct, frozen=True):
         return Table(self.title, self.header, self.rows, self.notes)
 
 
-class _Finding(msgspec.Struct, frozen=True):
+class _SavedFinding(msgspec.Struct, frozen=True):
     kind: str
     severity: Literal["note", "warning", "fault"]
 
 
-class _Findings(msgspec.Struct, frozen=True):
-    findings: list[_Finding] = []
+class _SavedFindings(msgspec.Struct, frozen=True):
+    findings: list[_SavedFinding] = []
 
 
-class _Answer(msgspec.Struct, frozen=True):
+class _SavedAnswer(msgspec.Struct, frozen=True):
     verdict: Word
     method: str
     reasons: list[Reason]
@@ -130,8 +131,24 @@ class _Answer(msgspec.Struct, frozen=True):
     held_out_recordings: list[str] = []
 
 
+class _Parameter(msgspec.Struct, frozen=True):
+    value: float
+    unit: str
+
+
+class _Delivered(msgspec.Struct, frozen=True):
+    parameters: dict[str, _Parameter]
+
+
+class _StudyRecord(msgspec.Struct, frozen=True):
+    """What is read of ``comparison.json``; all of it is handed on."""
+
+    problem: str
+    delivered: _Delivered
+
+
 class Index(msgspec.Struct, frozen=True, kw_only=True):
-    """What ``results.json`` holds."""
+    """The content of ``results.json``."""
 
     format: str
     version: str
@@ -147,9 +164,36 @@ class Index(msgspec.Struct, frozen=True, kw_only=True):
     drives: DriveRecord | None = None
 
 
+class StudyOutcome(Protocol):
+    """What commands print of a study, computed in this run or opened."""
+
+    @property
+    def name(self) -> str:
+        """The problem's name."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the recommended estimate may be used, and why."""
+
+    @property
+    def answer(self) -> dict[str, Any]:
+        """Verdict, reasons, recommended estimate."""
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """The study as plain numbers and text."""
+
+    @property
+    def page(self) -> str:
+        """The report."""
+
+    def tables(self, name: str) -> list[Table]:
+        """Return the tables of a command: ``identify``, ``compare``, ..."""
+
+
 @dataclass(frozen=True)
 class Results:
-    """A folder of results, opened.
+    """A folder of results, opened: a `StudyOutcome`.
 
     Parameters
     ----------
@@ -182,15 +226,28 @@ class Results:
     @cached_property
     def page(self) -> str:
         """The report."""
-        return (self.folder / REPORT).read_text(encoding="utf-8")
+        return (self.folder / REPORT).read_text(encoding="utf-8", errors="replace")
 
     @cached_property
     def record(self) -> dict[str, Any]:
-        """The study as plain numbers and text."""
-        content: dict[str, Any] = json.loads(
-            (self.folder / "comparison.json").read_text(encoding="utf-8")
-        )
-        return content
+        """The study as plain numbers and text.
+
+        Raises
+        ------
+        ProblemError
+            If the file is none that `write_results` wrote.
+        """
+        file = self.folder / "comparison.json"
+        content = read_input(file, ProblemError, LARGEST_MODEL)
+        try:
+            record = msgspec.json.decode(content, type=dict[str, Any])
+            msgspec.convert(record, type=_StudyRecord)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as cause:
+            raise ProblemError(
+                f"{file}: not the record of a study: {cause} ($ is the file). Compute "
+                f"it again: consistent-id compare {self.folder / PROBLEM}"
+            ) from None
+        return record
 
     @cached_property
     def problem(self) -> "Problem":
@@ -262,21 +319,21 @@ def open_results(folder: str | Path) -> Results:
     Raises
     ------
     ProblemError
-        If the folder holds no results, or they are of another form.
+        If the folder has no results, or they have another form.
 
     Examples
     --------
     >>> from consistent_id import open_results
     >>> open_results("problems/rx60")
     Traceback (most recent call last):
-    consistent_id.errors.ProblemError: problems/rx60 holds no results.json; ...
+    consistent_id.errors.ProblemError: problems/rx60 has no results.json; ...
     """
     folder = Path(folder)
     file = folder / INDEX
     if not file.is_file():
         raise ProblemError(
-            f"{folder} holds no {INDEX}; expected a folder that identify or compare "
-            "wrote with --output"
+            f"{folder} has no {INDEX}; expected a folder that identify or compare "
+            f"wrote with --output"
         )
     content = read_input(file, ProblemError, LARGEST_MODEL)
     try:
@@ -306,7 +363,10 @@ def _fault(results: Results) -> str:
     for name, tables in index.tables.items():
         if any(len(row) != len(t.header) for t in tables for row in t.rows):
             return f"a table of {name} has rows that do not fit its header"
-    kinds: list[tuple[str, Any]] = [("findings", _Findings), ("answer", _Answer)]
+    kinds: list[tuple[str, Any]] = [
+        ("findings", _SavedFindings),
+        ("answer", _SavedAnswer),
+    ]
     for name, kind in kinds:
         try:
             msgspec.convert(getattr(index, name), type=kind)
@@ -315,193 +375,7 @@ def _fault(results: Results) -> str:
     return ""
 
 
-def require_place(folder: Path) -> None:
-    """Refuse, before the work, a folder in which results could not be written.
-
-    Raises
-    ------
-    ProblemError
-        With the file that is in the way.
-    """
-    names = [*_FIXED, *(f"{_file_name(method)}.json" for method in Method)]
-    pictures = folder.glob("torque_*.png") if folder.is_dir() else ()
-    require_writable(folder, [*names, *(path.name for path in pictures)])
-
-
-def write_results(
-    opened: "Opened",
-    study: "Study",
-    folder: Path,
-    *,
-    page: str,
-    tables: Mapping[str, list[Table]],
-) -> list[Path]:
-    """Write a study: problem, estimates, tables, figures, report, index.
-
-    Parameters
-    ----------
-    opened : Opened
-        Where the problem comes from.
-    study : Study
-        Of it.
-    folder : Path
-    page : str
-        The report.
-    tables : mapping of str to list of Table
-        What each command of `PRINTED` prints; see `tables_of`.
-    """
-    from consistent_id.problems.kept_text import write_problem
-
-    file = folder / PROBLEM
-    if study.problem.source is None or study.problem.source.resolve() != file.resolve():
-        write_problem(opened.text(folder, study.accepted), file)
-    paths = [
-        file,
-        *_estimates(study, folder),
-        *_comparison(study, tables["compare"], folder),
-        write_atomically(folder / REPORT, page),
-    ]
-    index = _index(study, folder, tables, paths)
-    return [*paths, write_json(folder / INDEX, msgspec.to_builtins(index))]
-
-
-def _index(
-    study: "Study",
-    folder: Path,
-    tables: Mapping[str, list[Table]],
-    written: Sequence[Path],
-) -> Index:
-    """Return what ``results.json`` is to hold."""
-    from consistent_id import __version__
-    from consistent_id.diagnosis.findings import diagnosis_record
-
-    problem, found = study.problem, study.diagnosis
-    inputs = {file for file in problem.files.values() if file.is_file()}
-    return Index(
-        format=FORMAT,
-        version=__version__,
-        problem=problem.name,
-        seed=study.seed,
-        accepted=list(study.accepted),
-        answer=study.answer(),
-        findings={} if found is None else diagnosis_record(found),
-        tables={
-            name: [TableRecord(t.title, t.header, t.rows, t.notes) for t in printed]
-            for name, printed in tables.items()
-        },
-        inputs={relative_path(file, folder): _input(file) for file in sorted(inputs)},
-        files={path.name: _written(path) for path in written},
-        model=_model(problem),
-        drives=_drives(problem),
-    )
-
-
-def _input(path: Path) -> FileRecord:
-    status = path.stat()
-    return FileRecord(digest(path), status.st_size, status.st_mtime_ns)
-
-
-def _written(path: Path) -> FileRecord:
-    content = content_of(path)
-    return FileRecord(hashlib.sha256(content).hexdigest(), len(content))
-
-
 def digest(path: Path) -> str:
     """Return the SHA-256 digest of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _drives(problem: "Problem") -> DriveRecord | None:
-    if problem.gains is None:
-        return None
-    gains = problem.gains.of(len(problem.model.robot.joint_names))
-    limit, stiffness = (
-        [v if isfinite(v) else None for v in values.tolist()]
-        for values in (gains.torque_limit, gains.stiffness)
-    )
-    return DriveRecord(
-        gains.kp.tolist(),
-        gains.kd.tolist(),
-        limit,
-        stiffness,
-        problem.delay_of_commands,
-    )
-
-
-def _model(problem: "Problem") -> ModelRecord | None:
-    """Return the robot's file; None of a robot in a table."""
-    forms: tuple[ModelForm, ...] = ("urdf", "mjcf")
-    for form in forms:
-        if (file := problem.model_files[form]) is not None:
-            return ModelRecord(form, file.name, file.read_bytes().decode("latin-1"))
-    return None
-
-
-def _estimates(study: "Study", folder: Path) -> list[Path]:
-    """Write the delivered estimate, and each one after its method."""
-    paths = [study.delivered.save(folder / DELIVERED)]
-    for report in study.comparison.reports:
-        name = _file_name(report.estimate.method)
-        paths.append(report.judged.save(folder / f"{name}.json"))
-    return paths
-
-
-def _file_name(method: str) -> str:
-    return method.replace(" ", "_")
-
-
-def _comparison(study: "Study", tables: Sequence[Table], folder: Path) -> list[Path]:
-    """Write the tables, all figures, and pictures of torque."""
-    from consistent_id.report.study_record import study_record
-
-    head = [_MARK, "", f"# {study.problem.name}", ""]
-    text = "\n".join([*head, *(table.markdown() for table in tables)])
-    return [
-        write_atomically(folder / "comparison.md", text),
-        write_json(folder / "comparison.json", study_record(study)),
-        *_pictures(study, folder),
-    ]
-
-
-def _pictures(study: "Study", folder: Path) -> list[Path]:
-    """Draw the torque of least squares and of the recommended estimate."""
-    from consistent_id.report.figures import motion_figure, save_figure, torque_drawing
-
-    methods = (Method.LEAST_SQUARES, study.recommendation.method)
-    drawing = torque_drawing([e for e in study.estimates if e.method in methods])
-    paths = []
-    if study.published is not None:
-        with kept_going("figure motion.png"):
-            motion = motion_figure(study.problem.model.robot, study.published.motion)
-            paths.append(save_figure(motion, folder / "motion.png"))
-    for role in ("training", "validation"):
-        for i, recording in enumerate(getattr(study, role), start=1):
-            name = f"torque_{role}_{i}.png"
-            with kept_going(f"figure {name}"):
-                paths.append(save_figure(drawing(recording), folder / name))
-    return paths
-
-
-PRINTED = ("info", "check", "identify", "uncertainty", "compare")
-"""Commands whose tables are kept."""
-
-
-def tables_of(name: str, opened: "Opened", study: "Study") -> list[Table]:
-    """Return what a command prints of a study."""
-    from consistent_id.diagnosis.findings import diagnosis_table
-    from consistent_id.problems.listing import problem_tables
-    from consistent_id.report.parameters_section import uncertainty_table
-    from consistent_id.report.summary import identified_tables, study_tables
-
-    if name == "uncertainty":
-        return [uncertainty_table(study.uncertainty)]
-    if name == "info":
-        return opened.noted([*problem_tables(study.problem), *opened.tables()])
-    if name == "check":
-        found = study.diagnosis
-        own = [] if found is None else [diagnosis_table(found), *opened.tables()]
-        return opened.noted(own) if own else []
-    if name == "identify":
-        return opened.noted(identified_tables(opened, study))
-    return opened.noted(study_tables(study))

@@ -88,7 +88,7 @@ def _path_record(study: Study) -> dict[str, Any]:
 
 
 def _report_record(report: EstimateReport) -> dict[str, Any]:
-    return report.judged.to_dict() | {
+    return report.with_verdict.to_dict() | {
         "training": [_error_record(e) for e in report.training],
         "validation": [_error_record(e) for e in report.validation],
         "consistent_links": list(report.consistent_links),

@@ -1,4 +1,4 @@
-"""A robot: its tree of links, their inertial parameters, the files that hold it."""
+"""A robot: its tree of links, their inertial parameters, its files."""
 
 from consistent_id._support.face import face
 

@@ -48,7 +48,7 @@ class Selection:
         return self.base == FLOATING and FLOATING not in links
 
     def with_locked(self, positions: Mapping[str, float]) -> "Selection":
-        """Return the selection with more joints that do not move."""
+        """Return the selection with more locked joints."""
         return replace(self, locked={**positions, **(self.locked or {})})
 
 
@@ -72,12 +72,12 @@ def selected(robot: RobotModel, selection: Selection) -> RobotModel:
     for name in wanted:
         if name in leaders and not selection.moves(leaders[name]):
             raise ModelError(
-                f"robot {robot.name!r}: joint {name!r} is to be kept, but follows "
-                f"{leaders[name]!r}; keep that one too"
+                f"robot {robot.name!r}: joint {name!r} is kept, but follows "
+                f"{leaders[name]!r}; keep that one, too"
             )
         if name in locked:
             raise ModelError(
-                f"robot {robot.name!r}: joint {name!r} is to be kept and to be locked"
+                f"robot {robot.name!r}: joint {name!r} is both kept and locked"
             )
     still = {
         joint.name: locked.get(joint.name, 0.0)
@@ -88,8 +88,8 @@ def selected(robot: RobotModel, selection: Selection) -> RobotModel:
     for name in wanted:
         if name not in _every(part):
             raise ModelError(
-                f"robot {robot.name!r}: joint {name!r} is to be kept, but is not "
-                f"between base {selection.base!r} and tip {selection.tip!r}"
+                f"robot {robot.name!r}: joint {name!r} is kept, but is not between "
+                f"base {selection.base!r} and tip {selection.tip!r}"
             )
     return part
 
@@ -97,9 +97,16 @@ def selected(robot: RobotModel, selection: Selection) -> RobotModel:
 def held(robot: RobotModel, positions: Mapping[str, float]) -> RobotModel:
     """Return the robot with some joints at rest at `positions` [rad or m].
 
-    What such a joint carries becomes part of the link that carries the joint: nominal
-    parameters, masses and centres of mass add up.  Bounds of either part bound the
-    whole no longer, and are dropped.  Joints that follow one at rest are at rest too.
+    The links behind such a joint become part of the link that carries the joint:
+    nominal parameters, masses and centres of mass are combined.  Bounds of either part
+    do not bound the whole, and are dropped.  Joints that follow one at rest are at rest
+    too.
+
+    Parameters
+    ----------
+    robot : RobotModel
+    positions : mapping of str to float, [rad or m]
+        By joint.
 
     Raises
     ------
@@ -152,17 +159,17 @@ def held(robot: RobotModel, positions: Mapping[str, float]) -> RobotModel:
 def chain(
     robot: RobotModel, *, base: str | None = None, tip: str | None = None
 ) -> RobotModel:
-    """Return what moves between two links.
+    """Return the robot between two links.
 
     Parameters
     ----------
     robot : RobotModel
     base : str, optional
-        This link and all that carries it stand still, their joints at zero; what it
-        does not carry is dropped.
+        This link and all that carry it stand still, their joints at zero; links that it
+        does not carry are dropped.
     tip : str, optional
-        Links that do not carry this one are dropped.  What is fixed to a link that is
-        kept stays part of it.
+        Links that do not carry this one are dropped.  Links fixed to a kept link stay
+        part of it.
 
     Raises
     ------
@@ -226,9 +233,9 @@ def free_bodies(
 
 
 def base_question(robot: RobotModel) -> tuple[str, ...]:
-    """Return a question to the user if a fixed base seems odd, else nothing.
+    """Return a question to the user if a fixed base is doubtful, else nothing.
 
-    That is where several chains of three joints or more hang on the fixed root: legs
+    This is so if several chains of at least three joints hang on the fixed root: legs
     of a robot that walks, or arms of one that stands on a pillar.
     """
     if robot.floating:
@@ -246,9 +253,9 @@ def base_question(robot: RobotModel) -> tuple[str, ...]:
     if len(limbs) < _LIMBS:
         return ()
     return (
-        f"the base is taken for fixed, though {len(limbs)} limbs hang on it (from "
-        f"{', '.join(limbs)} on); if it moves, or stands on them, say base = "
-        "'floating'",
+        f"the base is assumed to be fixed, though it has {len(limbs)} limbs "
+        f"(beginning with {', '.join(limbs)}); if it moves, or stands on them, set "
+        f"base = 'floating'",
     )
 
 
@@ -287,7 +294,7 @@ class _MovingPart:
 
 
 def _said_to_follow(following: Mapping[str, float]) -> str:
-    """Say which joints follow ones that do not move, and where they are locked."""
+    """Return the joints that follow joints at rest, with their positions, in words."""
     if len(following) == 1:
         ((name, position),) = following.items()
         return (

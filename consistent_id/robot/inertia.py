@@ -11,8 +11,8 @@ index  parameter                                   unit
 =====  ==========================================  =======
 
 The inertia is the matrix ``[[Ixx, Ixy, Ixz], [Ixy, Iyy, Iyz], [Ixz, Iyz, Izz]]`` about
-the origin of the link frame, in the frame's axes.  Anything else is converted at the
-door.
+the origin of the link frame, in the frame's axes.  Other conventions are converted when
+read.
 """
 
 from dataclasses import dataclass
@@ -126,7 +126,16 @@ class InertialParameters:
     def from_central(
         cls, mass: float, com: ArrayLike, central_inertia: ArrayLike
     ) -> Self:
-        """Build from mass [kg], centre of mass [m] and inertia about it [kg m^2]."""
+        """Build from mass [kg], centre of mass [m] and inertia about it [kg m^2].
+
+        Parameters
+        ----------
+        mass : float, [kg]
+        com : array_like, shape (3,), [m]
+            Centre of mass.
+        central_inertia : array_like, shape (3, 3), [kg m^2]
+            About the centre of mass, in the axes of the frame.
+        """
         c = frozen(com, (3,), "centre of mass", ModelError)
         inertia = frozen(central_inertia, (3, 3), "central inertia", ModelError)
         about_origin = inertia + mass * (c @ c * np.eye(3) - np.outer(c, c))
@@ -194,6 +203,13 @@ class InertialParameters:
 
         `rotation`, shape (3, 3), and `translation`, shape (3,) [m], place the present
         frame in the new one: ``x_new = rotation x + translation``.
+
+        Parameters
+        ----------
+        rotation : array_like, shape (3, 3)
+            Of the present frame in the new one.
+        translation : array_like, shape (3,), [m]
+            Of the present frame's origin in the new frame.
         """
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = rotation, translation

@@ -1,4 +1,4 @@
-"""Where a robot's links and frames are, and how they move with the joints."""
+"""Positions of a robot's links and frames, and their motion with the joints."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -91,8 +91,8 @@ def link_places(
     ----------
     q : array_like, shape (samples, joints), [rad or m]
     links : collection of int, optional
-        Those that are wanted, with all before them, in ascending order; by default all.
-        The others' places are zero.
+        The required ones, with all before them, in ascending order; by default all. The
+        others' places are zero.
 
     Examples
     --------
@@ -123,7 +123,7 @@ def link_places(
 
 
 def frame_places(robot: RobotModel, name: str, q: ArrayLike) -> FramePlaces:
-    """Return where a named link, moving or fixed to another, is in the base frame.
+    """Return the pose of a named link, moving or fixed to another, in the base frame.
 
     Parameters
     ----------
@@ -135,14 +135,14 @@ def frame_places(robot: RobotModel, name: str, q: ArrayLike) -> FramePlaces:
 
 
 def fixed_place(robot: RobotModel, name: str) -> FixedPlace:
-    """Return where a link of the model's file, such as a tool, is fixed.
+    """Return the pose of a fixed link of the model's file, such as a tool.
 
     A moving link is at the origin of itself.
 
     Raises
     ------
     ModelError
-        If the model knows no such link.
+        If the model has no such link.
     """
     k = robot.carrier(name)
     fixed = robot.ground if k < 0 else robot.links[k].merged
@@ -173,7 +173,7 @@ class FrameMotion(NamedTuple):
     jacobian : ndarray, shape (samples, 6, joints)
         Rows of the point's velocity, then of the angular one.
     bias : ndarray, shape (samples, 6)
-        ``dJ dq``: acceleration that is left when ``ddq`` is zero.
+        ``dJ dq``: acceleration at ``ddq = 0``.
     """
 
     position: Array
@@ -190,7 +190,7 @@ def frame_motion(
     frame: str,
     point: ArrayLike = (0.0, 0.0, 0.0),
 ) -> FrameMotion:
-    """Return where a point of a frame is, its Jacobian and its bias acceleration.
+    """Return the position of a point of a frame, its Jacobian and bias acceleration.
 
     Parameters
     ----------
@@ -287,7 +287,7 @@ def carrying_joints(robot: RobotModel, frame: str) -> tuple[str, ...]:
 def reach(robot: RobotModel, frame: str, point: ArrayLike) -> float:
     """Return a length that a point of a frame stays within, from the first joint [m].
 
-    Sliding joints count as far as they are limited; a robot without any length has 1.
+    Sliding joints contribute their range; a robot without any length has 1.
     """
     k, _, place = frame_in_link(robot, frame, point)
     total = float(np.linalg.norm(place))

@@ -21,8 +21,6 @@ pseudo-inertia is ``J = m [[L L^T + c c^T, c], [c^T, 1]]``, positive definite wh
 The map keeps units: with masses and lengths in typical ones, so are its variables.
 """
 
-from itertools import product
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -32,11 +30,6 @@ from consistent_id.robot.inertia import inertial_vector, pseudo_inertia
 
 MASS, COM, DIAGONAL, BELOW = 0, slice(1, 4), slice(4, 7), slice(7, 10)
 """Places of ``log m``, ``c``, ``log Lii`` and the entries of ``L`` below them."""
-
-# Z, shape (9,), with <Z, Sigma> = sum_i g_i x_i for bodies of which only Sigma moves.
-_DUAL_BASIS = inertial_vector(
-    [np.pad((E + E.T) / 2, (0, 1)) for E in np.eye(9).reshape(9, 3, 3)]
-).T
 
 # Rows and columns of L at which variables 4..9 stand.
 _ROWS, _COLUMNS = (0, 1, 2, 1, 2, 2), (0, 1, 2, 0, 0, 1)
@@ -90,39 +83,6 @@ def log_cholesky_jacobian(theta: ArrayLike) -> Array:
     rest = d[..., 1:, :, :]
     d[..., 1:, :, :] = rest + np.swapaxes(rest, -1, -2)
     return np.swapaxes(inertial_vector(d), -1, -2)
-
-
-def log_cholesky_curvature(theta: ArrayLike, gradient: ArrayLike) -> Array:
-    """Return ``sum_i g_i d2x_i / dtheta dtheta``, exactly.
-
-    With ``<Z, J(x)> = g.x``, the second derivatives of ``<Z, J>`` are its first along
-    ``log m``; ``2 m Z_ij`` between ``c_i`` and ``c_j``, and between entries ``i`` and
-    ``j`` of one column of ``L``; a diagonal's logarithm adds its first derivative.
-
-    Parameters
-    ----------
-    theta, gradient : array_like, shape (..., 10)
-        Variables; the derivatives ``g`` of any function by the inertial parameters.
-
-    Returns
-    -------
-    ndarray, shape (..., 10, 10)
-    """
-    theta, g = np.asarray(theta, dtype=float), np.asarray(gradient, dtype=float)
-    slope = np.einsum("...i,...ij->...j", g, log_cholesky_jacobian(theta))
-    Z = g @ _DUAL_BASIS  # of J's upper left block
-    Z = 2.0 * np.exp(theta[..., MASS])[..., None, None] * Z.reshape(*g.shape[:-1], 3, 3)
-    own = np.ones((*theta.shape[:-1], 6))  # dLij by its variable
-    own[..., :3] = np.exp(theta[..., DIAGONAL])
-    H = np.zeros((*theta.shape, 10))
-    H[..., MASS, :] = H[..., :, MASS] = slope
-    H[..., COM, COM] = Z
-    for a, b in product(range(6), repeat=2):
-        if _COLUMNS[a] == _COLUMNS[b]:
-            between = Z[..., _ROWS[a], _ROWS[b]] * own[..., a] * own[..., b]
-            H[..., 4 + a, 4 + b] = between
-    H[..., range(4, 7), range(4, 7)] += slope[..., DIAGONAL]
-    return H
 
 
 def log_cholesky_from_body(vector: ArrayLike) -> Array:

@@ -49,10 +49,10 @@ class JointLimits:
 
 @dataclass(frozen=True, slots=True)
 class Mimic:
-    """What a joint follows: ``q = multiplier q_leader + offset``.
+    """The leader of a joint: ``q = multiplier q_leader + offset``.
 
-    Such a joint has no drive of its own.  What its link asks of it is felt by its
-    leader, `multiplier` times (virtual power).
+    Such a joint has no drive of its own.  The torque of its links acts on its leader,
+    `multiplier` times (virtual power).
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def _rotation(matrix: Matrix, where: str) -> Matrix:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Datasheet:
-    """What is known of a link before any measurement.
+    """Prior knowledge of a link.
 
     Parameters
     ----------
@@ -207,6 +207,12 @@ class FixedFrame:
 
     `rotation`, shape (3, 3), and `translation`, shape (3,) [m], place the frame in that
     of the link it is fixed to.
+
+    Parameters
+    ----------
+    name : str
+    rotation : array_like, shape (3, 3)
+    translation : array_like, shape (3,), [m]
     """
 
     name: str
@@ -236,7 +242,7 @@ class Link:
 
 
 class Transmission(NamedTuple):
-    """What moves a joint: ``q_joint = ratio q[coordinate] + offset``."""
+    """The coordinate of a joint: ``q_joint = ratio q[coordinate] + offset``."""
 
     coordinate: int
     ratio: float
@@ -330,7 +336,7 @@ class RobotModel:
 
     @property
     def transmissions(self) -> tuple[Transmission, ...]:
-        """What moves each of `joints`: a coordinate, its ratio and an offset."""
+        """Transmission of each of `joints`: a coordinate, its ratio and an offset."""
         return transmissions(self.joints)
 
     @property

@@ -169,7 +169,13 @@ class Polytope:
 
     @classmethod
     def box(cls, lower: ArrayLike, upper: ArrayLike) -> Self:
-        """Return the box between two corners [m]."""
+        """Return the box between two corners [m].
+
+        Parameters
+        ----------
+        lower, upper : array_like, shape (3,), [m]
+            Opposite corners.
+        """
         low, high = frozen(lower, (3,), "box lower"), frozen(upper, (3,), "box upper")
         if not (low < high).all():
             raise ProblemError(f"box: lower {low} is not below upper {high}")

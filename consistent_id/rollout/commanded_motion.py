@@ -1,6 +1,6 @@
 """One model's motion under the commands of a log.
 
-Drives feel commands held, late, and averaged over each time step.
+Commands are constant between samples, delayed, and averaged over each time step.
 """
 
 from dataclasses import dataclass
@@ -21,14 +21,14 @@ _FIRST = 5  # samples whose mean acceleration says how far springs are deflected
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Replay:
-    """How a model moved under the commands that the robot had.
+    """The motion of a model under the robot's commands.
 
     Parameters
     ----------
     log : Recording
-        What the robot did, on a uniform clock.
+        The robot's motion, on a uniform clock.
     position, velocity : ndarray, shape (samples, joints)
-        What the model did.
+        The model's motion.
     """
 
     model: str
@@ -90,8 +90,8 @@ def replay(
     delay : float, [s]
         Of the commands.
     offsets : ndarray, shape (joints,), optional, [N m or N]
-        Torque that friction has besides what the model has of it, as the term
-        ``offset`` is counted: a positive one holds the joint back.
+        Additional friction torque, with the sign of the term ``offset``: a positive one
+        opposes positive motion.
 
     Raises
     ------
@@ -149,8 +149,8 @@ def drive_commands(
 ) -> Matrix:
     """Return ``kp q_command + kd dq_command + tau_command`` for each time step.
 
-    A command holds from its sample to the next.  A time step in which it changes has
-    the mean, so that a motion depends smoothly on the delay.
+    A command is constant from its sample to the next.  A time step in which it changes
+    has the mean, so that a motion depends smoothly on the delay.
 
     Parameters
     ----------

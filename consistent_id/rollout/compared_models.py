@@ -1,6 +1,6 @@
-"""Models side by side: how far each moves from the robot, under the same commands.
+"""Comparison of models: their motion errors under the same commands.
 
-Or under the torque that the robot had, a short time at a stretch (open loop).
+In open loop, models move in short windows under the robot's torque.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,8 +23,9 @@ from consistent_id.rollout.commanded_motion import Replay, begin, replay, replay
 from consistent_id.rollout.replay_model import ReplayModel, replay_model
 
 WINDOW = 0.2
-"""Length of a window [s]: some tens of samples, in which legs and arms get away from a
-wrong model by much more than encoders resolve."""
+"""Length of a window [s]: some tens of samples, in which the error of a wrong model is
+much larger than the resolution of encoders.
+"""
 
 _THREADS = 2
 _SPAN = 11  # samples of a cubic through positions, whose slope is where a window begins
@@ -42,13 +43,13 @@ class Rollout:
     replays : mapping of str to tuple of Replay
         By model, one for each log; the first model is the estimate's.
     offsets : mapping of str to tuple of Replay
-        The same with torque offsets that were found for each model on training motion:
-        what a file cannot say counts for none.  The estimate's are its own.
+        The same with torque offsets found for each model on training motion, because
+        files cannot state them.  The estimate has its own.
     delay : float, [s]
         Of the commands, for the estimate and for all.
     open_loop : mapping of str to tuple of Replay
         Windows under the torque of the robot's drives, with offsets; see `open_loop`.
-        None of a model that gets out of hand in a window.
+        None for a model that diverges in a window.
     """
 
     replays: Mapping[str, tuple[Replay, ...]]
@@ -88,11 +89,11 @@ class Rollout:
             tuple(rows),
             (
                 "in mrad (mm) and mrad/s (mm/s)",
-                f"commands late by {1e3 * self.delay:.2f} ms for the first model; the "
-                "others as their files say, with offsets also with that delay, "
-                "if it makes them better on the training motion",
-                f"open loop: position, {WINDOW:g} s at a stretch under the torque of "
-                "the robot's drives, with offsets",
+                f"commands delayed by {1e3 * self.delay:.2f} ms for the first model; "
+                f"the others as in their files, with offsets also with that delay, "
+                f"if it lowers their error on the training motion",
+                f"open loop: position, windows of {WINDOW:g} s under the torque of "
+                f"the robot's drives, with offsets",
             ),
         )
         return [whole, self._of_joints()]
@@ -167,7 +168,8 @@ def rollout(
     against : sequence of str or Path
         MJCF or URDF files of the robot.
     training : sequence of Recording
-        On which torque offsets of these files are found; without it there are none.
+        Training logs for the torque offsets of these files; without them there are
+        none.
     delay : float, [s]
         Of the commands.
     locked : mapping of str to float, optional
@@ -211,7 +213,7 @@ def rollout(
         (estimate, *against), judged.items(), strict=True
     ):
         model = made(robot, free_gains(gains))
-        with suppress(RecordingError):  # a model that gets out of hand has no windows
+        with suppress(RecordingError):  # a model that diverges has no windows
             free[key] = tuple(
                 open_loop(model, log, gains, delay=late, offsets=torque)
                 for log in known
@@ -302,7 +304,7 @@ def open_loop(
     torque = np.asarray(commanded(log, gains, delay=delay).torque)
     if offsets is not None:
         torque = torque - offsets
-    # Between two samples the torque is taken for their mean.
+    # Between two samples the torque is their mean.
     steps = np.repeat(0.5 * (torque[:-1] + torque[1:]), per_sample, axis=0)
     control = steps[: count * length * per_sample].reshape(count, -1, torque.shape[1])
     velocity = _velocity(log)

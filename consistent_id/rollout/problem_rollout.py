@@ -1,8 +1,8 @@
 """A study's rollout: its recommended estimate, or one refined, beside other robots.
 
-On request friction is fitted in the form that a file format can say.  What a format
-lacks, an export leaves out, and its share of friction is then missing.  Fitted again
-without these terms, those that the format has take over what they can.
+On request friction is fitted in the form that a file format supports.  An export leaves
+other terms out, and their friction is then missing.  If friction is fitted again
+without these terms, the remaining terms compensate for them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,6 @@ import msgspec
 import numpy as np
 
 from consistent_id._support.tables import Table
-from consistent_id.comparison.block_scatter import BLOCKS, BlockScatter, block_scatter
 from consistent_id.comparison.speed_trend import (
     TrendAt,
     joint_speeds,
@@ -23,6 +22,11 @@ from consistent_id.comparison.speed_trend import (
 )
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.uncertainties.block_scatter import (
+    BLOCKS,
+    BlockScatter,
+    block_scatter,
+)
 from consistent_id.export.mjcf_bodies import require_mujoco
 from consistent_id.problems.loading import problem_of
 from consistent_id.problems.problem import Problem
@@ -52,11 +56,12 @@ TERMS: Mapping[str, tuple[str, ...]] = {
     "urdf": _EVERYWHERE,
 }
 """Drive terms that are fitted for a format.  An offset is fitted for all: without it
-friction would take it up; a format that lacks it says so when it is written."""
+friction would compensate for it; an export of a format without it has a note.
+"""
 
 
 class FormLoss(NamedTuple):
-    """What the form of friction of a format costs.
+    """The cost of a format's form of friction.
 
     Parameters
     ----------
@@ -92,11 +97,11 @@ class ProblemRollout:
     rollout : Rollout
         Of the validation logs, or of the training logs if there are no others.
     scatter : BlockScatter, optional
-        How sure a torque fit's parameters are; None where blocks of the training
-        motion do not determine them by themselves.
+        Uncertainty of a torque fit's parameters; None if blocks of the training motion
+        do not determine them.
     trend : TrendAt, optional
-        What to expect of parameters at the speed of the replayed motion; None where
-        blocks are alike in speed.
+        Predicted parameters at the speed of the replayed motion; None if blocks have
+        similar speeds.
     form : FormLoss, optional
         If friction was fitted in the form of a format.
     """
@@ -206,7 +211,7 @@ def rollout_of(
     Parameters
     ----------
     study : Study
-        Of a problem with gains of its drives; only what is needed of it is computed.
+        Of a problem with gains of its drives; only its needed parts are computed.
     against : sequence of str or Path
         MJCF or URDF files of the robot.
     refine : bool
@@ -241,9 +246,9 @@ def rollout_of(
     ridge = _ridge(problem, refine, choose)
     done = None if ridge is None else _refined(study, gains, ridge)
     if done is None:
-        estimate = study.run(costs=False).recommended.judged
+        estimate = study.run(costs=False).recommended.with_verdict
     else:
-        estimate = replace(done.estimate, judged=study.judged(done.estimate))
+        estimate = replace(done.estimate, judged=study.verdict_on(done.estimate))
     loss = None if form is None else _loss(stated, study, form)
     training = problem.logs("training")
     replays = rollout(
@@ -288,7 +293,7 @@ def _loss(stated: Study, formed: Study, form: str) -> FormLoss:
 
 
 def _sureness(study: Study) -> tuple[BlockScatter | None, TrendAt | None]:
-    """Return how sure parameters are: of the training motion, and at another speed."""
+    """Return the uncertainty of parameters for training motion and at another speed."""
     problem = study.problem
     model, training = problem.model, problem.training
     sigma = joint_noise(model, study.regression, base=study.base)

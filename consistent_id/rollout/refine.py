@@ -1,11 +1,12 @@
 """An estimate refined on the error of its own rollouts (output error).
 
-Torque fits trust accelerations, which nobody measured; a rollout compares positions,
-which were.  A few Gauss-Newton steps begin at the certified torque fit.  Each step is a
+Torque fits use accelerations, which were not measured; a rollout compares measured
+positions.  A few Gauss-Newton steps begin at the certified torque fit.  Each step is a
 cone programme of its own: the same constraints, so every step's bodies are consistent;
 the linearised errors, each joint's over its level in the torque fit's rollouts; and the
-torque fit itself as the ridge, so that what rollouts do not show stays where torques
-put it.  Joints count alike: one that no parameters make follow does not bend others.
+torque fit as the ridge, so that directions without effect on rollouts keep their torque
+fit.  Joints have equal weight: a joint that the model cannot follow does not bias the
+others.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,8 +18,9 @@ import numpy as np
 from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
 from consistent_id._support.executors import single_threaded, worker_threads
 from consistent_id.constraints import Constraint, lowered
+from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.estimation.best_fit import best_fit
-from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.method import Method
 from consistent_id.recordings.recording import Recording
@@ -30,12 +32,13 @@ from consistent_id.rollout.replay_model import replay_model
 
 _CHANGE = 0.02
 """Torque of a finite difference over a joint's torque (both root mean square): small
-enough for a straight line, and large beside where friction makes joints stick."""
+enough to be linear, and large compared with stiction.
+"""
 
 _WORKERS = 2
 
 STEPS = 3
-"""Gauss-Newton steps; the error falls in the first two, a third confirms it."""
+"""Gauss-Newton steps; the error decreases in the first two, a third confirms it."""
 
 RIDGE = 0.1
 """Weight of the torque fit beside the rollouts; see `benchmarks/rollout.py`."""
@@ -62,7 +65,7 @@ class RolloutErrors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Replays:
-    """What is replayed, for any parameters.
+    """The replays of logs, for any parameters.
 
     Parameters
     ----------
@@ -154,8 +157,8 @@ def refined(
     constraints : sequence of Constraint
         Which every step meets.
     delay : float, [s]
-        Of commands.  It is held: on one motion it trades with damping and inertia, and
-        a step would put it where faster motion does not confirm it.
+        Of commands.  It is fixed: on one motion it is correlated with damping and
+        inertia, and a step would give a value that faster motion does not confirm.
     ridge : float
         Weight of the torque fit.
 
@@ -200,7 +203,7 @@ def _goal(
     x: Vector,
     ridge: float,
 ) -> Vector:
-    """Return the parameters that the linearised errors and the torque fit ask for."""
+    """Return the minimiser of the linearised errors and the torque fit."""
     J = (linear.by_parameter / level[:, None, None]).reshape(-1, len(x))
     r = (linear.errors / level[:, None]).ravel()
     rows = np.column_stack([J, J @ x - r])
@@ -227,7 +230,7 @@ def _descended(
     goal: Vector,
     level: Vector,
 ) -> tuple[Vector, float]:
-    """Go towards the goal, as far as the error falls; all between is feasible."""
+    """Step towards the goal while the error decreases; all points are feasible."""
     x, size = here
     share = 1.0
     for _ in range(_HALVINGS):

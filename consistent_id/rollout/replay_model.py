@@ -1,12 +1,12 @@
-"""A robot's file or specification, made ready for the commands that the robot had.
+"""A robot's file or specification, prepared for replaying commands.
 
-Its base is held, joints that are not looked at are held at their locked positions,
-contacts and limits of joints are left out (the robot was where the log says), and in
-place of its own actuators each joint has the PD drive of the log, with its limit.
+Its base is fixed, unused joints are fixed at their locked positions, contacts and
+limits of joints are left out (the log is feasible), and instead of its own actuators
+each joint has the PD drive of the log, with its limit.
 
 The body of an elastic joint gets a second joint on the same axis.  The first keeps the
 name, has rotor inertia, friction and drive, and is where the motor is; the second has
-the spring, and is by how much the link is away from there.
+the spring, and is the deflection of the link.
 """
 
 from collections.abc import Mapping, Sequence
@@ -38,8 +38,9 @@ _LEAST_ROTOR = 0.01
 _MOST_STEPS = 20  # time steps, at most, in place of one
 
 STEP = 5e-4
-"""Longest time step [s].  MuJoCo's steps are of first order: a drive's stiffness counts
-as damping for half a step, which at 1 ms is a few per cent of what drives have."""
+"""Longest time step [s].  MuJoCo's steps are of first order: half a step of a drive's
+stiffness is added to its damping, at 1 ms a few per cent of it.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +72,7 @@ def replay_model(
     locked: Mapping[str, float] | None = None,
     period: float = STEP,
 ) -> ReplayModel:
-    """Return a model that can be given the commands that the robot had.
+    """Return a model for replaying the robot's commands.
 
     Parameters
     ----------
@@ -153,7 +154,7 @@ def _compiled(spec: Any, name: str) -> Any:
 
 
 def _strip(spec: Any) -> None:
-    """Leave out what has no part in free motion, or names joints that are held."""
+    """Remove elements without effect on free motion, or with fixed joints."""
     for kind in (spec.keys, spec.sensors, spec.actuators):
         for item in list(kind):
             spec.delete(item)
@@ -238,7 +239,7 @@ def add_springs(
     Raises
     ------
     SpringError
-        If nothing to speak of is between a drive and its spring.
+        If there is hardly any inertia between a drive and its spring.
     """
     found = spec_tree(spec).joints
     for name, k in zip(joints, stiffness.tolist(), strict=True):
@@ -286,8 +287,8 @@ def fit_to_springs(compiled: Any) -> None:
     count = int(np.ceil(compiled.opt.timestep * fastest / _STEP_OF_VIBRATION))
     if count > _MOST_STEPS:
         raise SpringError(
-            f"a spring behind a motor vibrates at {fastest / (2 * np.pi):.0f} Hz: too "
-            "stiff to be told from a rigid joint by motion; leave the stiffness out"
+            f"a spring behind a motor vibrates at {fastest / (2 * np.pi):.0f} Hz: "
+            f"too stiff to be distinguished from a rigid joint; leave the stiffness out"
         )
     compiled.opt.timestep /= max(count, 1)
 
@@ -299,7 +300,7 @@ def spring_joints(compiled: Any) -> IntArray:
 
 
 def deflect(compiled: Any, data: Any, acceleration: Vector) -> None:
-    """Deflect springs as far as what they carry asks for, in a state of the motors.
+    """Deflect springs into equilibrium with their load, in a state of the motors.
 
     Parameters
     ----------

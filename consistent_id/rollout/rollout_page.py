@@ -1,6 +1,6 @@
 """A rollout as one HTML page, and as a section of a study's report.
 
-Table, errors over time, and how joints follow their commands at each frequency.
+It has tables, errors over time, and frequency responses of joints to commands.
 """
 
 from typing import NamedTuple
@@ -61,7 +61,7 @@ def frequency_response(log: Recording, position: Array) -> FrequencyResponse:
     log : Recording
         With commands of position, on a uniform clock.
     position : ndarray, shape (samples, joints)
-        What followed them: the robot, or a model.
+        Position of the robot, or of a model.
     """
     from scipy.signal import csd, welch
 
@@ -78,7 +78,13 @@ def frequency_response(log: Recording, position: Array) -> FrequencyResponse:
 
 
 def rollout_html(rollout: Rollout, title: str) -> str:
-    """Return a rollout as one HTML file that needs nothing else."""
+    """Return a rollout as one HTML file that needs nothing else.
+
+    Parameters
+    ----------
+    rollout : Rollout
+    title : str
+    """
     sections = [
         Section("errors", "Errors", _errors(rollout)),
         *(
@@ -206,7 +212,7 @@ def rollout_section(study: Study) -> tuple[Section, ...]:
     training = problem.logs("training")
     try:
         done = rollout(
-            study.recommended.judged,
+            study.recommended.with_verdict,
             problem.logs("validation") or training,
             gains,
             against=[file for file in problem.model_files.values() if file is not None],

@@ -1,10 +1,9 @@
 """Settings of a torque fit, chosen by rollouts of motion that it has not seen.
 
-Overfitting is the danger: what explains slow motion need not hold for fast.  So the
-training data are split by speed: the fit learns from the slower part and is judged by
-its rollouts of the faster part, and the other way round.  One setting is changed at a
-time, from a plain start.  Whether to refine by rollout, and how far, is tried on the
-same parts.
+The danger is overfitting: a model of slow motion may be wrong for fast motion. So the
+training data are split by speed: the model is fitted to the slower part and judged by
+its rollouts of the faster part, and vice versa.  One setting is changed at a time, from
+a plain start.  Whether to refine by rollout, and how far, is tried on the same parts.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,8 +18,11 @@ from consistent_id.errors import (
     RecordingError,
     SolverError,
 )
-from consistent_id.estimation.constrained import constrained_least_squares
-from consistent_id.estimation.estimate import Estimate, fitted_spans
+from consistent_id.estimation.constrained import (
+    constrained_least_squares,
+)
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.fitted_to import fitted_spans
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.transmission_springs import joint_springs
 from consistent_id.problems.file import JointTable
@@ -45,19 +47,19 @@ SCALES = (0.01, 0.02, 0.05, 0.1)  # rad/s or m/s, of the change of sign of frict
 DELAYS = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)  # of commands, in periods of the slowest log
 
 WORTH = 0.025
-"""Relative gain that a spring, or friction which varies with position, must bring: the
-floor that was found for other terms of a model, so that they are not chosen by chance.
+"""Least relative gain of a spring, or of friction that varies with position: the same
+threshold as for other terms of a model, so that they are not selected by chance.
 """
 
 _PASSES = 2  # over all settings; the second seldom changes one
 
 RIDGES = (0.1, 0.3, 1.0)
-"""Weights of the torque fit that are tried: most and little of a step is taken."""
+"""Weights of the torque fit that are tried, from large steps to small ones."""
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What a torque fit of commands depends on besides its data.
+    """Settings of a torque fit of commands.
 
     Parameters
     ----------
@@ -193,13 +195,13 @@ def rollout_error(
 
 @dataclass(frozen=True, slots=True)
 class SettingsChoice:
-    """Settings, and what they were chosen by.
+    """Settings, and their errors.
 
     Parameters
     ----------
     error : float, [rad or m]
-        Of rollouts of the part that was not learnt from, both ways; the least of all
-        that were tried, so optimistic.
+        Error of rollouts of the held-out part, both ways; it is the least of all that
+        were tried, so it is optimistic.
     tried : tuple of (Settings, float)
     """
 
@@ -256,7 +258,7 @@ def chosen_settings(problem: Problem, start: Settings | None = None) -> Settings
 
 
 def within(recordings: Sequence[Recording], spans: Spans) -> list[Recording]:
-    """Return what lies within spans of time, of each recording its own span."""
+    """Return recordings within spans of time, one span for each."""
     return [
         trimmed(recording, *span)
         for recording, span in zip(recordings, spans, strict=True)
@@ -304,11 +306,10 @@ def _with_slopes(
     groups: Sequence[tuple[str, ...]],
     error: Callable[[Settings], float],
 ) -> Settings:
-    """Return the joints of which friction that varies with position is worth it.
+    """Return joints whose friction varies with position, if the gain is large enough.
 
-    All of a group or none.  From none or all of them, whichever is better, groups are
-    added that are worth it, and left out where that costs less than they would have to
-    bring.
+    A group has all or none.  Starting from none or all of them, whichever is better,
+    groups with enough gain are added, and groups with too little gain are removed.
     """
 
     def sloped(chosen: Sequence[tuple[str, ...]]) -> Settings:
@@ -330,7 +331,7 @@ def _with_slopes(
 def with_springs(
     best: Settings, problem: Problem, error: Callable[[Settings], float]
 ) -> Settings:
-    """Return settings with springs behind motors, if the data ask for them.
+    """Return settings with springs behind motors, if they lower the error enough.
 
     The torque fit finds them, see `joint_springs`; rollouts must confirm them.  If the
     problem states springs, or its file not all inertias, which they would carry, none

@@ -1,13 +1,13 @@
 """Forces of the ground and torques of a motion on feet, as shares of its limits.
 
-Feet press, they do not pull, and slip beyond the friction cone.  Forces that balance
-the base's six rows are many; here the nearest to an equal share of the weight is taken,
-deviations along the ground counting by the friction coefficient.  That it keeps all
-limits shows that forces exist which do.
+Feet press, they do not pull, and slip beyond the friction cone.  Many forces balance
+the base's six rows; here those nearest to equal shares of the weight are used, with
+deviations along the ground weighted by the friction coefficient. If they keep all
+limits, feasible forces exist.
 
 A ball keeps its cone of friction, ``|f_xy| <= mu f_z``.  A sole is pressed at its
-corners ``(+-X, +-Y)``, each with friction of at most ``mu`` along either side.  What
-they can transmit together, however they share it, is exactly [Caron2015]_
+corners ``(+-X, +-Y)``, each with friction of at most ``mu`` along either side.  The
+exact set of wrenches that they can transmit together is [Caron2015]_
 
     |f_x|, |f_y| <= mu f_z,
     |t_x| <= Y f_z,  |t_y| <= X f_z,
@@ -44,7 +44,7 @@ _REACHED = 1e-6  # m, rad; feet that are further off are out of reach
 
 
 class GroundForces(NamedTuple):
-    """What carries a motion.
+    """The forces that support a motion.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ class GroundShare(NamedTuple):
 def ground_shares(
     stance: Stance, ground: GroundForces, friction: float, least_press: float
 ) -> list[GroundShare]:
-    """Return how much of each foot's limits a motion uses: at most 1, if it keeps them.
+    """Return the used share of each foot's limits: at most 1, if they are kept.
 
     Parameters
     ----------
@@ -212,7 +212,7 @@ class StandingLimits:
     friction : float
         Coefficient between feet and ground.
     friction_share : float
-        Of it, how much may be used.
+        Share of it that may be used.
     least_press : float
         Of its share of the weight, with how much each foot is pressed at least.
     effort_share : float
@@ -268,10 +268,10 @@ def uses(
     moved: LegMotion,
     ground: GroundForces,
 ) -> tuple[Use, ...]:
-    """Return how much of each limit a motion uses: at most 1, if it keeps it.
+    """Return the used share of each limit: at most 1, if it is kept.
 
-    Position counts from the pose of the stance, forces from equal shares of the weight,
-    torque from zero.
+    Shares of position are relative to the pose of the stance, of forces to equal shares
+    of the weight, of torque to zero.
     """
     robot, names = stance.robot, stance.robot.joint_names
     driven = [joint for joint in robot.joints if joint.driven]
@@ -330,7 +330,15 @@ def standing_motion(
     path: TrunkPath,
     time: Vector,
 ) -> StandingMotion:
-    """Return what a trunk's path asks of joints and ground."""
+    """Return what a trunk's path asks of joints and ground.
+
+    Parameters
+    ----------
+    stance : Stance
+    limits : StandingLimits
+    path : TrunkPath
+    time : ndarray, shape (samples,), [s]
+    """
     robot = stance.robot
     trunk = path.motion(time, np.asarray(robot.gravity))
     moved = joint_motion(stance, trunk)
@@ -346,7 +354,7 @@ def nominal_of(robot: RobotModel) -> Vector:
     """Return the inertial parameters of all links; refuse a robot that lacks some."""
     if robot.nominal is None:
         raise ProblemError(
-            f"robot {robot.name!r} has links without inertial parameters, so that what "
-            "a motion asks of its joints is not known; complete its file"
+            f"robot {robot.name!r} has links without inertial parameters, so its "
+            f"joint torques cannot be computed; complete its file"
         )
     return robot.nominal

@@ -1,6 +1,6 @@
-"""A robot on its feet: where they touch, its pose, and joints that keep them in place.
+"""A robot on its feet: contact points, pose, and joints that keep feet in place.
 
-However the trunk moves, the joints of the legs follow from where the feet stay.
+For any motion of the trunk, the fixed feet determine the motion of the legs' joints.
 """
 
 from collections.abc import Mapping, Sequence
@@ -92,8 +92,8 @@ class Stance:
         flat = np.linalg.svd(corners - corners.mean(axis=0), compute_uv=False)
         if len(corners) < 3 or flat[1] < _LINE:
             raise ProblemError(
-                f"feet {', '.join(foot.frame for foot in self.feet)} touch the ground "
-                "in a line, on which nothing can stand; name more of them"
+                f"feet {', '.join(foot.frame for foot in self.feet)} touch the "
+                f"ground in a line, on which the robot cannot stand; name more of them"
             )
 
     def _places(self, foot: StandingFoot) -> Matrix:
@@ -125,7 +125,7 @@ class Stance:
 
 
 class LegMotion(NamedTuple):
-    """Joints over time, and how far feet are off where they should be [m, rad].
+    """Joints over time, and the errors of the feet [m, rad].
 
     Attributes
     ----------
@@ -172,7 +172,7 @@ def joint_motion(
     return LegMotion(q, dq, ddq, off, singular)
 
 
-class _Wanted(NamedTuple):
+class _FootPath(NamedTuple):
     """How a foot moves, seen from the trunk, in the trunk's axes."""
 
     place: Matrix
@@ -181,7 +181,7 @@ class _Wanted(NamedTuple):
     acceleration: Matrix
 
 
-def _wanted(trunk: TrunkMotion, start: FrameMotion) -> _Wanted:
+def _wanted(trunk: TrunkMotion, start: FrameMotion) -> _FootPath:
     """Return how a foot that stands still in the world is seen to move."""
     base = trunk.base
     into = np.swapaxes(np.asarray(base.rotation), 1, 2)
@@ -190,7 +190,7 @@ def _wanted(trunk: TrunkMotion, start: FrameMotion) -> _Wanted:
     place = (into @ (start.position[0] - trunk.place)[..., None])[..., 0]
     speed = -v - np.cross(w, place)
     pull = -a - np.cross(dw, place) - np.cross(w, speed) + np.cross(w, v)
-    return _Wanted(
+    return _FootPath(
         place, into @ start.rotation[0], np.hstack([speed, -w]), np.hstack([pull, -dw])
     )
 
@@ -209,7 +209,9 @@ def _of_leg(
 
 
 def _errors(
-    feet: Sequence[StandingFoot], seen: Sequence[FrameMotion], wanted: Sequence[_Wanted]
+    feet: Sequence[StandingFoot],
+    seen: Sequence[FrameMotion],
+    wanted: Sequence[_FootPath],
 ) -> Matrix:
     """Return how far feet are off, shape (samples, rows)."""
     both = [
@@ -278,7 +280,7 @@ def standing_feet(
     if not chosen:
         raise ProblemError(
             f"{path}: no link is named as a foot (foot, sole, toe, ankle, calf); a "
-            "robot without feet does not stand"
+            f"robot without feet cannot stand"
         )
     return tuple(_standing(path, foot, sole) for foot in chosen)
 
@@ -293,8 +295,8 @@ def _standing(path: Path, foot: Foot, sole: tuple[float, float] | None) -> Stand
         corners = _corners(path, foot)
         if not len(corners):
             raise ProblemError(
-                f"{path}: foot {foot.frame!r} has no collision shape; say how large "
-                "its sole is: --sole LENGTH,WIDTH"
+                f"{path}: foot {foot.frame!r} has no collision shape; state the size "
+                f"of its sole: --sole LENGTH,WIDTH"
             )
         low, high = corners.min(axis=0), corners.max(axis=0)
         middle, half = 0.5 * (low + high), 0.5 * _SOLE * (high - low)
@@ -410,7 +412,7 @@ def _bent(robot: RobotModel, feet: tuple[StandingFoot, ...]) -> Vector:
     inside = bool(((pose >= low) & (pose <= high)).all())
     if moved.off > 1e-6 or moved.singular or not inside:
         raise InfeasibleError(
-            "no pose with bent knees is found from all joints at zero; say in which it "
-            "stands: --stance JOINT=POSITION ..."
+            "no pose with bent knees is found from all joints at zero; state the "
+            "pose: --stance JOINT=POSITION ..."
         )
     return np.asarray(pose)

@@ -42,9 +42,10 @@ from consistent_id.standing.trunk_path import (
 )
 
 REST = 0.03
-"""rad/s or m/s, below which a joint's torque tells nothing: at rest, dry friction is
-whatever balances it (`without_rests`; benchmarks/quadruped.py: with such joints the
-moments of G1's torso are 6 % off, without them 1 %)."""
+"""rad/s or m/s, below which a joint's torque is not used: at rest, dry friction has any
+value that balances it (`without_rests`; benchmarks/quadruped.py: with such joints the
+moments of G1's torso are 6 % off, without them 1 %).
+"""
 
 _THIN = 0.01  # m; no trunk is thinner, whatever a file says
 
@@ -120,11 +121,11 @@ def design_standing(
     seed: int = 0,
     tell: Callable[[int, float], None] | None = None,
 ) -> StandingDesign:
-    """Search for the way of a trunk over standing feet that tells most of it.
+    """Search for the motion of a trunk over standing feet that identifies it best.
 
-    Least is the root mean square of the standard errors of the trunk's ten parameters,
-    relative to its own size (`relative_size`; A-optimality), of paths that are as large
-    as their limits allow; see `searched_tones`.
+    The search minimises the root mean square of the standard errors of the trunk's ten
+    parameters, relative to its own size (`relative_size`; A-optimality), of paths that
+    are as large as their limits allow; see `searched_tones`.
 
     Parameters
     ----------
@@ -245,6 +246,15 @@ def trunk_errors(
     terms are unknown, bodies of the other links known.  Rows are those that no force of
     the ground enters, without joints slower than `REST`.  The trunk is a link of the
     robot, by default the base.
+
+    Parameters
+    ----------
+    stance : Stance
+    model : TorqueModel
+    motion : StandingMotion
+    rate : float, [Hz]
+    link : str, optional
+        The trunk; by default the base.
 
     Raises
     ------
@@ -385,7 +395,15 @@ def standing_record(design: StandingDesign) -> dict[str, Any]:
 
 
 def write_standing(design: StandingDesign, folder: Path, rate: float) -> list[Path]:
-    """Write joints' samples (CSV, ROS), figure and record; return the files."""
+    """Write joints' samples (CSV, ROS), figure and record; return the files.
+
+    Parameters
+    ----------
+    design : StandingDesign
+    folder : Path
+    rate : float, [Hz]
+        Of the samples.
+    """
     samples = design.recording(rate)
     table, message, picture, record = (folder / name for name in NAMES)
     text = json.dumps(standing_record(design), indent=1, allow_nan=False)

@@ -128,6 +128,27 @@ def test_help_does_not_load_solvers():
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
+@pytest.mark.parametrize(
+    ("words", "most"),
+    [
+        (["--help"], 20),
+        (["lint", "problems/kuka_kr300/robot.urdf"], 80),
+        (["info", RX60], 120),
+    ],
+)
+def test_a_command_imports_few_modules(words, most):
+    code = (
+        "import atexit, sys; from consistent_id.cli import main;"
+        "own = lambda: [m for m in sys.modules if m.startswith('consistent_id')];"
+        "atexit.register(lambda: print(len(own()), file=sys.stderr));"
+        f"main({words})"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code], check=False, capture_output=True, text=True
+    )
+    assert 5 < int(run.stderr.split()[-1]) <= most
+
+
 def test_every_error_of_the_package_has_one_root():
     import consistent_id
 

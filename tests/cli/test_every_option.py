@@ -148,7 +148,7 @@ def test_the_walk_knows_every_command_that_reads_a_problem():
 def test_refusals_beside_a_problem_file_end_with_a_command(capsys):
     assert main(["identify", "problems/kuka_kr300", "--keep", "coupling"]) == 2
     error = capsys.readouterr().err
-    again = r"To choose again: consistent-id select \S+problem.toml --keep coupling$"
+    again = r"To select again: consistent-id select \S+problem.toml --keep coupling$"
     assert re.search(again, error.strip())
     assert main(["check", "problems/kuka_kr300", "--torque-gain", "x"]) == 2
     assert "--torque-gain x: expected numbers" in capsys.readouterr().err

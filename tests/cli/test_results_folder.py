@@ -3,6 +3,8 @@
 import json
 import os
 import shutil
+import time
+from argparse import Namespace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,6 +13,9 @@ from logged import write_arm
 
 import consistent_id as ci
 from consistent_id.cli import main
+from consistent_id.cli.answers import Answer
+from consistent_id.cli.source import each
+from consistent_id.report.results import Results, _input
 
 
 def run(capsys, *arguments):
@@ -91,6 +96,8 @@ def test_figures_are_equal_to_the_digit(written, results, capsys):
     assert opened.answer == answer
     assert opened.verdict.held_out == study["held_out_error"]
     delivered = {n: p["value"] for n, p in study["delivered"]["parameters"].items()}
+    (note,) = (n for n in opened.delivered.notes if n.startswith("fitted again"))
+    assert note.count("log.csv") == 1  # of which both parts are
     names = opened.problem.model.layout.names
     mine = dict(zip(names, opened.delivered.parameters, strict=True))
     assert mine == delivered
@@ -274,6 +281,127 @@ def test_results_without_recordings_are_checked_as_their_problem_is(
 
 
 def test_a_folder_without_results_is_no_results(tmp_path):
-    with pytest.raises(ci.ProblemError, match=r"holds no results.json"):
+    with pytest.raises(ci.ProblemError, match=r"has no results.json"):
         ci.open_results(tmp_path)
     assert not (Path("problems/rx60") / "results.json").exists()
+
+
+@pytest.fixture
+def two(tmp_path):
+    """A folder of two problems, `one` a problem file and `two` a folder of results."""
+    folder = tmp_path / "several"
+    text = Path("problems/rx60/problem.toml").read_text()
+    for name in ("one", "two"):
+        (folder / name).mkdir(parents=True)
+        (folder / name / "problem.toml").write_text(
+            text.replace('name = "rx60"', f'name = "{name}"')
+        )
+    (folder / "two" / "results.json").write_text("{}")
+    return folder
+
+
+def test_of_several_problems_the_results_among_them_are_opened(two, tmp_path):
+    asked = []
+
+    def answer_to(options):
+        asked.append((options.problem, options.output))
+        return Answer(0, "", None)
+
+    options = Namespace(
+        problem=two, log=[], output=tmp_path / "a.b.urdf", json=False, quiet=True
+    )
+    assert each(options, answer_to, file=True) == 0
+    problems = [two / "one" / "problem.toml", two / "two"]
+    files = [tmp_path / "a.b-one.urdf", tmp_path / "a.b-two.urdf"]
+    assert asked == list(zip(problems, files, strict=True))
+    asked.clear()
+    shutil.rmtree(two / "one")
+    assert each(options, answer_to, file=True) == 0
+    assert asked == [(two / "two", options.output)]
+    options.problem = two / "two" / "problem.toml"  # the file itself: computed
+    each(options, answer_to)
+    assert asked[1:] == [(options.problem, options.output)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["report", "compare", "export", "identify"])
+def test_a_folder_of_several_results_opens(
+    command, results, tmp_path, capsys, nothing_computed
+):
+    place = results.parent.parent / "all"
+    for name in ("one", "two"):
+        shutil.copytree(results, place / name)
+    output = {"export": tmp_path / "new.urdf", "report": tmp_path / "new.html"}
+    words = ["--output", output[command]] if command in output else []
+    words += ["--format", "urdf"] * (command == "export")
+    code, out, err = run(capsys, command, place, *words)
+    assert (code, err) == (0, "")
+    assert "=== one" in out and "=== two" in out
+    for name in ("one", "two") if command in output else ():
+        file = output[command]
+        assert file.with_name(f"{file.stem}-{name}{file.suffix}").is_file()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["rollout", "identify"])
+def test_results_whose_robot_is_gone_do_not_ask_for_trust(
+    command, results, tmp_path, capsys
+):
+    other = shutil.move(results, tmp_path / "elsewhere")
+    (tmp_path / "place" / "arm.urdf").unlink()
+    words = ["--masses", "free"] if command == "identify" else []  # computed again
+    code, _, err = run(capsys, command, other, *words)
+    assert code == 2 and "no such file" in err and "--trust" not in err
+
+
+CONTENTS = {
+    "no JSON": b"{",
+    "not UTF-8": b'{"problem": "\xff", "delivered": {"parameters": {}}}',
+    "no parameters": b'{"problem": "arm", "delivered": {}}',
+    "a list": b"[]",
+    "no number": b'{"problem": "arm", "delivered": {"parameters": {"a": '
+    b'{"value": "1", "unit": ""}}}}',
+    "not finite": b'{"problem": "arm", "delivered": {"parameters": {"a": '
+    b'{"value": NaN, "unit": ""}}}}',
+    "without end": b"[" * 100_000,
+}
+
+
+@pytest.mark.parametrize("content", CONTENTS.values(), ids=CONTENTS)
+def test_a_forged_record_is_refused_in_words_of_our_own(content, tmp_path):
+    (tmp_path / "comparison.json").write_bytes(content)
+    with pytest.raises(ci.ProblemError, match="not the record of a study"):
+        _ = Results(tmp_path, None).record
+
+
+def test_an_edit_that_keeps_size_and_stamp_is_seen(tmp_path, monkeypatch):
+    log = tmp_path / "log.csv"
+    log.write_text("0,1,2")
+    long_ago = (1_600_000_000_000_000_000,) * 2
+    os.utime(log, ns=long_ago)
+    record = _input(log)
+    for large in (2**26, 0):  # what a small file is, and a large one
+        monkeypatch.setattr("consistent_id.report.results._LARGE", large)
+        log.write_text("0,1,2")
+        assert record.fits(log)
+        log.write_text("0,1,3")
+        os.utime(log, ns=long_ago)
+        assert not record.fits(log)
+
+
+def test_a_large_file_is_not_read_again_unless_it_was_recorded_just_after_a_change(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr("consistent_id.report.results._LARGE", 0)
+    log = tmp_path / "log.csv"
+    log.write_text("0,1,2")
+    fresh = _input(log)
+    assert (fresh.changed, fresh.status) == (0, 0)
+    monkeypatch.setattr(
+        "consistent_id.report.results.time_ns", lambda: time.time_ns() + 10**10
+    )
+    settled = _input(log)
+    read = []
+    monkeypatch.setattr("consistent_id.report.results.digest", read.append)
+    assert settled.fits(log) and not read
+    assert not fresh.fits(log) and read == [log]

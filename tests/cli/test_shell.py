@@ -155,7 +155,7 @@ def test_a_faulty_log_is_told_with_the_verdict(arm, tmp_path, capsys):
 
 def test_what_is_stated_beside_a_problem_file_is_heeded_and_said(capsys):
     assert main(["identify", "problems/rx60", "--torque-gain", "2"]) == 2
-    assert "--torque-gain is of logs, but problems/rx60" in capsys.readouterr().err
+    assert "--torque-gain is for logs, but problems/rx60" in capsys.readouterr().err
     call = ["info", "problems/kuka_kr300", "--lock", "joint_6", "--verbose"]
     assert main(call) == 0
     out = capsys.readouterr().out

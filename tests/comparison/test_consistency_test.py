@@ -94,7 +94,7 @@ def test_noise_alone_is_no_contradiction_and_torque_of_no_body_is_one():
     found = consistency_test(model, build_regression(model, anti), draws=99)
     assert found.significant
     assert found.p_value == pytest.approx(0.01)
-    assert "nor does a consistent robot" in found.sentence
+    assert "no consistent robot fits as well" in found.sentence
 
 
 def test_a_comparison_says_whether_the_data_mean_what_is_impossible():
@@ -141,7 +141,7 @@ def test_a_contradiction_goes_with_the_consistent_estimates_as_worth_knowing():
         constrained_least_squares(model, regression, constraints=bodies),
     ]
     plain, constrained = compare(estimates, [], regression=regression).reports
-    assert "nor does a consistent robot" in plain.impossibility
+    assert "no consistent robot fits as well" in plain.impossibility
     assert constrained.evidence.contradicted.startswith("no consistent robot fits")
     assert plain.evidence.contradicted == ""
     reasons = {r.kind: r.word for r in constrained.verdict.reasons}

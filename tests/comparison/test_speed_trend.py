@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from consistent_id import NotExcitedError, Recording
-from consistent_id.comparison.block_scatter import BlockScatter
 from consistent_id.comparison.speed_trend import (
     SpeedTrend,
     TrendAt,
@@ -12,6 +11,7 @@ from consistent_id.comparison.speed_trend import (
     speed_of,
     speed_trend,
 )
+from consistent_id.estimation.uncertainties.block_scatter import BlockScatter
 
 SPEEDS = np.array([0.85, 0.9, 0.95, 1.0, 1.1, 1.25])
 NAMES = ("hip.viscous", "hip.rotor_inertia")

@@ -11,7 +11,7 @@ from consistent_id import InertialParameters, SolverError
 from consistent_id.comparison import base_feasibility
 from consistent_id.constraints.cones import certificate
 from consistent_id.constraints.cones.certificate import certify, solve_certified
-from consistent_id.constraints.cones.feasibility import find_interior
+from consistent_id.constraints.cones.interior import find_interior
 from consistent_id.constraints.cones.least_norm import (
     ConeSolution,
     FreeOptimum,
@@ -248,9 +248,7 @@ def test_a_failing_solver_leaves_the_question_open(monkeypatch):
     def fails(*_args, **_options):
         raise SolverError("out of order")
 
-    monkeypatch.setattr(
-        "consistent_id.constraints.cones.feasibility.solve_cones", fails
-    )
+    monkeypatch.setattr("consistent_id.constraints.cones.interior.solve_cones", fails)
     base = base_parameters(model)
     answer = base_feasibility(model, base, base.projection @ truth)
     assert answer.answer == "undecided"

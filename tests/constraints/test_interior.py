@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from consistent_id.constraints.cones import feasibility
-from consistent_id.constraints.cones.feasibility import (
+from consistent_id.constraints.cones import interior
+from consistent_id.constraints.cones.interior import (
     Interior,
     _blame,
     _bound,
@@ -152,7 +152,7 @@ def tried(monkeypatch, *outcomes):
             raise SolverError(left.pop(0))
         return left.pop(0)
 
-    monkeypatch.setattr(feasibility, "_best_point", next_one)
+    monkeypatch.setattr(interior, "_best_point", next_one)
     try:
         return find_interior(ConicSet.everything(1)), left
     except SolverError as failure:
@@ -181,7 +181,7 @@ def test_where_the_solver_fails_no_conflict_is_proven(monkeypatch):
     def fails(*_):
         raise SolverError("out of order")
 
-    monkeypatch.setattr(feasibility, "_best_point", fails)
+    monkeypatch.setattr(interior, "_best_point", fails)
     assert irreducible_conflict(empty) == ()
 
 

@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 from faulty_logs import DRIVE, logs
+from logged import write_arm
 
+import consistent_id as ci
 from consistent_id import TorqueModel
+from consistent_id.problems.log_check import check_problem
 
 ARM_URDF = """<robot name="arm">
 <link name="base"/>
@@ -122,7 +125,7 @@ def test_the_shell_checks_a_log_without_the_torque_of_some_joints(tmp_path, caps
 )
 def test_a_delay_that_is_undone_hides_no_filter(tmp_path, filtered, undone, found):
     from consistent_id import load_problem
-    from consistent_id.diagnosis.late_torque import low_pass
+    from consistent_id.diagnosis.torque_causes import low_pass
     from consistent_id.problems.log_check import check_problem
 
     log = _arm_in(tmp_path)
@@ -141,3 +144,23 @@ def test_a_delay_that_is_undone_hides_no_filter(tmp_path, filtered, undone, foun
     (tmp_path / "problem.toml").write_text(text)
     suspicious = check_problem(load_problem(tmp_path)).suspicious
     assert {(f.kind, f.severity) for f in suspicious} == set(found)
+
+
+def test_a_torque_that_never_turns_and_is_reversed_is_no_magnitude(tmp_path):
+    """The advice is a gain that mends it, not to log a sign that is there."""
+    urdf, log = write_arm(tmp_path)
+    head, *rows = log.read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    turned = [[*c[:3], str(-float(c[3])), c[4]] for c in cells]
+    log.write_text("\n".join([head, *map(",".join, turned)]))
+    problem = ci.draft_problem(urdf, log, select=False, cutoff=10.0).problem()
+    found = check_problem(problem).findings
+    faults = [f for f in found if f.kind == "torque sign"]
+    assert {fault.where for fault in faults} == {"shoulder"}
+    assert all("negative gain (--torque-gain" in fault.advice for fault in faults)
+    mended = ci.draft_problem(
+        urdf, log, select=False, cutoff=10.0, torque_gain=[-1.0, 1.0]
+    )
+    assert not [
+        f for f in check_problem(mended.problem()).findings if f.kind == "torque sign"
+    ]

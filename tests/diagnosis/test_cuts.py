@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from faulty_logs import arm, at_samples, clean_log
 
-from consistent_id.diagnosis.channel_factors import channel_factors
-from consistent_id.diagnosis.cuts import cuts_at, least_within
+from consistent_id.diagnosis.channel_factors import (
+    channel_factors,
+    cuts_at,
+    least_within,
+)
 from consistent_id.diagnosis.explain import datasheet_constraints
 from consistent_id.estimation.best_fit import best_fit
 from consistent_id.regression import base_parameters

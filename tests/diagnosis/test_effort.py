@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from faulty_logs import arm, clean_log
 
-from consistent_id.diagnosis.beyond_limits import effort_findings
+from consistent_id.diagnosis.wrong_units import effort_findings
 from consistent_id.robot.model import JointLimits
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from consistent_id.diagnosis.jackknife import jackknife
+from consistent_id.diagnosis.linearise import jackknife
 
 
 def _system(seed=0):

@@ -8,7 +8,7 @@ from faulty_logs import arm, clean_log, logs
 
 from consistent_id.diagnosis import diagnose
 from consistent_id.diagnosis.explain import datasheet_constraints, fitted_log
-from consistent_id.diagnosis.late_torque import late_torque, low_pass
+from consistent_id.diagnosis.torque_causes import late_torque, low_pass
 from consistent_id.regression import base_parameters
 
 RATE = 200.0  # Hz, of the logs

@@ -14,7 +14,7 @@ from consistent_id.diagnosis.contact import (
     standing_out,
 )
 from consistent_id.diagnosis.explain import datasheet_constraints, fitted_log
-from consistent_id.diagnosis.lost_signs import lost_signs
+from consistent_id.diagnosis.torque_causes import lost_signs
 from consistent_id.regression import base_parameters
 
 

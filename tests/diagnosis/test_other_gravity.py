@@ -15,8 +15,8 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.diagnosis import diagnose
-from consistent_id.diagnosis.other_gravity import leaning_findings, turned_gravity
-from consistent_id.diagnosis.torque_parts import torque_parts
+from consistent_id.diagnosis.alternatives import leaning_findings, turned_gravity
+from consistent_id.diagnosis.torque_channel import torque_parts
 from consistent_id.robot.model import Link
 
 _DRIVE = DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.02, offset=True)

@@ -7,7 +7,7 @@ import pytest
 from faulty_logs import arm
 
 from consistent_id import Recording
-from consistent_id.diagnosis.beyond_limits import travel_findings
+from consistent_id.diagnosis.wrong_units import travel_findings
 from consistent_id.robot.model import JointLimits
 
 

@@ -93,7 +93,7 @@ def test_the_proof_reaches_ten_times_as_far_as_the_nominal_robot():
     found = constrained_least_squares(model, build_regression(model, log))
     assert found.certificate.verdict == "certified"
     said = found.certificate.reason
-    reach = int(said.split("among robots up to ")[1].split(" times the nominal")[0])
+    reach = int(said.split("with parameters up to ")[1].split(" times the nominal")[0])
     assert 10 <= reach < 1000
 
 

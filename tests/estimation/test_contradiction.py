@@ -21,7 +21,7 @@ from consistent_id.constraints import (
     TotalMass,
     lowered,
 )
-from consistent_id.constraints.cones.feasibility import irreducible_conflict
+from consistent_id.constraints.cones.interior import irreducible_conflict
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.estimation import contradiction
 from consistent_id.estimation.best_fit import best_fit

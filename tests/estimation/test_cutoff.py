@@ -89,7 +89,12 @@ def test_what_no_cutoff_can_be_chosen_from_is_refused(arm):
     for arguments, options, error, message in (
         ((5.0,), {}, ci.ProblemError, "two positive"),
         ((5.0, -1.0), {}, ci.ProblemError, "two positive"),
-        ((5.0, 9.0), {"target": 6.0}, ci.ProblemError, "must not reward"),
+        (
+            (5.0, 9.0),
+            {"target": 6.0},
+            ci.ProblemError,
+            "smoother torque has no advantage",
+        ),
         ((5.0, 9.0), {"folds": 1}, ci.ProblemError, "expected 2 or more"),
         ((0.5, 9.0), {}, ci.RecordingError, "Use fewer folds"),
     ):

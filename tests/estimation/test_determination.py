@@ -21,14 +21,16 @@ from consistent_id import (
     least_squares,
     simulate_torque,
 )
-from consistent_id.comparison.parameter_uncertainty import uncertainty
 from consistent_id.constraints import Penalty
 from consistent_id.estimation.determination import (
+    LinearErrors,
     determinations,
     linear_errors,
     parameter_sizes,
+    pinned,
     stated_errors,
 )
+from consistent_id.estimation.uncertainties.parameter_uncertainty import uncertainty
 from consistent_id.regression import base_parameters
 from consistent_id.regression.residual_noise import residual_noise
 from consistent_id.regression.segments import merged, segment_regressions
@@ -46,7 +48,7 @@ def test_errors_without_equalities_are_those_of_least_squares():
     model, log = noisy(0.5)
     regression, base = build_regression(model, log), base_parameters(model)
     none = np.zeros((0, len(model.layout)))
-    found = linear_errors(base, residual_noise(regression, base), none)
+    found = linear_errors(base, residual_noise(regression, base), none).values
     stated = least_squares(model, regression, base=base).standard_errors
     assert found[list(base.independent)] == pytest.approx(stated, rel=1e-6)
 
@@ -58,9 +60,9 @@ def test_an_equality_that_ties_two_parameters_shrinks_their_errors():
     tie = np.zeros((1, len(model.layout)))
     tie[0, 1:3] = 1.0, -1.0
     noise = residual_noise(regression, base)
-    found = linear_errors(base, noise, tie)
+    found = linear_errors(base, noise, tie).values
     assert found[1] == pytest.approx(found[2])
-    free = linear_errors(base, noise, tie[:0])
+    free = linear_errors(base, noise, tie[:0]).values
     assert found[1] < free[1]
 
 
@@ -171,7 +173,7 @@ def test_standard_errors_are_in_the_table_and_in_the_file(tmp_path):
     assert float(cells[int(np.argmax(known))]) == pytest.approx(
         found.parameter_errors[known][0], rel=0.05
     )
-    assert any(note.startswith("standard error: of noise") for note in table.notes)
+    assert any(note.startswith("standard error: for noise") for note in table.notes)
     # Files of earlier versions have none.
     record = json.loads((tmp_path / "it.json").read_text())
     for entry in record["parameters"].values():
@@ -189,16 +191,11 @@ def found_of(name, errors, width=None, *, known=None, elsewhere="prior"):
     regression, base = build_regression(model, log), base_parameters(model)
     x = np.zeros(len(model.layout))
     size = parameter_sizes(model, regression, x)
-    found = determinations(
-        model,
-        regression,
-        base,
-        errors * size,
-        x,
-        known=np.zeros((0, len(x))) if known is None else known(model.layout),
-        elsewhere=elsewhere,
-        width=None if width is None else width * size,
-    )
+    rows = np.zeros((0, len(x))) if known is None else known(model.layout)
+    stated = LinearErrors(errors * size, base, rows)
+    found = determinations(model, regression, stated, x, elsewhere=elsewhere)
+    if width is not None:
+        found = pinned(found, width * size, size)
     k = model.layout.index(name)
     return found[k], [*found[:k], *found[k + 1 :]]
 

@@ -100,7 +100,7 @@ def test_the_guess_is_the_prior_s_share_of_a_posterior_mean():
     x = np.zeros(len(truth))
     x[i] = truth[i]
     noise = residual_noise(regression, base)
-    error = linear_errors(base, noise, others)[i]
+    error = linear_errors(base, noise, others).values[i]
     # Of the one parameter that makes torque; the mean square is over all parameters.
     prior = x[i] ** 2 / len(x)
     share = guessed_share(model, regression, base, x, others)

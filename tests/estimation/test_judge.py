@@ -344,8 +344,9 @@ def test_a_verdict_of_who_knows_more_goes_with_the_estimate_into_its_file(tmp_pa
     good = constrained_least_squares(model(), build_regression(model(), log()))
     found = LogFinding("clock", "fault", "log", "seen", "mend it")
     (report,) = compare([good], [log()], findings=[found]).reports
-    assert (good.verdict.word, report.judged.verdict.word) == ("use", "do not use")
-    path = report.judged.save(tmp_path / "e.json")
+    words = good.verdict.word, report.with_verdict.verdict.word
+    assert words == ("use", "do not use")
+    path = report.with_verdict.save(tmp_path / "e.json")
     read = Estimate.load(path, good.model, good.base)
     assert read.verdict == report.verdict
     with pytest.raises(ProblemError, match=r"do not use: constrained.*clock"):

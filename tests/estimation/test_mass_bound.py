@@ -77,7 +77,7 @@ def test_the_mass_that_data_leave_open_is_named():
     assert found.constraints[:-1] == BODIES
     assert masses.sum() == pytest.approx(bound, rel=1e-2)
     heaviest = model.layout.links[int(np.argmax(masses))]
-    assert f"mass of {heaviest} open upwards" in found.note
+    assert f"do not bound the mass of {heaviest}" in found.note
     estimate = constrained_least_squares(model, regression, constraints=BODIES)
     assert found.note in estimate.notes[0]
 

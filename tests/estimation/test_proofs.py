@@ -16,7 +16,7 @@ from consistent_id import (
 )
 from consistent_id.constraints import PointToSet, SharedMotors, lowered
 from consistent_id.constraints.cones.certificate import certify, solve_certified
-from consistent_id.constraints.cones.feasibility import (
+from consistent_id.constraints.cones.interior import (
     find_interior,
     irreducible_conflict,
 )

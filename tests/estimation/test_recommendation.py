@@ -6,7 +6,9 @@ from experiments import experiment
 
 from consistent_id import ProblemError
 from consistent_id.constraints import PointToSet
-from consistent_id.estimation.constrained import DEFAULT_CONSTRAINTS
+from consistent_id.estimation.constrained_fit import (
+    DEFAULT_CONSTRAINTS,
+)
 from consistent_id.estimation.recommendation import (
     MethodCandidate,
     Recommendation,

@@ -3,8 +3,7 @@
 import pytest
 
 from consistent_id.cli import main
-from consistent_id.excitation.request import design_request
-from consistent_id.excitation.request_scene import default_scene
+from consistent_id.excitation.request import default_scene, design_request
 from consistent_id.excitation.sources import problem_to_excite
 from consistent_id.motion.collisions.separation import nearest
 
@@ -67,7 +66,7 @@ def test_shapes_of_the_file_are_watched_by_default_and_adjacent_ones_are_not(tmp
     ("shapes", "changes", "said"),
     [
         ({}, {"collisions": False}, "as requested"),
-        ({"hand": MESH}, {}, "hand.stl' is not there"),
+        ({"hand": MESH}, {}, "hand.stl' was not found"),
         (dict.fromkeys(("base", "upper", "lower", "hand"), ""), {}, "has no <coll"),
     ],
 )
@@ -103,7 +102,7 @@ def test_the_shell_says_what_is_kept_apart(tmp_path, capsys):
     asked = ["excite", str(file), "--acceleration", "5", "--dry-run", "--verbose"]
     assert main(asked) == 0
     told = capsys.readouterr().out
-    assert "Bodies kept apart" in told and "keeps off itself" in told
+    assert "Bodies kept apart" in told and "self-collisions are avoided" in told
     assert main([*asked, "--no-collisions"]) == 0
     told = capsys.readouterr().out
     assert "Bodies kept apart" not in told and "as requested" in told

@@ -272,7 +272,7 @@ def test_a_joint_without_range_is_named():
 
 
 def test_frequencies_that_cannot_be_seen_are_refused():
-    with pytest.raises(ProblemError, match="cannot be seen at 1 Hz"):
+    with pytest.raises(ProblemError, match="cannot be recorded at 1 Hz"):
         designed(aim=Aim(rate=1.0))
 
 

@@ -139,7 +139,9 @@ def test_correlated_noise_widens_errors_by_the_root_of_its_length():
     white = predicted_accuracy(model, base, path, Aim(correlation_time=0.0))
     alike = predicted_accuracy(model, base, path, Aim(correlation_time=0.25))
     assert np.allclose(alike.standard_errors(), 5.0 * white.standard_errors())
-    assert "25 samples" in alike.noise_note and "no real robot" in white.noise_note
+    assert (
+        "25 samples" in alike.noise_note and "unlike on real robots" in white.noise_note
+    )
 
 
 def test_repetitions_for_five_percent_bring_five_percent():
@@ -155,7 +157,7 @@ def test_repetitions_for_five_percent_bring_five_percent():
 
 
 def test_a_motion_that_noise_drowns_is_refused():
-    with pytest.raises(NotExcitedError, match="of no use"):
+    with pytest.raises(NotExcitedError, match="useless"):
         designed(Aim(noise=1e4))
 
 

@@ -19,7 +19,7 @@ from consistent_id.excitation.output import (
     write_design,
 )
 from consistent_id.excitation.playable import playable_design
-from consistent_id.excitation.request_scene import requested_scene
+from consistent_id.excitation.request import requested_scene
 from consistent_id.motion import prove_clearance
 from consistent_id.motion.collisions.separation import nearest
 from consistent_id.motion.proofs.margins import motion_margins

@@ -8,7 +8,7 @@ import pytest
 
 from consistent_id import DHRow, ProblemError, from_modified_dh
 from consistent_id.cli import main
-from consistent_id.excitation.html_replay import write_replay
+from consistent_id.excitation.html_replay import ShapesFile, write_replay
 from consistent_id.motion import Body, Capsule, Sphere, build_scene, move_along, plane
 from consistent_id.motion.limits import motion_limits
 from consistent_id.recordings.joint_paths import FourierTrajectory
@@ -67,9 +67,11 @@ def test_a_robot_with_shapes_is_drawn_by_them_and_locked_joints_stay(tmp_path):
     file.write_text(_URDF)
     robot = load_urdf(file, locked={"grip": 0.5})
     pages = [
-        write_replay(_move(robot), robot, tmp_path / f"{k}.html", **given).read_text()
-        for k, given in enumerate(
-            ({"urdf": file, "locked": {"grip": 0.5}}, {"urdf": file}, {}) * 2
+        write_replay(
+            _move(robot), robot, tmp_path / f"{k}.html", shapes=shapes
+        ).read_text()
+        for k, shapes in enumerate(
+            (ShapesFile(file, locked={"grip": 0.5}), ShapesFile(file), None) * 2
         )
     ]
     # The same is recorded again; another pose of the hand, or sticks, is not the same.

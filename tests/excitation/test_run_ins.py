@@ -7,7 +7,7 @@ import pytest
 from robots_in_scenes import scene_problem
 from some_fast import some_fast
 
-from consistent_id.excitation.proven_moves import proven_move
+from consistent_id.excitation.proven_moves import Playing, proven_move
 from consistent_id.excitation.request import design_request
 from consistent_id.excitation.verification import demands
 from consistent_id.motion import Body, Sphere, build_scene, move_along, prove_clearance
@@ -67,7 +67,7 @@ def test_a_run_in_goes_around_what_stands_in_the_straight_way(tmp_path, ends):
     assert proof.holds
     straight = move_along(path, required.limits, from_pose=pose, to_pose=pose)
     assert prove_clearance(required.scene, straight.run_in).violated
-    found = proven_move(path, proof, required, pose)
+    found = proven_move(path, proof, required, Playing(pose))
     assert "by other poses" in found.note
     assert found.proof.holds and required.proof(found.move.pieces).holds
     ends = found.move.evaluate([0.0, found.move.duration])
@@ -92,7 +92,7 @@ def test_a_periodic_path_begins_where_its_run_in_is_free(tmp_path):
     proof = among.proof(circle)
     straight = move_along(circle, among.limits, from_pose=home, to_pose=home)
     assert proof.holds and prove_clearance(scene, straight.run_in).violated
-    found = proven_move(circle, proof, among, home)
+    found = proven_move(circle, proof, among, Playing(home))
     assert found.note.startswith("begun ")
     direct = among.proof(found.move.pieces)
     assert direct.holds

@@ -6,9 +6,7 @@ from excited import arm, arm_limits
 
 from consistent_id import ProblemError, TorqueModel, design_trajectory
 from consistent_id.excitation.aims import Aim, PathForm
-from consistent_id.excitation.request import with_current_limits
 from consistent_id.excitation.verification import FRICTION_SHARE, demands
-from consistent_id.problems.excitation_tables import LimitsTable
 
 
 def _limited(robot, **given):
@@ -34,15 +32,15 @@ def test_a_share_of_the_effort_is_left_for_friction_that_is_not_known():
 
 def test_a_current_limits_torque_by_the_constant_of_the_joint():
     limits = _limited(arm(2))
-    given = LimitsTable(current={"joint1": 3.0}, torque_constant=12.0)
-    assert with_current_limits(limits, given).effort.tolist() == [36.0, 50.0]
-    both = LimitsTable(current=[3.0, 9.0], torque_constant=[12.0, 12.0])
-    assert with_current_limits(limits, both).effort.tolist() == [36.0, 50.0]
-    with pytest.raises(ProblemError, match="torque_constant is missing"):
-        with_current_limits(limits, LimitsTable(current=3.0))
-    wrong = LimitsTable(current={"jiont1": 1.0}, torque_constant=1.0)
+    one = limits.with_currents({"joint1": 3.0}, 12.0)
+    assert one.effort.tolist() == [36.0, 50.0]
+    both = limits.with_currents([3.0, 9.0], [12.0, 12.0])
+    assert both.effort.tolist() == [36.0, 50.0]
+    assert limits.with_currents(None, None) is limits
+    with pytest.raises(ProblemError, match="limits: torque_constant is missing"):
+        limits.with_currents(3.0, None)
     with pytest.raises(ProblemError, match="no joint 'jiont1'"):
-        with_current_limits(limits, wrong)
+        limits.with_currents({"jiont1": 1.0}, 1.0)
 
 
 @pytest.mark.slow

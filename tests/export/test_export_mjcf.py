@@ -97,7 +97,7 @@ def test_mujoco_loads_bodies_at_the_edge_of_what_can_be(body):
     _, robot = random_robot(rng, 3)
     estimate = estimate_of(TorqueModel(robot), [robot.links[0].nominal, body, body])
     export = to_mjcf(estimate, allow_refused=not body.mass)
-    assert "thinner than MuJoCo takes" in export.notes[0]
+    assert "thinner than MuJoCo accepts" in export.notes[0]
     _assert_same_torque(export.content, estimate)
 
 
@@ -133,7 +133,7 @@ def test_a_file_of_ones_own_gets_the_identified_robot(source, heavy):
         drive = estimate.parameters[estimate.model.layout.inertial_size :]
         estimate = estimate_of(estimate.model, links, drive)
     export = to_mjcf(estimate, source)
-    word = "what remains without plate" if heavy else "in proportion to the masses"
+    word = "the remainder without plate" if heavy else "in proportion to the masses"
     assert word in "\n".join(export.notes)
     text = export.content.decode()
     # The last joint has no drive terms, and keeps what its class says.

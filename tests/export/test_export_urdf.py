@@ -62,7 +62,7 @@ def test_a_fixed_link_keeps_its_body_if_the_rest_is_one(written):
     assert_same_torque(export.content, estimate)
     tool = re.search(rb'<link name="tool">.*?</link>', URDF.encode(), re.DOTALL)
     assert tool[0] in export.content
-    assert "two is what remains without tool" in export.notes[0]
+    assert "two is the remainder without tool" in export.notes[0]
 
 
 def test_otherwise_all_get_shares_of_the_whole_and_are_bodies(written):
@@ -218,7 +218,7 @@ def test_what_urdf_cannot_say_is_said(written):
     estimate = random_estimate(np.random.default_rng(6), load_urdf(path), terms)
     notes = "\n".join(to_urdf(estimate, path).notes)
     assert "URDF has no rotor_inertia: turn" in notes
-    assert "identified was tanh(velocity / scale), scale: turn 0.1" in notes
+    assert "the identified form is tanh(velocity / scale), scale: turn 0.1" in notes
 
 
 def test_a_joint_without_drive_terms_keeps_its_friction(written):

@@ -242,7 +242,7 @@ def test_what_does_not_make_a_fleet_is_refused(model):
     relation = ci.constraints.LinearRelation(
         {"joint1.viscous": 1.0, "joint2.viscous": -1.0}, 0, 0
     )
-    with pytest.raises(ProblemError, match=r"ties friction or offsets"):
+    with pytest.raises(ProblemError, match=r"relates friction or offsets"):
         own_sets(fleet_model(model), lowered([relation], model))
     with pytest.raises(ProblemError, match="no robot"):
         ci.fleet.fleet_estimate(model, {})
@@ -307,7 +307,7 @@ def test_a_file_says_what_its_robot_carries(folders, tmp_path, capsys):
     }
     assert sheets["fore"].mass is None and sheets["upper"].mass == 4.0
     assert main(["fleet", str(told)]) == 2
-    assert "every robot carries something" in capsys.readouterr().err
+    assert "every robot has a payload" in capsys.readouterr().err
 
 
 def test_robots_of_two_types_are_refused(folders, tmp_path, capsys):

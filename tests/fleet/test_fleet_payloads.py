@@ -299,7 +299,7 @@ def test_loads_of_other_robots_and_on_other_links_are_refused(model):
     regressions = {"a": _robot(model, np.random.default_rng(6))}
     for payloads, said in (
         ({"b": ci.fleet.CarriedBody(LINK)}, "no such robot"),
-        ({"a": ci.fleet.CarriedBody("hand")}, "carries something on link 'hand'"),
+        ({"a": ci.fleet.CarriedBody("hand")}, "has a payload on link 'hand'"),
     ):
         with pytest.raises(ProblemError, match=said):
             ci.fleet.fleet_estimate(

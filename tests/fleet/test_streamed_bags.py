@@ -113,7 +113,7 @@ def test_stamps_that_begin_late_are_refused(arm):
     some = messages(log, "unstamped")[:400] + messages(log, "together")[400:]
     topics = {"/joints": ("sensor_msgs/msg/JointState", some)}
     write_mcap(folder / "mixed", topics)
-    with pytest.raises(RecordingError, match="take time = 'log_time'"):
+    with pytest.raises(RecordingError, match="use time = 'log_time'"):
         ci.fleet.stream_regression(problem(folder, "mixed"))
 
 

@@ -126,7 +126,7 @@ def test_logs_of_both_kinds_add_up(folder):
                 "data": f'gains = {{{GAINS}, scale = "estimated"}}',
                 "columns": TOLD,
             },
-            "a scale that is estimated takes all recordings",
+            "a scale that is estimated needs all recordings",
         ),
     ],
 )

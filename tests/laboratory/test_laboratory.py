@@ -285,7 +285,7 @@ def test_laboratories_that_make_no_sense_are_refused():
         ),
         (
             ProblemError,
-            "take .* substeps",
+            "use .* substeps",
             lambda: perform(replace(LABORATORY, robot=steep), MOTION, rng),
         ),
         (

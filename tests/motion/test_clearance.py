@@ -62,8 +62,8 @@ def test_an_arm_that_passes_a_thin_box_between_samples_is_caught():
     assert np.isclose(nearest(scene, at).distance[0, 0], report.distance)
     with pytest.raises(
         InfeasibleError,
-        match=r"'fist' and 'sheet' at 0\.[27]\d+ s of path 0 are 3\d\.\d\d mm deep in "
-        r"one another, but at least 0\.00 mm are wanted",
+        match=r"'fist' and 'sheet' at 0\.[27]\d+ s of path 0 penetrate each other "
+        r"by 3\d\.\d\d mm, but at least 0\.00 mm are required",
     ):
         report.require()
 
@@ -74,7 +74,7 @@ def test_the_way_from_the_start_pose_counts():
     report = prove_clearance(scene, ways)
     assert not report.holds and report.path == 1
     assert prove_clearance(scene, ways[::2]).holds
-    with pytest.raises(InfeasibleError, match=r"path 1 .*800\.00 mm are wanted"):
+    with pytest.raises(InfeasibleError, match=r"path 1 .*800\.00 mm are required"):
         report.require()
 
 

@@ -188,7 +188,7 @@ def test_a_robot_elsewhere_gets_nothing_and_the_joint_is_named(ros, file, capsys
     robot = ros(Robot(AT_START | {"elbow": 0.6}))
     assert follow.main([str(file), ACTION]) == 1
     assert not robot.goals
-    assert "'elbow' stands at 0.6000, the motion begins at 0.5000" in (
+    assert "'elbow' is at 0.6000, the motion begins at 0.5000" in (
         capsys.readouterr().err
     )
 
@@ -209,10 +209,10 @@ def test_it_is_moved_to_the_start_if_that_is_asked_for(ros, file):
 @pytest.mark.parametrize(
     ("robot", "says"),
     [
-        (Robot(AT_START, serves=False), f"nobody serves the action {ACTION}"),
+        (Robot(AT_START, serves=False), f"no server of the action {ACTION}"),
         (Robot(AT_START, accepts=False), "rejects"),
         (Robot(AT_START, error=-4), "error -4 of the controller: path tolerance"),
-        (Robot({"elbow": 0.5}), "says nothing of joint 'wrist'"),
+        (Robot({"elbow": 0.5}), "has no joint 'wrist'"),
     ],
 )
 def test_what_the_robot_refuses_is_said(ros, file, capsys, robot, says):

@@ -46,12 +46,12 @@ def test_a_continuous_joint_gets_one_turn():
     [
         (JointLimits(1.0, 1.0, 1.0), {}, "joint1.*cannot move"),
         (JointLimits(velocity=1.0), {}, "joint1.*-inf and inf.*give its range"),
-        (JointLimits(-1.0, 1.0), {}, "joint1.*nothing bounds its speed"),
+        (JointLimits(-1.0, 1.0), {}, "joint1.*no limit bounds its speed"),
         (JointLimits(-1.0, 1.0, 0.0), {}, "joint1.*velocity is 0"),
         (JointLimits(-1.0, 1.0, 1.0), {"jerk": -1.0}, "joint1.*jerk is -1"),
         (JointLimits(-1.0, 1.0, 1.0), {"effort": np.nan}, "joint1.*effort is nan"),
         (JointLimits(-1.0, 1.0, 1.0), {"velocity": [1.0, 2.0]}, "expected one number"),
-        (JointLimits(-1.0, 1.0, 1.0), {"jerk": {"elbow": 1.0}}, "no such joint"),
+        (JointLimits(-1.0, 1.0, 1.0), {"jerk": {"elbow": 1.0}}, "no joint .elbow."),
         (JointLimits(-1.0, 1.0, 1.0), {"position": {"joint1": (2, 1)}}, "not below"),
     ],
 )

@@ -163,7 +163,7 @@ def test_pieces_that_do_not_fit_are_refused(change, says):
     ("given", "says"),
     [
         ({"from_pose": [0.0, 0.0]}, "from_pose.*shape"),
-        ({"to_pose": {"j0": 1.0}}, "to_pose says nothing of joint 'j1'"),
+        ({"to_pose": {"j0": 1.0}}, "to_pose does not name joint 'j1'"),
         ({"to_pose": dict.fromkeys(("j0", "j1", "j2", "j3"), 0)}, "names joint 'j3'"),
         ({"from_pose": [99.0, 0.0, 0.0]}, "position of joint 'j0' is 99"),
         ({"periods": 0}, "at least one"),

@@ -91,5 +91,7 @@ def test_faults_are_named():
         OrientationCone("link4", np.pi)
     place = Body("place", Capsule(0.1, 0.1), "link2")
     way = Body("way", Capsule(0.1, 0.1), turning=True)
-    with pytest.raises(ProblemError, match="a direction and a place have no distance"):
+    with pytest.raises(
+        ProblemError, match="a direction and a position have no distance"
+    ):
         build_scene(ARM, [place, way])

@@ -9,7 +9,6 @@ from some_fast import some_fast
 
 from consistent_id import ProblemError, RecordingError, load_problem
 from consistent_id.problems import preparation as preparation_module
-from consistent_id.problems import problem as problem_module
 from consistent_id.problems.draft_rows import Clock, _training, split_logs
 from consistent_id.problems.drafting import draft_problem
 from consistent_id.problems.file import ModelTable, ProblemTable, problem_table
@@ -17,6 +16,7 @@ from consistent_id.problems.kept_text import toml_text
 from consistent_id.problems.statement import Statement
 from consistent_id.problems.tables import ConstraintsTable, RelationTable
 from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.readers import recording_file
 from consistent_id.recordings.readers.recording_file import column_names
 from consistent_id.recordings.recording import Recording
 
@@ -134,7 +134,7 @@ def test_a_log_is_read_and_prepared_once(arm, monkeypatch, select):
 
         monkeypatch.setattr(module, function, run)
 
-    counted("read", problem_module, "read_recording")
+    counted("read", recording_file, "read_recording")
     counted("differentiated", preparation_module, "differentiated")
     draft = draft_problem(folder / "arm.urdf", folder / "log.csv", select=select)
     counts.update(differentiated=0)
@@ -283,9 +283,7 @@ def test_commands_and_currents_are_not_taken_for_what_was_measured(tmp_path):
 def test_what_was_chosen_between_is_said(tmp_path):
     guess = guessed(tmp_path, "time,q1,q2,motor_q1,motor_q2,tau1,tau2")
     assert guess.columns.position == "q{number}"
-    assert guess.notes == (
-        "position is taken from q{number}, not from motor_q{number}",
-    )
+    assert guess.notes == ("position is read from q{number}, not from motor_q{number}",)
 
 
 def test_of_joints_whose_names_begin_alike_the_longer_is_meant(tmp_path):

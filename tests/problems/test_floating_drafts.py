@@ -90,7 +90,7 @@ def test_base_and_contacts_are_found_by_their_names(folder):
     found, notes = logs_of(folder, columns(folder))
     assert found.base.angular_velocity == ("gyro_x", "gyro_y", "gyro_z")
     assert found.base.acceleration == ("acc_x", "acc_y", "acc_z")
-    assert found.base.order == "wxyz" and "as its columns are named" in notes
+    assert found.base.order == "wxyz" and "by the names of its columns" in notes
     assert [(c.frame, c.closed) for c in found.contacts] == [
         (foot, f"contact_{foot}") for foot in FEET
     ]
@@ -127,7 +127,7 @@ def test_the_order_of_a_bare_quaternion_is_told_by_the_gyroscope(folder, order):
     log = columns(folder)
     turned = {f"base_rot_{i}": log[f"quat_{c}"] for i, c in enumerate(order)}
     found, notes = logs_of(folder, {**without(log, "quat"), **turned})
-    assert found.base.order == order and "as the gyroscope turns" in notes
+    assert found.base.order == order and "from the gyroscope" in notes
 
 
 def test_a_unit_is_where_the_robots_file_has_it(folder):
@@ -171,7 +171,7 @@ def test_feet_that_swing_need_their_columns_and_the_message_says_so(folder):
     ("share", "message"),
     [
         (1 / 9.81, "as in units of g; multiply it by 9.81"),
-        (0.3, "If gravity was taken out"),
+        (0.3, "If gravity was removed"),
     ],
 )
 def test_an_accelerometer_that_does_not_feel_gravity_is_refused(folder, share, message):
@@ -189,7 +189,9 @@ def test_the_options_for_a_base_without_columns_are_named(folder):
 
 def test_hints_of_a_base_that_is_fixed_are_refused(folder):
     (folder / "fixed.xml").write_text(quadruped_text(joint=""))
-    with pytest.raises(ci.ProblemError, match="taken for fixed; say --base floating"):
+    with pytest.raises(
+        ci.ProblemError, match="assumed to be fixed; add --base floating"
+    ):
         robot_logs(
             folder / "fixed.xml", folder / "training.csv", Statement(imu="trunk")
         )
@@ -197,7 +199,7 @@ def test_hints_of_a_base_that_is_fixed_are_refused(folder):
 
 def test_a_robot_on_legs_with_a_moving_base_in_its_log_is_asked_about(folder):
     (folder / "fixed.xml").write_text(quadruped_text(joint=""))
-    with pytest.raises(ci.ProblemError, match=r"Does it move\? Then say --base float"):
+    with pytest.raises(ci.ProblemError, match=r"If the base moves, add --base float"):
         robot_logs(folder / "fixed.xml", folder / "training.csv")
 
 

@@ -11,7 +11,7 @@ from walking import walk, write_csv
 
 import consistent_id as ci
 from consistent_id.cli import main
-from consistent_id.comparison.beyond_noise import parameter_shifts
+from consistent_id.estimation.uncertainties.beyond_noise import parameter_shifts
 from consistent_id.problems.problem_estimates import variant_regressions
 from consistent_id.problems.study import Study, run_study
 from consistent_id.regression.rows.sensor_drift import driftless_regression
@@ -249,7 +249,7 @@ def test_the_verdict_says_when_a_trunk_is_told_with_its_legs_alone(folder):
     (folder / "nothing.toml").write_text("\n".join(lines))
     nothing = Study(ci.load_problem(folder / "nothing.toml"))
     kinds = [
-        {reason.kind for reason in study.judged(study.constrained).reasons}
+        {reason.kind for reason in study.verdict_on(study.constrained).reasons}
         for study in (known, nothing)
     ]
     assert "trunk" not in kinds[0] and "trunk" in kinds[1]

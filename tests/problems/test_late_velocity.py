@@ -66,7 +66,7 @@ def test_a_draft_differentiates_the_position_instead_and_says_so(
 ):
     draft = draft_problem(*arm_with_late_velocity, select=False, cutoff=10.0)
     assert draft.columns.velocity is None
-    assert any("80 ms after the position" in note for note in draft.notes)
+    assert any("80 ms later than the position" in note for note in draft.notes)
     assert "velocity =" not in draft.text(arm_with_late_velocity[0].parent)
     (training,) = draft.problem().training
     slope = np.gradient(training.position, training.time, axis=0)

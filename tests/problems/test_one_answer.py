@@ -12,7 +12,7 @@ from logged import write_arm
 
 from consistent_id import Estimate, Recording, compare, load_problem
 from consistent_id.cli import main
-from consistent_id.estimation.estimate import FittedSpan, fitted_spans
+from consistent_id.estimation.fitted_to import FittedSpan, fitted_spans
 from consistent_id.estimation.verdict import Reason, Verdict, confirmed
 from consistent_id.problems.study import Study, run_study
 
@@ -203,7 +203,7 @@ def test_recordings_that_it_was_fitted_to_are_not_held_out(tmp_path):
     assert read.fitted_to == own.fitted_to
     both = replace(own, fitted_to=(first, second))
     assert study.unseen(both) == ()
-    assert study.judged(both).held_out is None
+    assert study.verdict_on(both).held_out is None
     # A part of it is enough, whatever the preparation of today makes of its ends.
     part = second._replace(stop=0.5 * (second.start + second.stop))
     assert study.unseen(replace(own, fitted_to=(part,))) == ()
@@ -215,9 +215,9 @@ def test_recordings_that_it_was_fitted_to_are_not_held_out(tmp_path):
     # What is not known is taken for held out, unless the verdict says worse.
     nothing = replace(own, fitted_to=())
     error = compare([own], study.validation).reports[0].held_out_error
-    assert study.judged(nothing).held_out == study.judged(own).held_out == error
-    stated = replace(study.judged(own), held_out=0.9)
-    assert study.judged(replace(nothing, judged=stated)).held_out == 0.9
+    assert study.verdict_on(nothing).held_out == study.verdict_on(own).held_out == error
+    stated = replace(study.verdict_on(own), held_out=0.9)
+    assert study.verdict_on(replace(nothing, judged=stated)).held_out == 0.9
 
 
 def test_spans_overlap_in_more_than_an_instant_of_one_recording():

@@ -66,15 +66,29 @@ def test_what_lies_beside_the_file_may_be_named(here):
         ("[data]\n", '[data]\nfolder = "/tmp"\n', "data.folder"),
         (
             "[constraints]\n",
-            "[[constraints.density_on]]\nlink='fore'\nmesh='/x.stl'\n[constraints]\n",
+            "[[constraints.density_on]]\nlink='fore'\nmesh='/etc/passwd'\n[constraints]\n",
             "mesh",
         ),
     ],
 )
 def test_what_lies_elsewhere_may_not_be_named(here, old, new, key):
+    for name in ("arm.urdf", "log.csv"):
+        copy(here / name, here.parent)
     changed(here, old, new)
     with pytest.raises(ProblemError, match=rf"{key} leads to .*--trust"):
         load_problem(here)
+
+
+def test_a_file_that_is_gone_is_missed_not_mistrusted(here):
+    """Trust would not bring it back."""
+    (here / "arm.urdf").rename(here.parent / "arm.urdf")
+    changed(here, 'urdf = "arm.urdf"', 'urdf = "../arm.urdf"')
+    with pytest.raises(ProblemError, match=r"model\.urdf leads to .*--trust"):
+        load_problem(here)
+    (here.parent / "arm.urdf").unlink()
+    with pytest.raises(ProblemError, match="no such file is there") as refused:
+        load_problem(here)
+    assert "trust" not in str(refused.value)
 
 
 def test_a_dollar_in_a_name_is_no_variable(tmp_path, monkeypatch):
@@ -196,6 +210,9 @@ def test_its_user_may_go_on_editing_it(own):
     ],
 )
 def test_another_place_or_the_same_under_another_key_is_refused(own, old, new, key):
+    study = own.parent.parent / "study"
+    copytree(study, study.parent / "study2")
+    copy(study / "log.csv", study.parent / "secret.csv")
     changed(own, old, new)
     with pytest.raises(ProblemError, match=rf"{key} leads to .*--trust"):
         load_problem(own)
@@ -392,7 +409,7 @@ def test_every_path_of_a_table_is_looked_at(tmp_path):
     """Of the table with all keys, each path leads out when its folder is moved."""
     table = moved(ALL, Path("problems/rx60"), tmp_path)
     said = [
-        sentence.split()[0] for sentence in names_outside(table, tmp_path / "x.toml")
+        name.sentence.split()[0] for name in names_outside(table, tmp_path / "x.toml")
     ]
     keys = [
         ".".join(p for p in key.split(".") if p and not p.isdigit())

@@ -108,7 +108,7 @@ def studied(urdf, first, third):
 def test_what_is_delivered_is_fitted_to_all_data_and_judged_before(arm):
     urdf, first, _, third = arm
     study = studied(urdf, first, third)
-    delivered, judged = study.delivered, study.recommended.judged
+    delivered, judged = study.delivered, study.recommended.with_verdict
     assert delivered.method == judged.method
     assert delivered.verdict == judged.verdict
     assert delivered.notes[0].startswith("fitted again")
@@ -207,7 +207,7 @@ def test_check_reads_a_log_as_identify_does(arm, tmp_path, capsys):
     assert main(["check", str(urdf), str(maker)]) == 2
     assert "--torque-gain" in capsys.readouterr().err
     assert main(["check", str(urdf), str(maker), "--torque-gain", "50", "20"]) == 0
-    assert "position is in deg, as AIPos.A{number} says" in capsys.readouterr().out
+    assert "position is in deg, according to AIPos.A{number}" in capsys.readouterr().out
 
 
 def test_a_joint_is_locked_where_the_shell_says(arm, capsys):

@@ -33,7 +33,7 @@ def test_without_words_no_joint_has_drive_terms():
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["elbow=viscous"], "alone, expected those of all joints before"),
+        (["elbow=viscous"], "expected those of all joints before"),
         (["viscous", "elbw=viscous"], "no joint 'elbw'; known: elbow"),
         (["viscous", "elbow=viscos"], "no drive term 'viscos'; "),
     ],

@@ -8,6 +8,7 @@ import pytest
 from logged import write_arm
 
 import consistent_id as ci
+from consistent_id.problems.draft import draft_table
 from consistent_id.problems.file import JointTable, ProblemTable, problem_table
 from consistent_id.problems.kept_text import toml_text
 from consistent_id.problems.overrides import overridden
@@ -25,7 +26,7 @@ WORDS = {
     "tip": "fore",
     "locked": ["elbow=0.5"],
     "gravity": "0,0,-1.62",
-    "package_dirs": ["meshes"],
+    "package_dirs": ["problems"],
     "validation": ["other.csv"],
     "time": "t",
     "position": "pos_{joint}",
@@ -136,7 +137,7 @@ def test_a_width_needs_friction_that_has_one(problem):
 
 
 def test_of_a_problem_without_logs_nothing_of_logs_can_be_stated():
-    with pytest.raises(ci.ProblemError, match=r"--torque-gain is of logs.*names none"):
+    with pytest.raises(ci.ProblemError, match=r"--torque-gain is for logs.*names none"):
         ci.load_problem("problems/rx60", torque_gain=[2.0])
 
 
@@ -312,3 +313,19 @@ def test_tables_in_memory_take_the_same(arm):
         cutoff=10.0,
     )
     assert draft.raw[draft.log].time[0] == whole.time[1]
+
+
+def test_a_folder_of_packages_that_is_not_there_is_refused(tmp_path):
+    with pytest.raises(ci.ProblemError, match=r"--package-dirs .*nowhere is no folder"):
+        Statement(package_dirs=[tmp_path, tmp_path / "nowhere"])
+
+
+def test_commands_without_gains_say_what_makes_torque_of_them(tmp_path):
+    urdf, log = write_arm(tmp_path)
+    command = {"position_command": "q_{joint}", "select": False, "cutoff": 10.0}
+    draft = ci.draft_problem(urdf, log, **command)
+    assert "q_{joint} are not used: " in "; ".join(draft_table(draft).notes)
+    text = log.read_text().replace("tau_", "note_")
+    log.write_text(text)
+    with pytest.raises(ci.RecordingError, match=r"commands in q_\{joint\}.*--gains KP"):
+        ci.draft_problem(urdf, log, **command)

@@ -245,5 +245,5 @@ def test_of_a_robot_with_branches_what_is_not_of_the_chain_is_proposed(tmp_path)
     arm = ("axis_b", "axis_c", "axis_d", "axis_e")
     with pytest.raises(RecordingError, match=r"from axis_b to axis_e.*axis_a axis_f$"):
         guessed(tmp_path, names, chains={4: arm})
-    with pytest.raises(RecordingError, match=r"which stand still: --lock JOINT"):
+    with pytest.raises(RecordingError, match=r"the joints at rest: --lock JOINT"):
         guessed(tmp_path, names, chains={})

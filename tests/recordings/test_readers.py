@@ -123,15 +123,36 @@ def test_the_dialects_of_csv_are_read_alike(tmp_path, text):
 FAULTY_CSV = {
     "missing column": ("time,q_elbov,x\n0,1,2\n", "no column 'q_elbow'.*: q_elbov"),
     "no time": ("t,q_elbow\n0,1\n1,2\n", "no column 'time'; known: "),
-    "repeated column": ("time,q_elbow,q_elbow\n0,1,1\n", "'q_elbow' stands there twi"),
-    "unit row": ("time,q_elbow\ns,rad\n0,1\n", "row 2, column 'time': 's' is not a n"),
-    "text": ("time,q_elbow\n0,1\n1,ten\n", "row 3, column 'q_elbow': 'ten'"),
-    "empty field": ("time,q_elbow\n0,\n1,2\n", "row 2, column 'q_elbow' is empty"),
-    "blank line counts": ("time,q_elbow\n0,1\n\nx,1\n", "row 4, column 'time': 'x'"),
-    "decimal comma": ("time,q_elbow\n0,1\n0,5,2\n", "row 3: 3 fields, the header has"),
-    "quoted comma": ('time,q_elbow\n"0,5",1\n', r"row 2, column 'time': '0,5'.*'\.'"),
+    "repeated column": ("time,q_elbow,q_elbow\n0,1,1\n", "'q_elbow' occurs twi"),
+    "unit row": (
+        "time,q_elbow\ns,rad\n0,1\n",
+        "row 1 \\(line 2\\), column 'time': 's' is not a n",
+    ),
+    "text": (
+        "time,q_elbow\n0,1\n1,ten\n",
+        "row 2 \\(line 3\\), column 'q_elbow': 'ten'",
+    ),
+    "empty field": (
+        "time,q_elbow\n0,\n1,2\n",
+        "row 1 \\(line 2\\), column 'q_elbow' is empty",
+    ),
+    "blank line counts": (
+        "time,q_elbow\n0,1\n\nx,1\n",
+        "row 2 \\(line 4\\), column 'time': 'x'",
+    ),
+    "decimal comma": (
+        "time,q_elbow\n0,1\n0,5,2\n",
+        "row 2 \\(line 3\\): 3 fields, the header has",
+    ),
+    "quoted comma": (
+        'time,q_elbow\n"0,5",1\n',
+        r"row 1 \(line 2\), column 'time': '0,5'.*'\.'",
+    ),
     "spaces": ("time q_elbow\n0 1\n", "no column 'time'; known: time q_elbow"),
-    "short row": ("time,q_elbow\n0,1\n1\n", "row 3: 1 fields, the header has 2"),
+    "short row": (
+        "time,q_elbow\n0,1\n1\n",
+        "row 2 \\(line 3\\): 1 fields, the header has 2",
+    ),
     "empty": ("", "no column 'time'; there are none"),
     "header only": ("time,q_elbow\n", "no row below the header"),
     "one sample": ("time,q_elbow\n0,1\n", "1 samples, expected 2"),
@@ -142,7 +163,7 @@ FAULTY_CSV = {
     "utf-16": ("time,q_elbow\n0,1\n".encode("utf-16"), "not readable as CSV"),
     "binary": (bytes(range(256)) * 8, "not readable as CSV"),
     "zeros": (bytes(64), "no column 'time'"),
-    "one huge field": ("time,q_elbow\n0," + "1" * 200_000, "not readable as CSV"),
+    "one huge field": ("time,q_elbow\n0," + "x" * 200_000, "not readable as CSV"),
 }
 
 
@@ -216,6 +237,7 @@ def test_every_numeric_type_of_parquet_is_read(tmp_path, kind):
     [
         (pa.array(["1", "x"]), "column 'q_elbow' holds string, expected numbers"),
         (pa.array([[1.0], [2.0, 3.0]]), "column 'q_elbow' holds lists of diff"),
+        (pa.array([True, False]), "column 'q_elbow' holds bool, expected numbers"),
         (pa.array([1.0, None]), "position of joint 'elbow' is nan at sample 1"),
         (pa.array([None, 2]), "position of joint 'elbow' is nan at sample 0"),
     ],
@@ -229,7 +251,7 @@ def test_parquet_columns_without_numbers_are_refused(tmp_path, elbow, message):
     ("names", "message"),
     [
         (("time", "q_elbov"), "no column 'q_elbow'; known: q_elbov"),
-        (("time", "q_elbow", "q_elbow"), "column 'q_elbow' stands there twice"),
+        (("time", "q_elbow", "q_elbow"), "column 'q_elbow' occurs twice"),
     ],
 )
 def test_missing_and_repeated_parquet_columns_are_refused(tmp_path, names, message):

@@ -167,7 +167,9 @@ def test_without_stamps_the_time_of_logging_is_used_and_said(save, caplog):
     ],
 )
 def test_columns_that_joint_states_do_not_have_are_refused(tmp_path, columns):
-    with pytest.raises(RecordingError, match="nothing of a JointState; its fields are"):
+    with pytest.raises(
+        RecordingError, match="not a field of a JointState; its fields are"
+    ):
         read_recording(tmp_path / "log.mcap", JOINTS, columns)
 
 
@@ -178,7 +180,7 @@ def test_what_is_no_bag_is_refused(tmp_path, name):
     (tmp_path / name).write_text("time,q_elbow\n0,1\n" * 500)
     with pytest.raises(RecordingError, match=f"{name}: not readable as ROS bag"):
         read_recording(tmp_path / name, JOINTS)
-    with pytest.raises(RecordingError, match=r"without metadata\.yaml is no bag"):
+    with pytest.raises(RecordingError, match=r"without metadata\.yaml is not a bag"):
         read_recording(tmp_path, JOINTS)
 
 

@@ -1,7 +1,10 @@
 """Columns of a base, of contacts and of wrenches, in tables and in arrays."""
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
+from pyarrow import feather
 
 import consistent_id as ci
 
@@ -255,3 +258,20 @@ def test_base_contact_and_wrench_are_read_in_every_format(tmp_path, name, order)
     assert np.array_equal(found.base.specific_force, arrays["imu/acc"])
     assert np.allclose(found.base.rotation[:, 1, 0], np.sin(angle))
     assert np.array_equal(found.contacts[0].closed, TIME > 1.0)
+
+
+@pytest.mark.parametrize("ending", ["parquet", "feather"])
+def test_a_contact_that_is_true_or_false_is_read(tmp_path, ending):
+    closed = TIME > 1.0
+    table = pa.table({"time": TIME, "q_hip": np.sin(TIME), "touch": closed})
+    path = tmp_path / f"log.{ending}"
+    (pq.write_table if ending == "parquet" else feather.write_feather)(table, path)
+    contact = ci.recordings.ContactColumns("foot", "touch")
+    beside = ci.recordings.BesideColumns(contacts=[contact])
+    log = ci.read_recording(path, ["hip"], ci.Columns(beside=beside))
+    np.testing.assert_array_equal(log.contacts[0].closed, closed)
+    missing = pa.array([None, *closed[1:].tolist()])
+    table = table.set_column(2, "touch", missing)
+    (pq.write_table if ending == "parquet" else feather.write_feather)(table, path)
+    with pytest.raises(ci.RecordingError, match=r"touch.* at sample 0.*--omit 1 "):
+        ci.read_recording(path, ["hip"], ci.Columns(beside=beside))

@@ -68,7 +68,8 @@ def test_every_dialect_is_read_to_the_last_bit(
 
 
 NUMERALS = "0 1 -2.5 3e1 1,5 1.5 ,5 5. nan inf Infinity +1 1_0 0x1 1d3 1e999 - ٣ x"
-ODD = ["", " ", " 1 ", "\t1", "\x0b1", "\x1c1", "1\x00", '"1"', "#1", "\u00a01", "é"]
+ODD = ["", " ", " 1 ", "\t1", "\x0b1", "\x1c1", "1\x00", "#1", "\u00a01", "é"]
+ODD += ['"1"', ' "1"', '"1"2', '"1,5"', ' "a,b"', '"a\nb"', '"', '""']
 CELL = st.sampled_from([*NUMERALS.split(" "), *ODD])
 
 
@@ -86,6 +87,19 @@ def test_the_fast_way_never_differs_from_the_exact_way(separator, rows, end):
     if fast is not None:
         exact = csv._exact(Path("log.csv"), body, header, [1, 0])
         np.testing.assert_array_equal(fast, exact)
+
+
+@pytest.mark.parametrize("note", ['"a, b"', '"a\nb"', '"say ""so"""'])
+def test_quoted_fields_are_read_the_fast_way_or_not_at_all(note):
+    """Some rows end within a quoted line end where PyArrow cuts its blocks of 1 MB."""
+    rows = 60_000
+    body = "".join(f'"{k}",{note},{k}.5\n' for k in range(rows))
+    fast = csv._fast(body, csv._CsvHeader(("a", "note", "b"), ",", 1, 0), [2, 0])
+    if fast is None:
+        assert "\n" in note
+        return
+    np.testing.assert_array_equal(fast[:, 1], np.arange(rows))
+    np.testing.assert_array_equal(fast[:, 0], np.arange(rows) + 0.5)
 
 
 @pytest.mark.parametrize("separator", SEPARATORS.values(), ids=SEPARATORS)
@@ -143,19 +157,19 @@ def test_one_joint_under_two_names_is_refused():
     ],
 )
 def test_a_position_in_another_unit_is_refused_by_its_name(tmp_path, pattern):
-    refused(tmp_path, "", "says .*not converted", Columns(position=pattern))
+    refused(tmp_path, "", "contains .*not converted", Columns(position=pattern))
 
 
 @pytest.mark.parametrize("name", ["time_ms", "t [ns]", "stamp_us", "time (µs)"])
 def test_a_time_in_another_unit_is_refused_by_its_name(tmp_path, name):
-    refused(tmp_path, "", "says .*not converted", Columns(time=name))
+    refused(tmp_path, "", "contains .*not converted", Columns(time=name))
 
 
 @pytest.mark.parametrize(
     "pattern", ["dq_{joint} [deg/s]", "{joint}_rpm", "v_deg_per_s"]
 )
 def test_a_rate_in_another_unit_is_refused_by_its_name(tmp_path, pattern):
-    refused(tmp_path, "", "says .*not converted", Columns(velocity=pattern))
+    refused(tmp_path, "", "contains .*not converted", Columns(velocity=pattern))
 
 
 def test_units_of_joint_names_and_of_torque_are_left_alone(tmp_path):
@@ -165,39 +179,70 @@ def test_units_of_joint_names_and_of_torque_are_left_alone(tmp_path):
 
 
 UNIT_ROW = (
-    "row 2, column 'time': 's' is not a number.*units \\('s', 'rad'\\): delete it"
+    "row 1 \\(line 2\\), column 'time': 's' is not a number"
+    ".*units \\('s', 'rad'\\): delete it"
 )
 FAULTY = {
     "unit row": ("time,q_elbow\ns,rad\n0,1\n", UNIT_ROW),
     "unit row, semicolons": ("time;q_elbow\ns;rad\n0;1\n", UNIT_ROW),
     "text further down": (
         "time;q_elbow\n0;1\nend;log\n",
-        "row 3, column 'time': 'end'",
+        "row 2 \\(line 3\\), column 'time': 'end'",
     ),
-    "both marks": ("time;q_elbow\n0,5;1\n1.5;2\n", "row 3, column 'time': '1.5'.*','"),
+    "both marks": (
+        "time;q_elbow\n0,5;1\n1.5;2\n",
+        "row 2 \\(line 3\\), column 'time': '1.5'.*','",
+    ),
     "both marks in a row": (
         "time;q_elbow\n0,5;1.5\n",
-        "row 2, column 'q_elbow': '1.5'",
+        "row 1 \\(line 2\\), column 'q_elbow': '1.5'",
     ),
     "point, then comma": (
         "time\tq_elbow\n0.5\t1\n1\t1,234\n",
         "'1,234' is.*'\\.' marks",
     ),
-    "thousands": ("time;q_elbow\n0;1.234,5\n", "row 2, column 'q_elbow': '1.234,5'"),
-    "more thousands": ("time;q_elbow\n0;1,234,567\n", "row 2, column 'q_elbow': '1,23"),
-    "comments count": ("# a\n# b\ntime,q_elbow\n0,1\nx,1\n", "row 5, column 'time'"),
-    "comment below": ("time,q_elbow\n0,1\n#\n1,2\n", "row 3: 1 fields, the header"),
-    "comment as header": ("# time,q_elbow\n0,1\nx,1\n", "row 3, column 'time': 'x'"),
-    "quoted line ends": ('time,q_elbow,"a\nb"\n0,1,2\nx,1,2\n', "row 4, column 'time'"),
-    "two separators": ("time,q_elbow,;time;q_elbow\n0,1,2\n", "whether ',' and ';'"),
-    "ragged to and fro": ("time,q_elbow\n0,1,2\n1\n", "row 2: 3 fields, the header"),
-    "twice": ("time;q_elbow;q_elbow\n0;1;1\n", "'q_elbow' stands there twice"),
+    "thousands": (
+        "time;q_elbow\n0;1.234,5\n",
+        "row 1 \\(line 2\\), column 'q_elbow': '1.234,5'",
+    ),
+    "more thousands": (
+        "time;q_elbow\n0;1,234,567\n",
+        "row 1 \\(line 2\\), column 'q_elbow': '1,23",
+    ),
+    "comments count": (
+        "# a\n# b\ntime,q_elbow\n0,1\nx,1\n",
+        "row 2 \\(line 5\\), column 'time'",
+    ),
+    "comment below": (
+        "time,q_elbow\n0,1\n#\n1,2\n",
+        "row 2 \\(line 3\\): 1 fields, the header",
+    ),
+    "comment as header": (
+        "# time,q_elbow\n0,1\nx,1\n",
+        "row 2 \\(line 3\\), column 'time': 'x'",
+    ),
+    "quoted line ends": (
+        'time,q_elbow,"a\nb"\n0,1,2\nx,1,2\n',
+        "row 2 \\(line 4\\), column 'time'",
+    ),
+    "two separators": (
+        "time,q_elbow,;time;q_elbow\n0,1,2\n",
+        "with each of ',' and ';'",
+    ),
+    "ragged to and fro": (
+        "time,q_elbow\n0,1,2\n1\n",
+        "row 1 \\(line 2\\): 3 fields, the header",
+    ),
+    "twice": ("time;q_elbow;q_elbow\n0;1;1\n", "'q_elbow' occurs twice"),
     "other separator": ("time;q_elbov\n0;1\n", "no column 'q_elbow'; known: q_elbov"),
     "commas for all": ("time,q_elbow\n0,5,1,0\n", "4 fields.*If commas mark decimals"),
-    "no header": ("0,1\n1,2\n", "first row holds numbers"),
-    "empty cell": ("time,q_elbow\n0,1\n1,\n", "row 3, column 'q_elbow' is empty"),
+    "no header": ("0,1\n1,2\n", "first row contains numbers"),
+    "empty cell": (
+        "time,q_elbow\n0,1\n1,\n",
+        "row 2 \\(line 3\\), column 'q_elbow' is empty",
+    ),
     "a huge line": (
-        "time,q_elbow\n0," + "1" * 200_000 + "\n1,1",
+        "time,q_elbow\n0," + "x" * 200_000 + "\n1,1",
         "not readable as CSV",
     ),
 }
@@ -219,7 +264,11 @@ def test_a_fault_in_the_last_row_of_a_long_log_is_found(tmp_path):
     text = "time,q_elbow,note\n" + rows
     log = read_recording(written(tmp_path, text), ["elbow"])
     np.testing.assert_array_equal(log.position[:, 0], np.arange(20_000) + 0.5)
-    refused(tmp_path, text + "20000,1;5,x\n", "row 20002, column 'q_elbow': '1;5'")
+    refused(
+        tmp_path,
+        text + "20000,1;5,x\n",
+        "row 20001 \\(line 20002\\), column 'q_elbow': '1;5'",
+    )
 
 
 def test_a_long_log_is_read_in_well_under_a_second(tmp_path):

@@ -64,7 +64,7 @@ def test_a_recording_outlives_its_file(tmp_path):
 
 FAULTY = {
     "missing": (TABLE.drop_columns("q_wrist"), "no column 'q_wrist'; .*q_elbow"),
-    "twice": (TABLE.append_column("time", [TIME]), "column 'time' stands there twice"),
+    "twice": (TABLE.append_column("time", [TIME]), "column 'time' occurs twice"),
     "text": (
         TABLE.set_column(2, "q_wrist", [list("abcde")]),
         "column 'q_wrist' holds string, expected numbers",

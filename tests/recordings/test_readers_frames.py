@@ -49,7 +49,7 @@ def frame(**columns):
 
 BAD_TABLES = {
     "missing": (frame().drop(columns="time"), "no column 'time'; known: q_elbow"),
-    "twice": (pd.concat([frame(), frame()], axis=1), "'time' stands there twice"),
+    "twice": (pd.concat([frame(), frame()], axis=1), "'time' occurs twice"),
     "dates": (
         frame(time=pd.date_range("2020", periods=5)),
         "datetime64.*timedelta64\\(1, 's'",
@@ -60,7 +60,10 @@ BAD_TABLES = {
     "gap": (frame(q_elbow=[1, 2, None, 4, 5]), "'elbow' is nan at sample 2"),
     "back in time": (frame(time=TIME[::-1]), "time goes from 0.4 s"),
     "masked": ({"time": np.ma.array(TIME, mask=TIME > 0.3), "q_elbow": TIME}, "masked"),
-    "ragged": ({"time": [[1], [1, 2]], "q_elbow": TIME}, "'time' is no array of num"),
+    "ragged": (
+        {"time": [[1], [1, 2]], "q_elbow": TIME},
+        "'time' is not an array of num",
+    ),
     "scalar": ({"time": 1.0, "q_elbow": TIME}, r"'time' has shape \(\), expected one"),
     "no names": ([TIME, TIME], "list has neither columns nor keys"),
     "indexed": (frame().set_index("time"), r"'time' is the index.*reset_index\(\)"),

@@ -22,7 +22,7 @@ from consistent_id.regression.base import (
     linear_combination,
 )
 from consistent_id.regression.drive.drive_terms import DriveTerms
-from consistent_id.regression.independent_columns import (
+from consistent_id.regression.linear import (
     independent_columns,
     split_at_gap,
 )

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from consistent_id import DHRow, DriveTerms, Recording, TorqueModel, from_modified_dh
-from consistent_id.diagnosis.motion_noise import motion_noise_findings
+from consistent_id.diagnosis.coverage import column_noise, motion_noise_findings
 from consistent_id.recordings.signals import differentiated, low_passed
 from consistent_id.regression import base_parameters
-from consistent_id.regression.column_noise import column_noise
 
 SLIDER = from_modified_dh("slider", [DHRow(0, 0, kind="prismatic")], gravity=[0, 0, 0])
 MODEL = TorqueModel(SLIDER, DriveTerms(viscous=True))

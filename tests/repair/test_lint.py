@@ -85,7 +85,7 @@ def test_gravity_beyond_the_effort_limit_is_found(linted):
     (found,) = linted(effort=15.0)
     assert (found.rule, found.severity) == ("gravity-torque", "warning")
     assert "the effort limit is 15 N m" in found.sentence
-    worst = float(found.sentence.split("takes ")[1].split()[0])
+    worst = float(found.sentence.split("needs ")[1].split()[0])
     assert 16.0 < worst <= 17.7
 
 

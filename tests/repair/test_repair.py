@@ -147,10 +147,10 @@ def test_without_mass_there_is_no_inertia(broken):
 @pytest.mark.parametrize(
     ("old", "new", "fault", "remedy"),
     [
-        ('<mass value="1.0"/>', "", "<mass> is missing", "which mass"),
-        ('value="1.0"', 'value="nan"', "<mass value> is 'nan'", "which mass"),
-        ('value="1.0"', 'value="1,0"', "<mass value> is '1,0'", "which mass"),
-        ('value="1.0"', 'value="-1"', "mass is -1 kg", "which mass"),
+        ('<mass value="1.0"/>', "", "<mass> is missing", "its mass"),
+        ('value="1.0"', 'value="nan"', "<mass value> is 'nan'", "its mass"),
+        ('value="1.0"', 'value="1,0"', "<mass value> is '1,0'", "its mass"),
+        ('value="1.0"', 'value="-1"', "mass is -1 kg", "its mass"),
         (f"<inertia {INERTIA}/>", "", "<inertia> is missing", "state a density"),
         ('ixx="0.02"', 'ixx="inf"', "<inertia ixx> is 'inf'", "state a density"),
         (' iyz="0.003"', "", "<inertia iyz> is missing", "state a density"),
@@ -262,7 +262,7 @@ def test_the_command_writes_beside_the_file(broken, capsys):
 def test_the_command_ends_with_1_where_something_is_refused(broken, capsys):
     path = broken('value="1.0"', 'value="-1"')
     assert main(["repair", str(path)]) == 1
-    assert "refused: which mass it has" in capsys.readouterr().out
+    assert "refused: its mass cannot" in capsys.readouterr().out
     assert not path.with_name("robot.repaired.urdf").exists()
     assert main(["repair", str(path), "--mass", "two=1.5"]) == 0
     assert main(["repair", str(path), "--mass", "two"]) == 2

@@ -38,7 +38,7 @@ from consistent_id.diagnosis import Diagnosis
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.estimation.verdict import percent
 from consistent_id.report import advise, comparison_html, report_html
-from consistent_id.report.drawn_robot import (
+from consistent_id.report.links_section import (
     InertiaEllipsoid,
     equimomental,
     outline,
@@ -85,11 +85,11 @@ class Page(HTMLParser):
 def study(request, tmp_path_factory):
     """Of a small arm and its log, and of a paper's simulated experiment."""
     if request.param == "rx60":
-        return run_study(load_problem("problems/rx60"))
+        return run_study(load_problem("problems/rx60"), seed=3)
     folder = tmp_path_factory.mktemp("arm")
     draft = draft_problem(*write_arm(folder), select=False, cutoff=10.0)
     (folder / "problem.toml").write_text(draft.text(folder))
-    return run_study(load_problem(folder, trust=True))
+    return run_study(load_problem(folder, trust=True), seed=3)
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,7 @@ def sure(study):
 
 @pytest.fixture(scope="module")
 def html(study, sure):
-    return report_html(study, uncertainty=sure, seed=3, command="do it again")
+    return report_html(study, uncertainty=sure, command="do it again")
 
 
 @pytest.fixture(scope="module")

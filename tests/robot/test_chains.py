@@ -121,7 +121,7 @@ def test_a_merged_links_datasheet_says_what_both_do():
         ({"tip": "base"}, "no moving joint between"),
         (
             {"tip": "two", "joints": ["spin", "slide"]},
-            "'spin' is to be kept, but is not",
+            "'spin' is kept, but is not",
         ),
     ],
 )

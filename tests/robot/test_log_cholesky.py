@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from body_variables import log_cholesky_curvature
 from differences import central_differences
 from robots import random_body
 
 from consistent_id import InertialParameters, ModelError
 from consistent_id.robot.log_cholesky import (
     body_from_log_cholesky,
-    log_cholesky_curvature,
     log_cholesky_from_body,
     log_cholesky_jacobian,
 )

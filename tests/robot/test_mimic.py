@@ -123,7 +123,7 @@ def test_what_follows_a_joint_of_another_branch_stands_as_at_its_zero():
 def test_a_follower_that_is_kept_needs_its_leader(tmp_path):
     path = _written(tmp_path, '<mimic joint="turn"/>')
     assert len(load_urdf(path, joints=["turn"]).joints) == 2
-    with pytest.raises(ModelError, match="'spin' is to be kept, but follows 'turn'"):
+    with pytest.raises(ModelError, match="'spin' is kept, but follows 'turn'"):
         load_urdf(path, joints=["slide", "spin"])
 
 

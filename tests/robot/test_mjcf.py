@@ -284,7 +284,7 @@ def test_coupled_joints_may_be_locked(written):
     assert robot.joint_names == ("turn", "slide")
     whole = load_mjcf(path, locked={"roll": 0.0})
     assert whole.joint_names == ("turn", "slide", "lift", "pitch")
-    with pytest.raises(ModelError, match="'turn' is to be kept and to be locked"):
+    with pytest.raises(ModelError, match="'turn' is both kept and locked"):
         load_mjcf(written(), joints=["turn"], locked={"turn": 0.0})
 
 
@@ -367,7 +367,7 @@ def test_meshes_that_are_only_looked_at_may_be_missing(written):
     ],
 )
 def test_a_missing_mesh_that_weighs_is_named(written, change):
-    message = r"mesh file 'arm\.stl' is not there, and the inertia of body 'arm'"
+    message = r"mesh file 'arm\.stl' is missing, and the inertia of body 'arm'"
     with pytest.raises(ModelError, match=message):
         load_mjcf(written(change, text=MESHED))
 

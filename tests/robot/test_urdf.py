@@ -84,7 +84,7 @@ def test_limits_of_speed_and_effort_are_not_demanded(tmp_path, missing, caplog):
     effort = np.inf if missing in ("effort", "both") else 50.0
     assert (limits.lower, limits.upper) == (-2.0, 1.5)
     assert (limits.velocity, limits.effort) == (speed, effort)
-    assert "taken for unlimited" in caplog.text
+    assert "read as unlimited" in caplog.text
 
 
 def test_the_chain_to_a_tip_can_be_loaded_alone(tmp_path):
@@ -155,7 +155,7 @@ def test_a_mimic_joint_may_be_locked(tmp_path):
     [
         ({"locked": {"slid": 0.0}}, "no joint 'slid' .*slide"),
         ({"joints": ["trun"]}, "no joint 'trun' .*turn"),
-        ({"joints": ["turn"], "locked": {"turn": 0.0}}, "kept and to be locked"),
+        ({"joints": ["turn"], "locked": {"turn": 0.0}}, "both kept and locked"),
         ({"locked": {"slide": np.nan}}, "'slide' is locked at nan"),
         ({"locked": dict.fromkeys(("turn", "slide", "spin"), 0.0)}, "nothing moves"),
     ],

@@ -72,7 +72,7 @@ def test_a_clean_file_has_no_findings(tmp_path):
         ('value="2.0"', 'value="1_000"', "'1_000'"),
         ('value="2.0"', 'value="${mass}"', "line 13: <mass .*run xacro"),
         ('value="2.0"', 'value="1e999"', "'1e999'"),
-        ('ixy="0.001" ', "", "lacks ixy; .* taken for massless"),
+        ('ixy="0.001" ', "", "lacks ixy; .* read as massless"),
         ('lower="-2" upper="1.5"', 'lower="2" upper="1.5"', "line 8: .*reversed"),
         ('velocity="3"', 'velocity="-3"', "line 8: .* limit velocity is -3 < 0"),
         ('effort="50"', 'effort="-5"', "line 8: .* limit effort is -5 < 0"),
@@ -98,7 +98,7 @@ ODD = [
     ('ixx="0.02"', 'ixx="0.09"', "line 14: link 'one': .* more than the sum"),
     ('ixx="0.02"', 'ixx="-0.02"', "line 14: link 'one': .* one of them negative"),
     ('value="2.0"', 'value="0"', "line 14: link 'one': mass is zero, but"),
-    ('xyz="0.6 0 0.8"', 'xyz="3 0 4"', "line 7: .* length 5; .* direction"),
+    ('xyz="0.6 0 0.8"', 'xyz="3 0 4"', "line 7: .* length 5; .* normalised"),
     ('upper="0.4"', 'upper="0"', "line 20: .*'slide': .* both 0"),
 ]
 

@@ -253,7 +253,9 @@ def test_a_stretched_leg_is_refused(stance):
 
 
 def test_two_points_are_no_stance(stance):
-    with pytest.raises(ci.ProblemError, match="in a line, on which nothing can stand"):
+    with pytest.raises(
+        ci.ProblemError, match="in a line, on which the robot cannot stand"
+    ):
         Stance(stance.robot, stance.feet[:2], POSE)
 
 

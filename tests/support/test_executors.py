@@ -16,7 +16,7 @@ from killing import killing, loky_workers
 from consistent_id._support.executors import Executor, single_threaded, tree_reduced
 from consistent_id._support.run import Run, current_run, running
 from consistent_id.errors import ProblemError, RecordingError, SolverError
-from consistent_id.regression.triangles import triangle
+from consistent_id.regression.linear import triangle
 
 
 @single_threaded

@@ -6,23 +6,23 @@ multipliers of the right sign leaves
 
 ``f(u) - f(v) <= complementarity - r.d - 1/2 ||G d||^2``
 
-where ``r`` is what the multipliers fail to explain.  On the steps that equalities
-allow, its part along a singular vector of ``G`` with value ``s`` costs at most
-``r_s^2 / (2 s^2)``; along any others together, where ``G`` is flat, at most what the
-linear function gains in a ball, ``radius ||r|| - r.(centre - u)``.  The least such sum
-is the gap.  It holds whatever the solver did, against all ``v`` in a ball about a
-centre (the nominal robot) that is `RADIUS` times as large as the centre itself, and
-reaches `RADIUS` times as far as ``u`` is from it.
+where ``r`` is the part that the multipliers do not explain.  On the steps that
+equalities allow, its part along a singular vector of ``G`` with value ``s`` contributes
+at most ``r_s^2 / (2 s^2)``; along all others together, where ``G`` is flat, at most the
+gain of the linear function in a ball, ``radius ||r|| - r.(centre - u)``.  The least
+such sum is the gap.  It is valid for any result of the solver, for all ``v`` in a ball
+about a centre (the nominal robot) that is `RADIUS` times as large as the centre itself,
+and reaches `RADIUS` times as far as ``u`` is from it.
 
-`conic_optimum` proves the same of what CVXPY makes of a convex problem,
+`conic_optimum` makes the same proof for the form that CVXPY gives a convex problem,
 ``minimise f(y) = 1/2 y.P y + q.y  subject to  b - A y in K``.  With ``g = P y + q`` and
 multipliers in the dual cone, no feasible ``y'`` of a ball has less than
-``f(y) + g.(y' - y)``, and `lower_bound` says what ``g.y'`` is at the least.
+``f(y) + g.(y' - y)``, and `lower_bound` returns a lower bound of ``g.y'``.
 """
 
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
@@ -53,16 +53,19 @@ from consistent_id.constraints.cones.sets import (
 )
 from consistent_id.errors import InfeasibleError, SolverError
 
-_FINE = (1e-12, 1e-10)  # tolerances where numbers are tame, or magnified
+_FINE = (1e-12, 1e-10)  # tolerances for moderate numbers, or for magnified ones
 _FLAT = 1e-3
-"""Gap that no digits of the solver's close: the objective is flat in directions in
-which the point ran away, and only a ball can hold it."""
+"""Gap that no tolerance of the solver closes: the objective is flat in directions in
+which the point diverged, and only a ball can bound it.
+"""
 
 _MANY = 200
-"""Parameters from which on the first try is not refined: that saves a third of the
-solver's time and mostly is enough; of fewer it is not worth a second try."""
+"""Number of parameters from which the first try is not refined: this saves a third of
+the solver's time and is mostly enough; for fewer parameters, a second try costs more
+than it saves.
+"""
 
-_NO_COST = 1e-9  # share of the objective, far below the gap allowed
+_NO_COST = 1e-9  # share of the objective, far below the allowed gap
 
 OptimumVerdict = Literal["certified", "uncertified"]
 
@@ -73,15 +76,53 @@ FEASIBILITY_TOLERANCE = 1e-7
 """Largest violation of a certified point, in units of typical parameters."""
 
 RADIUS = 10.0
-"""Radius of the ball in which a proof holds, in units of one plus its centre's norm."""
+"""Radius of the ball in which a proof is valid, in units of one plus its centre's
+norm.
+"""
 
 CLARABEL = {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10}
 """Options of the solver."""
 
 
 @dataclass(frozen=True, slots=True)
+class OptimumProof:
+    """What is proven of an optimum.
+
+    Parameters
+    ----------
+    statement : str
+        What is proven, or how near it came.
+    allowed : str
+        What gaps are allowed, for a reader of a failed proof.
+    """
+
+    certified: bool
+    statement: str
+    allowed: str
+    figures: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """OptimumVerdict on an estimate, and the recomputed figures behind it.
+
+    Parameters
+    ----------
+    verdict : {"certified", "uncertified"}
+    reason : str
+        In words: what was checked, or what failed.
+    figures : dict of str to float
+        Residuals, gaps, eigenvalues, by name.
+    """
+
+    verdict: OptimumVerdict
+    reason: str
+    figures: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
 class Optimality:
-    """What was recomputed of a solution.
+    """The recomputed figures of a solution.
 
     Parameters
     ----------
@@ -94,7 +135,7 @@ class Optimality:
     stationarity : float
         Norm of the gradient that the multipliers leave unexplained.
     radius : float
-        Of the ball about the centre in which the proof holds.
+        Radius of the ball about the centre in which the proof is valid.
     """
 
     objective: float
@@ -109,7 +150,7 @@ class Optimality:
         return "certified" if self.within(GAP_TOLERANCE) else "uncertified"
 
     def within(self, gap: float) -> bool:
-        """Return whether the point is feasible and at most so far from the optimum."""
+        """Return whether the point is feasible and within a gap of the optimum."""
         return self.gap <= gap and self.violation <= FEASIBILITY_TOLERANCE
 
 
@@ -132,11 +173,11 @@ def certify(
     Parameters
     ----------
     centre : ndarray
-        Centre of the ball in which the proof holds.
+        Centre of the ball in which the proof is valid.
     reference : float
-        What the gap is measured against, if larger than the objective.
+        Reference of the relative gap, if larger than the objective.
     reach : float
-        Least radius of the ball in which the proof holds; see `ball_about`.
+        Least radius of the ball in which the proof is valid; see `ball_about`.
     objective : float, optional
         Value of a convex function whose gradient at the solution is the problem's; by
         default the problem's own objective.
@@ -147,8 +188,8 @@ def certify(
         Factor of the curvature along the steps that equalities allow, if it is known.
     """
     domain = problem.domain
-    # What is proven is proven of the nearest point on the equalities; how much that
-    # changes the objective is part of the gap.
+    # The proof is for the nearest point on the equalities; the change of the objective
+    # is part of the gap.
     u = _onto_equalities(domain, solution.u)
     moved = abs(_half_square(problem, solution.u) - _half_square(problem, u))
     objective = _half_square(problem, u) if objective is None else objective
@@ -184,7 +225,7 @@ def _onto_equalities(domain: ConicSet, u: Vector) -> Vector:
 
 
 def _complementarity(domain: ConicSet, u: Vector, duals: Multipliers) -> float:
-    """Return what multipliers pay for slack: at the optimum, nothing."""
+    """Return the complementarity: multipliers times slacks, zero at the optimum."""
     paid = float(abs(duals.equal @ (domain.b_eq - domain.A_eq @ u)))
     paid += float(duals.at_most @ np.maximum(domain.b_in - domain.A_in @ u, 0.0))
     products = block_rows(domain).products(u, stacked(duals.blocks))
@@ -192,7 +233,7 @@ def _complementarity(domain: ConicSet, u: Vector, duals: Multipliers) -> float:
 
 
 def ball_about(centre: Vector, reach: float = 0.0) -> Ball:
-    """Return the ball in which proofs hold, with a radius of `reach` at the least."""
+    """Return the ball in which proofs are valid, with a radius of at least `reach`."""
     return Ball(centre, max(RADIUS * (1.0 + float(np.linalg.norm(centre))), reach))
 
 
@@ -204,18 +245,18 @@ def solve_certified(
     reach: float = 0.0,
     gap: float = GAP_TOLERANCE,
 ) -> tuple[ConeSolution, Optimality]:
-    """Try one way after another until a solution is certified; else return the best.
+    """Try several methods until a solution is certified; else return the best.
 
-    Without inequalities, if that keeps them; at several tolerances, of large problems
-    first unrefined, and magnified; then within the ball of the proof; then about the
-    best point so far.  Where a larger gap than a certificate allows is enough, a
-    coarse tolerance is tried first.  Where two ways show that the objective is `_FLAT`,
-    other tolerances are left out: balls are tried, each once.
+    The methods are: without inequalities, if the result satisfies them; at several
+    tolerances, for large problems first unrefined, and magnified; then within the ball
+    of the proof; then about the best point so far.  If a larger gap is enough, a coarse
+    tolerance is tried first.  If two results show that the objective is `_FLAT`, other
+    tolerances are skipped: balls are tried, each once.
 
     Raises
     ------
     SolverError
-        If no way gives a point.
+        If no method gives a point.
     """
     free = free_optimum(problem, centre)
     judged = partial(
@@ -255,7 +296,7 @@ def _ways(
     reach: float,
     gap: float,
 ) -> Iterator[Callable[[], ConeSolution]]:
-    """Yield cone programmes to try, knowing what was found so far."""
+    """Yield cone programmes to try, given the results so far."""
     within = ball_about(centre, reach)
     solve = partial(solve_least_norm, problem)
     if gap > GAP_TOLERANCE:
@@ -276,7 +317,7 @@ def _ways(
         if not found:
             return
         start = min(found, key=_quality)[0]
-        # The same programme has the same solution: only a better start is new.
+        # The same programme has the same solution, so only a better start helps.
         if (id(start), tolerance) not in tried:
             tried.add((id(start), tolerance))
             yield partial(solve, tolerance=tolerance, within=within, origin=start.u)
@@ -298,8 +339,8 @@ def _cost_of_rest(
 ) -> float:
     """Bound ``-rest.d - 1/2 ||curvature d||^2`` for steps ``d`` that end in the ball.
 
-    All in coordinates of the steps that equalities allow.  Where the bound with the
-    null space alone as flat is small `enough`, no better one is sought.
+    All is in coordinates of the steps that equalities allow.  If the bound with only
+    the null space as flat is small `enough`, no better one is computed.
     """
     bound = _bound_by_qr(curvature, rest, to_centre, radius)
     if bound <= enough:
@@ -309,7 +350,8 @@ def _cost_of_rest(
     along, to_centre = Vt @ rest, Vt @ to_centre
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         turns = np.where(s > 0.0, (along / s) ** 2 / 2, np.inf)
-    # The first k, whose parabolas turn latest, are taken as flat; the best k counts.
+    # The first k directions, with the least curvature, are treated as flat; the best k
+    # is used.
     order = np.argsort(-turns)
     along, to_centre = along[order], to_centre[order]
     parabolas = np.append(np.cumsum(turns[order][::-1])[::-1], 0.0)
@@ -351,7 +393,7 @@ def _bound_by_qr(rows: Matrix, rest: Vector, to_centre: Vector, radius: float) -
 def unexplained(
     problem: LeastNorm, u: Vector, duals: Multipliers
 ) -> tuple[Vector, Multipliers]:
-    """Gradient left over by the multipliers; those of equalities are refined first."""
+    """Gradient that multipliers do not explain, after refining those of equalities."""
     domain = problem.domain
     rest = problem.G.T @ (problem.G @ u - problem.g)
     rest = rest + domain.A_in.T @ duals.at_most
@@ -370,20 +412,20 @@ class ConicOptimum(NamedTuple):
     duals: list[Vector]
 
     def gap(self) -> float:
-        """Return what a point of the ball could have less, at the most."""
+        """Return the largest possible decrease of the objective in the ball."""
         within = ball_about(self.y)
         bound = lower_bound(self.slope, self.rows or (), self.duals, within)
         return max(float(self.slope @ self.y) - bound, 0.0)
 
     def violation(self) -> float:
-        """Return how far the point is from the cones."""
+        """Return the distance of the point from the cones."""
         return max((block.violation(self.y) for block in self.rows or ()), default=0.0)
 
 
 def conic_optimum(problem: Any) -> ConicOptimum:
-    """Solve by Clarabel; the variables of the problem get their values.
+    """Solve by Clarabel, and assign the values of the problem's variables.
 
-    The programme has no rows where it needs other cones than ours.
+    The result has no rows if the problem needs unsupported cones.
     """
     import cvxpy as cp
 
@@ -394,7 +436,7 @@ def conic_optimum(problem: Any) -> ConicOptimum:
         )
         found = chain.solve_via_data(problem, data, solver_opts=options)
         with warnings.catch_warnings():
-            # "Solution may be inaccurate": the proof says so, with figures.
+            # "Solution may be inaccurate": the proof shows it, with figures.
             warnings.simplefilter("ignore", UserWarning)
             problem.unpack_results(found, chain, inverse)
     except (cp.error.SolverError, ValueError) as cause:
@@ -402,7 +444,7 @@ def conic_optimum(problem: Any) -> ConicOptimum:
     if "infeasible" in problem.status:
         raise InfeasibleError(
             "no parameters satisfy the package's constraints and your own together; "
-            "loosen your own, which CVXPY gives no names"
+            "loosen your own; CVXPY does not name them"
         )
     y, z = np.asarray(found.x), np.asarray(found.z)
     if problem.status not in ("optimal", "optimal_inaccurate"):
@@ -417,7 +459,7 @@ def conic_optimum(problem: Any) -> ConicOptimum:
 
 
 def _cone_rows(A: Matrix, b: Vector, dims: Any) -> tuple[ConeRows, ...] | None:
-    """Return CVXPY's rows, zero cone first, as ours; None if others are among them."""
+    """Return CVXPY's rows, zero cone first; None if other cones are among them."""
     kinds: list[tuple[ConeKind, int, tuple[int, ...]]] = [
         ("zero", dims.zero, ()),
         ("nonnegative", dims.nonneg, ()),

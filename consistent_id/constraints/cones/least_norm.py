@@ -4,21 +4,20 @@
 
 in dimensionless variables.  The norm itself is the objective, a second-order cone: its
 square as a quadratic objective makes interior-point solvers stop early on these
-problems.  What the solver says of its own success is not used; `certify` judges.
+problems.  The solver's status is not used; `certify` checks the result.
 
-- `free_set`: a mass from the datasheet, or a link that is known, is no unknown.  What
-  is left of the set is in the free parameters alone; semidefinite blocks of pinned ones
-  are numbers, and are left out where they hold.
-- `free_optimum`: where data are rich, links are well inside the cone of consistency,
-  and only a few inequalities hold, such as a friction that is zero or a mass at its
-  bound.  Then least squares with a few active rows is the answer, in a fraction of what
-  a cone programme takes.
-- `minimisers`: ``minimise 1/2 u.P u + q.u`` for several ``P`` and ``q``.  The set is
-  handed to Clarabel once, which keeps the order of its eliminations and the scaling.
-  With ``P = G^T G`` this is the least-norm problem with its square as the objective,
-  which takes half the time, but stops early where `P` is ill-conditioned.  So this is
-  for fits that are compared, not for those that are delivered, with a prior in `P` that
-  keeps it from being singular.
+- `free_set`: masses from the datasheet and known links are not unknowns.  The reduced
+  set is in the free parameters alone; semidefinite blocks of pinned parameters are
+  constant, and are left out if they are satisfied.
+- `free_optimum`: with rich data, links are well inside the consistency cone, and only a
+  few inequalities are active, such as zero friction or a mass at its bound.  Then least
+  squares with a few active rows gives the optimum, in a fraction of a cone programme's
+  time.
+- `minimisers`: ``minimise 1/2 u.P u + q.u`` for several ``P`` and ``q``.  Clarabel gets
+  the set once, and keeps the order of its eliminations and the scaling. With
+  ``P = G^T G`` this is the least-norm problem with its square as the objective, which
+  takes half the time, but stops early if `P` is ill-conditioned. So it is used for fits
+  that are compared, not for delivered ones, with a prior in `P` that makes it regular.
 """
 
 from collections.abc import Sequence
@@ -52,21 +51,22 @@ from consistent_id.constraints.cones.sets import (
     stacked,
 )
 from consistent_id.errors import SolverError
-from consistent_id.regression.triangles import triangle
+from consistent_id.regression.linear import triangle
 
 _FAR = 1e3  # norm of g beyond which to rescale, and to which to magnify
 
 TOLERANCES = (1e-10, 1e-9, 1e-8)
-"""Tolerances worth asking of the solver, from the tightest on."""
+"""Useful tolerances of the solver, the tightest first."""
 
-_HOLDS = 1e-8  # by which a number may miss what a normalised set asks of it
+_HOLDS = 1e-8  # by which a number may violate a normalised set
 
-_ROUNDING = 1e-12  # by which a constraint may seem to be violated
+_ROUNDING = 1e-12  # violation of a constraint that counts as rounding
 _FAINT = 1e-14
-"""Weight of the squared distance to the centre, where the objective is flat: its least
-value changes by as little."""
-_CHANGES = 40  # of the active rows; a few are usual, and many are for cone programmes
-_TOGETHER = 5  # changes of all rows at once, which may go round in circles
+"""Weight of the squared distance to the centre, for flat objectives: it changes the
+least value equally little.
+"""
+_CHANGES = 40  # most active rows; a few are usual, and many are left to cone programmes
+_TOGETHER = 5  # changes of all rows at once, which may cycle
 
 _WORKERS = 2  # Clarabel frees the interpreter's lock
 # Of gap and feasibility: a few of a dozen iterations depend on it.
@@ -84,7 +84,7 @@ class LeastNorm:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConeSolution:
-    """A point, multipliers of ``1/2 ||G u - g||^2``, and what it took."""
+    """A point, multipliers of ``1/2 ||G u - g||^2``, and the effort."""
 
     u: Vector
     multipliers: Multipliers
@@ -105,12 +105,12 @@ def solve_least_norm(
     """Solve the problem once, with the given tolerance on gap and feasibility.
 
     Variables are ``(t, v)`` with ``u = origin + v``, the objective is
-    ``t >= ||G v - (g - G origin)||``; parameters that the set pins are none.  A ball
-    keeps `u` from running away where the objective is all but flat; its multiplier is
-    left out.  An origin near the optimum, instead of zero, leaves small numbers to the
-    solver, whose tolerances then mean more.  A magnified problem has large ones in the
-    norm instead, so that the tolerances ask for more of its digits: where the optimum
-    is far below one, its multipliers need them.  Of `refined` see `solve_cones`.
+    ``t >= ||G v - (g - G origin)||``; pinned parameters are no variables.  A ball keeps
+    `u` from diverging if the objective is nearly flat; its multiplier is left out.
+    With an origin near the optimum, the solver's numbers are small, so its tolerances
+    are tighter relative to the solution.  A magnified problem has large numbers in the
+    norm instead, so the tolerances require more of its digits: its multipliers need
+    them if the optimum is far below one.  For `refined` see `solve_cones`.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def solve_least_norm(
         start[free] = origin[free]
     rows = reduced.about(start[free], others=1)
     g = problem.g - G @ start
-    # Far from the origin, absolute tolerances would ask for digits that are not there.
+    # Far from the origin, absolute tolerances would require more digits than there are.
     distance = float(np.linalg.norm(g)) / _FAR
     scale = distance if magnified and distance > 0.0 else max(1.0, distance)
     size = int(free.sum())
@@ -155,7 +155,7 @@ def solve_least_norm(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FreeSet:
-    """What a set asks of the parameters that it does not pin.
+    """The restriction of a set to the parameters that it does not pin.
 
     Parameters
     ----------
@@ -163,13 +163,13 @@ class FreeSet:
     start : ndarray, shape (parameters,)
         Values of pinned parameters; zero for free ones.
     rows : tuple of ConeRows
-        For the free parameters: equalities, inequalities, semidefinite blocks.
+        Rows for the free parameters: equalities, inequalities, semidefinite blocks.
     pins : ndarray of int, shape (pinned,)
         Equalities that pin parameters, in the order of the parameters.
     equal : ndarray of int
-        Equalities that are left.
+        The other equalities.
     entries : ndarray of bool
-        Which entries of the set's stacked blocks are left.
+        Entries of the set's stacked blocks that remain.
     """
 
     free: BoolArray
@@ -199,7 +199,7 @@ class FreeSet:
 
 @lru_cache(maxsize=16)
 def free_set(domain: ConicSet) -> FreeSet:
-    """Return what a normalised set asks of the parameters that it does not pin."""
+    """Return the restriction of a normalised set to parameters that are not pinned."""
     alone = np.flatnonzero(np.count_nonzero(domain.A_eq, axis=1) == 1)
     columns = np.argmax(domain.A_eq[alone] != 0.0, axis=1)
     pinned, first = np.unique(columns, return_index=True)
@@ -233,7 +233,7 @@ def _all_multipliers(
 ) -> Multipliers:
     """Return multipliers of all of a set's constraints.
 
-    Those of pins are what the others leave of the objective's gradient.
+    Those of pins equal the objective's gradient less that of the others.
 
     Parameters
     ----------
@@ -259,12 +259,12 @@ def _all_multipliers(
 
 
 class FreeOptimum(NamedTuple):
-    """What `free_optimum` found.
+    """The result of `free_optimum`.
 
     Parameters
     ----------
     solution : ConeSolution, optional
-        None if a block does not hold there, or no optimum was found.
+        None if a block is violated there, or no optimum was found.
     triangle : ndarray, optional
         Factor of ``G`` along the steps that equalities allow; None where these are more
         than its rows.
@@ -282,9 +282,9 @@ class _ActiveStep(NamedTuple):
 
 
 def free_optimum(problem: LeastNorm, centre: Vector) -> FreeOptimum:
-    """Return the optimum over equalities and inequalities if it keeps all blocks.
+    """Return the optimum over equalities and inequalities if it satisfies all blocks.
 
-    Certificates judge what is returned.
+    Certificates check the result.
     """
     started = perf_counter()
     domain, known = problem.domain, equalities(problem.domain)
@@ -310,7 +310,7 @@ def free_optimum(problem: LeastNorm, centre: Vector) -> FreeOptimum:
 
 
 def _triangle(A: Matrix, b: Vector) -> tuple[Matrix, Vector]:
-    """Return ``R, z`` with ``||R d - z||`` the misfit but for a constant."""
+    """Return ``R, z`` with ``||R d - z||`` the misfit up to a constant."""
     rows, n = A.shape
     if rows < n:
         A = np.vstack([A, np.sqrt(_FAINT) * np.eye(n)])
@@ -322,8 +322,8 @@ def _triangle(A: Matrix, b: Vector) -> tuple[Matrix, Vector]:
 def _with_rows(R: Matrix, z: Vector, C: Matrix, c: Vector) -> _ActiveStep | None:
     """Return the least ``||R d - z||`` with ``C d <= c``, by its active rows.
 
-    Rows change sides where their price is negative or they are violated: all at once,
-    and after some changes the first alone, which comes to an end [Murty1974]_.
+    Rows change sides if their price is negative or they are violated: all at once, and
+    after some changes only the first one, which terminates [Murty1974]_.
     """
     active = np.zeros(len(c), dtype=bool)
     for change in range(_CHANGES):

@@ -3,8 +3,8 @@
 ``minimise c.x  subject to  b_i - A_i x in K_i``
 
 with ``K_i`` the zero cone, the non-negative orthant, a second-order cone, or symmetric
-positive semidefinite matrices.  The matrices are small and built anew for each solve,
-which costs a tenth of the solving itself.
+positive semidefinite matrices.  The matrices are small and are built for each solve,
+which costs a tenth of the solver's time.
 """
 
 from collections.abc import Iterator, Sequence
@@ -29,10 +29,11 @@ from consistent_id.errors import SolverError
 
 ConeKind = Literal["zero", "nonnegative", "second order", "semidefinite"]
 
-_ITERATIONS = 100  # ten to thirty are usual; what takes more runs along flat directions
+_ITERATIONS = 100  # ten to thirty are usual; more are spent along flat directions
 COARSE = 1e-6
-"""Tolerance from which on Clarabel's linear systems are not refined: that takes a
-quarter of its time, and changes no digit that such a tolerance asks for."""
+"""Tolerance from which Clarabel's linear systems are not refined: refinement takes a
+quarter of its time, and does not change the digits of such a tolerance.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +49,7 @@ class ConeRows:
     orders: tuple[int, ...] = ()
 
     def violation(self, x: Vector) -> float:
-        """Return how far the rows are from their cone at a point, zero or more."""
+        """Return the distance of the rows from their cone at a point."""
         rest = self.b - self.A @ x
         if self.kind == "semidefinite":
             rest = least_eigenvalues(rest, self.orders)
@@ -97,7 +98,7 @@ class Ball:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConePoint:
-    """What Clarabel returned: a point, a dual vector for each of the rows, a word."""
+    """Clarabel's result: a point, a dual vector for each of the rows, the status."""
 
     x: Vector
     duals: tuple[Vector, ...]
@@ -115,14 +116,14 @@ def solve_cones(
 ) -> ConePoint:
     """Solve the programme once, with the given tolerance on gap and feasibility.
 
-    Linear systems that are not `refined` take two thirds of the time, and on hard
-    programmes are too coarse for a fine tolerance.
+    Without refinement (`refined`), linear systems take two thirds of the time, but are
+    too inaccurate for a fine tolerance in hard programmes.
 
     Raises
     ------
     SolverError
         If Clarabel fails, or returns no finite point with multipliers.  A doubtful
-        point is returned: certificates judge, not the solver.
+        point is returned, because certificates check it.
     """
     import clarabel
     from scipy.sparse import csc_matrix
@@ -159,7 +160,7 @@ def settings(tolerance: float, *, refined: bool) -> Any:
 
 @contextmanager
 def panics_as_errors() -> Iterator[None]:
-    """Turn what Clarabel raises into a `SolverError`."""
+    """Turn Clarabel's exceptions into a `SolverError`."""
     try:
         yield
     # Clarabel is written in Rust: its panics are not of class Exception.
@@ -170,7 +171,7 @@ def panics_as_errors() -> Iterator[None]:
 
 
 def point_of(solution: Any) -> Vector:
-    """Return the point of a solution of Clarabel's.
+    """Return the point of Clarabel's solution.
 
     Raises
     ------
@@ -179,7 +180,7 @@ def point_of(solution: Any) -> Vector:
     """
     x, z = np.asarray(solution.x), np.asarray(solution.z)
     status = str(solution.status)
-    # Of a programme said to be infeasible, x and z are a ray, no point.
+    # For an infeasible programme, x and z are a ray, not a point.
     ray = status.endswith("Infeasible")
     if ray or not (np.isfinite(x).all() and np.isfinite(z).all()):
         raise SolverError(f"Clarabel ended {status!r} without a point")
@@ -187,7 +188,7 @@ def point_of(solution: Any) -> Vector:
 
 
 def cone_data(rows: Sequence[ConeRows]) -> tuple[Any, Vector, list[Any]]:
-    """Return ``A``, ``b`` and the cones of rows, as Clarabel wants them.
+    """Return ``A``, ``b`` and the cones of rows, in Clarabel's form.
 
     Raises
     ------
@@ -215,7 +216,7 @@ def _cones(clarabel: Any, rows: ConeRows) -> list[Any]:
 
 
 def _compressed(A: Matrix) -> Any:
-    """Return a dense matrix as the sparse one, by columns, that Clarabel wants."""
+    """Return a dense matrix as Clarabel's sparse one, by columns."""
     from scipy.sparse import csc_matrix
 
     columns, rows = np.nonzero(A.T)
@@ -228,7 +229,7 @@ def set_rows(
 ) -> list[ConeRows]:
     """Return the rows of ``u in domain``, for variables ``(others, u)``.
 
-    With `margin`, the first of the others is by how much inequalities and blocks hold:
+    With `margin`, the first of the others is the slack of inequalities and blocks:
     ``b_in - A_in u >= t`` and ``F(u) >= t 1``.
     """
     blocks = block_rows(domain)
@@ -261,7 +262,7 @@ def set_multipliers(domain: ConicSet, duals: Sequence[Vector]) -> Multipliers:
 def lower_bound(
     cost: Vector, rows: Sequence[ConeRows], duals: Sequence[Vector], within: Ball
 ) -> float:
-    """Return a bound on ``cost.x`` from below, whatever the solver did.
+    """Return a lower bound on ``cost.x``, valid for any result of the solver.
 
     For multipliers ``z_i`` in the dual cones and any feasible ``x``,
     ``cost.x >= r.x - sum b_i.z_i`` with ``r = cost + sum A_i^T z_i``, of which the
@@ -275,7 +276,7 @@ def lower_bound(
         z = _in_dual_cone(block, dual)
         rest = rest + block.A.T @ z
         value -= float(block.b @ z)
-    for block in equal:  # free multipliers take up what they can
+    for block in equal:  # free multipliers absorb as much as possible
         z = np.asarray(np.linalg.lstsq(block.A.T, -rest, rcond=None)[0])
         rest = rest + block.A.T @ z
         value -= float(block.b @ z)

@@ -1,11 +1,11 @@
 """Convex sets of parameters: equalities, inequalities, semidefinite blocks.
 
-Every physical constraint lowers to one of these, which the model of the solver and the
-certificate then read alike, each for itself.
+Every physical constraint lowers to such a set, which solver and certificate read
+independently.
 
 A symmetric matrix is stacked by `svec`, so that inner products are kept.  Several
-matrices, whatever their orders, are one long vector; what is done with it is done for
-all matrices of one order at once.
+matrices, whatever their orders, are one long vector; operations on it process all
+matrices of one order at once.
 """
 
 from collections.abc import Iterable, Sequence
@@ -31,7 +31,7 @@ class SemidefiniteBlock:
     constant : array_like, shape (k, k)
     scale : array_like, shape (k,)
         Typical square roots of the diagonal, by whose inverse rows and columns are
-        multiplied, so that entries of unlike units compare.
+        multiplied, so that entries of different units are comparable.
     """
 
     label: str
@@ -49,7 +49,7 @@ class SemidefiniteBlock:
 
     @property
     def description(self) -> str:
-        """The label in full; that of physical consistency is the link's name alone."""
+        """The full label; that of physical consistency is only the link's name."""
         if ":" in self.label:
             return self.label
         return f"physical consistency of link {self.label!r}"
@@ -131,7 +131,7 @@ class ConicSet:
         return self.eq_labels + self.in_labels + blocks
 
     def only(self, members: Iterable[int]) -> "ConicSet":
-        """Return the set of these members alone, counted as in `labels`."""
+        """Return the set of only these members, counted as in `labels`."""
         chosen, e, i = sorted(set(members)), len(self.b_eq), len(self.b_in)
         equal = [m for m in chosen if m < e]
         at_most = [m - e for m in chosen if e <= m < e + i]
@@ -200,9 +200,9 @@ class ConicSet:
         return low, high
 
     def snapped(self, x: Vector) -> Vector:
-        """Return `x` with rows on a single parameter made to hold to the last digit.
+        """Return `x` with rows on a single parameter satisfied to the last digit.
 
-        A mass is then the datasheet's and friction is not -1e-12.
+        A mass is then exactly the datasheet's, and friction is not -1e-12.
         """
         return np.clip(x, *self.box)
 
@@ -237,12 +237,12 @@ def _outer(scale: Vector) -> Matrix:
 
 
 class Equalities(NamedTuple):
-    """What a set's equalities are: ``A^+``, and a basis of the steps that keep them."""
+    """A set's equalities: ``A^+``, and a basis of the steps that keep them."""
 
     inverse: Matrix
     steps: Matrix
     kept: IntArray | None = None
-    """Parameters that the rest leaves free, where each row has one parameter alone."""
+    """Free parameters, if each row has only one parameter."""
 
     def along(self, rows: Matrix) -> Matrix:
         """Return ``rows @ steps``."""
@@ -348,7 +348,7 @@ def stacked(blocks: Sequence[Matrix]) -> Vector:
 
 
 def lengths(orders: Sequence[int]) -> list[int]:
-    """Return how many entries of a vector each of the stacked matrices takes."""
+    """Return the number of entries of each of the stacked matrices."""
     return [k * (k + 1) // 2 for k in orders]
 
 

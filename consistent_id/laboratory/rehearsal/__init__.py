@@ -1,8 +1,9 @@
-"""The dry run of a design: played by a simulated robot of planted parameters.
+"""The dry run of a design: played by a simulated robot with known parameters.
 
-MuJoCo moves the robot: its friction is dry, as no column of the torque model is.  A
-controller with a wrong model follows the motion, sensors write a log, parameters are
-identified from it, and all of it is compared with what the design predicted.
+MuJoCo simulates the robot: its friction is dry, a form that the torque model does not
+have. A controller with a wrong model follows the motion, sensors write a log,
+parameters are identified from it, and the results are compared with the design's
+predictions.
 """
 
 from consistent_id.laboratory.rehearsal.dry_runs import DryRun, dry_run

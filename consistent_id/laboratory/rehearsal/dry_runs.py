@@ -61,7 +61,7 @@ class PredictedMotion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RehearsalPlan:
-    """What all robots that play have in common; see `rehearse`.
+    """The common settings of all rehearsed robots; see `rehearse`.
 
     Parameters
     ----------
@@ -115,21 +115,21 @@ class DryRun:
 
     @property
     def beyond(self) -> dict[str, float]:
-        """Largest share of each limit that the design used in truth, by quantity."""
+        """Largest true share of each limit that the design used, by quantity."""
         own = self.rehearsals[DESIGN]
         names = own[0].reached
         return {n: float(max(one.reached[n].max() for one in own)) for n in names}
 
     @property
     def came_true(self) -> bool:
-        """Whether errors were as small as predicted, and limits and poses held."""
+        """Whether errors were as small as predicted, and limits and poses were kept."""
         own = self.rehearsals[DESIGN]
         errors = float(np.sqrt(np.mean([one.ratio**2 for one in own]))) <= 1.0
         limits = max(self.beyond.values()) <= 1.0 + _KEPT
         return errors and limits and all(o.holding.held == o.holding.poses for o in own)
 
     def tables(self) -> list[Table]:
-        """Return what came of the design's predictions."""
+        """Return the results of the design's predictions, as tables."""
         name = self.design.model.robot.name
         table = rehearsal_table(f"Rehearsal of {name} in MuJoCo", self.rehearsals)
         rows = tuple((*row, f"{self.conditions[row[0]]:.4g}") for row in table.rows)

@@ -1,8 +1,8 @@
 """Robots of planted parameters: near the nominal one, with friction that it lacks.
 
-They have rigid bodies, viscous and Coulomb friction and rotors, whatever the problem's
-``[drive]`` says; what else it has is left out, and named.  In MuJoCo their friction is
-dry, they have no shapes, and each joint has one torque.
+They have rigid bodies, viscous and Coulomb friction and rotors, independent of the
+problem's ``[drive]``; its other terms are left out, and named.  In MuJoCo their
+friction is dry, they have no shapes, and each joint has one torque.
 """
 
 from dataclasses import dataclass, replace
@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Array, IntArray, Matrix, Vector, freeze_arrays
+from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.errors import ModelError, ProblemError
-from consistent_id.estimation.estimate import Certificate, Estimate
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.excitation.interest import is_named, parameters_named
 from consistent_id.export.mjcf_bodies import require_mujoco
 from consistent_id.export.mjcf_export import mujoco_spec
@@ -31,7 +32,7 @@ DRIVE = DriveTerms(
     viscous=True, coulomb="tanh", velocity_scale=0.02, rotor_inertia=True
 )
 """By which the planted robot is identified."""
-_CONTROL = DriveTerms(rotor_inertia=True)  # what its controller knows of drives
+_CONTROL = DriveTerms(rotor_inertia=True)  # drive terms of its controller
 _ROTOR = 0.002  # kg m^2 of a geared rotor for each N m; 0.66 for 330 N m
 _DRIVES = 0.9  # share of the rotors' inertia that the controller believes in
 _SPREAD = 0.1  # of the stretch that makes a planted body of a nominal one
@@ -42,13 +43,13 @@ _POSES = 50  # at which torque is looked at where no effort limit is known
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TorqueSensors:
-    """What a log has for torque: torque itself, or motor currents in torque units.
+    """The torque signal of a log: torque itself, or motor currents in torque units.
 
     Parameters
     ----------
     gains : ndarray, shape (joints,)
-        True torque over what a current is taken for: torque constants are known
-        roughly.
+        True torque over the torque computed from currents: torque constants have
+        errors.
     steps : ndarray, shape (joints,), [N m or N]
         Of a reading; 0 for none.
     """
@@ -61,7 +62,7 @@ class TorqueSensors:
         freeze_arrays(self, shapes, "torque sensors")
 
     def read(self, torque: Matrix) -> Matrix:
-        """Return what is logged of a torque, shape (samples, joints)."""
+        """Return the logged signal of a torque, shape (samples, joints)."""
         readings = torque / self.gains
         steps = np.where(self.steps > 0.0, self.steps, 1.0)
         stepped = np.floor(readings / steps + 0.5) * steps
@@ -81,12 +82,11 @@ class PlantedRobot:
     controlled : TorqueModel
         The controller's: rigid bodies and rotors.
     believed : ndarray, shape (parameters of `controlled`,)
-        What the controller takes for the truth: the nominal robot, and most of the
-        rotors.
+        The controller's parameters: the nominal robot, and most of the rotors.
     effort : ndarray, shape (joints,), [N m or N]
         Torque that each joint has at most; infinite where that is not known.
     sensors : TorqueSensors
-        What its log has for torque.
+        The torque signal of its log.
     """
 
     model: TorqueModel
@@ -216,7 +216,7 @@ class MujocoRobot:
         return data
 
     def advance(self, data: Any, torque: Vector, steps: int) -> None:
-        """Let it move under torques that hold for some steps."""
+        """Simulate some steps under constant torques."""
         data.qfrc_applied[self.velocities] = torque
         require_mujoco().mj_step(self.model, data, steps)
 
@@ -247,7 +247,7 @@ def mujoco_robot(robot: PlantedRobot, step: float) -> MujocoRobot:
         model = spec.compile()
     except ValueError as cause:
         raise ModelError(f"MuJoCo refuses the planted robot: {cause}") from None
-    # A design is to be judged by what it asks, not by what MuJoCo would cut off.
+    # A design is judged by its required torque, which MuJoCo must not cut off.
     model.jnt_limited[:] = 0
     model.jnt_actfrclimited[:] = 0
     joints = [model.joint(name) for name in arm.joint_names]
@@ -259,7 +259,7 @@ def mujoco_robot(robot: PlantedRobot, step: float) -> MujocoRobot:
 
 
 def _as_estimate(robot: PlantedRobot) -> Estimate:
-    """Return the truth as an estimate, which is what exporters take."""
+    """Return the truth as an estimate, for exporters."""
     base, size = base_parameters(robot.model), len(robot.model.layout)
     noise: Array = np.zeros(len(robot.model.torque_joints))
     unproven = Certificate("uncertified", "planted, not estimated")

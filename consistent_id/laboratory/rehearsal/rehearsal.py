@@ -1,4 +1,4 @@
-"""Rehearsals: motions played by planted robots, and what came of their predictions.
+"""Rehearsals: motions played by planted robots, and the errors of predictions.
 
 A controller with a wrong model follows the motion; parameters are identified from the
 log and compared with the planted ones; and the identified model has to keep the robot
@@ -15,7 +15,9 @@ from consistent_id._support.tables import Table
 from consistent_id.constraints import NonNegativeDrive, PhysicalConsistency
 from consistent_id.errors import SolverError
 from consistent_id.estimation.base_least_squares import least_squares
-from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.constrained import (
+    constrained_least_squares,
+)
 from consistent_id.estimation.estimate import Estimate, torque_errors
 from consistent_id.excitation.accuracy import PredictedAccuracy
 from consistent_id.laboratory.closed_loop import Controller
@@ -43,8 +45,8 @@ _ENCODER_STEP = 2e-5  # rad or m; step of a reading
 _OUT_OF_CONTROL = 1e3  # rad or m, beyond which the robot is out of control
 
 HELD = float(np.radians(0.2))
-"""Angle [rad], or way [m], within which a pose is held."""
-_HELD_POSES = 50  # random poses that are to be held
+"""Angle [rad], or distance [m], within which a pose is kept."""
+_HELD_POSES = 50  # random poses that must be kept
 _HOLDING_TIME = 1.0  # s
 _HOLDING_STEP = 2e-3  # s
 _HOLDING_LOOKS = 50  # at how far joints have moved
@@ -56,12 +58,12 @@ _TRIM = 0.1  # s at either end, where filters have no neighbours
 
 SENSED = 0.5
 """Share of the predicted noise that sensors have; friction's errors are the rest."""
-_WITHIN = 1.96  # standard errors that hold 95 % of a normal distribution
+_WITHIN = 1.96  # standard errors that contain 95 % of a normal distribution
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlayedMotion:
-    """What happened, and what was logged.
+    """The true motion, and the log.
 
     Parameters
     ----------
@@ -95,7 +97,7 @@ def play(
     The robot begins in the path's first state.  Feedback is that of `Controller`; here
     it is written out, since MuJoCo moves the robot from tick to tick.  The log has the
     mean torque of the ticks around each of its samples, as drives average their
-    currents; `TorqueSensors` say what becomes of it.
+    currents; `TorqueSensors` convert it.
 
     Parameters
     ----------
@@ -166,7 +168,8 @@ def _followed(
 def _averaged(values: Array, every: int) -> Array:
     """Return means over so many ticks, centred at every so many-th of them.
 
-    A torque holds from its tick to the next: those before and after a sample count.
+    A torque is constant from its tick to the next: those before and after a sample are
+    used.
     """
     before = np.vstack([values[:1], values[:-1]])
     centred = (before + values) / 2.0  # at the tick itself
@@ -179,12 +182,12 @@ def _averaged(values: Array, every: int) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Holding:
-    """How many poses are held.
+    """Number of poses that are kept.
 
     Parameters
     ----------
     largest : float, [rad or m]
-        Way that the joint went that moved most.
+        Largest motion of a joint.
     """
 
     poses: int
@@ -200,8 +203,8 @@ def held_poses(
 ) -> Holding:
     """Let go of the robot at random poses, with the identified gravity torque alone.
 
-    The torque is that of the pose.  No controller helps, only dry friction does: a pose
-    is held if within a second no joint goes further than `HELD`.
+    The torque is that of the pose.  There is no controller, only dry friction: a pose
+    is kept if within a second no joint moves further than `HELD`.
     """
     rigid, x = robot.controlled, robot.without_friction(estimate.parameters)
     simulated = mujoco_robot(robot, _HOLDING_STEP)
@@ -215,7 +218,7 @@ def held_poses(
 
 
 def _moved(simulated: MujocoRobot, pose: Vector, torque: Vector) -> float:
-    """Return the way of the joint that moved most."""
+    """Return the largest motion of a joint."""
     data = simulated.at(pose, np.zeros_like(pose))
     largest = 0.0
     for _ in range(_HOLDING_LOOKS):
@@ -268,7 +271,7 @@ def identified(
     noise: Vector,
     highest: float,
 ) -> Identified:
-    """Identify a planted robot from a log, as if nothing were known of its bodies.
+    """Identify a planted robot from a log, with unknown bodies.
 
     Parameters
     ----------
@@ -330,7 +333,7 @@ class Rehearsal:
 
     @property
     def covered(self) -> float:
-        """Share of the predicted 95 % intervals that hold the truth."""
+        """Share of the predicted 95 % intervals that contain the truth."""
         return float(np.mean(abs(self.errors) <= _WITHIN * self.predicted))
 
 
@@ -353,7 +356,7 @@ def rehearse(
     accuracy : PredictedAccuracy
         Of the motion, for this robot's model.
     path, validation : JointPath
-        What is identified from, and another motion whose torque is predicted.
+        The motion for identification, and another motion whose torque is predicted.
     noise : ndarray, shape (joints,), [N m or N]
         That accuracy was predicted for; that of the sensors is `SENSED` times this.
     highest : float, [Hz]
@@ -388,7 +391,7 @@ def _reached(played: PlayedMotion, limits: MotionLimits) -> dict[str, Vector]:
 
 
 def rehearsal_table(title: str, rehearsals: Mapping[str, Sequence[Rehearsal]]) -> Table:
-    """Return what became of predictions, a line for each motion.
+    """Return the errors of predictions, a line for each motion.
 
     Parameters
     ----------
@@ -418,7 +421,7 @@ def rehearsal_table(title: str, rehearsals: Mapping[str, Sequence[Rehearsal]]) -
             "parameters, in SI units",
             "held-out: torque error on another motion, RMS, in shares of the noise",
             "over predicted: RMS of errors over predicted standard errors, 1 if true",
-            "poses held: by the identified gravity torque alone, within 0.2 degrees "
-            "for a second",
+            "poses held: kept by the identified gravity torque alone, within 0.2 "
+            "degrees for a second",
         ),
     )

@@ -1,4 +1,4 @@
-"""A published study done again: experiments, tables, explanations, verification."""
+"""A published study, reproduced: experiments, tables, explanations, verification."""
 
 from consistent_id.laboratory.reproduction.budget import ErrorBudget, error_budget
 from consistent_id.laboratory.reproduction.experiments import (

@@ -1,10 +1,10 @@
-"""Where the errors of a paper's least squares come from: a budget, cause by cause.
+"""The sources of errors of a paper's least squares: a budget, cause by cause.
 
-A paper's verification errors bound what its model leaves out: friction as large as a
-guess may be more than they allow.  Inertial torque falls with the square of a task's
-tempo and Coulomb friction does not, so what is allowed may still be enough where the
-tasks were slow.  For this friction is what the printed errors allow, joint by joint,
-and the tasks' tempo is varied.
+A paper's verification errors bound the torque that its model lacks, so assumed friction
+may be too large.  Inertial torque decreases with the square of a task's tempo and
+Coulomb friction does not, so the allowed friction may still suffice if the tasks were
+slow.  So friction is set to the printed errors, joint by joint, and the tasks' tempo is
+varied.
 """
 
 from collections.abc import Mapping, Sequence
@@ -51,7 +51,7 @@ class ErrorBudget:
     noise: Matrix
 
     def error(self, cause: str | None = None) -> Matrix:
-        """Return what a cause adds, or all of them, (experiments, combinations)."""
+        """Return the error from one or all causes, (experiments, combinations)."""
         if cause is None:
             return np.asarray(self.parts.sum(axis=(1, 2)))
         if cause not in self.causes:
@@ -82,7 +82,7 @@ def error_budget(
     laboratory : Laboratory
         With the friction, the offsets and the noise to account for.
     recordings : mapping of str to Recording
-        What each experiment is identified from, or the motion that is planned for it.
+        Recording of each experiment, or its planned motion.
     cell_rate : float, [Hz]
         At which the load cell is read.
     """
@@ -215,7 +215,7 @@ class Tempo:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PrintedSpread:
-    """What a paper's own vectors say along its own verification motion.
+    """Torque of a paper's own vectors along its own verification motion.
 
     Parameters
     ----------

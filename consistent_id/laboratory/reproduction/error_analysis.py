@@ -176,7 +176,7 @@ class ErrorAnalysis:
     budget : ErrorBudget
         Of the experiments as they were performed.
     planned : ErrorBudget
-        The same from the motions that were asked for.
+        The same from the planned motions.
     shrunk : dict of str to ndarray, shape (draws, combinations)
         By set of motions: how many times smaller the scatter is than along the tasks,
         with one friction for both, drawn again each time.

@@ -13,7 +13,9 @@ from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector, froz
 from consistent_id.comparison.feasibility import in_words
 from consistent_id.constraints import FixedCentresOfMass, FixedMasses, lowered
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.constrained import (
+    constrained_least_squares,
+)
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.method import Method
 from consistent_id.laboratory.experiment import (
@@ -85,7 +87,7 @@ class IdentifiedExperiment:
     Parameters
     ----------
     synchronised_log : SynchronisedLog
-        What was identified from.
+        Recordings of the identification.
     vectors : ndarray, shape (estimates, combinations)
         In the paper's combinations.
     """
@@ -269,7 +271,14 @@ def perform_experiments(
 def identify_experiment(
     problem: Problem, name: str, log: ExperimentLog
 ) -> IdentifiedExperiment:
-    """Identify one experiment, by each method of `perform_experiments`."""
+    """Identify one experiment, by each method of `perform_experiments`.
+
+    Parameters
+    ----------
+    problem : Problem
+    name : str
+    log : ExperimentLog
+    """
     table, mine = laboratory_table(problem), parametrisation_of(problem)
     together = synchronised(log, cutoff=table.cutoff, trim=table.trim)
     recording = together.recording
@@ -355,7 +364,7 @@ class InertiaTable:
         Whether torque determines the entry, given masses and centres of mass; others
         come from the convention of the smallest vector, or from a prior.
     bodies : tuple of str
-        What is wrong with the mean of each link, in words.
+        The inconsistency of each link's mean, in words.
     """
 
     method: str

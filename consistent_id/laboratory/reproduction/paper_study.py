@@ -122,7 +122,7 @@ class ScatterPlaces:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PaperStudy:
-    """A paper's study done again.
+    """A paper's study, reproduced.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ class Predictor:
     Parameters
     ----------
     source : str
-        What was moved along.
+        The motion.
     parameters : ndarray, shape (parameters,)
     """
 
@@ -44,7 +44,7 @@ class Verification:
     Parameters
     ----------
     recordings : tuple of Recording
-        What was measured, one for each motion.
+        The measured recordings, one for each motion.
     predictors : tuple of Predictor
         The last one has the true parameters: what is left is the sensors'.
     mean_squared_errors : ndarray, shape (predictors, motions, joints), [(N m)^2]

@@ -1,7 +1,8 @@
-"""Convex shapes on links and in the world: what may not touch.
+"""Convex shapes on links and in the world, which must not touch.
 
-A shape knows its farthest point in a direction.  That is all a separating plane needs:
-two shapes are at least ``min n.b - max n.a`` apart, whatever the unit vector ``n``.
+A shape has a function for its farthest point in a direction.  A separating plane needs
+nothing else: two shapes are at least ``min n.b - max n.a`` apart, for any unit vector
+``n``.
 """
 
 from dataclasses import dataclass, field
@@ -77,7 +78,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Capsule:
-    """Points within `radius` of a segment of `length` along z, centred; both in m."""
+    """Points within `radius` of a centred segment of `length` along z; both in m."""
 
     radius: float
     length: float
@@ -173,7 +174,7 @@ class HalfSpace:
     """All points with z at most 0 in its frame: the ground, a wall, a ceiling."""
 
     def farthest(self, directions: Array) -> Array:
-        """Return the origin, which is as far as it goes along z, the only bound."""
+        """Return the origin, which is farthest along z, the only bounded direction."""
         return np.zeros((len(directions), 3))
 
     @property
@@ -191,15 +192,15 @@ class Body:
     name : str
     shape : Sphere, Box, Capsule, Cylinder, Hull or HalfSpace
     frame : str, optional
-        A link of the robot, moving or fixed to another; without one, the body stands
-        in the world, where the robot's base is: an obstacle.
+        A link of the robot, moving or fixed to another; without one, the body is an
+        obstacle in the robot's base frame.
     rotation : array_like, shape (3, 3), optional
         Orientation of the shape in the frame.
     translation : array_like, shape (3,), optional, [m]
         Origin of the shape in the frame.
     turning : bool
         Whether it only turns with the frame, about the base's origin: a direction, not
-        a place.
+        a position.
     """
 
     name: str
@@ -231,9 +232,9 @@ def plane(
     Parameters
     ----------
     height : float, [m]
-        Of its surface above the base's origin, along the normal.
+        Height of its surface above the base's origin, along the normal.
     normal : array_like, shape (3,)
-        Where free space is; made a unit vector.
+        Direction towards free space; normalised to a unit vector.
     name : str
     """
     up = frozen(normal, (3,), f"{name}: normal")
@@ -249,7 +250,7 @@ def plane(
 
 @lru_cache(maxsize=512)
 def coal_geometry(shape: Shape) -> Any:
-    """Return a shape as coal knows it."""
+    """Return a shape in coal's form."""
     import coal
 
     match shape:

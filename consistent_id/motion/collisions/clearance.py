@@ -1,10 +1,10 @@
-"""Proof that bodies stay apart along a path, at every time and not just at samples.
+"""Proof that bodies stay apart along a path, at all times and not only at samples.
 
 Around a time ``t``, a joint with velocity ``v`` there moves by at most
 ``min(V s, |v| s + A s^2 / 2)`` within ``s``, with bounds ``V``, ``A`` of the path's
-velocity and acceleration.  `largest_change` turns that into a bound on distances, so
-from what separates two bodies at ``t`` follows what separates them at least around it.
-Intervals of which too little is known are halved.
+velocity and acceleration.  `largest_change` turns this into a bound on changes of
+distances, so the distance of two bodies at ``t`` gives a lower bound of their distance
+around ``t``. Intervals with too low a bound are halved.
 """
 
 from collections.abc import Sequence
@@ -19,32 +19,32 @@ from consistent_id.motion.collisions.separation import balls_apart, separation
 from consistent_id.recordings.joint_paths import JointPath
 from consistent_id.robot.kinematics import link_places
 
-_FIRST = 0.1  # [s]; intervals to begin with are no longer
-_FINEST = 1e-5  # [m]; how near a proof may have to come to the truth
-_ROUNDING = 1e-9  # [m]; generous for sums and products of numbers of a few metres
+_FIRST = 0.1  # [s]; longest interval at the beginning
+_FINEST = 1e-5  # [m]; least tolerance of a proof
+_ROUNDING = 1e-9  # [m]; a large bound for sums and products of numbers of a few metres
 _MOST = 1_000_000  # intervals of pairs at a time, of some hundred bytes each
 
 
 @dataclass(frozen=True, slots=True)
 class ClearanceReport:
-    """How far apart the bodies of a scene stay along one or more paths.
+    """The proven distances of the bodies of a scene along one or more paths.
 
     Attributes
     ----------
     first, second : str
-        The two bodies with the least slack seen; empty if no pair is watched.
+        The two bodies with the least computed slack; empty if no pair is checked.
     path : int
-        On which of the paths.
+        Index of the path.
     time : float, [s]
-        When, on that path's clock.
+        Time on that path's clock.
     distance : float, [m]
-        How far apart they were seen then; negative: how deep in one another.
+        Their computed distance at this time; negative: depth of penetration.
     wanted : float, [m]
-        How far apart they must be.
+        Their required distance.
     margin : float, [m]
-        Proven: at no time is any pair nearer than its wanted distance plus this.
+        Proven: at no time is any pair nearer than its required distance plus this.
     poses, queries : int
-        How many poses, and distances of pairs, it took.
+        Numbers of poses, and of distances of pairs, that were computed.
     """
 
     first: str
@@ -59,26 +59,26 @@ class ClearanceReport:
 
     @property
     def proven(self) -> float:
-        """Distance below which these two bodies never are [m]."""
+        """Proven least distance of these two bodies [m]."""
         return self.wanted + self.margin
 
     @property
     def violated(self) -> bool:
-        """Whether a pose was seen at which bodies are nearer than wanted."""
+        """Whether bodies are nearer than required at some computed pose."""
         return self.distance < self.wanted
 
     @property
     def holds(self) -> bool:
-        """Whether all wanted distances are proven to be kept at all times."""
+        """Whether all required distances are proven to be kept at all times."""
         return self.margin >= 0.0 and not self.violated
 
     def require(self) -> None:
-        """Raise unless it holds.
+        """Raise unless all distances are proven.
 
         Raises
         ------
         InfeasibleError
-            With the bodies, the time, their distance and what was wanted.
+            With the bodies, the time, their distance and the required one.
         """
         if self.holds:
             return
@@ -86,7 +86,7 @@ class ClearanceReport:
             f"bodies {self.first!r} and {self.second!r} at {self.time:.4f} s of path "
             f"{self.path}"
         )
-        wanted = f"at least {self.wanted * 1e3:.2f} mm are wanted"
+        wanted = f"at least {self.wanted * 1e3:.2f} mm are required"
         if not self.violated:
             raise InfeasibleError(
                 f"{where} are {self.distance * 1e3:.2f} mm apart, and {wanted}, but no "
@@ -96,7 +96,7 @@ class ClearanceReport:
         seen = (
             f"are {self.distance * 1e3:.2f} mm apart"
             if self.distance >= 0.0
-            else f"are {-self.distance * 1e3:.2f} mm deep in one another"
+            else f"penetrate each other by {-self.distance * 1e3:.2f} mm"
         )
         raise InfeasibleError(
             f"{where} {seen}, but {wanted}; change the path, or, if they may touch, "
@@ -107,17 +107,17 @@ class ClearanceReport:
 def prove_clearance(
     scene: Scene, paths: JointPath | Sequence[JointPath], *, tolerance: float = 1e-3
 ) -> ClearanceReport:
-    """Prove how far apart bodies stay along paths, at every time.
+    """Prove the distances of bodies along paths, at all times.
 
     Parameters
     ----------
     scene : Scene
     paths : JointPath or sequence of them
-        All that will be played: the way from the start pose, the trajectory, and the
-        way back.  Joints are matched by name.
+        All paths that will be played: from the start pose, the trajectory, and back.
+        Joints are matched by name.
     tolerance : float, [m]
-        How far what is proven may be below what was seen; where bodies are near,
-        it is less, down to 0.01 mm.
+        Largest difference of proven and computed distance; it is less where bodies are
+        near, down to 0.01 mm.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def prove_clearance(
 
 
 def worst_clearance(reports: Sequence[ClearanceReport]) -> ClearanceReport:
-    """Return one report of several paths, each of which has one of its own."""
+    """Return one report for several paths, from their own reports."""
     k = int(np.argmin([report.distance - report.wanted for report in reports]))
     return replace(
         reports[k],
@@ -158,7 +158,7 @@ def worst_clearance(reports: Sequence[ClearanceReport]) -> ClearanceReport:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Motion:
+class _BoundedPath:
     """A path in the robot's order of joints, with bounds of its derivatives."""
 
     path: JointPath
@@ -167,12 +167,12 @@ class _Motion:
     acceleration: Vector
 
     def steps(self, velocity: Array, half: float) -> Array:
-        """How far joints move at most within `half` s of where they have `velocity`."""
+        """Largest motion of joints within `half` s of a time with `velocity`."""
         curved = abs(velocity) * half + self.acceleration * (half**2 / 2.0)
         return np.minimum(self.velocity * half, curved)
 
 
-def _motion(scene: Scene, path: JointPath) -> _Motion:
+def _motion(scene: Scene, path: JointPath) -> _BoundedPath:
     names, own = scene.robot.joint_names, tuple(path.joints)
     if set(names) != set(own) or len(own) != len(names):
         raise ProblemError(
@@ -180,11 +180,11 @@ def _motion(scene: Scene, path: JointPath) -> _Motion:
         )
     order = [own.index(name) for name in names]
     velocity, acceleration = (path.derivative_bound(k)[order] for k in (1, 2))
-    return _Motion(path, order, velocity, acceleration)
+    return _BoundedPath(path, order, velocity, acceleration)
 
 
 @dataclass(slots=True)
-class _Search:
+class _LeastSlack:
     """The state of a search for the least slack: what was seen, what is proven."""
 
     best: float = np.inf
@@ -203,16 +203,17 @@ class _Search:
             self.pair, self.time = int(which[k]), float(time[k])
 
     def floor(self, tolerance: float) -> float:
-        """Slack that has to be proven for now."""
+        """Slack that is currently to be proven."""
         allowed = tolerance
-        if self.best > 0.0:  # half the clearance, so that what is kept can be proven
+        # Half the clearance, so that a clearance that is kept can be proven
+        if self.best > 0.0:
             allowed = min(tolerance, max(self.best / 2.0, _FINEST))
         return self.best - allowed
 
 
 def _proof(scene: Scene, path: JointPath, tolerance: float) -> ClearanceReport:
     motion = _motion(scene, path)
-    search = _Search(time=path.start)
+    search = _LeastSlack(time=path.start)
     count = max(1, int(np.ceil(path.duration / _FIRST)))
     interval, which = (index.ravel() for index in np.indices((count, len(scene.pairs))))
     half = path.duration / count / 2.0
@@ -220,7 +221,7 @@ def _proof(scene: Scene, path: JointPath, tolerance: float) -> ClearanceReport:
         lower = _level(scene, motion, search, interval, which, half, tolerance)
         unproven = lower < search.floor(tolerance)
         if 2 * np.count_nonzero(unproven) > _MOST:
-            unproven[:] = False  # gives up: what is proven is what there is
+            unproven[:] = False  # gives up: the proven bound remains
         proven = lower[~unproven].min(initial=np.inf)
         search.margin = min(search.margin, float(proven))
         left = 2 * interval[unproven]
@@ -246,14 +247,14 @@ def _proof(scene: Scene, path: JointPath, tolerance: float) -> ClearanceReport:
 
 def _level(
     scene: Scene,
-    motion: _Motion,
-    search: _Search,
+    motion: _BoundedPath,
+    search: _LeastSlack,
     interval: IntArray,
     which: IntArray,
     half: float,
     tolerance: float,
 ) -> Array:
-    """Return the slack that pairs are proven to have in intervals of one length."""
+    """Return the proven slack of pairs in intervals of one length."""
     places_in, sample = np.unique(interval, return_inverse=True)
     time = motion.path.start + (2 * places_in + 1) * half
     q, dq = motion.path.evaluate(time, 1)[:, :, motion.order]

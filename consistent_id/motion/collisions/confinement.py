@@ -1,13 +1,13 @@
-"""Boxes and cones that a point or a direction of the robot may not leave, as bodies.
+"""Boxes and cones for a point or a direction of the robot, as collision bodies.
 
-Beyond each face of a box is a half-space, and only the point is kept off it.
+Beyond each face of a box is a half-space that only this point must avoid.
 
 A unit vector ``d`` of a link is within the angle ``c`` of an axis ``e`` of the base
-frame if ``d.e >= cos c``: the point ``d / sin c``, drawn from the base's origin
-wherever the link is, stays off the half-space ``x.e <= cos c / sin c``.  Near the
-cone's edge the distance of the two in metres is the angle that is left in rad.
+frame if ``d.e >= cos c``: the point ``d / sin c``, drawn from the base's origin for any
+position of the link, stays off the half-space ``x.e <= cos c / sin c``.  Near the
+cone's edge the distance of the two in metres is the remaining angle in rad.
 
-So a search keeps boxes and cones, and a proof covers them, as those of collisions.
+So search and proof treat boxes and cones like collisions.
 """
 
 from collections.abc import Iterable
@@ -20,21 +20,23 @@ from consistent_id.errors import ProblemError
 from consistent_id.motion.collisions.bodies import Body, Sphere, plane
 from consistent_id.motion.collisions.scene import Scene, kept_off
 
-_RADIUS = 1e-3  # m; of the ball that stands for a point, by which faces are set back
+# M; radius of the ball that represents a point; faces are set back by it
+_RADIUS = 1e-3
 
-_NARROWEST = np.radians(1.0)  # rad; from a cone of nothing, or of all directions
+# Rad; least difference from an empty cone, or from all directions
+_NARROWEST = np.radians(1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Workspace:
-    """A box in the robot's base frame that a point of a link may not leave.
+    """A box in the robot's base frame for a point of a link.
 
     Parameters
     ----------
     link : str
         Moving, or fixed to a moving one, such as ``"tool0"``.
     low, high : array_like, shape (3,), [m]
-        Corners of the box; infinite where there is no face.
+        Corners of the box; infinite for axes without a bound.
     point : array_like, shape (3,), [m]
         In the link's frame.
     """
@@ -58,18 +60,18 @@ class Workspace:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OrientationCone:
-    """A cone about an axis of the base frame that a direction of a link may not leave.
+    """A cone about an axis of the base frame for a direction of a link.
 
     Parameters
     ----------
     link : str
         Moving, or fixed to a moving one, such as ``"tool0"``.
     angle : float, [rad]
-        Between the axis and the direction at most; from 1 to 179 degrees.
+        Largest angle between axis and direction; from 1 to 179 degrees.
     axis : array_like, shape (3,)
-        In the base frame; made a unit vector.  Down by default.
+        In the base frame; normalised.  Down by default.
     direction : array_like, shape (3,)
-        In the link's frame; made a unit vector.
+        In the link's frame; normalised.
     """
 
     link: str
@@ -93,7 +95,12 @@ class OrientationCone:
 
 
 def within_workspaces(scene: Scene, workspaces: Iterable[Workspace]) -> Scene:
-    """Return a scene in which points of the robot stay within boxes, too.
+    """Return a scene in which points of the robot must stay within boxes.
+
+    Parameters
+    ----------
+    scene : Scene
+    workspaces : sequence of Workspace
 
     Raises
     ------
@@ -121,7 +128,12 @@ def within_workspaces(scene: Scene, workspaces: Iterable[Workspace]) -> Scene:
 
 
 def within_cones(scene: Scene, cones: Iterable[OrientationCone]) -> Scene:
-    """Return a scene in which directions of the robot stay within cones, too.
+    """Return a scene in which directions of the robot must stay within cones.
+
+    Parameters
+    ----------
+    scene : Scene
+    cones : sequence of OrientationCone
 
     Raises
     ------

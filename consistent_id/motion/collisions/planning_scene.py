@@ -1,7 +1,7 @@
-"""A MoveIt planning scene as bodies: what stands around a robot, and what it holds.
+"""A MoveIt planning scene as bodies: obstacles, and objects attached to the robot.
 
 ``ros2 topic echo --once /monitored_planning_scene`` writes a message of type
-``moveit_msgs/PlanningScene``; keys that are no objects are passed over.  The motion
+``moveit_msgs/PlanningScene``; keys other than objects are ignored.  The motion
 planner's window saves ``.scene`` files:
 
 (name)
@@ -38,12 +38,12 @@ from consistent_id.robot.model import RobotModel
 from consistent_id.robot.solids import mesh_vertices
 
 _PLANNING = ("", "world", "map", "odom")
-"""Frames that are taken for that of the robot's base."""
+"""Frames that count as that of the robot's base."""
 
-_CORNERS = 24  # of the polygon around a cone's circle
-_SMALLEST = 1e-6  # of a quaternion that has a direction
+_CORNERS = 24  # sides of the polygon around a cone's circle
+_SMALLEST = 1e-6  # least norm of a quaternion with a direction
 
-_REMOVED = 1  # the operation that takes an object away
+_REMOVED = 1  # the operation that removes an object
 _IDENTITY = (0.0, 0.0, 0.0, 1.0)
 
 # shape_msgs/SolidPrimitive: its types, and the order of their dimensions for shape_of.
@@ -54,7 +54,7 @@ _PRIMITIVES = {
     4: ("cone", (1, 0)),
 }
 _TEXT_SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "cone": 2}
-_MOST_NUMBERS = 1_000_000  # numbers of one mesh; more are a mistake in the file
+_MOST_NUMBERS = 1_000_000  # most numbers of one mesh; more indicate a faulty file
 
 _T = TypeVar("_T")
 
@@ -81,7 +81,7 @@ class SceneObject:
     Parameters
     ----------
     frame : str
-        Of the poses: a link, or the frame that the scene is planned in.
+        Frame of the poses: a link, or the frame of the planning scene.
     """
 
     name: str
@@ -97,15 +97,16 @@ def planning_scene_bodies(path: str | Path, robot: RobotModel) -> tuple[Body, ..
     path : str or Path
         ``.scene``, as MoveIt's window saves it, or a ``moveit_msgs/PlanningScene`` as
         ``.yaml`` (with the extra ``ros``) or ``.json``.  Boxes, spheres, cylinders,
-        cones and meshes, of which the hull is taken, by their vertices or by
-        `resource`, a file.
+        cones and meshes; of a mesh, given by vertices or by the file `resource`, the
+        hull is used.
     robot : RobotModel
-        In whose base frame objects stand; those of a link's frame move with it.
+        The robot in whose base frame objects stand; those in a link's frame move with
+        it.
 
     Raises
     ------
     ProblemError
-        If it cannot be read, or an object is in a frame that is not known.
+        If it cannot be read, or an object is in an unknown frame.
     """
     path = Path(path)
     content = read_input(path, ProblemError, LARGEST_MODEL)
@@ -126,7 +127,7 @@ def _message(content: bytes, path: Path) -> Any:
 
 
 def _bodies(one: SceneObject, robot: RobotModel, path: Path) -> list[Body]:
-    """Return an object's shapes; what stands still is placed in the base frame."""
+    """Return an object's shapes; fixed ones are placed in the base frame."""
     link, stands = None, Pose(np.eye(3), np.zeros(3))
     name = one.frame.removeprefix("/")
     if name not in _PLANNING:
@@ -157,7 +158,7 @@ def shape_of(kind: str, sizes: Array) -> Shape:
     ----------
     kind : str
         ``box`` (x, y, z), ``sphere`` (radius), ``cylinder`` and ``cone`` (radius,
-        length), or ``mesh`` (its vertices, whose hull is taken).
+        length), or ``mesh`` (its vertices, of which the hull is used).
     """
     values = np.asarray(sizes, dtype=np.float64)
     if kind == "mesh":
@@ -236,7 +237,7 @@ class _PoseRecord(msgspec.Struct, frozen=True):
     orientation: _QuaternionRecord = _QuaternionRecord()
 
     def value(self) -> Pose:
-        """Return it; all zeros, as messages are made, stand for no rotation."""
+        """Return it; all zeros, the default of messages, mean no rotation."""
         p, q = self.position, self.orientation
         turned = (q.x, q.y, q.z, q.w)
         turned = turned if any(turned) else _IDENTITY
@@ -290,7 +291,7 @@ class _SceneRecord(msgspec.Struct, frozen=True):
 
 
 def objects_of_message(message: Any, where: Path) -> list[SceneObject]:
-    """Return the objects of a message, those attached to links among them.
+    """Return the objects of a message, including those attached to links.
 
     Raises
     ------
@@ -429,7 +430,7 @@ class _TextReader:
         return len(next((words for words in left if words), []))
 
     def numbers(self, count: int) -> Array:
-        """Return so many numbers, in whatever lines."""
+        """Return a number of values, from as many lines as needed."""
         if count > _MOST_NUMBERS:
             raise self.fault(f"{count} numbers, expected {_MOST_NUMBERS} at most")
         while len(self.words) < count:
@@ -444,7 +445,7 @@ class _TextReader:
         return values
 
     def count(self) -> int:
-        """Return a number that counts something."""
+        """Return a count."""
         (value,) = self.numbers(1)
         if value < 0 or value != int(value):
             raise self.fault(f"{value:g}, expected how many shapes there are")
@@ -455,7 +456,7 @@ class _TextReader:
         return self.made(pose_of, self.numbers(3), self.numbers(4))
 
     def made(self, make: Callable[..., _T], *given: Any) -> _T:
-        """Return what a function makes of numbers; its errors name the line."""
+        """Return a function's result; its errors name the line."""
         try:
             return make(*given)
         except ProblemError as cause:

@@ -1,20 +1,20 @@
-"""What surrounds a robot, which bodies must stay apart, and how fast they can meet.
+"""A robot's surroundings, pairs that must stay apart, and bounds of their approach.
 
-How much the distance of two bodies can change while joints move a little: turn one
-joint by ``s``, and the bodies on its far side turn rigidly about its axis, or, seen
-from them, those on its near side do.  So the distance of one on each side changes by at
-most ``s min(R_a, R_b)``, ``R`` being how far a body reaches from the axis; if the joint
-slides, by at most ``s``.  Of directions, all axes go through one point, and a joint
-that slides changes nothing.
+The change of the distance of two bodies while joints move a little is bounded: if one
+joint turns by ``s``, the bodies on its far side turn rigidly about its axis, or, seen
+from them, those on its near side.  So the distance of two bodies on different sides
+changes by at most ``s min(R_a, R_b)``, with ``R`` the largest distance of a body from
+the axis; if the joint slides, by at most ``s``.  For directions, all axes go through
+one point, and a sliding joint changes nothing.
 
-Let the joints between bodies a and b move one after another, those next to a first.
-Each finds b in reach as it was, and a farther off by no more than what the joints
-before it have done:
+Let the joints between bodies a and b move one after another, those next to a first. For
+each joint, the reach of b is as before, and that of a has grown by at most the motion
+of the joints before it:
 
     change <= sum_j s_j min(R_bj, R_aj + sum over k before j of s_k R_ak).
 
-Where the joints end does not depend on the order, so it holds as well for joints that
-move together, and for the opposite order; the smaller of the two bounds counts.
+The final position does not depend on the order, so the bound is also valid for joints
+that move together, and for the opposite order; the smaller of the two bounds is used.
 """
 
 from collections.abc import Sequence
@@ -36,7 +36,7 @@ from consistent_id.robot.model import RobotModel
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """Two bodies of a scene, by their places in it, and how far apart they must be.
+    """Two bodies of a scene, by their indices, and their required distance.
 
     `wanted` in m: the bodies' distance may not be less at any time.
     """
@@ -48,7 +48,7 @@ class Pair:
 
 @dataclass(frozen=True, slots=True)
 class PairNote:
-    """Two bodies that are not watched, or not as requested, and why."""
+    """Two bodies that are not checked, or not as requested, and the reason."""
 
     first: str
     second: str
@@ -62,7 +62,7 @@ class PairNote:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """A robot's bodies, what stands around it, and the pairs to be kept apart.
+    """A robot's bodies, its obstacles, and the pairs that must stay apart.
 
     `build_scene` and `scene_from_urdf` choose the pairs.
 
@@ -72,12 +72,12 @@ class Scene:
     bodies : tuple of Body
     pairs : tuple of Pair
     notes : tuple of PairNote
-        Pairs that are not watched, but for those on one link or adjacent ones.
+        Pairs that are not checked, except those on one link or adjacent ones.
     dropped : tuple of str
-        Links of the file with a shape that the robot model does not have, because it
-        is a part of the file's; nothing is known of where they are.
+        Links of the file with a shape that the robot model does not have, because it is
+        a part of the file's; their positions are unknown.
     adjacent : int
-        Pairs of the robot's bodies on links that one joint connects, not watched.
+        Pairs of the robot's bodies on links that one joint connects, not checked.
     """
 
     robot: RobotModel
@@ -93,8 +93,8 @@ class Scene:
         followers = [joint.name for joint in self.robot.joints if joint.mimic]
         if followers:
             raise ProblemError(
-                f"scene: {', '.join(followers)} follow other joints; distances of what "
-                "they move cannot be proven yet. Lock their leaders"
+                f"scene: {', '.join(followers)} follow other joints; distances of "
+                f"bodies that they move cannot be proven yet. Lock their leaders"
             )
         names = [body.name for body in self.bodies]
         twice = sorted({name for name in names if names.count(name) > 1})
@@ -106,20 +106,20 @@ class Scene:
             if self.bodies[pair.first].turning != self.bodies[pair.second].turning:
                 raise ProblemError(
                     f"scene: {names[pair.first]!r} and {names[pair.second]!r}: a "
-                    "direction and a place have no distance"
+                    f"direction and a position have no distance"
                 )
             if not 0.0 <= pair.wanted < np.inf:
                 raise ProblemError(
-                    f"scene: {names[pair.first]!r} and {names[pair.second]!r} are to "
-                    f"be {pair.wanted} m apart, expected 0 or more"
+                    f"scene: required distance of {names[pair.first]!r} and "
+                    f"{names[pair.second]!r} is {pair.wanted} m, expected 0 or more"
                 )
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What is not watched, and why, as sentences."""
+        """Pairs that are not checked, with reasons, as sentences."""
         adjacent = (
-            f"{self.adjacent} pairs of bodies on links that one joint connects are not "
-            "watched: shapes often overlap there"
+            f"{self.adjacent} pairs of bodies on links that one joint connects are "
+            f"not checked: shapes often overlap there"
         )
         return (
             *([adjacent] if self.adjacent else []),
@@ -133,7 +133,7 @@ class Scene:
 
 
 def kept_off(scene: Scene, body: Body, others: Sequence[Body], where: str) -> Scene:
-    """Return a scene with a body of the robot and others that it may not touch.
+    """Return a scene with a body of the robot and others that it must not touch.
 
     Raises
     ------
@@ -155,7 +155,7 @@ def kept_off(scene: Scene, body: Body, others: Sequence[Body], where: str) -> Sc
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyPlaces:
-    """Where the bodies of a scene are, at many poses.
+    """The positions of a scene's bodies, at many poses.
 
     Attributes
     ----------
@@ -181,7 +181,7 @@ class BodyPlaces:
 
 
 def body_places(scene: Scene, links: LinkPlaces) -> BodyPlaces:
-    """Return where the bodies are when the links are where they are."""
+    """Return the positions of the bodies for given positions of the links."""
     n, bodies = len(links), len(scene.bodies)
     rotation, translation = np.empty((n, bodies, 3, 3)), np.empty((n, bodies, 3))
     places = [place_of(scene.robot, body) for body in scene.bodies]
@@ -204,7 +204,7 @@ def body_places(scene: Scene, links: LinkPlaces) -> BodyPlaces:
 
 
 def place_of(robot: RobotModel, body: Body) -> FixedPlace:
-    """Return a body's place on the link that carries it, or in the base frame."""
+    """Return a body's pose on the link that carries it, or in the base frame."""
     base = FixedPlace(-1, np.eye(3), np.zeros(3))
     frame = base if body.frame is None else fixed_place(robot, body.frame)
     if body.turning:
@@ -227,16 +227,16 @@ def joints_between(robot: RobotModel, first: int, second: int) -> tuple[int, ...
 def largest_change(
     places: BodyPlaces, pair: Pair, sample: IntArray, steps: Array
 ) -> Array:
-    """Bound how much a pair's distance changes while joints move by at most `steps`.
+    """Bound the change of a pair's distance while joints move by at most `steps`.
 
     Parameters
     ----------
     places : BodyPlaces
-        Of the poses from which the joints move.
+        Positions at the poses from which the joints move.
     sample : ndarray, shape (queries,)
         Which of the poses.
     steps : ndarray, shape (queries, joints), [rad or m], 0 or more
-        A joint may be anywhere so near to where it is in the pose.
+        Largest distance of each joint from its position in the pose.
 
     Returns
     -------
@@ -256,7 +256,7 @@ def largest_change(
 
 def _moved(step: Array, near: Array, far: Array) -> Array:
     """Change of distance if the joints move in order, shape (queries,)."""
-    if np.isinf(near).any():  # a half-space: all of it is out of reach
+    if np.isinf(near).any():  # a half-space: its reach is infinite
         return np.asarray((step * far).sum(axis=0))
     done = step * near
     before = np.cumsum(done, axis=0) - done
@@ -266,7 +266,7 @@ def _moved(step: Array, near: Array, far: Array) -> Array:
 def _reaches(
     places: BodyPlaces, body: int, joints: tuple[int, ...], sample: IntArray
 ) -> Array:
-    """How far a body reaches from joints' axes, shape (joints, queries)."""
+    """Largest distance of a body from joints' axes, shape (joints, queries)."""
     turning = bool(places.turning[body])
     reaches = np.full((len(joints), len(sample)), 0.0 if turning else 1.0)
     for i, joint in enumerate(joints):

@@ -1,4 +1,4 @@
-"""Scenes from bodies, or from a robot's file: which bodies are to be kept apart."""
+"""Scenes from bodies, or from a robot's file: the choice of pairs."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -23,9 +23,9 @@ from consistent_id.motion.collisions.urdf_bodies import Elements, urdf_bodies
 from consistent_id.robot.model import Joint, RobotModel
 from consistent_id.robot.parameters import did_you_mean
 
-_ALWAYS = 0.95  # share of random poses; a pair that touches in more is not watched
-_USUALLY = 0.5  # share of poses; nearer than wanted in more, only touching counts
-_ANYWHERE = 1.0  # [m]; how far a sliding joint without limits is moved either way
+_ALWAYS = 0.95  # share of random poses; a pair that touches in more is not checked
+_USUALLY = 0.5  # share of poses; for pairs too near in more, only touching is checked
+_ANYWHERE = 1.0  # [m]; motion of a sliding joint without limits, either way
 
 
 def build_scene(
@@ -38,27 +38,27 @@ def build_scene(
     poses: int = 200,
     seed: int = 0,
 ) -> Scene:
-    """Return a scene that watches all pairs of bodies that can come together.
+    """Return a scene with all pairs of bodies that can come together.
 
-    Not watched are bodies on the same link, on links that a single joint connects, and
-    bodies of the robot that touch at nearly all random poses; the last are listed in
-    `Scene.notes`.  Where two bodies of the robot are nearer than is wanted at more than
-    half of these poses, it is only wanted that they do not touch.
+    Some pairs are not checked: bodies on the same link, on links that a single joint
+    connects, and bodies of the robot that touch at nearly all random poses; these last
+    are listed in `Scene.notes`.  If two bodies of the robot are nearer than required at
+    more than half of these poses, they only must not touch.
 
     Parameters
     ----------
     robot : RobotModel
     bodies : iterable of Body
-        Of the robot, with a frame, and obstacles, without.
+        Bodies of the robot, with a frame, and obstacles, without one.
     clearance : float, [m]
-        How far apart any two bodies must be.
+        Least distance of any two bodies.
     extra : mapping of str to float, optional, [m]
-        How much farther from everything a body must be, or all bodies of a link: a
+        Additional distance of a body, or of all bodies of a link, from all others: of a
         tool, for instance.
     allowed : sequence of (str, str)
         Pairs of bodies, or of links, that may touch.
     poses : int
-        How many random poses within the joints' limits are sampled.
+        Number of random poses within the joints' limits.
     seed : int
         Of these poses.
 
@@ -95,7 +95,7 @@ def scene_from_urdf(
     extra: Mapping[str, float] | None = None,
     allowed: Sequence[tuple[str, str]] = (),
 ) -> Scene:
-    """Return a robot's bodies, as its URDF shapes them, and what stands around it.
+    """Return a scene of a robot's bodies, from its URDF, and of obstacles.
 
     A body has the name of its link; if a link has several shapes, they are
     ``link:1``, ``link:2``, ...  Meshes become convex hulls, which are never smaller.
@@ -106,17 +106,16 @@ def scene_from_urdf(
     robot : RobotModel
         Of the same file, or a part of it; joints that it locks stay where they are.
     package_dirs : iterable of str or Path
-        Folders in which ``package://name/...`` is looked for as ``name/...``; so are
+        Folders in which ``package://name/...`` is searched for as ``name/...``; so are
         the folders above the file.
     elements : {"collision", "visual"}
-        Which shapes to take; of a link that has none of these, the others.
+        Kind of shapes to read; for a link without them, the other kind is read.
     pieces : int
-        Into how many convex pieces a mesh may be cut where its hull is too large; 1
-        for hulls as they are.
+        Most convex pieces of a mesh whose hull is too large; 1 for plain hulls.
     ground : float, optional, [m]
         Height of a level floor above the robot's base frame.
     added : iterable of Body
-        Boxes and other obstacles; a tool that the file does not have.
+        Additional bodies, such as obstacles, or a tool that is not in the file.
     clearance, extra, allowed
         See `build_scene`.
 
@@ -181,13 +180,13 @@ def _movable(robot: RobotModel, bodies: tuple[Body, ...]) -> Iterable[tuple[int,
 
 
 def _adjacent(robot: RobotModel, bodies: tuple[Body, ...]) -> int:
-    """Return how many pairs of the robot's bodies are on links of one joint."""
+    """Return the number of pairs of the robot's bodies on links of one joint."""
     links = [place_of(robot, body).link for body in bodies if body.frame is not None]
     return sum(len(joints_between(robot, *two)) == 1 for two in combinations(links, 2))
 
 
 def _sifted(scene: Scene, q: ArrayLike) -> Scene:
-    """Leave out pairs that nearly always touch; require less of those always near."""
+    """Leave out pairs that nearly always touch; relax those that are always near."""
     largest = max(pair.wanted for pair in scene.pairs)
     near = nearest(scene, q, within=largest)
     pairs, notes = [], list(scene.notes)
@@ -211,7 +210,7 @@ def _sifted(scene: Scene, q: ArrayLike) -> Scene:
                 f"nearer than {pair.wanted * 1e3:.1f} mm at {near_by} of "
                 f"{len(distance)} random poses"
             )
-            notes.append(PairNote(*names, True, f"{seen}; only not to touch is wanted"))
+            notes.append(PairNote(*names, True, f"{seen}; so they only must not touch"))
             pair = Pair(pair.first, pair.second, 0.0)
         pairs.append(pair)
     return replace(scene, pairs=tuple(pairs), notes=tuple(notes))
@@ -240,7 +239,7 @@ def _expanded(
 
 
 def _named(bodies: tuple[Body, ...], name: str) -> list[str]:
-    """Names of the body, or of the bodies on the link, of a name."""
+    """Names of the body with this name, or of the bodies on the link."""
     found = [body.name for body in bodies if name in (body.name, body.frame)]
     if not found:
         known = {body.name for body in bodies} | {b.frame for b in bodies if b.frame}

@@ -1,12 +1,12 @@
-"""Signed distances between bodies, each shown by a plane between them.
+"""Signed distances between bodies, each proven by a separating plane.
 
 coal (GJK, EPA) finds the direction ``n`` from one body to the other; the distance is
-then computed again as what that direction separates,
+then computed again as the separation along that direction,
 
     distance = min over b of n.b - max over a of n.a,
 
-which no unit vector can make more than the true signed distance (negative: how deep
-the bodies are in one another).  So a search that ended early errs to the safe side.
+which is at most the true signed distance for any unit vector (negative: depth of
+penetration).  So a search that ended early is on the safe side.
 """
 
 from dataclasses import dataclass
@@ -20,17 +20,17 @@ from consistent_id.motion.collisions.bodies import HalfSpace, coal_geometry
 from consistent_id.motion.collisions.scene import BodyPlaces, Pair, Scene, body_places
 from consistent_id.robot.kinematics import LinkPlaces, ancestors, link_places
 
-_UNIT = 1e-6  # a direction's length may be off by this much, or coal found none
+_UNIT = 1e-6  # largest error of a direction's length; otherwise coal found none
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Separation:
-    """What keeps two bodies apart, for each of many poses (and pairs).
+    """The separation of two bodies, for each of many poses (and pairs).
 
     Attributes
     ----------
     distance : ndarray, shape (queries,), [m]
-        Negative where the bodies are in one another.
+        Negative where the bodies penetrate each other.
     normal : ndarray, shape (queries, 3)
         Unit vector from the first body to the second.
     points : ndarray, shape (2, queries, 3), [m]
@@ -44,7 +44,7 @@ class Separation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NearestPoints:
-    """Distances of all pairs of a scene, and how they change with the joints.
+    """Distances of all pairs of a scene, and their gradients by the joints.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class NearestPoints:
 
     @property
     def slack(self) -> Array:
-        """Distance less what is wanted, shape (samples, pairs) [m]."""
+        """Distance less the required one, shape (samples, pairs) [m]."""
         wanted = np.array([pair.wanted for pair in self.pairs])
         return np.asarray(self.distance - wanted)
 
@@ -78,7 +78,7 @@ def nearest(
     *,
     within: float = np.inf,
 ) -> NearestPoints:
-    """Return how far apart the bodies of each pair are, and the gradient of it.
+    """Return the distance of the bodies of each pair, and its gradient.
 
     ``d distance / dq = n^T (J_b - J_a)`` with the Jacobians of the nearest points.
 
@@ -88,8 +88,8 @@ def nearest(
     pairs : tuple of Pair, optional
         Some of the scene's; all without.
     within : float, [m]
-        Of bodies around which there are balls farther apart than this, which takes
-        less time to see, the distance is only bounded from below.
+        If balls around two bodies are farther apart than this, their distance is only
+        bounded from below, which is faster.
 
     Examples
     --------
@@ -124,7 +124,7 @@ def separation_slopes(
     sample: IntArray,
     which: IntArray,
 ) -> Array:
-    """Return ``d distance / dq`` of what `separation` found, (queries, joints)."""
+    """Return ``d distance / dq`` of separations, (queries, joints)."""
     carriers = np.array(places.carriers, dtype=np.intp)
     ends = np.array([(pair.first, pair.second) for pair in pairs], dtype=np.intp)
     ends = ends.reshape(-1, 2)[which]
@@ -175,9 +175,9 @@ def separation(
     which: IntArray,
     within: float = np.inf,
 ) -> Separation:
-    """Return what separates pair ``which[i]`` at pose ``sample[i]``, for each ``i``.
+    """Return the separation of pair ``which[i]`` at pose ``sample[i]``, for each ``i``.
 
-    Beyond `within`, it is what the direction between the balls' centres separates.
+    Beyond `within`, it is the one along the direction between the balls' centres.
     """
     first = np.array([pair.first for pair in pairs], dtype=np.intp)[which]
     second = np.array([pair.second for pair in pairs], dtype=np.intp)[which]
@@ -209,7 +209,7 @@ def separation(
 def balls_apart(
     places: BodyPlaces, sample: IntArray, first: IntArray, second: IntArray
 ) -> tuple[Array, Array]:
-    """Return how far apart balls around bodies are, and the way from one to the other.
+    """Return the distance of balls around bodies, and the direction between them.
 
     The bodies are never nearer.  A half-space has no ball: minus infinity.
     """
@@ -234,7 +234,7 @@ def _directions(
     first: IntArray,
     second: IntArray,
 ) -> tuple[Array, Array]:
-    """Ask coal for unit vectors from first to second, and the nearest points."""
+    """Compute unit vectors from first to second, and the nearest points, by coal."""
     import coal
 
     shapes: dict[int, Any] = {}
@@ -260,7 +260,7 @@ def _directions(
         points[0, k] = result.getNearestPoint1()
         points[1, k] = result.getNearestPoint2()
     lost = ~(abs(np.linalg.norm(normal, axis=1) - 1.0) < _UNIT)
-    if lost.any():  # spheres about one point, for one: any direction separates as well
+    if lost.any():  # for example concentric spheres: any direction is equally good
         normal[lost] = (0.0, 0.0, 1.0)
         points[0, lost] = places.centre[sample[lost], first[lost]]
         points[1, lost] = places.centre[sample[lost], second[lost]]

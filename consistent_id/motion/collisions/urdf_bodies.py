@@ -1,9 +1,9 @@
 """Bodies from a URDF: its collision shapes, or visual ones where it has no others.
 
-A mesh is taken as its hull, or cut into a few convex pieces.  A forearm with a wrist at
-its end fills much less than its hull.  Cut by planes, the hulls of the pieces still
-cover the body, since each cross-section lies in the hull of its rim, but fill less
-between.
+A mesh is replaced by its hull, or cut into a few convex pieces. A forearm with a wrist
+at its end is much smaller than its hull.  If it is cut by planes, the hulls of the
+pieces still cover the body, since each cross-section lies in the hull of its rim, but
+their volume is smaller.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -31,7 +31,7 @@ from consistent_id.robot.solids import mesh_triangles
 
 Elements = Literal["collision", "visual"]
 
-_PLACES = np.arange(1, 8) / 8.0  # where an axis of the bounding box may be cut
+_PLACES = np.arange(1, 8) / 8.0  # positions on an axis of the bounding box for cuts
 _ENOUGH = 1500  # triangles by which cuts are chosen; the pieces have all of them
 
 
@@ -43,8 +43,8 @@ def urdf_bodies(
 ) -> tuple[Body, ...]:
     """Return the shapes of a URDF's links; meshes as their convex hulls.
 
-    Of a link that has no shape of the kind wanted, those of the other kind are taken:
-    better a coarse or heavy shape than none.
+    For a link without shapes of the required kind, those of the other kind are read: a
+    coarse or large shape is better than none.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def urdf_bodies(
         the folders above the file.
     elements : {"collision", "visual"}
     pieces : int
-        Into how many convex pieces a mesh may be cut.
+        Most convex pieces of a mesh.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def link_bodies(
 ) -> tuple[Body, ...]:
     """Return the shapes of one link; see `urdf_bodies`.
 
-    `folders` are looked through for packages, by default those above the file.
+    Packages are searched for in `folders`, by default those above the file.
     """
     folders = list(path.absolute().parents) if folders is None else list(folders)
     other = "visual" if elements == "collision" else "collision"
@@ -110,7 +110,7 @@ def link_bodies(
 
 @contextmanager
 def _naming(where: str) -> Iterator[None]:
-    """Say where in the file something is wrong."""
+    """Add the position in the file to errors."""
     try:
         yield
     except (ModelError, ProblemError) as cause:
@@ -178,8 +178,8 @@ def _found(name: str, path: Path, folders: list[Path]) -> Path:
             return place
     looked = ", ".join(str(folder) for folder in folders) if separator else path.parent
     raise ModelError(
-        f"mesh {name!r} is not there; looked in {looked}; give the folder that holds "
-        "its package in package_dirs"
+        f"mesh {name!r} was not found in {looked}; give the folder that contains its "
+        f"package in package_dirs"
     )
 
 
@@ -200,8 +200,8 @@ def _numbers(
 def convex_pieces(triangles: Array, most: int, gain: float = 0.1) -> list[Array]:
     """Return point sets whose convex hulls together cover a mesh.
 
-    The piece and the plane, perpendicular to an axis, that save most volume are cut
-    first; it ends when no cut saves `gain` of the first hull's volume.
+    The cut, perpendicular to an axis, that saves most volume is made first; the cutting
+    ends when no cut saves `gain` of the first hull's volume.
 
     Parameters
     ----------
@@ -231,7 +231,7 @@ def convex_pieces(triangles: Array, most: int, gain: float = 0.1) -> list[Array]
 def _best_cut(triangles: Array) -> tuple[float, int, float]:
     """Volume saved by the best plane, its axis and its place on that axis.
 
-    Of fine meshes, as seen by some of the triangles.
+    For fine meshes, it is computed from some of the triangles.
     """
     triangles = triangles[:: 1 + len(triangles) // _ENOUGH]
     whole = _volume(triangles.reshape(-1, 3))

@@ -1,4 +1,4 @@
-"""Trajectories as files: exact ones to come back to, and ones that robots play."""
+"""Trajectories as files: exact ones to read again, and ones that robots play."""
 
 from consistent_id.motion.files.sample_tables import TRAJECTORY_COLUMNS
 from consistent_id.motion.files.trajectory_file import read_trajectory, write_trajectory

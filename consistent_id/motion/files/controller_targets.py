@@ -13,7 +13,8 @@ from consistent_id.errors import ProblemError
 from consistent_id.recordings.joint_paths import JointPath
 
 _JOINTS = {"rsi": 6, "franka": 7, "urscript": 6}
-_DIGITS = 12  # of rad or degrees; rounding is felt as jerk, 1e9 times as large at 1 kHz
+# Decimals of rad or degrees; at 1 kHz, rounding causes a jerk 1e9 times as large
+_DIGITS = 12
 
 CYCLES: dict[str, tuple[float, ...]] = {
     "urscript": (125.0, 500.0),
@@ -22,9 +23,9 @@ CYCLES: dict[str, tuple[float, ...]] = {
 }
 """Rates of formats [Hz]: of CB and e-Series, of RSI in 4 and in 12 ms, of libfranka."""
 
-_EQUAL = 1e-3  # of a rate, such as 83.3 for 1000 / 12
+_EQUAL = 1e-3  # relative tolerance of a rate, such as 83.3 for 1000 / 12
 
-_TO_START = "a=0.5, v=0.25"  # rad/s^2, rad/s: slow, since this way is not checked
+_TO_START = "a=0.5, v=0.25"  # rad/s^2, rad/s: slow, since this path is not checked
 _TRACKING = "0.1, 300"  # lookahead time [s] and gain, the controller's own defaults
 
 
@@ -36,7 +37,7 @@ class Targets(NamedTuple):
 
 
 def urscript_of(path: JointPath, rate: float, where: Path) -> str:
-    """Return a program that goes to the start, and then follows a path by ``servoj``.
+    """Return a program that moves to the start, and then follows a path by ``servoj``.
 
     Each target holds for one cycle; the last one is the end of the path, at most a
     cycle after the one before.  Targets are rounded to 1e-9 rad.
@@ -132,7 +133,7 @@ def _table(
 
 
 def cycle_of(format: str, rate: float) -> float | None:
-    """Return the controller's rate that is meant, or None if it has no such."""
+    """Return the controller's nearest rate, or None if there is none."""
     near = (own for own in CYCLES[format] if abs(rate - own) <= _EQUAL * own)
     return next(near, None)
 

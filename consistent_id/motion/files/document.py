@@ -30,13 +30,13 @@ from consistent_id.recordings.readers.npz import read_arrays
 FORMAT = "consistent_id trajectory 1"
 
 _LARGEST = 256 * 2**20  # bytes; an hour of seven joints at 500 Hz is larger
-_STILL = 1e-6  # velocity at rest, over the largest
+_STILL = 1e-6  # velocity at rest, relative to the largest
 
 ExactPath = FourierTrajectory | PolynomialPath | Move
 _Piece = FourierTrajectory | PolynomialPath
 
 
-class _Table(msgspec.Struct, forbid_unknown_fields=True, tag_field="kind"):
+class _PieceRecord(msgspec.Struct, forbid_unknown_fields=True, tag_field="kind"):
     """What pieces of both kinds have."""
 
     joints: list[str]
@@ -44,7 +44,7 @@ class _Table(msgspec.Struct, forbid_unknown_fields=True, tag_field="kind"):
     start_s: float
 
 
-class _Fourier(_Table, tag="fourier"):
+class _Fourier(_PieceRecord, tag="fourier"):
     frequencies_hz: list[float]
     offset: list[float]
     sine: list[list[float]]
@@ -63,7 +63,7 @@ class _Fourier(_Table, tag="fourier"):
         )
 
 
-class _Polynomial(_Table, tag="polynomial"):
+class _Polynomial(_PieceRecord, tag="polynomial"):
     control: list[list[float]]
 
     def path(self) -> PolynomialPath:
@@ -77,7 +77,7 @@ class _Header(msgspec.Struct):
     format: str
 
 
-class _Document(msgspec.Struct, forbid_unknown_fields=True):
+class _TrajectoryRecord(msgspec.Struct, forbid_unknown_fields=True):
     format: str
     kind: Literal["fourier", "polynomial", "move"]
     pieces: list[_Fourier | _Polynomial]
@@ -89,7 +89,7 @@ def json_of(path: ExactPath) -> str:
 
 
 def path_of_json(content: bytes, where: Path) -> ExactPath:
-    """Return the trajectory that JSON holds.
+    """Return the trajectory in JSON.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def path_of_json(content: bytes, where: Path) -> ExactPath:
     """
     try:
         _check_format(msgspec.json.decode(content, type=_Header).format, where)
-        document = msgspec.json.decode(content, type=_Document)
+        document = msgspec.json.decode(content, type=_TrajectoryRecord)
     except msgspec.ValidationError as cause:
         raise ProblemError(f"{where}: {cause} ($ is the file)") from None
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as cause:
@@ -118,7 +118,7 @@ def npz_of(path: ExactPath, samples: Arrays) -> bytes:
 
 
 def path_of_npz(where: Path) -> ExactPath:
-    """Return the trajectory that an NPZ file holds; nothing is unpickled.
+    """Return the trajectory in an NPZ file; nothing is unpickled.
 
     Raises
     ------
@@ -142,7 +142,7 @@ def path_of_npz(where: Path) -> ExactPath:
         "pieces": [pieces[number] for number in sorted(pieces)],
     }
     try:
-        document = msgspec.convert(record, type=_Document)
+        document = msgspec.convert(record, type=_TrajectoryRecord)
     except msgspec.ValidationError as cause:
         raise ProblemError(f"{where}: {cause} ($ is the file)") from None
     return _path(document, where)
@@ -157,7 +157,7 @@ def _check_format(seen: str, where: Path) -> None:
 
 
 def _members(where: Path) -> list[str]:
-    """Return the names of the arrays, none of which swells beyond all sizes."""
+    """Return the names of the arrays; refuse arrays that expand too much."""
     try:
         with zipfile.ZipFile(where) as file:
             members = file.infolist()
@@ -187,12 +187,12 @@ def _piece(piece: _Piece) -> dict[str, Any]:
             "duration_s": piece.duration,
             "start_s": piece.start,
         }
-    # A duration may have come as any number.
+    # A duration may be any number type.
     times = {key: float(record[key]) for key in ("duration_s", "start_s")}
     return record | times
 
 
-def _path(document: _Document, where: Path) -> ExactPath:
+def _path(document: _TrajectoryRecord, where: Path) -> ExactPath:
     kinds = [piece.__struct_config__.tag for piece in document.pieces]
     of_move = document.kind == "move" and kinds.count("fourier") == 1
     if not of_move and kinds != [document.kind]:
@@ -207,11 +207,11 @@ def _path(document: _Document, where: Path) -> ExactPath:
 
 
 def _rows(rows: list[list[float]], width: int) -> Matrix:
-    """Return rows as they are; of none, a matrix of the right width."""
+    """Return rows; for no rows, an empty matrix of the right width."""
     return rows if rows else np.zeros((0, width))  # type: ignore[return-value]
 
 
-def _assembled(document: _Document) -> ExactPath:
+def _assembled(document: _TrajectoryRecord) -> ExactPath:
     paths = [piece.path() for piece in document.pieces]
     if document.kind != "move":
         return paths[0]
@@ -221,7 +221,7 @@ def _assembled(document: _Document) -> ExactPath:
 
 
 def content_of(path: Path) -> bytes:
-    """Return what a file holds.
+    """Return the content of a file.
 
     Raises
     ------
@@ -233,7 +233,7 @@ def content_of(path: Path) -> bytes:
 
 
 def require_size(path: Path, size: int) -> None:
-    """Refuse more bytes than trajectories have."""
+    """Refuse files larger than trajectories."""
     if size > _LARGEST:
         raise ProblemError(
             f"{path}: {size / 2**20:.0f} MiB, expected a trajectory of at most "
@@ -242,7 +242,7 @@ def require_size(path: Path, size: int) -> None:
 
 
 def require_names(joints: tuple[str, ...], where: Path) -> None:
-    """Refuse names of joints that a text file would not give back."""
+    """Refuse names of joints that cannot be read back from a text file."""
     for name in joints:
         if not name or not name.isprintable() or name != name.strip():
             raise ProblemError(

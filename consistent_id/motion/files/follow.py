@@ -3,9 +3,10 @@
     python3 follow.py trajectory.yaml ACTION [--approach SECONDS]
 
 ACTION is a ``control_msgs/action/FollowJointTrajectory``, such as
-``/joint_trajectory_controller/follow_joint_trajectory``.  The robot must stand where
-the file begins, else nothing is played; ``--approach`` first moves it there, straight
-in joint space, on a way that nobody has checked.  Ctrl-C cancels the motion.
+``/joint_trajectory_controller/follow_joint_trajectory``.  The robot must be at the
+file's first point, else nothing is played; ``--approach`` first moves it there,
+straight in joint space, along a path that nobody has checked.  Ctrl-C cancels the
+motion.
 """
 
 import argparse
@@ -27,7 +28,7 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--joint-states", default="/joint_states", metavar="TOPIC")
     options = parser.parse_args(words)
     if options.approach is not None and not options.approach > 0.0:
-        parser.error("--approach is the time of the way to the start, more than 0")
+        parser.error("--approach is the time of the motion to the start, more than 0")
     message = json.loads(options.file.read_text(encoding="utf-8"))
 
     import rclpy
@@ -47,13 +48,13 @@ def main(words: list[str] | None = None) -> int:
 
 
 def play(node: Any, message: dict[str, Any], options: argparse.Namespace) -> str:
-    """Move to the start if asked, then along the file; return what went wrong."""
+    """Move to the start if requested, then along the file; return the error."""
     from control_msgs.action import FollowJointTrajectory
     from rclpy.action import ActionClient
 
     client = ActionClient(node, FollowJointTrajectory, options.action)
     if not client.wait_for_server(timeout_sec=_PATIENCE):
-        return f"nobody serves the action {options.action}; see `ros2 action list`"
+        return f"no server of the action {options.action}; see `ros2 action list`"
     if options.approach is not None:
         seconds = int(options.approach)
         nanoseconds = round(1e9 * (options.approach - seconds))
@@ -70,7 +71,7 @@ def play(node: Any, message: dict[str, Any], options: argparse.Namespace) -> str
 
 
 def far_from_start(node: Any, message: dict[str, Any], topic: str) -> str:
-    """Return which joint does not stand where the file begins, or nothing."""
+    """Return the joint that is not at the file's first point, or nothing."""
     import rclpy
     from rclpy.qos import qos_profile_sensor_data
     from sensor_msgs.msg import JointState
@@ -92,24 +93,24 @@ def far_from_start(node: Any, message: dict[str, Any], topic: str) -> str:
         message["joint_names"], message["points"][0]["positions"], strict=True
     ):
         if joint not in places:
-            return f"{topic} says nothing of joint {joint!r}"
+            return f"{topic} has no joint {joint!r}"
         if not abs(places[joint] - start) <= _NEAR:
             return (
-                f"joint {joint!r} stands at {places[joint]:.4f}, the motion begins at "
+                f"joint {joint!r} is at {places[joint]:.4f}, the motion begins at "
                 f"{start:.4f}; move it there, or give --approach SECONDS"
             )
     return ""
 
 
 def follow(node: Any, client: Any, message: dict[str, Any]) -> str:
-    """Send a trajectory and wait for its end; return what went wrong."""
+    """Send a trajectory and wait for its end; return the error."""
     import rclpy
 
     sent = client.send_goal_async(goal_of(message))
     rclpy.spin_until_future_complete(node, sent)
     handle = sent.result()
     if not handle.accepted:
-        return "the controller rejects the trajectory; its log says why"
+        return "the controller rejects the trajectory; see its log"
     ended = handle.get_result_async()
     try:
         rclpy.spin_until_future_complete(node, ended)

@@ -1,4 +1,4 @@
-"""ROS 2 ``trajectory_msgs/JointTrajectory`` messages, as YAML that is JSON besides.
+"""ROS 2 ``trajectory_msgs/JointTrajectory`` messages, as YAML that is also JSON.
 
 One text is both: ROS tools read YAML 1.1, in which ``1e-05`` is a string, so numbers
 always have a point.
@@ -43,7 +43,7 @@ class _JointTrajectory(msgspec.Struct):
 def message_of(samples: Recording) -> str:
     """Return samples as a message; times are rounded to nanoseconds.
 
-    The stamp is zero: a controller begins when it receives it.
+    The stamp is zero: a controller begins at once.
     """
     nanoseconds = np.round((samples.time - samples.time[0]) * _BILLION).astype(int)
     names = json.dumps(list(samples.joints), ensure_ascii=False)
@@ -127,7 +127,7 @@ def plain_yaml(content: bytes, where: Path) -> Any:
 
     try:
         text = content.decode("utf-8")
-        # References within a file can make it grow without end.
+        # References within a file can make it grow without limit.
         if re.search(r"[&*]\w", text) and any(
             isinstance(event, AliasEvent)
             for event in YAML(typ="safe", pure=True).parse(text)

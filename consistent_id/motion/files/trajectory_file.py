@@ -1,9 +1,9 @@
-"""Trajectories to files and back; the ending says which form.
+"""Trajectories to files and back; the ending determines the format.
 
-Messages for ROS 2 have few points, which a controller joins: given positions,
-velocities and accelerations, it joins two points, ``h`` seconds apart, by the quintic
-that has them at both ends.  The quintic is off by no more than
-``h^6 max |q^(6)| / 46080``, Hermite's remainder with both ends thrice.
+Messages for ROS 2 can have few points, which a controller joins: from positions,
+velocities and accelerations at two points, ``h`` seconds apart, it computes a quintic.
+The error of the quintic is at most ``h^6 max |q^(6)| / 46080``, Hermite's remainder
+with both ends as triple nodes.
 """
 
 from pathlib import Path
@@ -55,17 +55,19 @@ FORMAT_OF_ENDING: dict[str, Format] = {
     ".rsi": "rsi",
     ".franka": "franka",
 }
-"""Which form an ending says."""
+"""Format of each ending."""
 
 _OF_CONTROLLERS = {"urscript": urscript_of, "rsi": rsi_of, "franka": franka_of}
 
 _REMAINDER = 720.0 * 2.0**6
-"""Of ``((t - a) (b - t))^3 / 6!``, at most ``(h / 2)^6 / 6!``."""
+"""Denominator of the remainder: ``((t - a) (b - t))^3 / 6!`` is at most
+``(h / 2)^6 / 6!``.
+"""
 _LEAST = 1e-6  # rad or m; messages round times to nanoseconds
 
 
 class _Probe(msgspec.Struct):
-    """What distinguishes kinds of JSON."""
+    """The keys that distinguish kinds of JSON."""
 
     format: str | None = None
     joint_names: list[str] | None = None
@@ -86,17 +88,17 @@ def write_trajectory(
     path : FourierTrajectory, PolynomialPath or Move
     file : str or Path
     rate : float, [Hz]
-        Of the samples; only ``json`` does without.
+        Rate of the samples; only ``json`` needs none.
     tolerance : float, [rad or m]
-        In place of the rate, of ``ros``: as few points as suffice, see `thinned`.
+        For ``ros``, instead of the rate: as few points as possible, see `thinned`.
     format : str, optional
-        By default as the file's ending says:
+        By default that of the file's ending:
 
         - ``json`` (``.json``): exact coefficients;
         - ``npz`` (``.npz``): exact coefficients, and samples;
         - ``csv``, ``parquet``: samples; see `TRAJECTORY_COLUMNS`;
         - ``ros`` (``.yaml``, ``.yml``): a ``trajectory_msgs/JointTrajectory``, in YAML
-          that is JSON too;
+          that is also JSON;
         - ``urscript`` (``.script``, ``.urscript``): a program for a Universal Robot, at
           125 or 500 Hz;
         - ``rsi`` (``.rsi``): axis angles [degrees] for KUKA RSI, at 250 or 83.3 Hz;
@@ -106,7 +108,7 @@ def write_trajectory(
     ------
     ProblemError
         If the ending is unknown, the rate is missing or wrong, or the file cannot be
-        written.  A robot begins and ends at rest: its own formats refuse what does not.
+        written.  Formats for robots require a motion from rest to rest.
 
     Examples
     --------
@@ -153,7 +155,7 @@ def _content(path: ExactPath, file: Path, rate: float, chosen: Format) -> str | 
 
 
 def read_trajectory(file: str | Path) -> ExactPath | Recording:
-    """Read what `write_trajectory` wrote, or a ROS trajectory of anyone's.
+    """Read a file of `write_trajectory`, or any ROS trajectory.
 
     Parameters
     ----------
@@ -163,9 +165,9 @@ def read_trajectory(file: str | Path) -> ExactPath | Recording:
     Returns
     -------
     FourierTrajectory, PolynomialPath or Move
-        Equal to the last bit, of files with coefficients.
+        Equal to the last bit, for files with coefficients.
     Recording
-        Of files with samples only.
+        For files with only samples.
 
     Raises
     ------
@@ -210,13 +212,13 @@ def _format_of(file: Path) -> Format:
 def thinned(path: JointPath, tolerance: float, name: str = "trajectory") -> Recording:
     """Return points between which quintics follow a path within a tolerance.
 
-    In each smooth piece they are at equal steps; where pieces meet is one, too.  A
-    quintic, such as a run-in, needs its two ends alone.
+    In each smooth piece they have equal steps; points are also at the junctions of
+    pieces.  A quintic, such as a run-in, needs only its two ends.
 
     Parameters
     ----------
     tolerance : float, [rad or m]
-        Which no joint is off by at any time, proven by a bound of the path's sixth
+        Largest error of a joint at any time, proven by a bound of the path's sixth
         derivative.
 
     Raises

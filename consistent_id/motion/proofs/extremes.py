@@ -1,11 +1,10 @@
-"""How far a joint's path, and each of its derivatives, goes: proven for all time.
+"""Extremes of a joint's path and its derivatives, proven for all time.
 
 Over a stretch of time with middle ``m`` and half width ``r``, Taylor's theorem says
 
     f(m + s) <= f(m) + |f'(m)| r + B r^2 / 2,    |f''| <= B.
 
-`peaks` finds the largest values of functions that are enclosed so, by dividing time
-where it matters.
+`peaks` finds the largest values of such functions, by dividing time where necessary.
 """
 
 from collections.abc import Sequence
@@ -20,13 +19,13 @@ from consistent_id.motion.proofs.interval import Interval
 from consistent_id.recordings.joint_paths import JointPath
 
 _FINEST = 1e-3  # least scale of the tolerance, relative to the bound over all time
-_COARSE = 0.1  # of the scale: what the first stretches leave open
+_COARSE = 0.1  # share of the scale: the remainder over the first stretches
 _FEWEST, _MOST_CELLS = 16, 4096
 _EVALUATION = 64.0 * np.finfo(float).eps  # rounding of a path, see `path_rounding`
 
 _SPLIT = 4
-_MOST = 100_000  # stretches at once; more are given up, with the bound they have
-_ROUNDING = 4.0 * np.finfo(float).eps  # of a time, relative to the latest one
+_MOST = 100_000  # most stretches at once; others keep the bound they have
+_ROUNDING = 4.0 * np.finfo(float).eps  # rounding of a time, relative to the latest one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,13 +83,13 @@ class Enclosure(Protocol):
     def __call__(self, middle: Vector, radius: float, cell: IntArray) -> Enclosed:
         """Enclose them over ``middle - radius`` to ``middle + radius`` [s].
 
-        `cell` is which of the first, equal stretches each one is a part of.
+        `cell` is the index of the first, equal stretch that contains each one.
         """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Peaks:
-    """Where functions are largest; arrays of shape (functions,).
+    """The largest values of functions; arrays of shape (functions,).
 
     Parameters
     ----------
@@ -111,10 +110,10 @@ def extremes(path: JointPath, order: int, *, tolerance: float = 1e-6) -> Extreme
     Parameters
     ----------
     path : JointPath
-        With two continuous derivatives more than `order`, which is not checked; or
-        with `pieces` that have, as those of a `Move`: each is proven by itself.
+        With two continuous derivatives more than `order`, which is not checked; or with
+        such `pieces`, as in a `Move`: each is proven separately.
     tolerance : float
-        What bound and value may differ by, relative to the range of the values.
+        Largest difference of bound and value, relative to the range of the values.
 
     Examples
     --------
@@ -154,10 +153,11 @@ def _of_piece(path: JointPath, order: int, tolerance: float) -> Peaks:
 
 
 def path_rounding(path: JointPath, order: int) -> Vector:
-    """Return what rounding may add to a derivative's values, shape (joints,).
+    """Return the largest rounding error of a derivative's values, shape (joints,).
 
     A sum is rounded relative to its terms; a phase, or a time, relative to itself,
-    which is like a shift in time by some units in the last place of the latest time.
+    which is equivalent to a shift in time by some units in the last place of the latest
+    time.
     """
     latest = abs(path.start) + path.duration
     size, rate = path.derivative_bound(order), path.derivative_bound(order + 1)
@@ -182,7 +182,7 @@ def _around(path: JointPath, values: Array, radius: float, order: int) -> Interv
 
 
 def _scale(path: JointPath, order: int) -> Vector:
-    """Return the range of the values, as some samples show it."""
+    """Return the range of the values at some samples."""
     time = path.start + path.duration * np.linspace(0.0, 1.0, 64)
     values = path.evaluate(time, order)[order]
     least = _FINEST * path.derivative_bound(order)
@@ -190,14 +190,14 @@ def _scale(path: JointPath, order: int) -> Vector:
 
 
 def _cells(path: JointPath, curvature: Vector, scale: Vector) -> int:
-    """Return into how many stretches time is divided at first."""
+    """Return the number of stretches at the beginning."""
     rate = np.sqrt(curvature / np.where(scale > 0.0, scale, np.inf)).max()
     cells = path.duration * rate / (2.0 * np.sqrt(_COARSE))
     return int(np.clip(np.ceil(cells), _FEWEST, _MOST_CELLS))
 
 
 @dataclass(slots=True)
-class _Search:
+class _FoundExtremes:
     """Best values so far, and the bound of all stretches that are done with."""
 
     reached: Vector
@@ -224,8 +224,8 @@ def peaks(
 ) -> Peaks:
     """Bound the largest value of each function over all time from start to end.
 
-    A stretch whose bound exceeds the best value seen by less than `tolerance`, shape
-    (functions,), is done with; the others are divided.
+    A stretch whose bound exceeds the best value so far by less than `tolerance`, shape
+    (functions,), is finished; the others are divided.
     """
     margin = _ROUNDING * (abs(start) + duration)
     cell = np.arange(cells)
@@ -234,7 +234,7 @@ def peaks(
     ends = np.array([start, start + duration])
     value = enclose(ends, 0.0, cell[[0, -1]]).value
     nothing = np.full(value.shape[1], -np.inf)
-    search = _Search(nothing, nothing, nothing)
+    search = _FoundExtremes(nothing, nothing, nothing)
     search.see(ends, value)
     alive = np.ones((cells, value.shape[1]), dtype=bool)
     while True:
@@ -256,16 +256,16 @@ def peaks(
 
 
 def smooth_pieces(path: JointPath) -> tuple[JointPath, ...]:
-    """Return the pieces of a path that has any, as a `Move` has; else the path.
+    """Return the pieces of a path that has any, such as a `Move`; else the path.
 
-    Between pieces, higher derivatives jump: both values count, and no bound of a
-    derivative holds across the junction.
+    Between pieces, higher derivatives jump: both values are used, and no bound of a
+    derivative is valid across the junction.
     """
     return tuple(getattr(path, "pieces", (path,)))
 
 
 def bounds_of(found: Sequence[Peaks]) -> Bounds:
-    """Return bounds from peaks of functions and of their negatives, a path's pieces."""
+    """Return bounds from peaks of functions and their negatives over pieces."""
     reached = np.array([one.reached for one in found])
     piece, each = reached.argmax(axis=0), np.arange(reached.shape[1])
     most, least = np.split(reached[piece, each], 2)

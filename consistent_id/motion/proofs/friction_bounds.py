@@ -1,8 +1,8 @@
-"""Friction that is no polynomial of the motion, over stretches of time.
+"""Bounds of friction that is not polynomial in the motion, over stretches of time.
 
-It may jump, or nearly, where a joint turns back: there is no use in its derivative.
-Its columns are computed with intervals instead of numbers, for motion forwards,
-backwards and standing still apart, so that all that has one sign keeps one.
+It may jump, or nearly, where a joint turns back, so its derivative is not used. Its
+columns are computed with intervals instead of numbers, separately for motion forwards,
+backwards and at rest, so that columns of one sign keep it.
 """
 
 from collections.abc import Sequence
@@ -18,8 +18,8 @@ from consistent_id.recordings.joint_paths import JointPath
 from consistent_id.regression.drive.term import JointSamples, term_columns
 from consistent_id.regression.regressor import TorqueModel
 
-_ROUNDING = 64.0 * np.finfo(float).eps  # of motion and columns, relative
-_LEAST = float(np.finfo(float).tiny)  # a rate that has a direction
+_ROUNDING = 64.0 * np.finfo(float).eps  # relative rounding of motion and columns
+_LEAST = float(np.finfo(float).tiny)  # least rate with a direction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,7 +29,7 @@ class DirectedFriction:
     Parameters
     ----------
     own : TorqueModel
-        The same without couplings: each joint's friction depends on its own rate.
+        The same model without couplings: each joint's friction depends on its own rate.
     parameters : ndarray, shape (robots, parameters)
     """
 
@@ -56,7 +56,7 @@ class DirectedFriction:
         ----------
         middle : ndarray, shape (stretches,), [s]
         radius : float, [s]
-            May be zero; then a joint at rest has friction both ways.
+            May be zero; then a joint at rest has friction of both signs.
         load : Interval, shape (stretches, joints), [N m or N]
             Torque that the joints transmit.
 
@@ -69,7 +69,7 @@ class DirectedFriction:
             for order in path_interval(path, middle, radius, 2)
         )
         loads = load.columns()
-        # at rest exactly, a joint may be about to move either way
+        # exactly at rest, a joint may begin to move either way
         dq = [Interval(x.low - 2.0 * _LEAST, x.high + 2.0 * _LEAST) for x in dq]
         parts = [
             self._sum(self.own, [q, rates, ddq], loads, 0)
@@ -105,7 +105,7 @@ class DirectedFriction:
 
 
 def directed_friction(model: TorqueModel, parameters: Matrix) -> DirectedFriction:
-    """Return the friction of a model that is no polynomial of the motion."""
+    """Return the friction terms of a model that are not polynomial in the motion."""
     return DirectedFriction(model, replace(model, couplings=()), parameters)
 
 
@@ -115,7 +115,7 @@ def require_enclosable(model: TorqueModel) -> None:
     Raises
     ------
     ProblemError
-        Naming the term, and why.
+        The message names the term and the reason.
     """
     stretch = Interval(np.array([-0.5]), np.array([0.5]))
     for term in model.column_terms:
@@ -123,10 +123,10 @@ def require_enclosable(model: TorqueModel) -> None:
 
 
 def _directions(rate: Interval) -> list[Interval]:
-    """Return the rates forwards, backwards and at rest; all, where there are none.
+    """Return the rates forwards, backwards and at rest; all rates if there are none.
 
-    Zero rounded up to the least number with a direction changes a continuous term by
-    nothing that can be seen.
+    Zero is rounded up to the least number with a direction, which changes a continuous
+    term by a negligible amount.
     """
     forwards = Interval(np.maximum(rate.low, _LEAST), rate.high)
     backwards = Interval(rate.low, np.minimum(rate.high, -_LEAST))
@@ -139,7 +139,7 @@ def _directions(rate: Interval) -> list[Interval]:
 
 
 def _widened(x: Interval, size: Array) -> Interval:
-    """Return an interval with what rounding does to numbers of some size."""
+    """Return an interval widened by the rounding of numbers of some size."""
     return Interval(x.low - _ROUNDING * size, x.high + _ROUNDING * size)
 
 

@@ -1,7 +1,7 @@
-"""Intervals: two arrays between which a quantity lies.
+"""Intervals: two arrays that bound a quantity.
 
 Operations enclose the result for all values in between.  Ends are rounded to nearest,
-not outwards; who claims a proof adds a slack for that, see `torque_bounds`.
+not outwards; proofs must add a slack for rounding, see `torque_bounds`.
 """
 
 from dataclasses import dataclass
@@ -74,7 +74,7 @@ class Interval:
     def __truediv__(self, other: Any) -> "Interval":
         if isinstance(other, Interval):
             if not (other.low * other.high > 0.0).all():
-                raise ValueError("division by an interval that may hold zero")
+                raise ValueError("division by an interval that may contain zero")
             return self * _hull(1.0 / other.low, 1.0 / other.high)
         return _hull(self.low / other, self.high / other)
 
@@ -96,7 +96,7 @@ class Interval:
         return Interval(np.maximum(np.maximum(self.low, -self.high), 0.0), self.size)
 
     def union(self, other: "Interval") -> "Interval":
-        """Return the smallest interval that holds both."""
+        """Return the smallest interval that contains both."""
         return Interval(
             np.minimum(self.low, other.low), np.maximum(self.high, other.high)
         )

@@ -1,4 +1,4 @@
-"""How far a path stays away from its limits, proven for all time."""
+"""Distances of a path from its limits, proven for all time."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -25,22 +25,22 @@ _RATES = ("velocity", "acceleration", "jerk")
 
 @dataclass(frozen=True, slots=True)
 class Margin:
-    """One limit of one joint, and what the path makes of it.
+    """One limit of one joint, and the path's extreme.
 
     Parameters
     ----------
     quantity : str
-        ``"lower position"``, ``"upper position"``, ``"velocity"``,
-        ``"acceleration"``, ``"jerk"``, ``"torque"``, ``"torque rate"`` or ``"torque
-        RMS"``; all but positions as sizes.
+        ``"lower position"``, ``"upper position"``, ``"velocity"``, ``"acceleration"``,
+        ``"jerk"``, ``"torque"``, ``"torque rate"`` or ``"torque RMS"``; all but
+        positions as absolute values.
     limit : float
         In the units of `MotionLimits`.
     bound : float
-        What the quantity is proven never to exceed (or fall below).
+        Proven bound that the quantity never exceeds (or falls below).
     reached : float
-        What it reaches, at `time` [s]; `bound` is this and what is left of doubt.
+        Value that it reaches, at `time` [s]; the extreme is between it and `bound`.
     span : float
-        What the margin is compared with: the limit, for a position the joint's range.
+        Reference of the margin: the limit, for a position the joint's range.
     """
 
     joint: str
@@ -53,7 +53,7 @@ class Margin:
 
     @property
     def margin(self) -> float:
-        """Least distance from the limit; negative where it is not kept."""
+        """Least distance from the limit; negative if it is not kept."""
         away = self.limit - self.bound
         return -away if self.quantity == "lower position" else away
 
@@ -93,7 +93,7 @@ class MotionMargins:
 
     @property
     def least(self) -> Margin:
-        """The margin that is relatively the least."""
+        """The margin with the least relative value."""
         return min(self.margins, key=lambda margin: margin.relative)
 
     def require(self) -> None:
@@ -102,7 +102,7 @@ class MotionMargins:
         Raises
         ------
         ProblemError
-            Naming joint, limit, time and value of the worst.
+            The message names joint, limit, time and value of the worst.
         """
         bad = [margin for margin in self.margins if not margin.holds]
         if not bad:
@@ -137,7 +137,7 @@ class MotionMargins:
             for m in self.margins
         )
         header = ("joint", "limit of", "limit", "proven", "at [s]")
-        note = "bounds proven for all times, not only at samples; of rad or m, N m or N"
+        note = "bounds proven for all times, not only at samples; rad or m, N m or N"
         return Table(
             "Margins from limits",
             (*header, "margin", "relative", "kept"),
@@ -153,19 +153,19 @@ def motion_margins(
     model: TorqueModel | None = None,
     parameters: ArrayLike | None = None,
 ) -> MotionMargins:
-    """Prove how far a path stays away from its limits, over its whole duration.
+    """Prove the distances of a path from its limits, over its whole duration.
 
     Parameters
     ----------
     path : JointPath
-        As smooth as `extremes` and `torque_bounds` want it, which is not checked; a
+        As smooth as `extremes` and `torque_bounds` require, which is not checked; a
         `Move` is proven piece by piece.
     limits : MotionLimits
     model : TorqueModel, optional
-        With it, limits of torque are checked too, of all joints: one whose torque is
-        not measured has a motor too.
+        If given, torque limits are checked, too, for all joints, also for those whose
+        torque is not measured.
     parameters : array_like, shape (parameters,) or (robots, parameters), optional
-        Of the model: one robot's, or those of several, the worst of which counts.
+        Parameters of one robot, or of several; then the worst is used.
 
     Raises
     ------
@@ -240,7 +240,7 @@ def _over_time(
         ):
             if np.isfinite(limit):
                 most, size = float(limit), float(rms)
-                # no time is its own: the whole path counts
+                # without a time: the whole path is used
                 yield Margin(joint, "torque RMS", most, size, size, path.start, most)
 
 

@@ -1,12 +1,13 @@
 """Proofs of the torque along a path: its size, its rate, and its root mean square.
 
 The smooth part is bounded as a path is, by Taylor's theorem: torque and its rate at the
-middle of a stretch of time, and a bound of its second derivative.  That bound comes of
-one pass of the recursion on intervals over stretches that are not divided further:
-where time is divided, the torque is computed at instants alone.
+middle of a stretch of time, and a bound of its second derivative.  That bound comes
+from one pass of the recursion on intervals over stretches that are not divided further;
+where time is divided, the torque is computed only at instants.
 
 The bound of the rate is that of the smooth part: Coulomb friction jumps where a joint
-turns, and no rate bounds that.  The root mean square is what heats a motor.
+reverses, so its rate has no bound.  The root mean square determines the heat of a
+motor.
 """
 
 from dataclasses import dataclass
@@ -33,12 +34,13 @@ from consistent_id.motion.proofs.torque_motion import SmoothTorque, smooth_torqu
 from consistent_id.recordings.joint_paths import JointPath
 from consistent_id.regression.regressor import TorqueModel
 
-_TURN = 0.025  # no joint turns further in half a stretch at first [rad or m]
+_TURN = 0.025  # largest motion of a joint in half a stretch at the beginning [rad or m]
 _FEWEST, _MOST_CELLS = 32, 4096
-_ROUNDED_UP = 1.0 + 1e-9  # a bound's own rounding, of sums of far fewer terms
+_ROUNDED_UP = 1.0 + 1e-9  # rounding of a bound, for sums of far fewer terms
 
-_TOLERANCE = 0.01  # share of a limit that proven and reached rates may differ by
-_DENSITY = 400.0  # stretches per second, over which the largest torque stands for all
+# Largest difference of proven and reached rates, as a share of a limit
+_TOLERANCE = 0.01
+_DENSITY = 400.0  # stretches per second, in which the largest torque is used
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +50,7 @@ class TorqueBounds:
     Parameters
     ----------
     joints : tuple of str
-        Those that the model has a torque for.
+        Joints with a torque in the model.
     lowest, highest : ndarray
         Proven: never below, never above, for any of the robots.
     least, most : ndarray
@@ -150,31 +152,31 @@ def torque_bounds(
     effort: ArrayLike | None = None,
     tolerance: float = 1e-3,
 ) -> TorqueBounds:
-    """Enclose the torques that a path asks for, over its whole duration.
+    """Enclose the torques along a path, over its whole duration.
 
     Parameters
     ----------
     path : JointPath
-        With four continuous derivatives, which is not checked, or with `pieces` that
-        have, as those of a `Move`; and all joints of the model's robot in order.
+        With four continuous derivatives, which is not checked, or with such `pieces`,
+        as in a `Move`; and with all joints of the model's robot in order.
     parameters : array_like, shape (parameters,) or (robots, parameters)
-        One robot's, or several: the torque is linear in them, so what holds for all
-        holds for every mixture of them.
+        Those of one robot, or of several: the torque is linear in them, so a bound for
+        all is valid for every mixture of them.
     effort : array_like, shape (torque joints,), optional, [N m or N]
-        What the tolerance is relative to; by default, the largest torque.
+        Reference of the tolerance; by default, the largest torque.
     tolerance : float
-        What bound and reached value may differ by.
+        Largest difference of bound and reached value.
 
     Notes
     -----
-    Friction with a sign has, at standstill, any value between its levels: a joint that
-    rests is taken to need either.
+    At standstill, dry friction has any value between its levels; both levels are used
+    for a joint at rest.
 
     Raises
     ------
     ProblemError
         If path and model have other joints, or a shape is wrong; or if a drive term
-        cannot be computed for intervals, so that nothing can be proven of it.
+        cannot be computed for intervals, so nothing can be proven.
     """
     x = _robots(parameters, model)
     if path.joints != model.robot.joint_names:
@@ -203,7 +205,7 @@ def torque_rate_bounds(
     ----------
     parameters : ndarray, shape (robots, parameters)
     limit : ndarray, shape (torque joints,), [N m/s or N/s]
-        What the tolerance is relative to, where it is finite.
+        Reference of the tolerance, where it is finite.
     """
     found = []
     for torque in path_torques(path, model, parameters):
@@ -224,7 +226,7 @@ def torque_rate_bounds(
 def torque_rms_bound(path: JointPath, model: TorqueModel, parameters: Matrix) -> Vector:
     """Bound each torque's root mean square over a path, friction included.
 
-    Over each of 400 stretches per second, the largest torque of any robot counts.
+    In each of 400 stretches per second, the largest torque of any robot is used.
 
     Returns
     -------

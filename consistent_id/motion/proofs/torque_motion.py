@@ -1,9 +1,9 @@
 """Torque along a path and its derivatives in time, at instants and over stretches.
 
-What is smooth: rigid bodies, and drive terms that are polynomials of the motion.  The
-recursion runs on jets, Taylor coefficients ``f, f', f''/2, ...`` of any scalar: arrays,
-for values at instants, or `Interval`, for all values that they take over stretches of
-time.
+The smooth part is the torque of rigid bodies and of drive terms that are polynomials of
+the motion.  The recursion runs on jets, Taylor coefficients ``f, f', f''/2, ...`` of
+any scalar: arrays, for values at instants, or `Interval`, for all values over stretches
+of time.
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ from consistent_id.regression.newton_euler import (
 from consistent_id.regression.regressor import TorqueModel
 
 _PIECE = 20_000  # samples times robots at once
-_DEPTH = 100.0  # roundings that one link adds, one after another, at most
+_DEPTH = 100.0  # most successive roundings of one link
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +44,7 @@ class Jet:
     """
 
     coefficients: tuple[Any, ...]
-    __array_ufunc__: ClassVar[None] = None  # an array times a jet is ours
+    __array_ufunc__: ClassVar[None] = None  # an array times a jet is computed here
 
     def __add__(self, other: Any) -> "Jet":
         a = self.coefficients
@@ -85,9 +85,9 @@ class SmoothTorque:
     Parameters
     ----------
     model : TorqueModel
-        Of polynomial drive terms alone.
+        Model with only polynomial drive terms.
     parameters : ndarray, shape (robots, parameters)
-        Of that model.
+        Parameters of that model.
     """
 
     model: TorqueModel
@@ -114,10 +114,11 @@ class SmoothTorque:
         return np.concatenate(pieces)
 
     def rounding(self, path: JointPath) -> Matrix:
-        """Bound what rounding does to `derivatives`, shape (robots, joints).
+        """Bound the rounding of `derivatives`, shape (robots, joints).
 
-        With every number replaced by plus or minus its size, the recursion yields the
-        size of all that is added up; its rate, what a rounded time or phase can do.
+        With every number replaced by plus or minus its size, the recursion gives the
+        total size of all summands; its rate gives the effect of a rounded time or
+        phase.
         """
         sizes = [path.derivative_bound(order) for order in range(4)]
         values = [[_within(np.atleast_1d(s)) for s in size] for size in sizes]
@@ -152,7 +153,7 @@ class SmoothTorque:
         return np.array_split(time, 1 + len(time) * len(self.parameters) // _PIECE)
 
     def _jets(self, motion: list[JointMotion]) -> list[Any]:
-        """Return each joint's torque as a jet, or a number where nothing moves it."""
+        """Return each joint's torque as a jet, or a number if it is constant."""
         model, x = self.model, self.parameters
         geometry, gravity = joint_geometry(model.robot), floats(model.robot.gravity)
         total: list[Any] = [0.0] * len(model.robot)

@@ -1,1 +1,1 @@
-"""Drafts for robots whose base floats: how it moves, and what its feet touch."""
+"""Drafts for robots whose base floats: its motion, and its contacts."""

@@ -1,7 +1,6 @@
-"""How the base of a robot moves, found in a log: names, quaternion order, the unit.
+"""The motion of a robot's base in a log: names, quaternion order, the IMU.
 
-Arrays of a simulation in MuJoCo say it themselves: what of ``qpos`` is a joint, what
-the base.
+The model determines the content of arrays of MuJoCo, such as ``qpos``.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -47,7 +46,7 @@ _IN_G = 0.5, 2.0
 
 
 class BaseFrame(NamedTuple):
-    """Where a frame is on the base."""
+    """Pose of a frame on the base."""
 
     rotation: Matrix
     translation: Vector
@@ -55,7 +54,7 @@ class BaseFrame(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class MujocoArrays:
-    """What the arrays of a log are.
+    """The content of a log's arrays.
 
     Parameters
     ----------
@@ -78,7 +77,7 @@ class MujocoArrays:
 def mujoco_arrays(
     path: Path, joints: Sequence[str], widths: Mapping[str, int]
 ) -> MujocoArrays:
-    """Return what ``qpos``, ``qvel``, ``qfrc_actuator`` and ``sensordata`` hold.
+    """Return the content of ``qpos``, ``qvel``, ``qfrc_actuator`` and ``sensordata``.
 
     Parameters
     ----------
@@ -210,14 +209,14 @@ def chosen_names(
         given = getattr(stated, _FIELDS.get(role, role))
         taken[role] = given if given or not mine else mine[0].names
         if given is None and mine:
-            note = f"{role} of the base is taken from {mine[0]}"
+            note = f"{role} of the base is read from {mine[0]}"
             said[role] = note + (f", not from {mine[1]}" if len(mine) > 1 else "")
     unit = taken["angular_velocity"] and taken["acceleration"]
     if not unit and not (taken["position"] and taken["orientation"]):
         raise RecordingError(
             f"{log}: the base floats, but no columns of an inertial measurement unit "
             f"(gyro and accelerometer) nor of a pose are found; the log has "
-            f"{shown(names) or 'no list of names'}. Say which: --angular-velocity "
+            f"{shown(names) or 'no list of names'}. Name them: --angular-velocity "
             "gx,gy,gz --acceleration ax,ay,az, or --base-position x,y,z --orientation "
             "qw,qx,qy,qz; an array has one name. If the base stands still, leave "
             "--base floating out"
@@ -233,7 +232,7 @@ def chosen_names(
     unused = ("position",) if unit else ("angular_velocity", "acceleration")
     notes = [note for role, note in said.items() if role not in unused]
     if order is not None and stated.quaternion is None:
-        notes.append(f"the quaternion is {order}, as its columns are named")
+        notes.append(f"the quaternion is {order}, by the names of its columns")
     return BaseGuess(found_columns, tuple(notes))
 
 
@@ -289,8 +288,9 @@ def settled(
     )
     if order is None:
         raise RecordingError(
-            f"{where}: whether the real part of {shown(names_of(found.orientation))} "
-            "stands first or last cannot be told from the data; say --quaternion wxyz "
+            f"{where}: the data do not show whether the real part of "
+            f"{shown(names_of(found.orientation))} is first or last; state "
+            f"--quaternion wxyz "
             "(MuJoCo, Isaac Lab) or xyzw (ROS, Isaac Gym)"
         )
     notes.append(f"the quaternion is {order.order}, {order.reason}")
@@ -335,7 +335,7 @@ def _require_gravity(felt: Matrix, found: BaseColumns, where: str) -> None:
         )
     raise RecordingError(
         f"{seen}median, expected about 9.81 m/s^2 of an accelerometer at "
-        "rest. If gravity was taken out, name the raw channel: --acceleration "
+        "rest. If gravity was removed, name the raw channel: --acceleration "
         "ax,ay,az; or the pose: --base-position, --orientation"
     )
 

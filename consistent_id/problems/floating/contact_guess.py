@@ -1,4 +1,4 @@
-"""The feet of a robot, and what they touch: by columns' names, or by their rest."""
+"""The feet of a robot and their contacts, from columns' names or from their motion."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ from consistent_id._support.arrays import Vector
 from consistent_id.errors import RecordingError
 from consistent_id.motion.collisions.bodies import Sphere
 from consistent_id.motion.collisions.urdf_bodies import link_bodies
+from consistent_id.problems.base_tables import ALWAYS
 from consistent_id.recordings.column_guess import shown
 from consistent_id.recordings.column_words import contact_names, matched_frame
 from consistent_id.recordings.readers.beside_columns import ContactColumns
@@ -28,9 +29,6 @@ from consistent_id.robot.parameters import did_you_mean
 
 _WORDS = ("foot", "sole", "toe", "ankle", "calf", "shank", "feet")  # the best first
 _SOLE = 5  # joints of a leg from which on its foot can be laid flat on the ground
-
-ALWAYS = "always"
-"""In place of a contact's column: the robot stands on that foot all the time."""
 
 SLIP = 0.05
 """m/s: feet that move faster against each other do not stand. A foot that swings moves
@@ -180,11 +178,11 @@ def guessed_contacts(names: Sequence[str], feet: Sequence[Foot]) -> ContactGuess
         return ContactGuess(tuple(found), (f"contacts are {said}", *_shapes(feet)))
     standing = tuple(_contact(foot, True) for foot in feet)
     if not standing:
-        note = "no foot is found in the robot's file: nothing is touched"
+        note = "no foot is found in the robot's file: there are no contacts"
         return ContactGuess((), (note,))
     note = (
-        f"no column says when {shown(list(by_frame))} touch the ground: they are at "
-        "rest against each other, and taken to stand all the time"
+        f"no column has contact flags of {shown(list(by_frame))}: they are at rest "
+        f"against each other, and assumed to stand all the time"
     )
     return ContactGuess(standing, (note, *_shapes(feet)), assumed=True)
 
@@ -216,7 +214,7 @@ def stated_contacts(
 def require_standing(
     robot: RobotModel, logs: Sequence[Recording], names: Sequence[str], file: Path
 ) -> None:
-    """Refuse to take feet for standing if they move against each other.
+    """Refuse the assumption that feet stand if they move against each other.
 
     Parameters
     ----------
@@ -234,16 +232,16 @@ def require_standing(
     if share < _STANDS:
         frames = [flags.frame for flags in logs[0].contacts]
         raise RecordingError(
-            f"{file}: no column says when feet touch the ground, and they do not stand "
-            f"all the time: in {1 - share:.0%} of the samples {shown(frames)} move "
-            f"faster than {SLIP} m/s against each other. Say which "
-            f"column tells of each: --contact {frames[0]}=COLUMN ...; of a robot that "
-            f"hangs or flies --contact none. The log has {shown(names)}"
+            f"{file}: no column has contact flags, and feet do not stand all the "
+            f"time: in {1 - share:.0%} of the samples {shown(frames)} move faster "
+            f"than {SLIP} m/s against each other. Name the column of each: --contact "
+            f"{frames[0]}=COLUMN ...; for a robot that hangs or flies --contact "
+            f"none. The log has {shown(names)}"
         )
 
 
 def share_at_rest(robot: RobotModel, logs: Sequence[Recording]) -> float:
-    """Return in which share of the samples no closed contact slips against others."""
+    """Return the share of samples in which no closed contact slips."""
     at_rest = [
         (contact_slip(robot, smooth_motion(part)) < SLIP).all(axis=1)
         for part in without_gaps(logs)
@@ -252,7 +250,7 @@ def share_at_rest(robot: RobotModel, logs: Sequence[Recording]) -> float:
 
 
 def without_gaps(logs: Sequence[Recording]) -> list[Recording]:
-    """Return logs, or what lies between their gaps."""
+    """Return logs, cut at their gaps."""
     return [
         log.samples(stretch)
         for log in logs
@@ -280,7 +278,7 @@ def _contact(foot: Foot, closed: str | bool) -> ContactColumns:
 
 
 def _shapes(feet: Sequence[Foot]) -> tuple[str, ...]:
-    """Say which shape feet are taken to have."""
+    """Return the assumed shapes of feet, in words."""
     soles = [foot.frame for foot in feet if foot.surface]
     bare = [foot.frame for foot in feet if not foot.surface and not foot.shaped]
     notes = [f"{shown(soles)} are soles, flat on the ground"] if soles else []

@@ -1,4 +1,4 @@
-"""What a draft says of a floating base: its columns, contacts, legs, rotors, slip."""
+"""The floating base in a draft: its columns, contacts, legs, rotors, slip."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -61,7 +61,7 @@ _ENOUGH = 0.25
 
 @dataclass(frozen=True, slots=True)
 class FloatingColumns:
-    """What a log has beside the joints, and what that says of the joints' columns.
+    """Channels of a log beside the joints, and their effect on the joints' columns.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class FloatingColumns:
     taken : tuple of str
         Names that are of no joint.
     standing : bool
-        Whether feet are taken to stand all the time, which is to be looked at.
+        Whether feet are assumed to stand all the time, which must be checked.
     names : tuple of str
         The log's, for messages.
     """
@@ -95,7 +95,7 @@ def floating_columns(
     model : Path
         Its file.
     stated : Statement
-        What is known.
+        The user's statement.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def floating_columns(
 
 
 def base_in_log(log: Path) -> tuple[BaseNames, ...]:
-    """Return what a log has that may be of a moving base; () if it names nothing."""
+    """Return names in a log that may belong to a moving base; () if there are none."""
     if not log_format(log).lists_names and not _is_bag(log):
         return ()
     return _named(log)[2]
@@ -169,14 +169,21 @@ def _settled(
     frames: Mapping[str, Any],
     ordered: bool,
 ) -> BaseGuess:
-    """Return the guess with what the data say: order, gravity, the unit's place."""
+    """Return the guess, completed from the data: order, gravity, the unit's place."""
     if _is_bag(log):
         arrays, time = _of_topics(log, guess.columns)
     else:
         wanted = guess.columns.names
         names = column_names(log) if log_format(log).lists_names else ()
         clock = next((name for name in names if is_time(name)), None)
-        arrays = read_parts(reader_of(log), log, [*wanted, *([clock] if clock else [])])
+        omit = stated.omitted_of(log)
+        named = [*wanted, *([clock] if clock else [])]
+        read = read_parts(reader_of(log), log, named, omit)
+        samples = max(map(len, read.values()))
+        kept = np.delete(
+            np.arange(samples), [row - 1 for row in omit if row <= samples]
+        )
+        arrays = {n: a[kept] if len(a) == samples else a for n, a in read.items()}
         time = np.asarray(arrays[clock] if clock else (), dtype=np.float64).reshape(-1)
     rows = len(time) or max(max(np.shape(a)) for a in arrays.values())
     time = time if len(time) else np.arange(rows, dtype=np.float64)
@@ -220,7 +227,7 @@ def _contacts(
     rolling = [contact for contact in found.columns if contact.radius > 0.0]
     if not rolling:
         return found
-    note = "feet are taken for points: how balls roll needs the base's orientation"
+    note = "feet are assumed to be points: balls that roll need the base's orientation"
     points = tuple(replace(contact, radius=0.0) for contact in found.columns)
     return replace(found, columns=points, notes=(*found.notes, note))
 
@@ -231,7 +238,7 @@ def _listed(found: BaseNames) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class StandingDraft:
-    """What is written into a draft for a floating base.
+    """The settings of a draft for a floating base.
 
     Parameters
     ----------
@@ -265,18 +272,18 @@ class StandingDraft:
 
     @property
     def comments(self) -> dict[str, str]:
-        """What to say of it in a problem file, by key."""
+        """Comments for a problem file, by key."""
         found = {
-            "constraints.known_links": "GUESS: as the file has them; on the ground "
-            "they cannot be told from the base",
-            "data.base": "GUESS: which columns they are, and where the unit is.",
-            "data.contacts": "GUESS: where feet touch; samples within guard [s] of a "
+            "constraints.known_links": "GUESS: as in the file; on the ground they "
+            "cannot be separated from the base",
+            "data.base": "GUESS: columns, and place of the unit.",
+            "data.contacts": "GUESS: contacts of feet; samples within guard [s] of a "
             "change are left out.",
             "data.preparation.most_slip": "m/s; feet that move faster slip",
-            "data.preparation.least_joint_speed": "at rest, friction is whatever "
-            "balances the joint",
-            "data.preparation.contact_radius": "feet give way: where they touch is "
-            "found in the log",
+            "data.preparation.least_joint_speed": "at rest, friction has any value "
+            "that balances the joint",
+            "data.preparation.contact_radius": "feet deform: their radius is "
+            "estimated from the log",
         }
         if self.rotors:
             found["constraints.fixed"] = "GUESS: armatures of the file"
@@ -290,7 +297,7 @@ def standing_draft(
     model: Path,
     drive: DriveTable,
 ) -> StandingDraft:
-    """Return what a draft says of a floating base.
+    """Return the settings of a draft for a floating base.
 
     Parameters
     ----------
@@ -306,7 +313,7 @@ def standing_draft(
     Raises
     ------
     RecordingError
-        If feet are taken to stand all the time, and do not.
+        If feet are assumed to stand all the time, and do not.
     """
     if found.standing:
         require_standing(robot, raws, found.names, model)

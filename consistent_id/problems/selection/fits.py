@@ -32,9 +32,9 @@ from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.drive.gear_coupling import GearCoupling, coupled_joints
 from consistent_id.regression.drive.laws import direction
 from consistent_id.regression.drive.term import DriveTerm, JointSamples, term_columns
+from consistent_id.regression.linear import extended, triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_structure import row_structure
-from consistent_id.regression.triangles import extended, triangle
 from consistent_id.robot.scaling import link_scales
 
 _WEIGHT = 1e-4

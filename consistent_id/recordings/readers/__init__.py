@@ -1,23 +1,5 @@
-"""Recordings from the logs that exist: tables, arrays, joint states, data frames."""
+"""Recordings from logs: tables, arrays, joint states, data frames."""
 
-from consistent_id.recordings.readers.beside_columns import (
-    BaseColumns,
-    BesideColumns,
-    ContactColumns,
-    WrenchColumns,
-)
-from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
-from consistent_id.recordings.readers.data_frames import recording_from
-from consistent_id.recordings.readers.recording_file import read_recording, read_track
+from consistent_id._support.face import face
 
-__all__ = [
-    "JOINT_STATE",
-    "BaseColumns",
-    "BesideColumns",
-    "Columns",
-    "ContactColumns",
-    "WrenchColumns",
-    "read_recording",
-    "read_track",
-    "recording_from",
-]
+__getattr__, __dir__ = face(__name__)

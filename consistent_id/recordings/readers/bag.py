@@ -1,10 +1,10 @@
 """Joint states, and fields of other topics, from ROS bags.
 
 Bags are folders, and bare MCAP, SQLite and ROS 1 files.  A chunk of an MCAP file states
-the size of its records before they were compressed; whoever unpacks it asks for that
-much memory, so `_check_mcap` looks first.  A bag that may be larger than memory is
-decoded once, into a file with a row of numbers for each sample; windows are read from
-anywhere in it (`SpooledStates`).
+the size of its records before they were compressed; unpacking allocates this memory, so
+`_check_mcap` checks the size first.  A bag that may be larger than memory is decoded
+once, into a file with a row of numbers for each sample; any window of it can then be
+read (`SpooledStates`).
 """
 
 import struct
@@ -45,7 +45,7 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.robot.parameters import did_you_mean
 
 _TYPE = "sensor_msgs/msg/JointState"
-# What the library lets through when a file is cut or overwritten.
+# Exceptions of the library for files that are cut or overwritten.
 _UNREADABLE = (
     ValueError,
     TypeError,
@@ -73,12 +73,12 @@ _CHUNK, _DATA_END = 0x06, 0x0F
 _BEFORE_SIZE = 16  # bytes of a chunk: its first and its last time
 
 _AT_ONCE = 2**14  # messages
-_LATE = 10**9  # ns by which messages of one stamp may come after each other
-_ROWS = 2**16  # whose times are read at a time
+_LATE = 10**9  # ns between messages of one stamp, at most
+_ROWS = 2**16  # rows whose times are read at a time
 
 
 class BagContent(NamedTuple):
-    """What was read of a bag: joint states, and fields of other topics by name."""
+    """Content of a bag: joint states, and fields of other topics by name."""
 
     states: list[JointMessage]
     signals: dict[str, TopicSignal]
@@ -92,12 +92,12 @@ def read_messages(
     Parameters
     ----------
     beside : sequence of str
-        What else is wanted, as ``TOPIC.FIELD``.
+        Other fields to read, as ``TOPIC.FIELD``.
 
     Raises
     ------
     RecordingError
-        If the file is no bag, or there is no such topic.
+        If the file is not a bag, or there is no such topic.
     """
     wanted = [topic_field(name, str(path)) for name in beside]
     with _opened(path) as bag:
@@ -123,7 +123,7 @@ def topic_kinds(path: Path) -> dict[str, str]:
     Raises
     ------
     RecordingError
-        If the file is no bag.
+        If the file is not a bag.
     """
     with _opened(path) as bag:
         return {c.topic: c.msgtype for c in bag.connections}
@@ -131,12 +131,12 @@ def topic_kinds(path: Path) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class SpooledStates:
-    """Joint states of a bag, of which windows are read; like `LogRows`.
+    """Joint states of a bag, read in windows, like `LogRows`.
 
     Parameters
     ----------
     path : Path
-        Of the bag, for messages.
+        Path of the bag, for messages.
     file : Path
         Rows of time and of each channel's joints, 8 bytes each.
     joints : tuple of str
@@ -154,7 +154,7 @@ class SpooledStates:
     torque_gain: ArrayLike = 1.0
 
     def times(self) -> Iterator[Vector]:
-        """Yield the times of all rows, some at a time [s]."""
+        """Yield the times of all rows, in pieces [s]."""
         total = self.file.stat().st_size // (8 * self._width)
         for first in range(0, total, _ROWS):
             yield self._rows(first, min(first + _ROWS, total))[:, 0]
@@ -214,7 +214,7 @@ def spooled_states(
         As `read_recording`.
     """
     where = str(path)
-    reader_of(path)  # it is there, and so is what reads it
+    reader_of(path)  # file and library exist
     fields = joint_state_fields(columns, joints, where)
     in_log, names = columns.in_log(joints), tuple(fields.values())
     messages = _each_message(path, topic)
@@ -231,14 +231,14 @@ def spooled_states(
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    """Yield a bag to read, whatever the library says of a faulty one."""
+    """Yield a bag to read; convert the library's exceptions."""
     import rosbags.rosbag1
     import rosbags.rosbag2
     from rosbags.serde import SerdeError
     from rosbags.typesys.base import TypesysError
 
     if path.is_dir() and not (path / "metadata.yaml").is_file():
-        raise RecordingError(f"{path}: a folder without metadata.yaml is no bag")
+        raise RecordingError(f"{path}: a folder without metadata.yaml is not a bag")
     for file in (path,) if path.is_file() else sorted(path.glob("*.mcap")):
         if file.suffix.lower() == ".mcap":
             require_regular(file, RecordingError)
@@ -258,7 +258,7 @@ def _is_old(path: Path) -> bool:
 
 
 def _of_storage() -> tuple[type[Exception], ...]:
-    """Return the errors of the libraries with which rosbags reads what is stored."""
+    """Return the errors of the libraries with which rosbags reads storage."""
     return tuple(
         getattr(sys.modules[module], error)
         for module, error in _STORAGE.items()
@@ -289,7 +289,7 @@ def _content(
 
 
 def _decoder(path: Path, connections: Sequence[Any]) -> Callable[[bytes, str], Any]:
-    """Return what decodes messages; kinds that ROS does not have, the bag defines."""
+    """Return a decoder of messages; the bag defines kinds that ROS does not have."""
     from rosbags.interfaces import MessageDefinitionFormat
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -325,7 +325,7 @@ def _state(log_time: int, state: Any) -> JointMessage:
 
 
 def _topic(path: Path, bag: Any, topic: str | None) -> str:
-    """Return the topic asked for, or the only one with joint states."""
+    """Return the requested topic, or the only one with joint states."""
     kinds: dict[str, str] = {c.topic: c.msgtype for c in bag.connections}
     states = [name for name, kind in kinds.items() if kind == _TYPE]
     if topic is not None:
@@ -340,7 +340,7 @@ def _topic(path: Path, bag: Any, topic: str | None) -> str:
     if len(states) != 1:
         raise RecordingError(
             f"{path}: {len(states)} topics of {_TYPE} ({', '.join(states) or 'none'}), "
-            "expected one; say which by topic"
+            "expected one; name it with topic"
         )
     return states[0]
 
@@ -351,7 +351,7 @@ def _check_mcap(path: Path) -> None:
     Raises
     ------
     RecordingError
-        If a record ends after the file, or chunks unpack to much more than it.
+        If a record ends after the file, or chunks unpack to much more than the file.
     """
     stored = path.stat().st_size
     with path.open("rb") as file:
@@ -386,7 +386,7 @@ def _pieces(
     fields: Sequence[str],
     where: str,
 ) -> Iterator[Merged]:
-    """Yield samples, some at a time; messages of one stamp are not torn apart."""
+    """Yield samples in pieces; messages of one stamp are kept together."""
     by_log_time, last = columns.time == LOG_TIME, None
     held: list[JointMessage] = []
     while new := list(islice(messages, _AT_ONCE)):
@@ -405,13 +405,13 @@ def _pieces(
 def _on_its_clock(
     messages: list[JointMessage], columns: Columns, by_log_time: bool, where: str
 ) -> list[JointMessage]:
-    """Return messages with the time of logging for a stamp, if that is their clock."""
+    """Return messages with the time of logging as stamp, if that is their clock."""
     if not by_log_time:
         return messages
     if columns.time != LOG_TIME and any(message.stamp for message in messages):
         raise RecordingError(
-            f"{where}: the first stamps are zero, later ones are not. Repair the log, "
-            f"or take time = {LOG_TIME!r}"
+            f"{where}: the first stamps are zero, later ones are not. Repair the "
+            f"log, or use time = {LOG_TIME!r}"
         )
     return [message._replace(stamp=message.log_time) for message in messages]
 
@@ -430,7 +430,7 @@ def _samples(
     if last is not None and found.stamps[0] <= last:
         raise RecordingError(
             f"{where}: a stamp goes from {seconds(last)} s back to "
-            f"{seconds(int(found.stamps[0]))} s. Cut the log there, or take time = "
+            f"{seconds(int(found.stamps[0]))} s. Cut the log there, or use time = "
             f"{LOG_TIME!r}"
         )
     yield found

@@ -1,7 +1,7 @@
-"""How a log names what is measured beside the joints: base, contacts, wrenches.
+"""A log's names of measurements beside the joints: base, contacts, wrenches.
 
-Names of several columns are a sequence, or one name of an array that has as many; of an
-array that has more, ``name[first:end]`` takes some, counted from 0.
+Several columns are a sequence of names, or one name of an array with as many columns;
+of a larger array, ``name[first:end]`` selects some, counted from 0.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,6 +25,7 @@ from consistent_id.recordings.beside import (
     Wrench,
     away_from_changes,
 )
+from consistent_id.recordings.recording import SampleError
 from consistent_id.recordings.signals.base_signals import (
     QuaternionOrder,
     base_from_imu,
@@ -36,16 +37,16 @@ from consistent_id.recordings.signals.base_signals import (
 Names = str | Sequence[str]
 """One array's name, or a name for each column."""
 
-_CLOSED = 0.5  # of a flag that is 0 or 1
+_CLOSED = 0.5  # threshold of a flag that is 0 or 1
 
 
 @dataclass(frozen=True, slots=True)
 class BaseColumns:
-    """Names of what is measured of a floating base.
+    """Names of the measurements of a floating base.
 
     Either an inertial measurement unit, `angular_velocity` and `acceleration`, or a
-    pose, `position` and `orientation`.  With both the unit counts; the orientation
-    turns wrenches in world axes, and tells where down is.
+    pose, `position` and `orientation`.  If both are given, the unit is used; the
+    orientation transforms wrenches in world axes, and gives the direction of gravity.
 
     Parameters
     ----------
@@ -141,7 +142,7 @@ class BaseColumns:
 
 @dataclass(frozen=True, slots=True)
 class ContactColumns:
-    """Name of a contact's flag, or of a force that says when there is contact.
+    """Name of a contact's flag, or of a contact force.
 
     Parameters
     ----------
@@ -150,9 +151,9 @@ class ContactColumns:
     closed : str or bool
         Column of a flag, or of a force; or whether there is contact all the time.
     threshold : float
-        From which on the column says that there is contact.
+        Least value of the column in contact.
     guard : float, [s]
-        Before and after each change of the flag, for which samples are not certain.
+        Time before and after each change of the flag in which samples are not certain.
     point, surface, radius
         See `ContactFlags`.
     """
@@ -166,7 +167,7 @@ class ContactColumns:
     radius: float = 0.0
 
     def flags(self, arrays: "Arrays", time: Vector, where: str) -> ContactFlags:
-        """Return when there is contact."""
+        """Return the contact flags."""
         if isinstance(self.closed, str):
             values = columns(arrays, self.closed, (1,), len(time), where)[:, 0]
             closed = values > self.threshold
@@ -193,7 +194,7 @@ class WrenchColumns:
     values : str or sequence of str, [N, N m]
         Six columns, the force first; or three of a force without a moment.
     on_robot : bool
-        Whether they act on the robot; else by the robot on what it touches.
+        Whether they act on the robot; else on its surroundings.
     point, axes
         See `Wrench`.
     """
@@ -217,7 +218,7 @@ Arrays = Mapping[str, NDArray[np.generic]]
 
 @dataclass(frozen=True, slots=True)
 class BesideColumns:
-    """Names of all that is measured beside the joints.
+    """Names of all measurements beside the joints.
 
     Parameters
     ----------
@@ -244,12 +245,12 @@ class BesideColumns:
 def columns(
     arrays: Arrays, names: Names, widths: tuple[int, ...], samples: int, where: str
 ) -> Matrix:
-    """Return columns beside each other, as many as there may be, shape (samples, any).
+    """Return columns side by side, of the allowed number, shape (samples, any).
 
     Raises
     ------
     RecordingError
-        If there are more or fewer, or they hold no numbers.
+        If there are more or fewer, or they do not contain numbers.
     """
     parts = []
     for name in names_of(names):
@@ -271,13 +272,13 @@ def columns(
     if found.shape[1] not in widths:
         raise RecordingError(
             f"{where}: {', '.join(names_of(names))}: {found.shape[1]} columns, "
-            f"expected {' or '.join(map(str, widths))}; of a larger array, "
-            "name[first:end] takes some"
+            f"expected {' or '.join(map(str, widths))}; select some columns of a "
+            f"larger array with name[first:end]"
         )
     finite = np.isfinite(found).all(axis=1)
     if not finite.all():
         bad = int(np.argmin(finite))
-        raise RecordingError(
+        raise SampleError(
             f"{where}: {', '.join(names_of(names))}: {found[bad]} at sample {bad}; "
             "remove or repair those samples"
         )

@@ -1,4 +1,4 @@
-"""How a log names its channels, and which names that makes for given joints."""
+"""A log's names of its channels, and the resulting names for given joints."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,10 +20,10 @@ CHANNELS = ("position", "velocity", "acceleration", "torque", *COMMANDS)
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """How a log names its columns, arrays or fields.
+    """A log's names of its columns, arrays or fields.
 
-    ``{joint}`` stands for a joint's name in the log, ``{number}`` for its place among
-    the joints asked for, counted from 1, and ``{index}`` for it from 0.  None: the log
+    ``{joint}`` stands for a joint's name in the log, ``{number}`` for its number among
+    the requested joints, counted from 1, and ``{index}`` for it from 0.  None: the log
     has no such channel.
 
     Parameters
@@ -35,20 +35,20 @@ class Columns:
         The log's name of a joint -> the joint's name, where the two differ.
     array_joints : sequence of str
         Joints of the columns of two-dimensional arrays, in the arrays' order; a name
-        without ``{joint}`` and ``{number}`` is then that of such an array.
+        without ``{joint}`` and ``{number}`` is then the name of such an array.
     position_command, velocity_command, torque_command : str, optional
         Commands of the drives, if these are PD-controlled.
     torque_joints : sequence of str
-        Joints whose torque the log has; by default all.  Of the others nothing is read,
-        and their torque is zero: a `TorqueModel` of the same `torque_joints` has no row
-        for them.
+        Joints whose torque the log has; by default all.  The torque of the others is
+        not read, but set to zero: a `TorqueModel` of the same `torque_joints` has no
+        row for them.
     units : mapping of str to str or sequence of str
         Units that are not s, rad, m, N m or N, by channel: one for all joints or one
         each, such as ``{"time": "ms", "position": "deg", "velocity": "rpm"}``.  Torque
-        in ``"%"`` or ``"permille"`` is of the rated torque and in ``"A"`` or ``"mA"``
-        of a current, which a `torque_gain` in N m, or N m per ampere, makes torque.
+        in ``"%"`` or ``"permille"`` is relative to the rated torque, and ``"A"`` or
+        ``"mA"`` are currents; a `torque_gain` in N m, or N m per ampere, converts both.
     beside : BesideColumns
-        What is measured of a floating base, of contacts and by wrench sensors.
+        Measurements of a floating base, of contacts and of wrench sensors.
 
     Examples
     --------
@@ -90,13 +90,13 @@ class Columns:
         for joint in joints:
             if joint in self.names and joint not in by_joint:
                 raise RecordingError(
-                    f"joint {joint!r}: names say that {joint!r} of the log is joint "
-                    f"{self.names[joint]!r}; say which name of the log is {joint!r}"
+                    f"joint {joint!r}: according to names, {joint!r} of the log is "
+                    f"joint {self.names[joint]!r}; state the log's name of {joint!r}"
                 )
         return tuple(by_joint.get(joint, joint) for joint in joints)
 
     def without_torque(self, joints: Sequence[str]) -> tuple[int, ...]:
-        """Return the places of the joints whose torque the log does not have."""
+        """Return the indices of the joints whose torque the log does not have."""
         require_known(
             self.torque_joints, joints, "torque_joints: no joint", RecordingError
         )
@@ -109,13 +109,13 @@ JOINT_STATE = Columns("header.stamp", "position", "velocity", torque="effort")
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class WantedChannels:
     """What is to be taken from a table or a file of arrays.
 
     Parameters
     ----------
     columns : dict of str to tuple of str
-        One name per joint, by channel; empty where there is nothing to read.
+        One name per joint, by channel; empty for channels that are not read.
     arrays : dict of str to str
         Channels that are a two-dimensional array, and its name.
     width : int
@@ -144,13 +144,13 @@ class Wanted:
         return [name for name in dict.fromkeys(every) if name]
 
 
-def wanted(columns: Columns, joints: Sequence[str], where: str) -> Wanted:
+def wanted(columns: Columns, joints: Sequence[str], where: str) -> WantedChannels:
     """Return the names that patterns make for the joints.
 
     Raises
     ------
     RecordingError
-        If a pattern is faulty, gives two joints one name, or names a unit.
+        If a pattern is faulty, gives two joints the same name, or contains a unit.
     """
     joints = at_least_one(joints, where)
     for channel in ("time", *CHANNELS):
@@ -163,7 +163,7 @@ def wanted(columns: Columns, joints: Sequence[str], where: str) -> Wanted:
     if "torque" in single:
         named = enumerate(single["torque"])
         single["torque"] = tuple("" if i in silent else name for i, name in named)
-    return Wanted(
+    return WantedChannels(
         joints,
         columns.time,
         single,
@@ -207,13 +207,13 @@ def at_least_one(joints: Sequence[str], where: str) -> tuple[str, ...]:
 
 
 def require(where: str, names: Sequence[str], known: Sequence[str]) -> None:
-    """Refuse a name that does not stand there exactly once."""
+    """Refuse a name that does not occur exactly once."""
     for name in names:
         if name not in known:
             near = did_you_mean(name, map(str, known))
             raise RecordingError(f"{where}: no column {name!r}; {near}")
         if list(known).count(name) > 1:
-            raise RecordingError(f"{where}: column {name!r} stands there twice")
+            raise RecordingError(f"{where}: column {name!r} occurs twice")
 
 
 def _places(columns: Columns, in_log: Sequence[str]) -> tuple[int, ...]:

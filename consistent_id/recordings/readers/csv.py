@@ -1,101 +1,109 @@
 """Columns of a text file: separators and decimal commas are found in the file.
 
-Fields are read by NumPy where that cannot differ from the exact way, which is the only
-one that knows rows and columns, and which therefore words every refusal.
+PyArrow reads the numbers.  Where it refuses them the csv module reads the file again,
+row by row: it knows the row and the column of each fault.
 """
 
 import csv
 import io
 from codecs import BOM_UTF8
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from math import nan
 from pathlib import Path
 
 import numpy as np
 
-from consistent_id._support.arrays import IntArray, Matrix
+from consistent_id._support.arrays import Matrix
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import require
-from consistent_id.recordings.readers.named_arrays import Arrays
+from consistent_id.recordings.readers.named_arrays import Arrays, omit_advice
 
 _SEPARATORS = (",", ";", "\t")
 _PIECE = 2**22  # bytes of text that are read at a time
-_DELICATE = '"\0\x1c\x1d\x1e\x1f'  # quotes, and what is space to one way only
 
 
 @dataclass(frozen=True, slots=True)
 class _CsvHeader:
-    """The names, how they are separated, and where the rows begin.
+    """The names, their separator, and the begin of the rows.
 
     Parameters
     ----------
-    row : int
+    line : int
         Number of the header's last line, from 1.
     end : int
         Characters up to the end of that line.
+    rows : int
+        Number of rows between the header and the text that is read next.
     """
 
     names: tuple[str, ...]
     separator: str
-    row: int
+    line: int
     end: int
+    rows: int = 0
 
 
-def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
+def read_arrays(path: Path, names: Sequence[str], omit: Collection[int] = ()) -> Arrays:
     """Return the named columns.
 
     The separator is the one of comma, semicolon and tab by which the header has all
-    names.  Lines before the header that begin with ``#`` are passed over; the last of
-    them may be the header.
+    names.  Lines before the header that begin with ``#`` are ignored; the last of them
+    may be the header.
+
+    Parameters
+    ----------
+    omit : collection of int
+        Rows below the header, counted from 1, that may hold anything: NaN stands for
+        what is no number.
 
     Raises
     ------
     RecordingError
         If the file is not such a text; with the row and the column of the first fault.
     """
-    try:
+    with _readable(path):
         text = path.read_bytes().decode("utf-8-sig")
         header = _header(path, text, names)
-        places = [header.names.index(name) for name in names]
-        values = _fast(text[header.end :], header, places)
-        if values is None:
-            values = _exact(path, text, header, places)
-    except UnicodeDecodeError as cause:
-        raise RecordingError(
-            f"{path}: not readable as CSV: {cause}. Save the file as UTF-8"
-        ) from None
-    except csv.Error as cause:
-        raise RecordingError(f"{path}: not readable as CSV: {cause}") from None
+        values = _values(path, text[header.end :], header, names, omit)
     return dict(zip(names, values.T, strict=True))
 
 
-def read_batches(path: Path, names: Sequence[str], first: int) -> Iterator[Arrays]:
-    """Yield the named columns from a row on, some rows at a time.
+def read_batches(
+    path: Path, names: Sequence[str], first: int, omit: Collection[int] = ()
+) -> Iterator[Arrays]:
+    """Yield the named columns from a row on, in pieces.
 
     Raises
     ------
     RecordingError
         As `read_arrays`.
     """
-    header, places = None, []
-    try:
+    header = None
+    with _readable(path):
         for text in _pieces_of_lines(path):
             if header is None:
                 header = _header(path, text, names)
-                places = [header.names.index(name) for name in names]
-                text, header = text[header.end :], replace(header, end=0)
+                text = text[header.end :]
             lines = text.count("\n")
             rows = lines + (not text.endswith("\n"))
-            if 0 < rows <= first and not _has_other_lines(text):
-                first -= rows
-            elif text.strip():
-                values = _fast(text, header, places)
-                if values is None:
-                    values = _exact(path, text, header, places)
-                if first < len(values):
+            if not text.strip():
+                rows = 0
+            elif rows > first or _has_other_lines(text):
+                values = _values(path, text, header, names, omit)
+                rows = len(values)
+                if first < rows:
                     yield dict(zip(names, values[first:].T, strict=True))
-                first = max(first - len(values), 0)
-            header = replace(header, row=header.row + lines)
+            first = max(first - rows, 0)
+            header = replace(header, line=header.line + lines, rows=header.rows + rows)
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Refuse what is no text of rows."""
+    try:
+        yield
     except UnicodeDecodeError as cause:
         raise RecordingError(
             f"{path}: not readable as CSV: {cause}. Save the file as UTF-8"
@@ -105,7 +113,7 @@ def read_batches(path: Path, names: Sequence[str], first: int) -> Iterator[Array
 
 
 def _pieces_of_lines(path: Path) -> Iterator[str]:
-    """Yield the text of a file, some whole lines at a time."""
+    """Yield the text of a file in pieces of whole lines."""
     rest = b""
     with path.open("rb") as file:
         file.seek(len(BOM_UTF8) if file.read(len(BOM_UTF8)) == BOM_UTF8 else 0)
@@ -124,60 +132,57 @@ def _has_other_lines(text: str) -> bool:
 
 
 def array_names(path: Path) -> tuple[str, ...]:
-    """Return the header: the first line, or above numbers the last comment.
+    """Return the header: the first line, or the last comment above numbers.
 
-    Its fields are separated by what makes the most of them.
+    Its separator is the one that gives the most fields.
     """
-    comment = first = ""
     try:
-        with path.open(encoding="utf-8-sig", newline="") as lines:
-            for first in lines:
-                if not first.startswith("#"):
-                    break
-                comment = first.lstrip("# ")
-        names, above = _most_fields(first), _most_fields(comment)
-    except (OSError, UnicodeDecodeError, csv.Error) as cause:
+        with _readable(path):
+            first, above = _headers(next(_pieces_of_lines(path), ""))
+    except OSError as cause:
         raise RecordingError(f"{path}: not readable as CSV: {cause}") from None
-    return above if comment and all(map(_is_number, names)) else names
-
-
-def _most_fields(line: str) -> tuple[str, ...]:
-    split = (_split(io.StringIO(line, newline=""), 0, mark) for mark in _SEPARATORS)
-    return max((header.names for header in split), key=len)
+    names, comment = (
+        max((h.names for h in headers), key=len, default=())
+        for headers in (first, above)
+    )
+    return comment if comment and all(map(_is_number, names)) else names
 
 
 def _header(path: Path, text: str, names: Sequence[str]) -> _CsvHeader:
-    """Return the header by the one separator that makes it hold all names."""
-    lines, skipped, comment = io.StringIO(text, newline=""), 0, None
-    start = 0
-    for line in lines:
-        if not line.startswith("#"):
-            break
-        start, skipped, comment = lines.tell(), skipped + 1, line.lstrip("# ")
-    found = [_split(lines, start, separator) for separator in _SEPARATORS]
-    fitting = [header for header in found if set(names) <= set(header.names)]
-    if not fitting and comment is not None:
-        above = [_split(io.StringIO(comment), 0, mark) for mark in _SEPARATORS]
-        fitting = [
-            _CsvHeader(header.names, header.separator, 0, start)
-            for header in above
-            if set(names) <= set(header.names)
-        ]
+    """Return the header by the one separator with which it has all names."""
+    first, above = _headers(text)
+    fitting = [h for h in first if set(names) <= set(h.names)]
+    fitting = fitting or [h for h in above if set(names) <= set(h.names)]
     if len(fitting) > 1:
         marks = " and ".join(repr(header.separator) for header in fitting)
         raise RecordingError(
-            f"{path}: the header has all columns whether {marks} separates them; "
-            "rename columns that contain a separator"
+            f"{path}: the header has all columns with each of {marks} as separator; "
+            f"rename columns that contain a separator"
         )
-    header = fitting[0] if fitting else max(found, key=lambda h: len(h.names))
-    if not fitting and header.names and all(_is_number(n) for n in header.names):
+    header = fitting[0] if fitting else max(first, key=lambda h: len(h.names))
+    if not fitting and header.names and all(map(_is_number, header.names)):
         raise RecordingError(
-            f"{path}: the first row holds numbers ({', '.join(header.names[:3])}), "
-            "expected a header that names the columns. Add one: joints are matched by "
+            f"{path}: the first row contains numbers "
+            f"({', '.join(header.names[:3])}), expected a header that names the "
+            f"columns. Add one: joints are matched by "
             "name"
         )
     require(str(path), names, header.names)
-    return replace(header, row=skipped + header.row)
+    return header
+
+
+def _headers(text: str) -> tuple[list[_CsvHeader], list[_CsvHeader]]:
+    """Return the first line, and the last comment above it, by each separator."""
+    lines, comments, comment = io.StringIO(text, newline=""), 0, ""
+    start = 0
+    while (line := lines.readline()).startswith("#"):
+        start, comments, comment = lines.tell(), comments + 1, line.lstrip("# ")
+    first = [_split(lines, start, mark) for mark in _SEPARATORS]
+    above = [_split(io.StringIO(comment), 0, mark) for mark in _SEPARATORS]
+    return (
+        [replace(h, line=comments + h.line) for h in first],
+        [replace(h, line=comments, end=start) for h in above if comment],
+    )
 
 
 def _split(lines: io.StringIO, start: int, separator: str) -> _CsvHeader:
@@ -187,78 +192,110 @@ def _split(lines: io.StringIO, start: int, separator: str) -> _CsvHeader:
     return _CsvHeader(names, separator, reader.line_num, lines.tell())
 
 
+def _values(
+    path: Path,
+    body: str,
+    header: _CsvHeader,
+    names: Sequence[str],
+    omit: Collection[int],
+) -> Matrix:
+    """Return the named columns of the rows below a header, shape (rows, names)."""
+    places = [header.names.index(name) for name in names]
+    values = _fast(body, header, places)
+    return _exact(path, body, header, places, omit) if values is None else values
+
+
 def _fast(body: str, header: _CsvHeader, places: Sequence[int]) -> Matrix | None:
-    """Return the columns, or None where only the exact way knows."""
-    separator, width = header.separator, len(header.names)
-    if width < 2 or not body.isascii() or any(c in body for c in _DELICATE):
+    """Return the columns as PyArrow reads them; None if it refuses them.
+
+    Decimal commas are tried where commas do not separate.  Lines of a single column, of
+    which empty ones are no rows, are left to the exact way.
+    """
+    width, separator = len(header.names), header.separator
+    if width < 2:
         return None
-    if separator != "," and "," in body:
-        if "." in body:
-            return None  # one of them may stand in text, or both mark decimals
-        body = body.replace(",", ".")
-    lines = body.replace("\r\n", "\n").replace("\r", "\n").rstrip("\n") + "\n"
-    lengths, separators = _line_by_line(lines, separator)
-    full = lengths > 0
-    if (
-        not full.any()
-        or lengths.max() > csv.field_size_limit()
-        or (separators[full] != width - 1).any()
-    ):
-        return None
-    try:
-        return np.loadtxt(
-            io.StringIO(lines),
-            delimiter=separator,
-            usecols=places,
-            comments=None,
-            ndmin=2,
-        )
-    except ValueError:
-        return None
+    import pyarrow as pa
+    from pyarrow import csv as arrow
+
+    text = pa.py_buffer(body.encode())
+    wanted = [str(place) for place in places]
+    for mark in ".," if separator != "," else ".":
+        try:
+            table = arrow.read_csv(
+                text,
+                arrow.ReadOptions(
+                    use_threads=False, column_names=[str(k) for k in range(width)]
+                ),
+                arrow.ParseOptions(delimiter=separator),
+                arrow.ConvertOptions(
+                    include_columns=wanted,
+                    column_types=dict.fromkeys(wanted, pa.float64()),
+                    null_values=[],
+                    decimal_point=mark,
+                ),
+            )
+        except pa.ArrowInvalid:
+            continue
+        values = np.empty((len(table), len(places)), order="F")
+        for k, column in enumerate(wanted):
+            values[:, k] = np.from_dlpack(table[column].combine_chunks())
+        return values
+    return None
 
 
-def _line_by_line(lines: str, separator: str) -> tuple[IntArray, IntArray]:
-    """Return the length of each line, and the number of separators in it."""
-    characters = np.frombuffer(lines.encode("ascii"), np.uint8)
-    ends = np.flatnonzero(characters == ord("\n"))
-    marks = np.flatnonzero(characters == ord(separator))
-    return np.diff(ends, prepend=-1) - 1, np.diff(
-        np.searchsorted(marks, ends), prepend=0
+def _exact(
+    path: Path,
+    body: str,
+    header: _CsvHeader,
+    places: Sequence[int],
+    omit: Collection[int] = (),
+) -> Matrix:
+    """Return the columns as the csv module reads them, NaN in rows to omit."""
+    reader = csv.reader(
+        io.StringIO(body, newline=""),
+        delimiter=header.separator,
+        skipinitialspace=True,
     )
-
-
-def _exact(path: Path, text: str, header: _CsvHeader, places: Sequence[int]) -> Matrix:
-    lines = io.StringIO(text[header.end :], newline="")
-    reader = csv.reader(lines, delimiter=header.separator, skipinitialspace=True)
     mark = "." if header.separator == "," else None
     rows: list[list[float | None]] = []
+    first, broken = "", list[int]()
     for fields in filter(None, reader):
-        place = f"{path}, row {header.row + reader.line_num}"
-        if len(fields) != len(header.names):
-            raise _miscounted(place, fields, header)
-        cells = [fields[k] for k in places]
-        mark = mark or _decimal_mark(cells)
-        row = [_number(cell, mark) for cell in cells]
-        if None in row:
-            column = header.names[places[row.index(None)]]
-            raise _fault(f"{place}, column {column!r}", cells, row, mark, not rows)
+        number, row = header.rows + len(rows) + 1, list[float | None]()
+        if number in omit:
+            rows.append([nan] * len(places))
+            continue
+        fault = _miscounted(fields, header)
+        if not fault:
+            cells = [fields[k] for k in places]
+            mark = mark or _decimal_mark(cells)
+            row = [_number(cell, mark) for cell in cells]
+            if None in row:
+                column = header.names[places[row.index(None)]]
+                fault = f", column {column!r}" + _fault(cells, row, mark, not rows)
+        if fault:
+            line = header.line + reader.line_num
+            first = first or f"{path}, row {number} (line {line}){fault}"
+            broken.append(number)
         rows.append(row)
+    if broken:
+        raise RecordingError(f"{first}{omit_advice(broken, len(rows))}")
     if not rows:
         raise RecordingError(f"{path}: no row below the header")
     return np.array(rows, dtype=np.float64)
 
 
-def _miscounted(
-    place: str, fields: Sequence[str], header: _CsvHeader
-) -> RecordingError:
-    fault = f"{place}: {len(fields)} fields, the header has {len(header.names)}"
+def _miscounted(fields: Sequence[str], header: _CsvHeader) -> str:
+    """Return how a row has too many or too few fields; empty if it has not."""
+    if len(fields) == len(header.names):
+        return ""
+    fault = f": {len(fields)} fields, the header has {len(header.names)}"
     more = len(fields) > len(header.names)
     if header.separator == "," and more and not any("." in cell for cell in fields):
         fault += (
-            ". If commas mark decimals, something else has to separate: export with "
+            ". If commas mark decimals, another separator is needed: export with "
             "semicolons or tabs"
         )
-    return RecordingError(fault)
+    return fault
 
 
 def _is_number(cell: str) -> bool:
@@ -276,8 +313,8 @@ def _decimal_mark(cells: Iterable[str]) -> str | None:
 
 
 def _number(cell: str, mark: str | None) -> float | None:
-    """Return the number in a cell, None if it is none with this decimal mark."""
-    if "_" in cell or not cell.isascii():  # Python's float() would take them
+    """Return the number in a cell, None if it is not one with this decimal mark."""
+    if "_" in cell or not cell.isascii():  # Python's float() would accept them
         return None
     if mark == ",":
         if "." in cell:
@@ -290,21 +327,19 @@ def _number(cell: str, mark: str | None) -> float | None:
 
 
 def _fault(
-    place: str,
-    cells: Sequence[str],
-    row: Sequence[float | None],
-    mark: str | None,
-    first: bool,
-) -> RecordingError:
-    fault = f"{place}: {cells[row.index(None)]!r} is not a number"
-    if not cells[row.index(None)]:
-        return RecordingError(f"{place} is empty. Fill it in or delete the row")
+    cells: Sequence[str], row: Sequence[float | None], mark: str | None, first: bool
+) -> str:
+    """Return what is wrong with the first cell of a row that is not a number."""
+    cell = cells[row.index(None)]
+    if not cell:
+        return " is empty. Fill it in"
+    fault = f": {cell!r} is not a number"
     if first and all(cells) and set(row) == {None}:
         units = ", ".join(map(repr, cells))
-        return RecordingError(
-            f"{fault}. The row seems to name units ({units}): delete it; values are "
-            "read in s, rad, m, N m and N"
+        return (
+            f"{fault}. The row seems to contain units ({units}): delete it; values "
+            f"are read in s, rad, m, N m and N"
         )
-    return RecordingError(
+    return (
         f"{fault}. Only one header row is allowed, and {mark or '.'!r} marks decimals"
     )

@@ -14,7 +14,7 @@ from consistent_id.recordings.recording import Recording
 
 
 class ColumnTable(Protocol):
-    """What gives columns by name, and lists its names in `columns` or `keys`."""
+    """A table with columns by name, listed in `columns` or `keys`."""
 
     def __getitem__(self, name: Any, /) -> Any:
         """Return a column."""
@@ -48,7 +48,7 @@ def recording_from(
     Raises
     ------
     RecordingError
-        If a column is missing, stands there twice, or holds no numbers.
+        If a column is missing, occurs twice, or does not contain numbers.
 
     Examples
     --------
@@ -75,7 +75,7 @@ def recording_from(
 
 
 def table_names(table: ColumnTable, name: str) -> tuple[str, ...]:
-    """Return the names of a table's columns, those that are texts.
+    """Return the names of a table's columns, if they are texts.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def table_names(table: ColumnTable, name: str) -> tuple[str, ...]:
     Raises
     ------
     RecordingError
-        If it names no columns, or its time is the index of its rows.
+        If it has no column names, or its time is the index of its rows.
     """
     names = [column for column in _names(table, name) if isinstance(column, str)]
     index = _index(table)
@@ -125,5 +125,5 @@ def _array(values: Any, column: str, where: str) -> NDArray[Any]:
         return np.asarray(values)
     except (TypeError, ValueError) as cause:
         raise RecordingError(
-            f"{where}: column {column!r} is no array of numbers: {cause}"
+            f"{where}: column {column!r} is not an array of numbers: {cause}"
         ) from None

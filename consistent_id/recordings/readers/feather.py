@@ -14,12 +14,12 @@ _FILE = b"ARROW1"  # how the file format begins; a stream has no mark of its own
 
 
 def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
-    """Return the named columns; what is missing in one becomes NaN.
+    """Return the named columns; missing values become NaN.
 
     Raises
     ------
     RecordingError
-        If the file is not Arrow's, or a column is missing or holds no numbers.
+        If the file is not Arrow's, or a column is missing or does not contain numbers.
     """
     known, table = _columns(path)
     require(str(path), names, known)
@@ -54,7 +54,7 @@ def array_names(path: Path) -> tuple[str, ...]:
 
 
 def _columns(path: Path) -> tuple[tuple[str, ...], Any]:
-    """Return the names, and the table; what is not compressed is mapped, not read."""
+    """Return the names and the table; uncompressed data are mapped, not read."""
     import pyarrow as pa
 
     with _readable(path) as (file, whole):
@@ -65,7 +65,7 @@ def _columns(path: Path) -> tuple[tuple[str, ...], Any]:
 
 @contextmanager
 def _readable(path: Path) -> Iterator[tuple[Any, bool]]:
-    """Yield the file, mapped into memory, and whether it is one and not a stream."""
+    """Yield the memory-mapped file, and whether it is a file, not a stream."""
     import pyarrow as pa
 
     try:

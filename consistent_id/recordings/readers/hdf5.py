@@ -23,7 +23,7 @@ _NUMBERS = (
 _ROWS = 2**15  # samples of a batch
 _LINKS = 64  # groups and links on the way to a dataset; logs have 2 or 3
 
-# What h5py lets through when a file is cut or overwritten.
+# Exceptions of h5py for files that are cut or overwritten.
 _UNREADABLE = (OSError, RuntimeError, KeyError, ValueError, TypeError, MemoryError)
 
 
@@ -39,7 +39,7 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
 
 
 def array_units(path: Path, names: Sequence[str]) -> dict[str, str]:
-    """Return what attributes state as the units of the named datasets.
+    """Return the units of the named datasets from their attributes.
 
     Raises
     ------
@@ -65,12 +65,12 @@ def array_units(path: Path, names: Sequence[str]) -> dict[str, str]:
 
 
 def read_batches(path: Path, names: Sequence[str], first: int) -> Iterator[Arrays]:
-    """Yield the datasets from a sample on, a few samples at a time.
+    """Yield the datasets from a sample on, in pieces.
 
     Parameters
     ----------
     names : sequence of str
-        The first is that of time, by whose length the axis of samples is known.
+        The first is that of time, whose length determines the axis of samples.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def read_matlab_73(path: Path, names: Sequence[str]) -> Arrays:
     Raises
     ------
     RecordingError
-        As `read_arrays`; and if a variable is no array of numbers in MATLAB.
+        As `read_arrays`; and if a variable is not an array of numbers in MATLAB.
     """
     return _datasets(path, {name: name.replace(".", "/") for name in names})
 
@@ -150,8 +150,8 @@ def _dataset(path: Path, file: Any, name: str, place: str) -> Any:
         )
     if found.is_virtual or found.external:
         raise RecordingError(
-            f"{where} is kept in other files, which are not followed; store its data "
-            "in this one"
+            f"{where} is stored in other files, which are not opened; store its data "
+            f"in this one"
         )
     return found
 
@@ -169,7 +169,7 @@ def _require_inside(where: str, file: Any, place: str) -> None:
         if isinstance(link, h5py.ExternalLink):
             raise RecordingError(
                 f"{where} is a link into another file, {link.filename!r}, which is "
-                "not followed; copy the data into this one"
+                f"not opened; copy the data into this one"
             )
         if isinstance(link, h5py.SoftLink):
             target = str(link.path)

@@ -1,4 +1,4 @@
-"""Messages of joint states, in any order of joints, become a recording."""
+"""A recording from messages of joint states, in any order of joints."""
 
 import logging
 from collections import defaultdict
@@ -25,7 +25,7 @@ from consistent_id.recordings.recording import Recording
 
 FIELDS = ("position", "velocity", "effort")
 STAMP, LOG_TIME = "header.stamp", "log_time"
-_EPOCH = 10**18  # ns, September 2001: clocks that show the date are past it
+_EPOCH = 10**18  # ns, September 2001: clocks that show the date are later
 
 _log = logging.getLogger(__name__)
 
@@ -47,7 +47,7 @@ def joint_state_fields(
     Raises
     ------
     RecordingError
-        If there is no joint, or the columns name what a joint state does not have.
+        If there is no joint, or the columns name a field that joint states do not have.
     """
     at_least_one(joints, where)
     fields = {
@@ -61,8 +61,9 @@ def joint_state_fields(
     if strange or columns.array_joints:
         raise RecordingError(
             f"{where}: {strange[0] if strange else 'array_joints'!r} in columns is "
-            f"nothing of a JointState; its fields are {', '.join(FIELDS)}, its clock "
-            f"is {STAMP} or {LOG_TIME}. Leave columns out, or start from JOINT_STATE"
+            f"not a field of a JointState; its fields are {', '.join(FIELDS)}, its "
+            f"clock is {STAMP} or {LOG_TIME}. Leave columns out, or start from "
+            f"JOINT_STATE"
         )
     return fields
 
@@ -77,18 +78,17 @@ def recording_of_messages(
     torque_gain: ArrayLike,
     signals: Mapping[str, TopicSignal] | None = None,
 ) -> Recording:
-    """Return the recording that messages make, matched by the names of joints.
+    """Return the recording of messages, matched by the names of joints.
 
-    What is wanted beside the joints is taken from the signals of other topics.
-
-    Messages of one stamp are merged; those without a wanted joint are passed over.
-    Time counts from the first sample [s]: dates in nanoseconds do not fit a float.
+    Measurements beside the joints come from the signals of other topics. Messages of
+    one stamp are merged; those without a required joint are ignored. Time counts from
+    the first sample [s], because dates in nanoseconds do not fit a float.
 
     Raises
     ------
     RecordingError
-        If a joint is never seen, a value of it is missing or not finite, its clock
-        runs backwards, or the joints hardly ever share a stamp.
+        If a joint is missing, a value of it is missing or not finite, its clock runs
+        backwards, or the joints hardly ever share a stamp.
     """
     fields = joint_state_fields(columns, joints, where)
     stamps_are_zero = bool(messages) and not any(m.stamp for m in messages)
@@ -123,7 +123,7 @@ def samples_of(
     fields: Sequence[str],
     where: str,
 ) -> Merged:
-    """Return the samples that messages make, with the fields of the joints.
+    """Return the samples of messages, with the fields of the joints.
 
     Raises
     ------
@@ -195,8 +195,9 @@ def _check_names(
     for joint in joints:
         if joint not in seen:
             raise RecordingError(
-                f"{where}: no message names joint {joint!r}; known: {', '.join(seen)}. "
-                "Where the log has other names of joints, say which is which: --names "
+                f"{where}: no message names joint {joint!r}; known: "
+                f"{', '.join(seen)}. If the log has other names of joints, map them: "
+                f"--names "
                 f"NAME={joint} ... (names of [data.columns]). Joints that it lacks: "
                 "--lock JOINT ..."
             )
@@ -205,7 +206,7 @@ def _check_names(
 
 
 def _check_clocks(layouts: Sequence[Layout], joints: Sequence[str], where: str) -> None:
-    """Refuse a joint whose stamps go back, or start from zero and then show a date."""
+    """Refuse a joint whose stamps go back, or are first zero and then a date."""
     for k, joint in enumerate(joints):
         mine = [layout for layout in layouts if k in layout.joints]
         order = np.argsort(np.concatenate([layout.order for layout in mine]))

@@ -1,8 +1,8 @@
 """Variables of a MATLAB file; fields of structures by paths such as ``log.q``.
 
-SciPy trusts the type and the length that an element says it has: on a damaged file it
-may read outside of memory, which ends the interpreter.  So `_damage` looks first
-whether the elements of the file hold together.
+SciPy trusts the stated type and length of an element: for a damaged file it may read
+outside of memory, which crashes the interpreter.  So `_damage` first checks whether the
+elements of the file are consistent.
 """
 
 import math
@@ -22,7 +22,7 @@ from consistent_id.recordings.readers.named_arrays import Arrays
 from consistent_id.robot.parameters import require_known
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-# What SciPy lets through when a file is cut or overwritten.
+# Exceptions of SciPy for files that are cut or overwritten.
 _UNREADABLE = (
     ValueError,
     TypeError,
@@ -41,7 +41,7 @@ _UNREADABLE = (
 _MATRIX, _COMPRESSED = 14, 15
 _TYPES = {*range(1, 8), 9, *range(12, 19)}
 _HEADER = 128
-_DEEPEST = 64  # cells and structures in one another
+_DEEPEST = 64  # most levels of nested cells and structures
 _SHAPE, _FLAGS = 5, 6
 _SPARSE, _COMPLEX = 5, 0x0800
 _CLASSES, _NUMERIC_CLASSES = range(1, 18), range(6, 16)
@@ -54,7 +54,7 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
     Raises
     ------
     RecordingError
-        If the file is not MATLAB's, or a name is missing or no array of numbers.
+        If the file is not MATLAB's, or a name is missing or not an array of numbers.
     """
     if in_pieces(path):
         arrays: Arrays = HDF5.reader(path).read_matlab_73(path, names)
@@ -73,7 +73,7 @@ def in_pieces(path: Path) -> bool:
 
 
 def read_batches(path: Path, names: Sequence[str], first: int) -> Iterator[Arrays]:
-    """Yield the named variables from a sample on, a few samples at a time.
+    """Yield the named variables from a sample on, in pieces.
 
     Raises
     ------
@@ -119,16 +119,17 @@ def _field(path: Path, variables: dict[str, Any], name: str) -> NDArray[Any]:
         value, seen = value[field].reshape(-1)[0], f"{seen}.{field}"
     if not isinstance(value, np.ndarray) or value.dtype.names or value.dtype.hasobject:
         raise RecordingError(
-            f"{path}: {seen!r} is no array of numbers. Save structures' fields, tables "
+            f"{path}: {seen!r} is not an array of numbers. Save structures' fields, "
+            f"tables "
             "and timeseries as such arrays"
         )
     return value
 
 
 def _damage(content: bytes, where: object = "file") -> str | None:
-    r"""Return what is wrong with the elements of a file, None if nothing is.
+    r"""Return the fault of the elements of a file, None without one.
 
-    Files of version 4, which have no header, are not looked into.
+    Files of version 4, which have no header, are not checked.
 
     Raises
     ------
@@ -139,7 +140,7 @@ def _damage(content: bytes, where: object = "file") -> str | None:
     Examples
     --------
     >>> _damage(b" " * 124 + b"\x00\x01IM" + bytes([99, 0, 0, 0, 0, 0, 0, 0]))
-    'an element is of type 99, which there is not'
+    'an element is of type 99, which does not exist'
     """
     mark = content[126:128]
     if 0 in content[:4] or mark not in (b"IM", b"MI"):
@@ -167,7 +168,7 @@ def _walk(data: memoryview, order: str, depth: int = 0) -> None:
     for element in _elements(data, order):
         if element.kind == _COMPRESSED:
             if depth:
-                raise ValueError("a compressed element stands in another element")
+                raise ValueError("a compressed element is inside another element")
             _walk(_inflated(element, order), order, depth + 1)
         elif element.kind == _MATRIX:
             _check_array(element.data, order)
@@ -175,7 +176,7 @@ def _walk(data: memoryview, order: str, depth: int = 0) -> None:
 
 
 def _inflated_size(element: _MatElement, order: str) -> int:
-    """Return how many bytes an element says that it has when it is not compressed."""
+    """Return the stated number of bytes of an uncompressed element."""
     if element.kind != _COMPRESSED:
         return 0
     tag = zlib.decompressobj().decompress(element.data, 8)
@@ -192,7 +193,7 @@ def _inflated(element: _MatElement, order: str) -> memoryview:
     if len(data) < size or (
         inflate.unconsumed_tail and inflate.decompress(inflate.unconsumed_tail, 1)
     ):
-        raise ValueError(f"a compressed element has not the {size} bytes that it says")
+        raise ValueError(f"a compressed element does not have its stated {size} bytes")
     return memoryview(data)
 
 
@@ -213,14 +214,12 @@ def _check_array(matrix: memoryview, order: str) -> None:
     ):
         raise ValueError(f"an array of shape {shape} has {len(matrix)} bytes")
     if flags & 0xFF not in _CLASSES:
-        raise ValueError(f"an array is of class {flags & 0xFF}, which there is not")
+        raise ValueError(f"an array is of class {flags & 0xFF}, which does not exist")
     if flags & 0xFF in _NUMERIC_CLASSES:
         values = parts[3:]  # after class, shape and name
         expected = 2 if flags & _COMPLEX else 1
         if len(values) != expected or any(v.kind not in _NUMBERS for v in values):
-            raise ValueError(
-                "an array of numbers has not the parts that it should have"
-            )
+            raise ValueError("an array of numbers does not have its expected parts")
 
 
 def _elements(data: memoryview, order: str) -> Iterator[_MatElement]:
@@ -236,7 +235,7 @@ def _elements(data: memoryview, order: str) -> Iterator[_MatElement]:
         if kind >> 16:  # up to four bytes are packed into the tag
             kind, length, begin, padded = kind & 0xFFFF, kind >> 16, start + 4, 4
         if kind not in _TYPES:
-            raise ValueError(f"an element is of type {kind}, which there is not")
+            raise ValueError(f"an element is of type {kind}, which does not exist")
         if length > padded or begin + length > len(data):
             raise ValueError(f"an element of {length} bytes is cut")
         yield _MatElement(kind, data[begin : begin + length])

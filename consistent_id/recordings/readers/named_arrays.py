@@ -1,43 +1,57 @@
-"""Named arrays, as a file holds them, become a recording.
+"""A recording from named arrays of a file.
 
-A name may be some columns of an array, counted from 0: ``qpos[7:19]``.
+A name may select some columns of an array, counted from 0: ``qpos[7:19]``.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector, frozen
+from consistent_id._support.arrays import (
+    Array,
+    BoolArray,
+    IntArray,
+    Matrix,
+    Vector,
+    frozen,
+)
 from consistent_id.errors import RecordingError
+from consistent_id.recordings.log_formats import log_format
 from consistent_id.recordings.readers.beside_columns import BesideColumns
-from consistent_id.recordings.readers.columns import Wanted
+from consistent_id.recordings.readers.columns import WantedChannels
 from consistent_id.recordings.readers.units import Units, factors, needs_gain
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import LATEST, Recording, SampleError
 
 Arrays = Mapping[str, NDArray[Any]]
 
 Duplicates = Literal["refuse", "first", "last"]
-"""Which of several rows with one time stamp counts."""
+"""Which of several rows with one time stamp is used."""
+
+_MOST = 20  # rows to leave out that are listed; more are no single broken ones
+_GAP = 10.0  # usual steps without a sample
+_SHORTEST = 4  # rows between two gaps of the clock, of which fewer are broken ones
 
 _PART = re.compile(r"(?P<name>.+)\[(?P<first>\d*):(?P<end>\d*)\]")
 
 
 def recording_of(
     arrays: Arrays,
-    want: Wanted,
+    want: WantedChannels,
     *,
     where: str,
     name: str,
     torque_gain: ArrayLike,
     omit: Sequence[int] = (),
     duplicates: Duplicates = "refuse",
+    numbers: IntArray | None = None,
 ) -> Recording:
-    """Return the recording that the wanted arrays make.
+    """Return the recording of the wanted arrays.
 
     Parameters
     ----------
@@ -45,17 +59,20 @@ def recording_of(
         Columns of shape (samples,), (samples, 1) or (1, samples); two-dimensional
         arrays of shape (samples, width) or its transpose, by the length of time.
     where, name : str
-        Of the file: in messages, and of the recording.
+        Names of the file, for messages, and of the recording.
     torque_gain : array_like, shape () or (joints,)
     omit : sequence of int
         Rows to leave out, counted from 1.
     duplicates : {"refuse", "first", "last"}
-        Which of several rows in a row with one time stamp counts.
+        Which of several successive rows with one time stamp is used.
+    numbers : ndarray of int, shape (samples,), optional
+        Numbers of the samples' rows in the file, by default from 1 on.
 
     Raises
     ------
     RecordingError
-        If there is no such row, an array holds no numbers, or shapes do not fit.
+        If there is no such row, an array does not contain numbers, or shapes do not
+        fit.
     """
     time = vector_of(arrays, want.time, where)
     channels: dict[str, Matrix] = {}
@@ -73,23 +90,87 @@ def recording_of(
         channels[channel] = np.column_stack(columns)
     keep = _kept(len(time), omit, where)
     keep[keep] = _distinct(time[keep], duplicates)
-    recording = gained(
-        want.joints,
-        time[keep],
-        {channel: values[keep] for channel, values in channels.items()},
-        torque_gain=torque_gain,
-        name=name,
-        without_torque=want.without_torque,
-        units=want.units,
+    beside = {n: _by_sample(arrays[n], len(time))[keep] for n in want.beside.names}
+    channels = {channel: values[keep] for channel, values in channels.items()}
+    try:
+        recording = gained(
+            want.joints,
+            time[keep],
+            channels,
+            torque_gain=torque_gain,
+            name=name,
+            without_torque=want.without_torque,
+            units=want.units,
+        )
+        if want.beside:
+            recording = with_beside(recording, beside, want.beside, where)
+    except SampleError as cause:
+        seconds = time[keep] * factors(want.units, "time", want.joints[:1])
+        broken = broken_samples(seconds, [*channels.values(), *beside.values()])
+        rows = np.arange(1, len(time) + 1) if numbers is None else numbers
+        advice = omit_advice(rows[keep][broken].tolist(), len(seconds))
+        raise RecordingError(f"{cause}{advice}") from None
+    return recording
+
+
+def broken_samples(time: Vector, arrays: Iterable[Array]) -> IntArray:
+    """Return samples without which the clock increases and all values are finite.
+
+    Few samples between two gaps of the clock, or between a gap and an end, are among
+    them, unless the gap is one of other samples that are left out.  Empty if long parts
+    of a log contradict each other: leaving out samples does not mend that.
+
+    Examples
+    --------
+    >>> time = np.array([0.0, 2.7e154, 50.0, 50.1, 50.2, 50.3, 50.4])
+    >>> broken_samples(time, [])
+    array([0, 1])
+    """
+    good = np.isfinite(time) & (abs(time) <= LATEST)
+    for values in arrays:
+        good &= np.isfinite(values).reshape(len(time), -1).all(axis=1)
+    places = np.flatnonzero(good)
+    steps = np.diff(time[places])
+    if not (steps > 0.0).any():
+        return np.empty(0, dtype=int)
+    longest = _GAP * float(np.median(steps[steps > 0.0]))
+    short = np.split(places, np.flatnonzero((steps <= 0.0) | (steps > longest)) + 1)
+    doubtful = np.concatenate([p for p in short if len(p) < _SHORTEST] or [places[:0]])
+    good[doubtful] = False
+
+    def fits(sample: int) -> bool:
+        before, after = np.flatnonzero(good[:sample]), np.flatnonzero(good[sample:])
+        near = [time[before[-1]]] if len(before) else []
+        near += [time[sample]]
+        near += [time[sample + after[0]]] if len(after) else []
+        return all(0.0 < b - a <= longest for a, b in pairwise(near))
+
+    if len(doubtful) <= _MOST:
+        for sample in [*doubtful.tolist()[::-1], *doubtful.tolist()]:
+            good[sample] = good[sample] or fits(sample)
+    if not good.any() or (np.diff(time[good]) <= 0.0).any():
+        return np.empty(0, dtype=int)
+    return np.flatnonzero(~good)
+
+
+def omit_advice(rows: Sequence[int], of: int) -> str:
+    """Return the sentence that names broken rows to leave out, counted from 1.
+
+    Empty if they are many, or most of the `of` rows.
+    """
+    if not rows or len(rows) > _MOST or 2 * len(rows) > of:
+        return ""
+    which = "that row is" if len(rows) == 1 else "those rows are"
+    them = "it" if len(rows) == 1 else "them"
+    given = ",".join(map(str, rows))
+    return (
+        f". If only {which} broken, leave {them} out: --omit {given} (omit = "
+        f"{list(rows)} of read_recording and [[data.recordings]])"
     )
-    if not want.beside:
-        return recording
-    rows = {n: _by_sample(arrays[n], len(time))[keep] for n in want.beside.names}
-    return with_beside(recording, rows, want.beside, where)
 
 
 def _distinct(time: Vector, duplicates: Duplicates) -> BoolArray:
-    """Return which rows count where several have one stamp; all, to be refused."""
+    """Return the rows to use if several have one stamp; all, to refuse them later."""
     repeated = np.zeros(len(time), dtype=bool)
     if duplicates == "first":
         repeated[1:] = time[1:] == time[:-1]
@@ -130,13 +211,13 @@ def gained(
 ) -> Recording:
     """Return a recording in SI units, its torque multiplied by a gain, joint by joint.
 
-    Torque of joints at the places `without_torque` becomes zero, whatever it is.
+    Torque of joints at the indices `without_torque` becomes zero.
     """
     if (unit := needs_gain(units)) and np.ndim(torque_gain) == 0 and torque_gain == 1.0:
         raise RecordingError(
-            f"{name}: torque is in {unit}, without a gain. Give what makes torque of "
-            "it at each joint, gear ratio included, the rated torque in N m or N m per "
-            "ampere: --torque-gain NUMBER ... (torque_gain)"
+            f"{name}: torque is in {unit}, without a gain. Give the conversion to "
+            f"torque at each joint, gear ratio included, the rated torque in N m or "
+            f"N m per ampere: --torque-gain NUMBER ... (torque_gain)"
         )
     time = time * factors(units, "time", joints[:1])
     channels = {
@@ -182,7 +263,7 @@ def vector_of(arrays: Arrays, name: str, where: str) -> Vector:
     Raises
     ------
     RecordingError
-        If it holds no numbers, or has another shape.
+        If it does not contain numbers, or has another shape.
     """
     values = _numbers(arrays, name, where)
     if values.ndim == 2 and 1 in values.shape:
@@ -197,7 +278,7 @@ def vector_of(arrays: Arrays, name: str, where: str) -> Vector:
 
 
 def _matrix(
-    arrays: Arrays, name: str, samples: int, want: Wanted, where: str
+    arrays: Arrays, name: str, samples: int, want: WantedChannels, where: str
 ) -> Matrix:
     values = _numbers(arrays, name, where)
     if values.ndim == 1 and want.width == 1:
@@ -206,7 +287,7 @@ def _matrix(
     if upright == lying:
         raise RecordingError(
             f"{where}: array {name!r} has shape {values.shape} with as many samples as "
-            "joints: which axis is time cannot be known. Name single columns instead"
+            "joints: the axis of time is ambiguous. Name single columns instead"
         )
     if values.shape not in (upright, lying):
         raise RecordingError(
@@ -219,38 +300,43 @@ def _matrix(
 
 
 def stored_name(name: str) -> str:
-    """Return the name of the array that a name is, or is a part, of."""
+    """Return the name of the array that a name denotes, as a whole or in part."""
     part = _PART.fullmatch(name)
     return name if part is None else part["name"]
 
 
 def read_parts(
-    reader: Any, path: Path, names: Sequence[str]
+    reader: Any, path: Path, names: Sequence[str], omit: Collection[int] = ()
 ) -> dict[str, NDArray[Any]]:
-    """Return named arrays, and parts of arrays, by the names asked for.
+    """Return named arrays, and parts of arrays, by the requested names.
 
     Parameters
     ----------
     reader : module
-        Of a format, see `LogFormat`.
+        Reader of a format, see `LogFormat`.
+    omit : collection of int
+        Rows that are left out afterwards, counted from 1; of text they may hold
+        anything.
 
     Raises
     ------
     RecordingError
         If there is no such array, or it has no such columns.
     """
-    return parts_of(reader.read_arrays(path, stored_names(names)), names, path)
+    given = (omit,) if log_format(path).is_text else ()
+    arrays = reader.read_arrays(path, stored_names(names), *given)
+    return parts_of(arrays, names, path)
 
 
 def stored_names(names: Sequence[str]) -> list[str]:
-    """Return the names of the arrays that are asked for, or of which parts are."""
+    """Return the names of the arrays that are requested as a whole or in part."""
     return list(dict.fromkeys(map(stored_name, names)))
 
 
 def parts_of(
     arrays: Mapping[str, NDArray[Any]], names: Sequence[str], where: Path | str
 ) -> dict[str, NDArray[Any]]:
-    """Return the arrays that are asked for, and the parts of arrays.
+    """Return the requested arrays and parts of arrays.
 
     Raises
     ------

@@ -15,7 +15,7 @@ from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import require
 from consistent_id.recordings.readers.named_arrays import Arrays
 
-# What zipfile and NumPy let through when a file is cut or overwritten.
+# Exceptions of zipfile and NumPy for files that are cut or overwritten.
 _UNREADABLE = (
     zipfile.BadZipFile,
     zlib.error,
@@ -37,7 +37,7 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
     Raises
     ------
     RecordingError
-        If the file is not NPZ, or an array is missing or holds pickled objects.
+        If the file is not NPZ, or an array is missing or contains pickled objects.
     """
     require(str(path), names, array_names(path))
     try:
@@ -58,7 +58,7 @@ def array_names(path: Path) -> tuple[str, ...]:
 
 
 def _require_sizes(path: Path, names: Sequence[str]) -> None:
-    """Refuse arrays that state other sizes than they have, or sizes beyond the file."""
+    """Refuse arrays with wrong stated sizes, or with sizes beyond the file."""
     unpacked = 0
     with zipfile.ZipFile(path) as members:
         known = {name.removesuffix(".npy"): name for name in members.namelist()}

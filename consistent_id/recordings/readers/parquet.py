@@ -16,12 +16,12 @@ _ROWS = 2**15  # of a batch
 
 
 def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
-    """Return the named columns; what is missing in one becomes NaN.
+    """Return the named columns; missing values become NaN.
 
     Raises
     ------
     RecordingError
-        If the file is not Parquet, or a column is missing or holds no numbers.
+        If the file is not Parquet, or a column is missing or does not contain numbers.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -38,7 +38,7 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
 
 
 def read_batches(path: Path, names: Sequence[str], first: int) -> Iterator[Arrays]:
-    """Yield the named columns from a row on, a few rows at a time.
+    """Yield the named columns from a row on, in pieces.
 
     Raises
     ------
@@ -87,26 +87,29 @@ def array_names(path: Path) -> tuple[str, ...]:
 
 
 def numbers_of(column: Any, where: str) -> np.ndarray:
-    """Return an Arrow column as float64; what is missing becomes NaN.
+    """Return an Arrow column as float64, or as bool; what is missing becomes NaN.
 
     A column of lists of one length becomes an array, a row for each list.
 
     Raises
     ------
     RecordingError
-        If it holds no numbers, or lists of different lengths.
+        If it does not contain numbers, or contains lists of different lengths.
     """
     import pyarrow as pa
 
     kind = column.type
     if pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind):
         return _rows_of(column, where)
+    if pa.types.is_boolean(kind):  # of bits, which NumPy does not have
+        flags = numbers_of(column.cast(pa.uint8()), where)
+        return flags if column.null_count else flags.astype(np.bool_)
     if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
         raise RecordingError(f"{where} holds {kind}, expected numbers in SI units")
     column = column.combine_chunks()
     if column.null_count:
         column = column.cast(pa.float64(), safe=False).fill_null(np.nan)
-    # Casts import pyarrow.compute, and to_numpy() pandas, which take their time.
+    # Casts import pyarrow.compute, and to_numpy() pandas, which takes time.
     return np.asarray(np.from_dlpack(column), dtype=np.float64)
 
 

@@ -1,7 +1,7 @@
-"""Recordings from files, the names of what a file holds, and rows of large logs.
+"""Recordings from files, the names of a file's arrays, and rows of large logs.
 
-A file may state units of its arrays, as attributes of HDF5 datasets do; they count
-where nobody else states one.  `LogRows` reads a log that may be larger than memory in
+A file may state units of its arrays, for example as attributes of HDF5 datasets; they
+are used if no unit is given.  `LogRows` reads a log that may be larger than memory in
 windows, in ascending order.
 """
 
@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Vector
+from consistent_id._support.arrays import IntArray, Vector
 from consistent_id._support.inputs import (
     GIBIBYTE,
     memory_of_this_computer,
@@ -26,7 +26,7 @@ from consistent_id.recordings.log_formats import LOG_FORMATS, log_format
 from consistent_id.recordings.readers.columns import (
     JOINT_STATE,
     Columns,
-    Wanted,
+    WantedChannels,
     wanted,
 )
 from consistent_id.recordings.readers.jointstate import (
@@ -52,7 +52,7 @@ from consistent_id.recordings.readers.units import (
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.tracks import Channel, Track, track
 
-_COPIES = 2  # of a file's size that reading it as a whole takes, at the least
+_COPIES = 2  # least memory for reading a file as a whole, relative to its size
 
 
 def read_recording(
@@ -79,17 +79,17 @@ def read_recording(
     joints : sequence of str
         Names of the joints to read.
     columns : Columns
-        Names of the columns, in SI units (s, rad, m, N m, N) or in those that it
-        states; attributes ``units`` of HDF5 datasets are read.  By default
-        ``Columns()`` and, of a bag, `JOINT_STATE`.
+        Names of the columns, in SI units (s, rad, m, N m, N) or in the units that it
+        states; attributes ``units`` of HDF5 datasets are read. By default ``Columns()``
+        and, for a bag, `JOINT_STATE`.
     torque_gain : array_like, shape () or (joints,)
         Factor from the torque column to torque, such as a drive's N m per ampere.
     topic : str
-        Of a bag; by default its only topic of joint states.
+        Topic of a bag; by default its only topic of joint states.
     omit : sequence of int
-        Rows of samples to leave out, counted from 1: broken ones.  Not of bags.
+        Broken rows to leave out, counted from 1.  Not for bags.
     duplicates : {"refuse", "first", "last"}
-        Which of several rows with one time stamp counts.  Not of bags.
+        Which of several rows with one time stamp is used.  Not for bags.
 
     Raises
     ------
@@ -100,8 +100,8 @@ def read_recording(
     if log_format(path).holds == "joint states":
         if len(omit) or duplicates != "refuse":
             raise RecordingError(
-                f"{path}: omit and duplicates are of the rows of tables; messages of "
-                "bags have none"
+                f"{path}: omit and duplicates are for rows of tables; bags have "
+                f"messages, not rows"
             )
         columns = columns or JOINT_STATE
         joint_state_fields(columns, joints, str(path))  # before a long read
@@ -118,14 +118,14 @@ def read_recording(
         )
     if topic is not None:
         raise RecordingError(
-            f"{path}: topic {topic!r} is asked for, but only bags have topics"
+            f"{path}: topic {topic!r} is given, but only bags have topics"
         )
     want = wanted_of(path, columns or Columns(), joints)
     reader = reader_of(path)
     if log_format(path).in_pieces(path):
         _require_room(path)
     return recording_of(
-        read_parts(reader, path, want.names),
+        read_parts(reader, path, want.names, omit),
         want,
         where=str(path),
         name=path.name,
@@ -144,9 +144,10 @@ def read_track(
     time: str = "time",
     torque_gain: ArrayLike = 1.0,
 ) -> Track:
-    """Read what one sensor wrote into a file of its own, such as accelerations.
+    """Read a separate file of one sensor, such as accelerations.
 
-    Bring it to the clock of the rest with `aligned`, its delay with `estimate_delay`.
+    `aligned` brings it to the clock of a recording; `estimate_delay` estimates its
+    delay.
 
     Parameters
     ----------
@@ -155,18 +156,18 @@ def read_track(
     joints : sequence of str
     channel : {"position", "velocity", "acceleration", "torque"}
     column : str
-        Name of the columns, with ``{joint}`` or ``{number}``; in SI units.
+        Names of the columns, with ``{joint}`` or ``{number}``; in SI units.
     time : str
         Name of the column of stamps.
     torque_gain : array_like, shape () or (joints,)
-        Factor to torque, of a torque.
+        Conversion factor of a torque.
 
     Raises
     ------
     RecordingError
         As `read_recording`.
     """
-    # A recording has a position; here it stands for whatever was written.
+    # A recording needs a position; here this field contains the track's channel.
     columns = Columns(time, column)
     columns = replace(columns, **{channel: column})  # type: ignore[arg-type]
     recording = read_recording(path, joints, columns, torque_gain=torque_gain)
@@ -184,22 +185,22 @@ def column_names(path: Path) -> tuple[str, ...]:
     if not log_format(path).lists_names:
         listed = ", ".join(known.name for known in LOG_FORMATS if known.lists_names)
         raise RecordingError(
-            f"{path}: columns can be found in files of {listed} alone; say which they "
-            "are (--position, --torque; in Python, Columns)"
+            f"{path}: columns can be found only in files of {listed}; name them "
+            f"(--position, --torque; in Python, Columns)"
         )
     names: tuple[str, ...] = reader_of(path).array_names(path)
     return names
 
 
 class RowSource(Protocol):
-    """What rows of a log are read from."""
+    """A source of rows of a log."""
 
     @property
     def path(self) -> Path:
         """The log."""
 
     def times(self) -> Iterator[Vector]:
-        """Yield the times of all rows, some at a time [s]."""
+        """Yield the times of all rows, in pieces [s]."""
 
     def windows(self, rows: Iterable[tuple[int, int]]) -> Iterator[Recording]:
         """Yield the recording of each range of rows, ``first <= row < last``.
@@ -210,12 +211,12 @@ class RowSource(Protocol):
 
 @dataclass(frozen=True)
 class LogRows:
-    """A log on disk, and what is to be read of it.
+    """A log on disk, and the data to read from it.
 
     Parameters
     ----------
     path : Path
-        Of a format that `LogFormat.streams`.
+        File of a format with `LogFormat.streams`.
     torque_gain : array_like, shape () or (joints,)
     omit : tuple of int
         Rows that are left out, counted from 1; other rows are counted without them.
@@ -228,7 +229,7 @@ class LogRows:
     omit: tuple[int, ...] = ()
 
     def times(self) -> Iterator[Vector]:
-        """Yield the times of all rows, some at a time [s]."""
+        """Yield the times of all rows, in pieces [s]."""
         name = self.columns.time
         units = wanted_of(self.path, self.columns, self.joints).units
         (unit,) = set(factors(units, "time", self.joints[:1]).tolist())
@@ -266,7 +267,15 @@ class LogRows:
                 where=str(self.path),
                 name=self.path.name,
                 torque_gain=self.torque_gain,
+                numbers=self._numbers(first, last),
             )
+
+    def _numbers(self, first: int, last: int) -> IntArray:
+        """Return the numbers in the file, from 1; `first` counts no omitted rows."""
+        numbers = np.arange(first + 1, last + 1)
+        for row in sorted(set(self.omit)):
+            numbers += row <= numbers
+        return numbers
 
     def _batches(self, names: list[str], first: int) -> Iterator[Arrays]:
         """Yield the named arrays from a row on, without the rows to omit."""
@@ -275,7 +284,9 @@ class LogRows:
         for row in omitted:
             at += row <= at
         stored = stored_names(names)
-        for batch in reader_of(self.path).read_batches(self.path, stored, at):
+        given = (self.omit,) if log_format(self.path).is_text else ()
+        reader = reader_of(self.path)
+        for batch in reader.read_batches(self.path, stored, at, *given):
             arrays = parts_of(batch, names, self.path)
             rows = _rows(arrays)
             if len(omitted):
@@ -297,7 +308,7 @@ def reader_of(path: Path) -> Any:
     Raises
     ------
     RecordingError
-        If there is no such file, or what reads it is not installed.
+        If there is no such file, or its reader is not installed.
     """
     known = log_format(path)
     if not path.exists():
@@ -307,7 +318,7 @@ def reader_of(path: Path) -> Any:
     return known.reader(path)
 
 
-def wanted_of(path: Path, columns: Columns, joints: Sequence[str]) -> Wanted:
+def wanted_of(path: Path, columns: Columns, joints: Sequence[str]) -> WantedChannels:
     """Return what is wanted of a file of arrays, in the units that it states.
 
     Raises
@@ -325,7 +336,7 @@ def wanted_of(path: Path, columns: Columns, joints: Sequence[str]) -> Wanted:
 
 
 def does_not_fit(path: Path) -> str:
-    """Return how a log is too large to be read as a whole; empty if it is not.
+    """Return why a log is too large to be read as a whole; empty if it is not.
 
     Parameters
     ----------
@@ -338,8 +349,8 @@ def does_not_fit(path: Path) -> str:
     if room is None or _COPIES * size <= room or current_run().large_files:
         return ""
     return (
-        f"{path}: {size / GIBIBYTE:.1f} GiB, to be read as a whole into a computer "
-        f"with {room / GIBIBYTE:.1f} GiB of memory"
+        f"{path}: {size / GIBIBYTE:.1f} GiB is too large to be read as a whole with "
+        f"{room / GIBIBYTE:.1f} GiB of memory"
     )
 
 
@@ -349,26 +360,27 @@ def _require_room(path: Path) -> None:
         raise RecordingError(
             f"{reason}; read it piece by piece: "
             "consistent-id identify PROBLEM --streamed, or consistent-id compress (in "
-            "Python: stream_estimate, stream_regression); or say --large-files (in "
-            "Python: with consistent_id.large_files()) if it fits after all"
+            "Python: stream_estimate, stream_regression); or use --large-files (in "
+            "Python: with consistent_id.large_files()) if it fits into memory"
         )
 
 
-def _in_stated_units(want: Wanted, said: Mapping[str, str], where: str) -> Wanted:
+def _in_stated_units(
+    want: WantedChannels, said: Mapping[str, str], where: str
+) -> WantedChannels:
     """Return what is wanted, in the units that the file states where no one else does.
 
     Parameters
     ----------
     said : mapping of str to str
-        Unit by name of an array; words that are no unit are passed over.
+        Unit by name of an array; words that are not units are ignored.
     where : str
         The file.
 
     Raises
     ------
     RecordingError
-        If an array is in a unit that its channel cannot have, or in another one than
-        its reader states.
+        If an array's unit does not fit its channel, or differs from the given one.
     """
     units = dict(want.units)
     for channel, names in _names(want).items():
@@ -384,20 +396,22 @@ def _in_stated_units(want: Wanted, said: Mapping[str, str], where: str) -> Wante
         for name, own, other in zip(names, found, each, strict=False):
             if own and own != other:
                 raise RecordingError(
-                    f"{where}: column {name!r} is in {own!r}, says the file, and in "
-                    f"{other!r}, say the units of {channel}: leave one of them out"
+                    f"{where}: column {name!r} is in {own!r} according to the file, "
+                    f"and in {other!r} according to the units of {channel}: leave "
+                    f"one of them out"
                 )
     for name in want.beside.names:
         if is_other_unit(said.get(name, "")):
             raise RecordingError(
-                f"{where}: column {name!r} is in {said[name]!r}, says the file; motion "
-                "of a base, contacts and forces are read in SI units. Convert them "
+                f"{where}: column {name!r} is in {said[name]!r} according to the "
+                f"file; motion of a base, contacts and forces are read in SI units. "
+                f"Convert them "
                 "first: recording_from takes arrays"
             )
     return replace(want, units=units)
 
 
-def _names(want: Wanted) -> dict[str, Sequence[str]]:
+def _names(want: WantedChannels) -> dict[str, Sequence[str]]:
     arrays = {channel: (name,) for channel, name in want.arrays.items()}
     channels = {"time": (want.time,), **arrays, **want.columns}
     return {c: names for c, names in channels.items() if c in KNOWN}

@@ -1,4 +1,4 @@
-"""Topics of a bag: fields by name, messages put together, on the clock of the joints.
+"""Topics of a bag: fields by name, merged messages, on the clock of the joints.
 
 A name such as ``/imu/data.angular_velocity`` is a topic, a dot, and a field of its
 messages, or a field of a field.  All numbers there are columns, in the order of the
@@ -34,13 +34,13 @@ from consistent_id.recordings.signals.filters import low_passed
 from consistent_id.recordings.signals.tracks import ALIAS, ORDER, SAME
 from consistent_id.robot.parameters import did_you_mean
 
-# Complete samples per sample of the joint that is seldom seen. Two topics or publishers
-# that share a clock reach nearly 1; by chance, stamps of nanoseconds hardly ever meet.
+# Complete samples per sample of the rarest joint. Two topics or publishers that share a
+# clock reach nearly 1; by chance, stamps of nanoseconds hardly ever meet.
 _SHARED = 0.5
 
 _log = logging.getLogger(__name__)
 
-# s; a filter rings for some ten periods of a cut-off, and what is shorter is all ends.
+# s; a filter rings for some ten periods of a cut-off, so shorter parts are unusable.
 _SHORTEST = 1.0
 
 
@@ -61,17 +61,17 @@ class TopicField(NamedTuple):
 
 
 class TopicSignal(NamedTuple):
-    """What the messages of a topic say over time.
+    """A field of a topic's messages over time.
 
     Parameters
     ----------
     log_times : ndarray of int, shape (messages,), [ns]
-        When each was logged.
+        Times of logging.
     stamps : ndarray of int, shape (messages,), [ns], optional
-        Of the header, if the messages have one.
+        Stamps of the header, if the messages have one.
     values : ndarray, shape (messages, columns)
     kind : {"numbers", "flag", "quaternion"}
-        A flag holds until the next; q and -q are the same turn.
+        A flag is constant until the next; q and -q are the same rotation.
     """
 
     log_times: NDArray[np.int64]
@@ -81,7 +81,7 @@ class TopicSignal(NamedTuple):
 
 
 def topic_field(name: str, where: str) -> TopicField:
-    """Return what a name of columns means; a part ``[first:end]`` aside.
+    """Return the topic and field of a column name, without a part ``[first:end]``.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def signals_of(
     Raises
     ------
     RecordingError
-        If a topic is empty, has no such field, or it holds no numbers.
+        If a topic is empty, has no such field, or the field is not numeric.
     """
     found = {}
     for name in wanted:
@@ -215,15 +215,15 @@ class Merged(NamedTuple):
 
 
 def merged(layouts: Sequence[Layout], joints: Sequence[str], where: str) -> Merged:
-    """Return the stamps at which every joint was seen, increasing, with the values.
+    """Return the increasing stamps with values of all joints, and these values.
 
-    A message that was logged twice counts once.
+    A message that was logged twice is used once.
 
     Raises
     ------
     RecordingError
-        If two messages of one stamp differ in a value, or if most samples of the joint
-        that is seen least lack another joint.
+        If two messages of one stamp differ in a value, or if most samples of the rarest
+        joint lack another joint.
     """
     stamps = np.unique(np.concatenate([layout.stamps for layout in layouts]))
     fields = len(layouts[0].values)
@@ -270,7 +270,7 @@ def seconds(stamp: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class JointClock:
-    """When joint states were sampled, and by which of the two clocks.
+    """Sampling times of joint states, and their clock.
 
     Parameters
     ----------
@@ -285,7 +285,7 @@ class JointClock:
 
 
 class _OnClock(NamedTuple):
-    """Values at the joints' samples, and at which of them they are known."""
+    """Values at the joints' samples, and where they are known."""
 
     values: Matrix
     known: BoolArray
@@ -298,11 +298,11 @@ def with_topics(
     beside: BesideColumns,
     where: str,
 ) -> Recording:
-    """Return a recording of joints with what topics say of base and contacts.
+    """Return a recording of joints with base and contacts from topics.
 
-    Each is interpolated onto the joints' samples; one that is faster is filtered
+    Each topic is interpolated onto the joints' samples; a faster one is filtered
     before, to 0.8 of the joints' Nyquist frequency.  Samples in a gap of a topic, or
-    before or after all its messages, are left out, and a warning says so.
+    before or after all its messages, are left out, with a warning.
 
     Parameters
     ----------
@@ -314,7 +314,7 @@ def with_topics(
     Raises
     ------
     RecordingError
-        If stamps of a topic go back, or nothing is left.
+        If stamps of a topic go back, or no sample is left.
     """
     keep = np.ones(len(recording), dtype=np.bool_)
     values: dict[str, Matrix] = {}
@@ -339,7 +339,7 @@ def with_topics(
 
 
 def _times(name: str, signal: TopicSignal, clock: JointClock, where: str) -> Vector:
-    """Return when messages are of, in the time of the recording [s]."""
+    """Return the times of messages, in the time of the recording [s]."""
     stamps = signal.log_times if clock.by_log_time else signal.stamps
     if stamps is None or not stamps.any():
         _log.warning("%s: %s has no stamps, the time of logging is used", where, name)
@@ -358,7 +358,8 @@ def _times(name: str, signal: TopicSignal, clock: JointClock, where: str) -> Vec
 def _on_clock(
     name: str, signal: TopicSignal, time: Vector, recording: Recording, where: str
 ) -> _OnClock:
-    fresh = np.append(True, np.diff(time) > 0.0)  # logged twice, it counts once
+    # A message that was logged twice is used once
+    fresh = np.append(True, np.diff(time) > 0.0)
     time, values = time[fresh], signal.values[fresh]
     if signal.kind == "quaternion":
         values = values * _signs(values)[:, None]
@@ -382,7 +383,7 @@ def _on_clock(
 def _parts(
     name: str, time: Vector, values: Matrix, rate: float, where: str
 ) -> Iterator[Recording]:
-    """Yield what lies between gaps, filtered where it is faster than the joints."""
+    """Yield the parts between gaps, filtered if they are faster than the joints."""
     columns = tuple(map(str, range(values.shape[1])))
     for stretch in stretches(time):
         if time[stretch][-1] - time[stretch][0] < _SHORTEST:
@@ -406,7 +407,7 @@ def _parts(
 
 
 def _signs(quaternions: Matrix) -> Vector:
-    """Return signs that make quaternions follow each other, which mean the same."""
+    """Return signs that make successive quaternions continuous; both are valid."""
     along = np.einsum("ij,ij->i", quaternions[1:], quaternions[:-1])
     turns = np.where(along < 0.0, -1.0, 1.0)
     return np.asarray(np.cumprod(np.append(1.0, turns)))
@@ -415,7 +416,7 @@ def _signs(quaternions: Matrix) -> Vector:
 def _say(
     name: str, time: Vector, known: BoolArray, recording: Recording, where: str
 ) -> None:
-    """Warn of samples at which a topic is silent."""
+    """Warn of samples without messages of a topic."""
     missing = np.flatnonzero(~known)
     if not len(missing):
         return

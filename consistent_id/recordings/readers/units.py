@@ -1,4 +1,4 @@
-"""What a column name says of its unit, and the factors to s, rad, m, N m and N."""
+"""Units in column names, and the factors to s, rad, m, N m and N."""
 
 import math
 import re
@@ -24,7 +24,7 @@ _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 _MOTIONS = _ANGLES | _LENGTHS
 _TORQUES = {"N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "N cm": 1e-2, "N mm": 1e-3}
 _TORQUES |= {"N": 1.0, "mN": 1e-3, "kN": 1e3}
-# Become torque by the gain alone: shares of the rated torque, and motor currents.
+# Converted to torque only by a gain: shares of the rated torque, and currents.
 _BY_GAIN = {"%": 1e-2, "permille": 1e-3, "A": 1.0, "mA": 1e-3}
 _VELOCITIES = {f"{unit}/s": factor for unit, factor in _MOTIONS.items()}
 _VELOCITIES |= {f"{unit}/min": factor / 60.0 for unit, factor in _MOTIONS.items()}
@@ -66,7 +66,7 @@ _SPELT = {
 }
 _PER = re.compile(r"\s*(?:/|per|_per_)\s*(s|sec|second|min|minute)(\^?2|²)?$")
 
-# What a name may end in, where it is no SI unit.
+# Endings of names that are not SI units.
 _NOT_TIME = (
     "ms|msecs?|milliseconds?|us|µs|μs|usecs?|microseconds?|ns|nsecs?|nanoseconds?"
 )
@@ -97,7 +97,7 @@ def standard_unit(channel: str, unit: str) -> str:
     Raises
     ------
     RecordingError
-        If the channel has no such unit; with those that it has.
+        If the channel has no such unit; with the known ones.
 
     Examples
     --------
@@ -159,7 +159,7 @@ def factors(units: Units, channel: str, joints: Sequence[str]) -> Vector:
 
 
 def needs_gain(units: Units) -> str:
-    """Return the unit of torque that only a gain makes a torque; empty for none."""
+    """Return the unit of torque that needs a gain; empty for none."""
     stated = units.get("torque", "")
     each = [stated] if isinstance(stated, str) else stated
     return next((unit for unit in each if unit in _BY_GAIN), "")
@@ -192,12 +192,12 @@ def refuse_units_of_a_name(where: str, channel: str, pattern: str) -> None:
     Raises
     ------
     RecordingError
-        If the name ends in a unit that is not SI; with what states it.
+        If the name ends in a unit that is not SI; with the option that states it.
     """
     if said := unit_of_a_name(channel, pattern):
         raise RecordingError(
-            f"{where}: column {pattern!r} says {said!r}; values are read in s, rad and "
-            "m, not converted, unless a unit is stated: "
+            f"{where}: column {pattern!r} contains {said!r}; values are read in s, "
+            f"rad and m, not converted, unless a unit is stated: "
             f"--units {channel}={said}; in a problem file "
             f'units = {{ {channel} = "{said}" }} in [data]; in Python '
             f"Columns(units={{{channel!r}: {said!r}}})"
@@ -210,7 +210,7 @@ def is_other_unit(text: str) -> bool:
 
 
 def is_time(name: str) -> bool:
-    """Return whether a name is that of the clock, its unit aside.
+    """Return whether a name, without its unit, is that of the clock.
 
     Examples
     --------

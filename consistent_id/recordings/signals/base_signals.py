@@ -1,10 +1,9 @@
-"""The motion of a floating base from what is measured of it: an IMU, or its pose.
+"""The motion of a floating base from measurements: an IMU, or its pose.
 
 Derivatives do not bridge gaps in the log.  `quaternion_order` finds from the data
-whether the real part of a quaternion stands first or last.  Both orders have norm one;
-with the right one, the accelerometer points upwards on average and the rate of turning
-is that of the gyroscope.  Without an inertial unit, the base is taken to be more or
-less upright.
+whether the real part of a quaternion is first or last.  Both orders have norm one; with
+the right one, the accelerometer points upwards on average and the angular rate is that
+of the gyroscope.  Without an inertial unit, the base is assumed to be roughly upright.
 """
 
 from collections.abc import Callable
@@ -17,7 +16,7 @@ from numpy.typing import ArrayLike
 from consistent_id._support.arrays import Array, Matrix, Vector, checked
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.beside import BaseMotion
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, SampleError
 from consistent_id.recordings.signals.clocks import (
     cubic_spline,
     interpolated_rotations,
@@ -29,19 +28,19 @@ from consistent_id.recordings.signals.derivatives import differentiated
 from consistent_id.recordings.signals.filters import low_passed
 
 QuaternionOrder = Literal["xyzw", "wxyz"]
-"""Where the real part stands: last, as in ROS and Pinocchio, or first, as in MuJoCo."""
+"""Position of the real part: last, as in ROS and Pinocchio, or first, as in MuJoCo."""
 
 _UNIT = 0.01  # deviation of a quaternion's norm from one that rounding does not explain
 _AXES = ("x", "y", "z")
 
 SHORTEST = 4
-"""Samples from which a second derivative can be taken, ends and all."""
+"""Least number of samples for a second derivative, including the ends."""
 
 _GAP = 10.0  # usual steps without a sample
 
-# How far off the better order may be, in the worse one's, to be called the right one.
+# Largest error of the better order, relative to the worse one's, for a decision.
 _CLEAR = 0.5
-# rad; a base that tilts more on average is not upright, and says nothing of the order.
+# rad; a base that tilts more on average is not upright, and gives no decision.
 _TILT = 0.5
 
 
@@ -106,14 +105,14 @@ def base_from_imu(
     gyroscope : array_like, shape (samples, 3), [rad/s]
     accelerometer : array_like, shape (samples, 3), [m/s^2]
     cutoff : float or None, [Hz]
-        Of the zero-phase low-pass filter on both; the joints' motion should have the
-        same.  None filters nothing.
+        Cut-off of the zero-phase low-pass filter on both; the joints' motion should
+        have the same.  None does not filter.
     position : array_like, shape (3,), [m]
-        Of the unit in the base frame.
+        Position of the unit in the base frame.
     mounting : array_like, shape (3, 3), optional
         Orientation of the unit in the base frame; by default aligned.
     rotation : ndarray, shape (samples, 3, 3), optional
-        Of the base in the world, if it is known; see `rotations`.
+        Rotation of the base in the world, if it is known; see `rotations`.
     """
     turn = np.eye(3) if mounting is None else checked(mounting, (3, 3), "mounting")
     rate, felt = (
@@ -186,12 +185,12 @@ def stretches(time: Vector) -> list[slice]:
 def moved_by_stretch(
     motion: Callable[[slice], BaseMotion], time: Vector, where: str
 ) -> BaseMotion:
-    """Return a base's motion, each stretch between gaps by itself.
+    """Return a base's motion, each stretch between gaps separately.
 
     Parameters
     ----------
     motion : callable
-        From samples of the log to how the base moves in them.
+        Function from samples of the log to the base's motion in them.
     time : ndarray, shape (samples,), [s]
 
     Raises
@@ -202,10 +201,9 @@ def moved_by_stretch(
     parts = []
     for stretch in stretches(time):
         if stretch.stop - stretch.start < SHORTEST:
-            raise RecordingError(
-                f"{where}: rows {stretch.start + 1} to {stretch.stop} stand between "
-                f"gaps, too few for the base's motion; leave them out: omit = "
-                f"{list(range(stretch.start + 1, stretch.stop + 1))}"
+            raise SampleError(
+                f"{where}: samples {stretch.start} to {stretch.stop - 1} stand between "
+                "gaps, too few for the base's motion; remove those samples"
             )
         parts.append(motion(stretch))
     if len(parts) == 1:
@@ -216,7 +214,7 @@ def moved_by_stretch(
 
 
 class FoundOrder(NamedTuple):
-    """An order, and what shows it."""
+    """An order, and its evidence."""
 
     order: QuaternionOrder
     reason: str
@@ -228,7 +226,7 @@ def quaternion_order(
     gyroscope: Matrix | None = None,
     accelerometer: Matrix | None = None,
 ) -> FoundOrder | None:
-    """Return the order of unit quaternions; None if the data do not tell.
+    """Return the order of unit quaternions; None if the data do not determine it.
 
     Parameters
     ----------
@@ -253,7 +251,7 @@ def quaternion_order(
         off = {k: float(np.linalg.norm(r - r.mean(axis=0))) for k, r in rates.items()}
         best = min(off, key=off.__getitem__)
         if norm > 0.0 and off[best] < _CLEAR * min(norm, max(off.values())):
-            return FoundOrder(best, "as the gyroscope turns")
+            return FoundOrder(best, "from the gyroscope")
     if accelerometer is not None:
         mean = accelerometer / np.linalg.norm(accelerometer.mean(axis=0))
         up = {
@@ -262,14 +260,14 @@ def quaternion_order(
         off = {k: float(np.linalg.norm(v - [0, 0, 1])) for k, v in up.items()}
         best = min(off, key=off.__getitem__)
         if off[best] < _CLEAR * max(off.values()):
-            return FoundOrder(best, "as gravity is felt")
+            return FoundOrder(best, "from measured gravity")
     tilt = {
         k: float(np.arccos(np.clip(R[:, 2, 2].mean(), -1, 1)))
         for k, R in turned.items()
     }
     best = min(tilt, key=tilt.__getitem__)
     if tilt[best] < _TILT and tilt[best] < _CLEAR * max(tilt.values()) > _CLEAR * _TILT:
-        return FoundOrder(best, "as the base is then upright")
+        return FoundOrder(best, "because the base is then upright")
     return None
 
 
@@ -307,7 +305,7 @@ def _body_rates(R: Array) -> Matrix:
     angle = np.arctan2(sine, cosine)
     steps = np.full(len(R), 2.0)
     steps[[0, -1]] = 1.0
-    # Half a turn within two samples is beyond what differences can tell.
+    # Half a turn within two samples cannot be resolved by differences.
     factor = np.where(sine > 0.0, angle / np.where(sine > 0.0, 2.0 * sine, 1.0), 0.5)
     middle = vee * (factor / steps)[:, None]
     # Both ends of the turn see its axis alike, and so does the sample between them to

@@ -1,6 +1,7 @@
 """Clocks: the rate of stamps, and recordings brought to other times.
 
-The cubic spline is our own: scipy.interpolate imports much that no command needs.
+The cubic spline is implemented here: scipy.interpolate imports much that no command
+needs.
 """
 
 from dataclasses import replace
@@ -34,15 +35,15 @@ def resampled(
     max_gap : float, optional, [s]
         Longest step between stamps that is bridged; by default ten mean steps.
     upwards : bool
-        Allow more than 1.25 times the recording's own rate.  Samples between samples
-        say nothing new, yet standard errors count them as if they did.
+        Allow more than 1.25 times the recording's own rate.  Interpolated samples
+        contain no new information, yet standard errors count them as independent.
 
     Raises
     ------
     RecordingError
-        If a step is longer than `max_gap`: what happened in between is not known.  If
-        the rate is so low that signals would fold back, or so high that samples would
-        be invented.
+        If a step is longer than `max_gap`: the motion in between is not known.  If the
+        rate is so low that signals would fold back, or so high that samples would be
+        invented.
     """
     time = recording.time
     steps = np.diff(time)
@@ -81,22 +82,22 @@ def uniform_rate(recording: Recording) -> float:
 
 
 def is_uniform(recording: Recording) -> bool:
-    """Return whether `uniform_rate` would take the clock."""
+    """Return whether the clock is uniform enough for `uniform_rate`."""
     return _worst_step(recording) is None
 
 
 def own_rate(recording: Recording) -> float:
-    """Return the rate [Hz] at which samples were meant to be written.
+    """Return the nominal rate [Hz] of a log.
 
-    Stamps dropped now and then, and gaps, do not lower it as they do the mean rate.
+    Unlike the mean rate, it is not lowered by dropped stamps and gaps.
     """
     return max(recording.rate, 1.0 / float(np.median(np.diff(recording.time))))
 
 
 def jitter(mean: float, latest: float) -> float:
-    """Return by how much steps of a uniform clock may differ from their mean [s].
+    """Return the allowed difference of a uniform clock's steps from their mean [s].
 
-    Stamps that count from long ago are themselves rounded.
+    Stamps with a distant origin are rounded more.
     """
     return _JITTER * mean + 4.0 * float(np.finfo(np.float64).eps) * latest
 
@@ -106,20 +107,20 @@ def require_rate(
 ) -> None:
     """Refuse a rate at which signals would fold back or samples be invented [Hz].
 
-    `mean` is the recording's mean rate, `own` that at which it was meant to be written.
+    `mean` is the recording's mean rate, `own` its nominal rate.
     """
     _positive(rate, "rate")
     if rate < _SLOWEST * mean:
         raise RecordingError(
-            f"{name}: from {mean:.6g} Hz to {rate:g} Hz what is "
-            "faster would fold back into the signal. Resample at about the recording's "
+            f"{name}: from {mean:.6g} Hz to {rate:g} Hz, faster signals would be "
+            f"aliased. Resample at about the recording's "
             "own rate, then call signals.decimated"
         )
     if rate > _FASTEST * own and not upwards:
         raise RecordingError(
-            f"{name}: from {own:.6g} Hz to {rate:g} Hz samples would be "
-            "invented, and counted as if they had been measured. Resample at about the "
-            "recording's own rate, or say upwards=True"
+            f"{name}: from {own:.6g} Hz to {rate:g} Hz, samples would be invented, "
+            f"and treated as measured. Resample at about the "
+            "recording's own rate, or set upwards=True"
         )
 
 
@@ -132,14 +133,14 @@ def largest_gap(mean_rate: float, max_gap: float | None) -> float:
 
 
 def samples_at(rate: float, duration: float) -> int:
-    """Return how many samples at a rate [Hz] fit into a duration [s]."""
+    """Return the number of samples at a rate [Hz] in a duration [s]."""
     return int(np.floor(duration * rate * (1 + 1e-12))) + 1
 
 
 def onto_clock(recording: Recording, clock: Vector) -> Recording:
     """Return a recording at other times, by cubic (C2) interpolation.
 
-    Commands hold until the next.
+    Commands are constant until the next.
 
     Raises
     ------
@@ -182,7 +183,7 @@ def require_unfiltered(recording: Recording) -> None:
 
 
 def held_commands(recording: Recording, clock: Vector) -> dict[str, Matrix]:
-    """Return the commands in force at other times; each holds until the next."""
+    """Return the commands in force at other times; each is constant until the next."""
     place = np.searchsorted(recording.time, clock, side="right") - 1
     return {
         channel: values[np.maximum(place, 0)]
@@ -200,7 +201,7 @@ class Beside(TypedDict):
 
 
 def _resampled_beside(recording: Recording, clock: Vector) -> Beside:
-    """Return it at other times; contacts are certain where both neighbours agree."""
+    """Return fields at other times; contacts are certain where neighbours agree."""
     time, base = recording.time, recording.base
     if base is not None:
         w, dw, felt = np.split(cubic_spline(time, base.stacked, clock), 3, axis=1)
@@ -248,7 +249,7 @@ def cubic_spline(time: Vector, values: Matrix, clock: Vector) -> Matrix:
     clock : ndarray, shape (instants,)
         Between the first stamp and the last.
     """
-    if len(time) < 4:  # one polynomial through all
+    if len(time) < 4:  # one polynomial through all samples
         powers = np.vander(time - time[0], increasing=True)
         at = np.vander(clock - time[0], len(time), increasing=True)
         return np.asarray(at @ np.linalg.solve(powers, values))
@@ -281,7 +282,7 @@ def _spline_slopes(steps: Matrix, chords: Matrix) -> Matrix:
 
 
 def _worst_step(recording: Recording) -> int | None:
-    """Return which step is furthest from the mean, if it is too far."""
+    """Return the step with the largest difference from the mean, if it is too large."""
     steps = np.diff(recording.time)
     mean = steps.mean()
     worst = int(np.argmax(abs(steps - mean)))

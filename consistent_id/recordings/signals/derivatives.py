@@ -1,6 +1,6 @@
 """Velocity and acceleration by differences or sliding polynomials, and their noise.
 
-`fourier_differentiated` and `kalman_differentiated` have files of their own.
+`fourier_differentiated` and `kalman_differentiated` are in other files.
 """
 
 from collections.abc import Callable
@@ -15,11 +15,11 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
 from consistent_id.recordings.signals.filtered_rows import altered
 
-_BUMP = 1e-4  # rad or m: as linear for a filter as any, small for one that adapts
+_BUMP = 1e-4  # rad or m: small enough for methods that are not linear
 
 
 def differentiated(recording: Recording) -> Recording:
-    """Fill in what is missing of velocity and acceleration by central differences.
+    """Compute missing velocity and acceleration by central differences.
 
     A measured velocity is kept and differentiated once; without it, position is
     differentiated twice, the second time by the three-point second difference.  Filter
@@ -57,24 +57,23 @@ def savitzky_golay_differentiated(
 ) -> Recording:
     """Fit a polynomial around each sample; take its value and derivatives there.
 
-    Position, velocity and acceleration all come of the recorded position
+    Position, velocity and acceleration are all computed from the recorded position
     [SavitzkyGolay1964]_.  At both ends the polynomial of the last whole window is
-    continued.
+    extrapolated.
 
     Parameters
     ----------
     recording : Recording
         Uniformly sampled.
     window : float, [s]
-        Over which each polynomial is fitted; rounded to an odd number of samples.
+        Length of each polynomial's window, rounded to an odd number of samples.
     degree : int
-        Of the polynomials, 2 or more.
+        Degree of the polynomials, 2 or more.
 
     Raises
     ------
     RecordingError
-        If the window holds too few samples for the degree, or too many for the
-        recording.
+        If the window has too few samples for the degree, or too many for the recording.
     """
     return altered(recording, partial(_polynomials, window=window, degree=degree))
 
@@ -122,27 +121,27 @@ def noise_gain(
 ) -> Array:
     """Return the covariance of prepared motion for readings of unit variance.
 
-    Of a measured velocity nothing is said: its noise is another.
+    A measured velocity is not included: its noise is different.
 
-    By the preparation's own answer ``h`` to a reading that is off,
-    ``cov(x, y) = sum_k h_x[k] h_y[k]``, whatever the preparation is: a filter and
-    differences, sliding polynomials, a smoother.  By Parseval's theorem that is the
-    integral over its frequency responses.
+    With the preparation's impulse response ``h`` to an error of one reading,
+    ``cov(x, y) = sum_k h_x[k] h_y[k]``, for any preparation: a filter and differences,
+    sliding polynomials, a smoother.  By Parseval's theorem that is the integral over
+    its frequency responses.
 
     Parameters
     ----------
     recording : Recording
         As recorded.
     prepare : callable
-        Returns it with velocity and acceleration, from the positions.
+        Function that returns it with velocity and acceleration, from the positions.
     prepared : Recording, optional
-        What `prepare` makes of `recording`, if that is known.
+        Result of `prepare` for `recording`, if it is known.
 
     Returns
     -------
     ndarray, shape (joints, 3, 3)
-        Of position [1], velocity [1/s] and acceleration [1/s^2]; noise is white where
-        the reading's is.
+        Of position [1], velocity [1/s] and acceleration [1/s^2], for white noise of the
+        readings.
 
     Raises
     ------
@@ -162,12 +161,12 @@ def noise_gain(
     without = _every_sample(prepare(recording) if prepared is None else prepared)
     off = prepare(replace(recording, position=position)).of(without.joints)
     moved = _every_sample(off)
-    # Trimming may keep other samples at the ends once a reading is off.
+    # Trimming may keep other samples at the ends after a reading has changed.
     _, first, second = np.intersect1d(moved.time, without.time, return_indices=True)
     answer = (
         _stacked_motion(moved)[:, first] - _stacked_motion(without)[:, second]
     ) / _BUMP
-    # Where every d-th sample is kept, so is a d-th of the answer.
+    # If every d-th sample is kept, so is a d-th of the response.
     kept = recording.rate / without.rate
     return np.asarray(kept * np.einsum("anj,bnj->jab", answer, answer))
 

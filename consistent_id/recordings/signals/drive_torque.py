@@ -1,4 +1,4 @@
-"""Torque that PD-controlled drives make of commands, and what they get wrong."""
+"""Torque of PD-controlled drives from commands, and its calibration."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,8 +27,8 @@ class PDGains:
     torque_limit : array_like, shape () or (joints,), [N m or N]
         Where the drive clips the torque; infinite if it does not.
     stiffness : array_like, shape () or (joints,), [N m/rad or N/m]
-        Of the spring between motor and link, the encoder being the motor's; infinite
-        for a rigid joint.
+        Stiffness of the spring between motor and link, with the encoder at the motor;
+        infinite for a rigid joint.
 
     Raises
     ------
@@ -69,21 +69,20 @@ class PDGains:
 
 
 def commanded(recording: Recording, gains: PDGains, *, delay: float = 0.0) -> Recording:
-    """Return a recording with the torque that its commands and gains make.
+    """Return a recording with the torque from its commands and gains.
 
-    A command holds from its sample to the next, so that in the mean it is half a step
-    late: at the instant of a sample the command before counts as much as its own.
+    A command is constant from its sample to the next, so its mean delay is half a step:
+    at the instant of a sample, the command before has the same weight as its own.
 
     Parameters
     ----------
     recording : Recording
-        With position and the command of it.  Without a command of velocity the drive's
-        is zero; without a measured velocity central differences stand in.
+        With position and its command.  Without a command of velocity, zero is used;
+        without a measured velocity, central differences.
     gains : PDGains
     delay : float, [s]
-        By which commands reach the drives late, besides: they are read at an earlier
-        time, between samples by linear interpolation.  What the drives measure is not
-        late.
+        Additional delay of commands: they are read at an earlier time, by linear
+        interpolation between samples.  Measurements of the drives are not delayed.
 
     Raises
     ------
@@ -100,8 +99,8 @@ def commanded(recording: Recording, gains: PDGains, *, delay: float = 0.0) -> Re
     """
     if recording.position_command is None:
         raise RecordingError(
-            f"{recording.name}: gains make torque of commands, but there is no "
-            "position_command; name its columns"
+            f"{recording.name}: gains need commands, but there is no "
+            f"position_command; name its columns"
         )
     if not 0.0 <= delay < np.inf:
         raise RecordingError(f"delay of commands is {delay} s, expected 0 or more")
@@ -126,11 +125,11 @@ def commanded(recording: Recording, gains: PDGains, *, delay: float = 0.0) -> Re
 class DriveCalibration:
     """Delay of commands, torque scales, biases of encoders, and springs of joints.
 
-    The drive of a joint makes ``scale`` times the torque that its gains state, from
-    commands that reach it late; and its encoder reads the joint's position plus
-    ``encoder_bias``.  A drive compares command and reading, so its torque does not feel
-    the bias; gravity does.  Between motor, where the encoder is, and link there may be
-    a spring of ``compliance``; see `as_rigid`.
+    The torque of a drive is ``scale`` times the torque from its stated gains and
+    delayed commands; and its encoder reads the joint's position plus ``encoder_bias``.
+    A drive compares command and reading, so the bias does not change its torque, but
+    gravity torque.  Between motor, where the encoder is, and link there may be a spring
+    of ``compliance``; see `as_rigid`.
 
     Parameters
     ----------
@@ -177,9 +176,9 @@ class DriveCalibration:
         return DriveCalibration(self.delay, **by_joint(self, _BY_JOINT, joints))
 
     def gains(self, gains: PDGains) -> PDGains:
-        """Return what stated gains really are; torque limits are in the same units.
+        """Return the real gains of stated ones; torque limits are scaled, too.
 
-        A spring comes behind the one that is stated.
+        A spring is in series with the stated one.
         """
         scale = self.scale
         limit = gains.torque_limit * scale
@@ -187,9 +186,9 @@ class DriveCalibration:
         return PDGains(gains.kp * scale, gains.kd * scale, limit, stiff)
 
     def log(self, recording: Recording) -> Recording:
-        """Return a log in true positions, with what feed-forward torque really is.
+        """Return a log with true positions and real feed-forward torque.
 
-        Its commands stay as early as they were given.
+        Its commands are not delayed.
         """
         known = self.of(len(recording.joints))
         bias, scale = known.encoder_bias, known.scale
@@ -205,14 +204,14 @@ class DriveCalibration:
 def calibrated(
     recording: Recording, gains: PDGains, calibration: DriveCalibration
 ) -> Recording:
-    """Return a log in true positions, with the torque that its commands really make.
+    """Return a log with true positions and the real torque of its commands.
 
     Parameters
     ----------
     recording : Recording
-        With position and the command of it, as they were logged.
+        With position and its command, as logged.
     gains : PDGains
-        As they are stated.
+        The stated gains.
     calibration : DriveCalibration
 
     Raises
@@ -260,6 +259,6 @@ def by_joint(holder: object, names: Sequence[str], joints: int) -> dict[str, Vec
 
 
 def _late(time: Vector, values: Matrix, delay: float) -> Matrix:
-    """Return the commands of a delay ago."""
+    """Return the commands, delayed."""
     columns = (np.interp(time - delay, time, column) for column in values.T)
     return np.column_stack(list(columns))

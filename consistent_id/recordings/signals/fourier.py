@@ -1,7 +1,7 @@
 """Recorded motion as a Fourier series, whose derivatives are exact.
 
-All samples of all periods are fitted by least squares [Swevers1997]_; what comes out
-is a `FourierTrajectory`, with how well it fits.
+All samples of all periods are fitted by least squares [Swevers1997]_; the result is a
+`FourierTrajectory` with its residual.
 """
 
 from dataclasses import dataclass, replace
@@ -17,15 +17,15 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import own_rate
 from consistent_id.recordings.signals.filtered_rows import altered
 
-_MISSED = 0.1  # of the root-mean-square motion: no such series
+_MISSED = 0.1  # share of the root-mean-square motion: a larger residual is refused
 _MOST = 50  # harmonics tried
 _FASTEST = 0.45  # highest frequency over the sampling rate
-_AMPLIFIED = 10.0  # noise in a coefficient, over that with frequencies far apart
+_AMPLIFIED = 10.0  # noise in a coefficient, relative to frequencies far apart
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FourierFit:
-    """A Fourier series for each joint, and how far it is from the recording.
+    """A Fourier series for each joint, and its residual.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class FourierFit:
         Root-mean-square difference from the recorded position.
     criterion : array_like, shape (tried,)
         Bayesian information criterion, over all joints, of each series that was tried:
-        of 1, 2, ... harmonics, or of the given frequencies alone.
+        with 1, 2, ... harmonics, or with the given frequencies.
     """
 
     trajectory: FourierTrajectory
@@ -61,12 +61,12 @@ def fourier_fit(
     Parameters
     ----------
     recording : Recording
-        Of at least one whole period.
+        Recording of at least one whole period.
     period : float, [s]
     harmonics : int, optional
         By default the number, up to 50, with the least Bayesian information criterion
         [Schwarz1978]_, ``samples log(variance) + parameters log(samples)``, summed over
-        joints: the same for all, since one controller made the motion.
+        joints: the number is the same for all, since one controller made the motion.
 
     Raises
     ------
@@ -121,7 +121,7 @@ def fit_trajectory(recording: Recording, frequencies: ArrayLike) -> FourierFit:
     RecordingError
         If samples are too few or too far apart, or if frequencies are nearer to each
         other, or to zero, than the recording's length can resolve: noise in a
-        coefficient would be more than ten times what it is with frequencies far apart.
+        coefficient would be more than ten times that for frequencies far apart.
 
     Examples
     --------
@@ -182,7 +182,7 @@ class _Series:
         """Return Bayes' criterion of the first, the first two, ... frequencies."""
         position, n = self.recording.position, len(self.recording)
         explained = np.cumsum(self.z**2, axis=0)[2::2]
-        # Digits that cancel in the difference are below rounding of the position.
+        # Digits that cancel in the difference are below the rounding of the position.
         floor = n * (1e-15 * abs(position).max()) ** 2 + 1e-300
         left = np.maximum((position**2).sum(axis=0) - explained, floor)
         terms = 2 * np.arange(1, len(self.frequencies) + 1) + 1
@@ -190,7 +190,7 @@ class _Series:
         return np.asarray(values.sum(axis=1))
 
     def fit(self, terms: int, criterion: Vector) -> FourierFit:
-        """Return the series of the first so many frequencies."""
+        """Return the series of the first few frequencies."""
         size = 2 * terms + 1
         x = np.asarray(np.linalg.solve(self.R[:size, :size], self.z[:size]), float)
         residual = self.recording.position - self.Q[:, :size] @ self.z[:size]
@@ -207,12 +207,12 @@ class _Series:
 
 
 def _span(recording: Recording) -> float:
-    """Return the time that the samples stand for: one mean step more than between."""
+    """Return the time that samples represent: one mean step more than their span."""
     return recording.duration * len(recording) / (len(recording) - 1)
 
 
 def _refuse_near_ones(recording: Recording, frequencies: Vector, R: Matrix) -> None:
-    """Refuse frequencies whose columns are so alike that noise decides.
+    """Refuse frequencies whose columns are so similar that noise dominates.
 
     The covariance of the coefficients is ``sigma^2 (R^T R)^-1``; with frequencies far
     apart its diagonal is ``2 sigma^2 / samples``.
@@ -240,9 +240,17 @@ def fourier_differentiated(
 ) -> Recording:
     """Return the recording with the motion of its `fourier_fit`.
 
-    Position, velocity and acceleration all come of the recorded position.  Look at the
-    fit's residual first: what does not repeat, as the way to the start of the motion,
-    is not in the series, and belongs cut off.
+    Position, velocity and acceleration all come of the recorded position.  Check the
+    fit's residual first: parts that do not repeat, such as the move to the start, are
+    not in the series and must be cut off.
+
+    Parameters
+    ----------
+    recording : Recording
+        With position.
+    period : float, [s]
+    harmonics : int, optional
+        See `fourier_fit`.
 
     Raises
     ------
@@ -261,7 +269,7 @@ def on_series(recording: Recording, fit: FourierFit) -> Recording:
 
 
 def require_repeating(recording: Recording, fit: FourierFit) -> None:
-    """Refuse a series that misses much of the motion: its derivatives are worse still.
+    """Refuse a series with a large residual: its derivatives are even worse.
 
     Raises
     ------
@@ -273,9 +281,10 @@ def require_repeating(recording: Recording, fit: FourierFit) -> None:
     if left > _MISSED * motion:
         raise RecordingError(
             f"{recording.name}: a series with {len(fit.trajectory)} harmonics of "
-            f"{fit.period:g} s leaves {left / motion:.0%} of the motion. Is the period "
-            "another (estimated_period finds it), or does a part not repeat (trim it)? "
-            "Motion without a period is for a filter or the smoother"
+            f"{fit.period:g} s leaves {left / motion:.0%} of the motion. Is the "
+            f"period different (estimated_period finds it), or does a part not "
+            f"repeat (trim it)? For motion without a period, use a filter or the "
+            f"smoother"
         )
 
 

@@ -1,4 +1,4 @@
-"""Samples whose torque holds little information or is wrong: at rest, at a limit, held.
+"""Samples with little or wrong information: at rest, at a torque limit, held readings.
 
 Around touch-down, lift-off and stops, a filter mixes samples before and after; those
 are left out by `without_impacts` and `without_rests`.
@@ -16,48 +16,48 @@ from consistent_id.recordings.beside import away_from_changes
 from consistent_id.recordings.recording import Recording, velocities
 from consistent_id.recordings.signals.filtered_rows import altered
 
-_AT_LIMIT = 1e-3  # of the limit, within which a torque is at it
-STILL = 0.01  # of the fastest joint's largest speed
+_AT_LIMIT = 1e-3  # share of the limit within which a torque is at it
+STILL = 0.01  # share of the fastest joint's largest speed
 _RUN, _PILE = 3, 10.0  # consecutive readings at the extreme; their number over others'
 
-SPEED_WINDOW = 0.25  # s, in which a joint that turns back is not at rest
+SPEED_WINDOW = 0.25  # s, for which a joint that turns back is not at rest
 
-# Half a period after friction has jumped, its filtered value is still 7 % of the jump
-# off, after one period 2 %, after one and a half 0.6 %.  In simulation
+# Half a period after a jump of friction, the error of its filtered value is 7 % of the
+# jump, after one period 2 %, after one and a half 0.6 %.  In simulation
 # (benchmarks/quadruped.py --first 100 --logs 4 --reaches 0.5 1 1.5 2) the trunk's
 # errors fall until then.
 _REST_PERIODS = 1.5
 
 # The response of `low_passed` to an impact has fallen to 0.4 % of its peak, after half
-# a period to 13 %.  In simulation misfits have fallen after half a period, and up to
-# four the trunk is found as well (benchmarks/quadruped.py --first 10 --logs 2 --guards
-# 0 0.5 1 2 3 4); foot switches may be late, too.
+# a period to 13 %.  In simulation misfits have decreased after half a period, and the
+# trunk's errors are the same up to four periods (benchmarks/quadruped.py --first 10
+# --logs 2 --guards 0 0.5 1 2 3 4); foot switches may be late, too.
 _IMPACT_PERIODS = 2.0
 
 # Of `quantum` and `held_samples`:
 _LEVELS = 12  # fewest steps between levels that show a quantum
 _REACHES = (3, 30, 300, 3000)  # multiples over which the quantum is refined in turn
 _DIVISORS = 12  # of the smallest step that are tried
-_OFF = 0.1  # of the quantum, by which a step may miss a multiple,
+_OFF = 0.1  # share of the quantum by which a step may differ from a multiple,
 _EXACT = 1e-3  # and where there are few different multiples
 _KINDS = 6  # fewest different ones
-_MOST = 0.98  # of the steps that must be multiples
-_ROUNDING = 1e-12  # of the largest value: steps below are rounding
+_MOST = 0.98  # share of the steps that must be multiples
+_ROUNDING = 1e-12  # share of the largest value: smaller steps are rounding
 
-_ALIKE = 0.8  # share of runs of about one length, which rounding does not make
+_ALIKE = 0.8  # share of runs of about one length, which rounding does not cause
 _NEARLY = 0.1  # of that length, and a sample at least: clocks drift and jitter
 
 
 def standstill(recording: Recording, velocity: float | None = None) -> BoolArray:
     """Return where each joint stands still, shape (samples, joints).
 
-    Friction of a joint at rest is whatever balances it, so its torque there tells
-    little of the model.
+    Friction of a joint at rest has any value that balances it, so its torque contains
+    little information on the model.
 
     Parameters
     ----------
     recording : Recording
-        Without a velocity, differences of position stand for it: filter first.
+        Without a velocity, differences of position are used: filter first.
     velocity : float, optional, [rad/s or m/s]
         Below which a joint stands still; by default a hundredth of the largest speed of
         all joints.
@@ -72,9 +72,9 @@ def standstill(recording: Recording, velocity: float | None = None) -> BoolArray
 def speed_share(
     recording: Recording, window: float = SPEED_WINDOW, *, top: Vector | None = None
 ) -> Vector:
-    """Return how fast the robot moves, as a share of top speed, shape (samples,).
+    """Return the robot's speed as a share of top speed, shape (samples,).
 
-    Of the joint that is fastest compared to its own largest speed, the largest share
+    It is that of the joint with the largest share of its own top speed, the largest
     within half a window on either side: a joint that turns back is not at rest.
 
     Parameters
@@ -117,10 +117,10 @@ def saturated(recording: Recording, limit: ArrayLike | None = None) -> BoolArray
         With torque, as recorded: filters round a plateau off.
     limit : array_like, shape () or (joints,), optional, [N m or N]
         Largest torque either way.  By default the largest and the smallest torque of a
-        joint are taken for limits if they are met again and again: in runs of at least
-        three readings, and ten times as often as the values next to them, so that the
-        top of a smooth curve is not meant.  Noise on top of a limit hides it.  A
-        reading that a slower channel holds for several samples is one.
+        joint count as limits if they occur repeatedly: in runs of at least three
+        readings, and ten times as often as neighbouring values, unlike the top of a
+        smooth curve.  Noise on top of a limit hides it.  A reading that a slower
+        channel holds for several samples is counted once.
 
     Raises
     ------
@@ -156,7 +156,7 @@ def row_weights(
     joints : sequence of str
         The model's ``torque_joints``.
     others : sequence of str
-        Rows among them that are no joint's and are kept: `BASE_ROWS`.
+        Rows among them that do not belong to joints and are kept: `BASE_ROWS`.
 
     Returns
     -------
@@ -172,10 +172,10 @@ def row_weights(
 def mask_onto(
     recording: Recording, mask: ArrayLike, target: Recording, *, reach: float = 0.0
 ) -> BoolArray:
-    """Return a mask on the samples of what a recording has become.
+    """Return a recording's mask on the samples of its processed form.
 
-    Masks are found in a log as it was recorded; once it has been resampled, filtered or
-    decimated, its samples are others, and a filter has spread what is masked.
+    Masks are found in the raw log; after resampling, filtering or decimation, its
+    samples are different, and a filter has spread the masked values.
 
     Parameters
     ----------
@@ -183,10 +183,10 @@ def mask_onto(
         To which the mask belongs.
     mask : array_like of bool, shape (samples,) or (samples, joints)
     target : Recording
-        What has become of it, or of a part of it.
+        The processed recording, or a part of it.
     reach : float, [s]
-        Samples so near to a masked one are masked, such as half a period of the
-        cut-off; in any case those for which none is nearer.
+        Samples within this time of a masked one are masked, for example half a period
+        of the cut-off; the nearest samples are always masked.
 
     Returns
     -------
@@ -229,16 +229,16 @@ def as_mask(recording: Recording, mask: ArrayLike) -> BoolArray:
 
 
 def rest_guard(cutoff: float) -> float:
-    """Return for how long a filter spreads the jump of friction to either side, [s].
+    """Return the time for which a filter spreads friction's jump to either side, [s].
 
-    Dry friction jumps when a joint stops, starts or turns back.  The jump counts as
-    over where the filtered torque is within 1 % of it of what it was, or will be.
+    Dry friction jumps when a joint stops, starts or turns back.  The guard ends where
+    the error of the filtered torque is below 1 % of the jump.
 
     Parameters
     ----------
     cutoff : float, [Hz]
-        Of `low_passed`; of motion and torque the lower one.  The higher it is, the
-        fewer samples are lost.
+        Cut-off of `low_passed`; the lower one of motion and torque.  The higher it is,
+        the fewer samples are lost.
 
     Raises
     ------
@@ -256,16 +256,16 @@ def rest_guard(cutoff: float) -> float:
 def without_rests(
     recording: Recording, velocity: float, *, reach: float = 0.0
 ) -> Recording:
-    """Return a recording in which the torque of joints at rest is not known.
+    """Return a recording in which the torque of joints at rest counts as unknown.
 
     Parameters
     ----------
     recording : Recording
     velocity : float, [rad/s or m/s]
-        Below which a joint rests; see `standstill`.
+        Speed below which a joint rests; see `standstill`.
     reach : float, [s]
-        Before and after, for which its torque is not known either; see `rest_guard`.
-        With it a joint that turns back rests, too, however fast it does.
+        Time before and after a rest for which torque is not known, either; see
+        `rest_guard`. If it is positive, reversals count as rests, too, at any speed.
     """
 
     def change(whole: Recording) -> Recording:
@@ -281,12 +281,12 @@ def without_rests(
 
 
 def impact_guard(cutoff: float) -> float:
-    """Return for how long a filter spreads an impact to either side, [s].
+    """Return the time for which a filter spreads an impact to either side, [s].
 
     Parameters
     ----------
     cutoff : float, [Hz]
-        Of `low_passed`; of motion and torque the lower one.
+        Cut-off of `low_passed`; the lower one of motion and torque.
 
     Raises
     ------
@@ -302,7 +302,7 @@ def impact_guard(cutoff: float) -> float:
 
 
 def without_impacts(recording: Recording, guard: float) -> Recording:
-    """Return a recording whose contacts are not certain around each change of theirs.
+    """Return a recording whose contacts are not certain around their changes.
 
     Touch-down is an impact, shorter than a sample; a filter spreads it, and mixes
     forces of different contacts.
@@ -312,12 +312,12 @@ def without_impacts(recording: Recording, guard: float) -> Recording:
     recording : Recording
         With contacts.
     guard : float, [s]
-        Before and after touch-down and lift-off; see `impact_guard`.
+        Time before and after touch-down and lift-off; see `impact_guard`.
 
     Returns
     -------
     Recording
-        The same but for `ContactFlags.certain`: those samples have no rows.
+        The same except `ContactFlags.certain`: those samples have no rows.
 
     Raises
     ------
@@ -335,7 +335,7 @@ def without_impacts(recording: Recording, guard: float) -> Recording:
     """
     if not recording.contacts:
         raise RecordingError(
-            f"{recording.name}: there are no contacts that could change; give "
+            f"{recording.name}: there are no contacts that can change; give "
             "Recording(..., contacts=...)"
         )
     if not 0.0 <= guard < np.inf:
@@ -356,7 +356,7 @@ def without_impacts(recording: Recording, guard: float) -> Recording:
 
 
 def spread(periods: float, cutoff: float) -> float:
-    """Return how long so many periods of a cut-off [Hz] are, [s]."""
+    """Return the duration of a number of periods of a cut-off [Hz], [s]."""
     if not (np.isfinite(cutoff) and cutoff > 0.0):
         raise RecordingError(f"cut-off is {cutoff} Hz, expected a positive number")
     return periods / cutoff
@@ -365,9 +365,9 @@ def spread(periods: float, cutoff: float) -> float:
 def encoder_resolution(recording: Recording) -> Vector:
     """Return the step of each joint's position, shape (joints,), [rad or m].
 
-    It is the largest number of which all steps between positions are multiples; 0 where
-    there is none, as in positions that were computed, and where a joint did not move.
-    A reading that is off by up to half a step has the variance ``step**2 / 12``.
+    It is the largest number of which all steps between positions are multiples; 0 if
+    there is none, as in computed positions, and for joints that did not move. A
+    rounding error of up to half a step has the variance ``step**2 / 12``.
 
     Examples
     --------
@@ -383,15 +383,15 @@ def encoder_resolution(recording: Recording) -> Vector:
 def quantum(values: Vector) -> float:
     """Return the largest number of which all differences are multiples, or 0.
 
-    Between neighbouring levels steps are small multiples, so that neither rounding of
-    the quantum nor of the values adds up.
+    Steps between neighbouring levels are small multiples, so rounding errors of quantum
+    and values do not accumulate.
     """
     levels = np.unique(values)
     gaps = np.diff(levels)
     gaps = gaps[gaps > _ROUNDING * abs(levels).max()]
     if len(gaps) < _LEVELS:
         return 0.0
-    # A few odd values, as an interpolating logger writes, may lie between levels.
+    # A few values, written by an interpolating logger, may lie between levels.
     for smallest in (gaps.min(), np.quantile(gaps, 0.01, method="lower")):
         for divisor in range(1, _DIVISORS + 1):
             step = _refined_quantum(gaps, float(smallest) / divisor)
@@ -401,10 +401,10 @@ def quantum(values: Vector) -> float:
 
 
 def held_samples(values: Vector) -> int:
-    """Return for how many samples a channel holds each of its readings; 1 if it is new.
+    """Return the number of samples for which a channel holds each reading; 1 if none.
 
-    Runs of one value are about as long as each other where a slower channel is sampled
-    and held, and of any length where readings are rounded or clipped.
+    Runs of one value have about the same length if a slower channel is held, and any
+    length if readings are rounded or clipped.
 
     Examples
     --------
@@ -423,7 +423,7 @@ def held_samples(values: Vector) -> int:
 
 
 def _top(tau: Vector) -> BoolArray:
-    """Return where a torque is at its largest value, if that looks like a limit."""
+    """Return where a torque is at its largest value, if this value is a limit."""
     span = float(np.ptp(tau))
     step = quantum(tau) or 1e-9 * span
     at = tau >= tau.max() - 0.5 * step

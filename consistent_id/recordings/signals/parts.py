@@ -1,4 +1,4 @@
-"""Parts of a recording: between times or gaps, without what is masked, and in folds."""
+"""Parts of a recording: between times or gaps, without masked samples, and folds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,6 +20,12 @@ def trimmed(
     """Keep the samples with ``start <= time <= stop`` [s].
 
     Trim after filtering: a filter needs the samples before and after.
+
+    Parameters
+    ----------
+    recording : Recording
+    start, stop : float, [s]
+        On the recording's clock.
     """
     if np.isnan(start) or np.isnan(stop):
         raise RecordingError(f"{recording.name}: trimmed from {start} s to {stop} s")
@@ -39,8 +45,8 @@ def split_at_gaps(
 ) -> tuple[Recording, ...]:
     """Cut a recording wherever stamps are further apart than `max_gap`.
 
-    What happened in a gap is not known: nothing may be filtered, interpolated or
-    differentiated across it.
+    The motion in a gap is not known: do not filter, interpolate or differentiate across
+    it.
 
     Parameters
     ----------
@@ -53,7 +59,7 @@ def split_at_gaps(
     Raises
     ------
     RecordingError
-        If nothing is left.
+        If no part is left.
 
     Examples
     --------
@@ -71,9 +77,9 @@ def split_at_gaps(
 def without(
     recording: Recording, mask: ArrayLike, *, shortest: float = 0.0
 ) -> tuple[Recording, ...]:
-    """Return the runs of samples that are not masked, each a recording of its own.
+    """Return the runs of samples that are not masked, each as a separate recording.
 
-    Where only one joint's torque is of no use, `row_weights` keeps the others'.
+    If only one joint's torque is unusable, `row_weights` keeps the others.
 
     Parameters
     ----------
@@ -86,7 +92,7 @@ def without(
     Raises
     ------
     RecordingError
-        If nothing is left.
+        If no part is left.
     """
     masked = np.asarray(as_mask(recording, mask).any(axis=1))
     recording, keep = left_out(recording, masked), np.flatnonzero(~masked)
@@ -97,7 +103,7 @@ def without(
 def faster(recording: Recording, least_speed: float) -> Recording:
     """Leave out the rows in which the robot creeps or stands still.
 
-    Leave them out after filtering: what is left has gaps.
+    Filter first, because the result has gaps.
 
     Parameters
     ----------
@@ -154,7 +160,7 @@ class Fold:
     Parameters
     ----------
     training : tuple of Recording
-        What lies before the block and what lies after it, without the guard.
+        The samples before and after the block, without the guard.
     held_out : Recording
         The block.
     """
@@ -169,19 +175,19 @@ def blocked_folds(
     """Return as many folds as there are blocks; each sample is held out once.
 
     Blocks are runs of consecutive samples, not samples drawn at random: neighbours are
-    so alike that held-out samples between training samples would be no test.
+    so similar that held-out samples between training samples would not be a test.
 
     Parameters
     ----------
     recording : Recording
         Prepared.
     count : int
-        Number of blocks, of like length.
+        Number of blocks of about equal length.
     guard : float, [s]
-        On either side of the held-out block samples so near to it do not train:
-        a filter has mixed them with what is held out.  A zero-phase Butterworth filter
-        of order 4 and cut-off ``f`` forgets as ``exp(-2.4 f t)``: after ``5 / f``, six
-        parts in a million are left.
+        Samples within this time of the held-out block are not used for training,
+        because a filter has mixed them with it.  The response of a zero-phase
+        Butterworth filter of order 4 and cut-off ``f`` decays as ``exp(-2.4 f t)``:
+        after ``5 / f``, six parts in a million are left.
 
     Raises
     ------
@@ -231,12 +237,12 @@ def _fold(recording: Recording, block: slice, label: str, guard: float) -> Fold:
 
 
 def blocks_of(recordings: Sequence[Recording], count: int) -> list[Recording]:
-    """Cut recordings into about `count` blocks of like length, each at least one.
+    """Cut recordings into about `count` blocks of similar length, at least one each.
 
     Raises
     ------
     NotExcitedError
-        If there is one block only.
+        If there is only one block.
     """
     total = sum(map(len, recordings))
     found = []

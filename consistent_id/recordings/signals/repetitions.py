@@ -1,10 +1,10 @@
-"""Motion that repeats a path: its period, and the mean of a way there and back.
+"""Motion that repeats a path: its period, and the mean of both directions.
 
 A path that is played backwards has velocities of opposite sign and the same
-accelerations.  The torque of bodies is the same both times; that of friction is the
-opposite, if it is the same in both directions.  So the mean of both is the torque of
-the bodies alone, which on slow motion is that of gravity.  The same holds for
-hysteresis in a wrench sensor, or for a cable that drags at it.
+accelerations.  The torque of bodies is the same both times; that of friction has the
+opposite sign, if it is the same in both directions.  So the mean is the torque of the
+bodies alone, which is gravity torque for slow motion.  The same is true for hysteresis
+of a wrench sensor, or for a cable that drags at it.
 """
 
 import numpy as np
@@ -16,19 +16,19 @@ from consistent_id.recordings.recording import Recording, positions_at
 from consistent_id.recordings.signals.clocks import uniform_rate
 from consistent_id.recordings.signals.fourier import fourier_fit, series_columns
 
-_GUESSED_ON = 4000  # samples on which a period is first guessed
+_GUESSED_ON = 4000  # samples for the first estimate of a period
 _UNLIKE = 0.1  # squared change after a period, over the variance
-_FIRST = 10  # harmonics with which a guess is refined
-_MISSING = 0.02  # of a period: what whole periods may lack
-_REPEATS = 1.5  # periods a recording must hold for its period to be estimated
+_FIRST = 10  # harmonics for refining an estimate
+_MISSING = 0.02  # share of a period that whole periods may lack
+_REPEATS = 1.5  # least periods of a recording for estimating its period
 
 APART = 0.02
-"""Distance of two ways, relative to the travel, from which on they are no one path.
+"""Largest distance of both directions, relative to the travel, for one path.
 
-Drives that lag by 20 ms of a way of one second have as much.
+A lag of 20 ms on a path of one second causes as much.
 """
 
-_SHORTER_WAY = 0.25  # of a recording: the least that the shorter way may be
+_SHORTER_WAY = 0.25  # least length of the shorter direction, as a share of a recording
 _TURNS_TRIED = 200  # turning points that are tried at first
 
 
@@ -41,19 +41,19 @@ def estimated_period(
 ) -> float:
     """Return the period [s] of a motion that repeats itself.
 
-    A first guess, the shift by which the position is most like itself, is refined by
-    the least squares of a series of given length.
+    A first estimate, the shift with the largest autocorrelation of the position, is
+    refined by least squares of a series of given length.
 
     Parameters
     ----------
     recording : Recording
         Of at least one and a half periods.
     shortest, longest : float, optional, [s]
-        Between which the period is looked for; by default all that 20 samples and the
-        recording's length allow.
+        Range of the period; by default the range that 20 samples and the recording's
+        length allow.
     harmonics : int, optional
-        Of the series that refines it; by default as many as `fourier_fit` chooses.  A
-        series that lacks what the motion has is biased.
+        Harmonics of the series that refines it; by default as many as `fourier_fit`
+        chooses. With too few harmonics, the result is biased.
 
     Raises
     ------
@@ -77,11 +77,11 @@ def estimated_period(
 
 
 def whole_periods(duration: float, period: float, step: float) -> int:
-    """Return how many whole periods a motion has.
+    """Return the number of whole periods of a motion.
 
     The last sample of ``N`` periods may be the first of the next period, or be left
     out.  An estimated period is rounded, and slow samples at both ends of a motion
-    count as rest, so a fiftieth of a period more may be missing.
+    count as rest, so another fiftieth of a period may be missing.
 
     Parameters
     ----------
@@ -107,22 +107,23 @@ def there_and_back(recording: Recording, turn: float | None = None) -> Recording
     Parameters
     ----------
     recording : Recording
-        At a uniform rate, that goes along a path and the same way back, as fast.
+        At a uniform rate, along a path and back along the same path at the same speed.
     turn : float, optional, [s]
-        When it turns back, on the recording's clock; by default the sample about which
+        Time of the turn, on the recording's clock; by default the sample about which
         its positions are most symmetric.
 
     Returns
     -------
     Recording
-        Of the way there, with mean positions, torques and wrenches, and half the
-        difference of velocities.  Torque is known where it is both times.  Velocity and
-        acceleration that the recording does not have are zero: poses at rest.
+        The motion there, with mean positions, torques and wrenches, and half the
+        difference of velocities.  Torque is known where both torques are known.
+        Velocity and acceleration that the recording does not have are zero: poses at
+        rest.
 
     Raises
     ------
     RecordingError
-        If the two ways are more than `APART` apart, the base moves, or the clock is not
+        If both paths are more than `APART` apart, the base moves, or the clock is not
         uniform.
 
     Examples
@@ -139,10 +140,10 @@ def there_and_back(recording: Recording, turn: float | None = None) -> Recording
     """
     if recording.base is not None or recording.contacts:
         raise RecordingError(
-            f"{recording.name}: the base moves, or has contacts, which are not alike "
-            "on the way back; give a recording of a robot on a fixed base"
+            f"{recording.name}: the base moves, or has contacts, which differ on the "
+            f"way back; give a recording of a robot on a fixed base"
         )
-    uniform_rate(recording)  # else samples before and after the turn are no pairs
+    uniform_rate(recording)  # else samples before and after the turn are not pairs
     q = recording.position
     at = _turn(q) if turn is None else int(np.argmin(abs(recording.time - turn)))
     count = min(at, len(q) - 1 - at)
@@ -180,7 +181,7 @@ def there_and_back(recording: Recording, turn: float | None = None) -> Recording
 
 
 def _refined(recording: Recording, guess: float, reach: float, harmonics: int) -> float:
-    """Return the period near a guess with which a series leaves least."""
+    """Return the period near an estimate for which a series has the least residual."""
     from scipy.optimize import minimize_scalar
 
     step = recording.duration / (len(recording) - 1)
@@ -219,7 +220,7 @@ def _self_similar(recording: Recording, low: float, high: float) -> Vector:
             f"{recording.name}: the motion does not repeat itself after {low:.4g} s to "
             f"{high:.4g} s; give the period"
         )
-    # Two periods are as good as one: the first shift that is nearly the best.
+    # Two periods fit as well as one: use the first shift that is nearly the best.
     near = unlike[dips + 1] <= unlike[dips + 1].min() + 0.2 * _UNLIKE
     return np.array([lags[dips[near][0] + 1] * step, step])
 
@@ -257,8 +258,8 @@ def _most_symmetric(q: Matrix, candidates: IntArray) -> int:
 def _apart(q: Matrix, at: int) -> float:
     """Return the mean squared distance of positions before and after a sample.
 
-    Over what lies on both sides of it, relative to how far these positions scatter: a
-    robot that waits is symmetric about any sample.
+    It is computed over both sides, relative to the scatter of these positions: a robot
+    that waits is symmetric about any sample.
     """
     count = min(at, len(q) - 1 - at)
     before, after = q[at - count : at], q[at + count : at : -1]
@@ -275,8 +276,9 @@ def _require_one_path(recording: Recording, there: IntArray, back: IntArray) -> 
     j = int(np.argmax(apart / np.where(travel > 0.0, travel, np.inf)))
     if apart[j] > APART * travel[j]:
         raise RecordingError(
-            f"{recording.name}: {recording.joints[j]} is up to {apart[j]:.3g} apart on "
-            f"the way there and back, of a travel of {travel[j]:.3g}; expected one "
-            f"path both ways, to {APART:.0%}; say when it turns back (turn), or cut "
-            "the recording to one way there and one back"
+            f"{recording.name}: {recording.joints[j]} differs by up to "
+            f"{apart[j]:.3g} between the way there and back, for a travel of "
+            f"{travel[j]:.3g}; expected one path both ways, within {APART:.0%}; "
+            f"state the time of the turn (turn), or cut the recording to one way "
+            f"there and one back"
         )

@@ -1,8 +1,8 @@
 """Velocity and acceleration by a Kalman smoother whose noise levels the data choose.
 
 Each joint's position and its first derivatives are a chain of integrators; white noise
-enters the last one, the jerk or its rate, and each reading of the position has an error
-of its own:
+enters the last one, the jerk or its rate, and each reading of the position has an
+independent error:
 
     x[k+1] = F x[k] + w[k],       cov w = drive M
     z[k]   = first of x[k] + v[k],  var v = noise^2
@@ -32,22 +32,22 @@ ORDERS = (3, 4, 5, 6)
 # Smoothing acts below ``ratio^(1 / (2 order))`` radians per sample: its decades.
 _COARSE = np.arange(-3.25, 0.6, 0.25)
 _ROUGHLY = 1e-4  # steady enough to compare likelihoods
-_FINE = np.arange(-0.25, 0.26, 0.0625)  # about the best of them
+_FINE = np.arange(-0.25, 0.26, 0.0625)  # refinements about the best of them
 
-_DIFFUSE = 1e6  # variance of what is not known at the start
+_DIFFUSE = 1e6  # variance of the unknown start
 _STEADY = 1e-9
-"""Relative change of covariances in a step, below which gains are kept."""
+"""Relative change of covariances in a step below which gains are kept."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionNoise:
-    """How far readings are off, and how lively the motion is.
+    """Noise levels of the readings and of the motion.
 
     Parameters
     ----------
     joints : tuple of str
     order : int
-        The derivative of the position that is taken for white noise: 3 for jerk.
+        The derivative of the position that is modelled as white noise: 3 for jerk.
     position : array_like, shape (joints,), [rad or m]
         Standard deviation of a reading.
     drive : array_like, shape (joints,), [(rad or m)^2 / s^(2 order - 1)]
@@ -84,13 +84,13 @@ def motion_noise(
     Parameters
     ----------
     recording : Recording
-        As recorded, uniformly sampled: what was filtered has no white noise left.
+        As recorded, uniformly sampled: filtered signals do not have white noise.
     order : int, optional
-        The derivative of the position that is taken for white noise, 3 to 6; by default
-        the one with the largest likelihood over all joints.
+        The derivative of the position that is modelled as white noise, 3 to 6; by
+        default the one with the largest likelihood over all joints.
     least : array_like, shape (joints,), optional, [rad or m]
-        Below which the noise of a reading cannot lie; by default the encoder's step
-        over ``sqrt(12)``, where there is one.
+        Least noise of a reading; by default the encoder's step over ``sqrt(12)``, if
+        there is one.
     """
     rate = uniform_rate(recording)
     if order is not None and order not in ORDERS:
@@ -115,7 +115,7 @@ def motion_noise(
 def kalman_differentiated(
     recording: Recording, noise: MotionNoise | None = None
 ) -> Recording:
-    """Return the most likely motion behind the readings, at every sample given all.
+    """Return the most likely motion at every sample, given all readings.
 
     Position, velocity and acceleration all come of the recorded position, by a Kalman
     filter and the smoother of Rauch, Tung and Striebel [Rauch1965]_.
@@ -170,7 +170,7 @@ class _LikeliestNoise(NamedTuple):
 
 
 class Gains(NamedTuple):
-    """Filter gains until they settle, then the last for ever.
+    """Filter gains until they converge, then the last one.
 
     Shapes: gain (steps, order, columns), variance (steps, columns) of the innovations,
     covariance (steps, order, order, columns) of the predicted state,
@@ -212,7 +212,7 @@ def _costs(
     )
     innovation = _innovations(np.tile(z, len(ratios)), found)
     last = np.minimum(np.arange(len(z)), len(found.variance) - 1)
-    # The first innovations depend on the start alone; of as many for every order.
+    # The first innovations depend only on the start; as many for every order.
     S = found.variance[last[ORDERS[-1] :]]
     n = len(S)
     power = (innovation[ORDERS[-1] :] ** 2 / S).sum(axis=0).reshape(ratios.shape)
@@ -258,7 +258,7 @@ def gains(
     steady: float = _STEADY,
     covariances: bool = True,
 ) -> Gains:
-    """Run the covariances, which do not depend on data, until they settle.
+    """Run the covariances, which do not depend on data, until they converge.
 
     Only `smoothed` needs them afterwards; they take memory.
     """

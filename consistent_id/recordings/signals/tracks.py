@@ -1,4 +1,4 @@
-"""Channels on clocks of their own: how late they are, and how they come onto one clock.
+"""Channels on separate clocks: their delay, and their alignment to one clock.
 
 `estimate_delay` compares two signals of one motion.  With ``r`` the reference,
 differentiated as often as needed, and ``y`` the late signal, both filtered alike,
@@ -38,13 +38,13 @@ ORDER = 8  # of the filter against aliasing
 
 _DERIVATIVES_OF = {"position": 0, "velocity": 1, "acceleration": 2}
 _BAND = 8.0  # sampling rate over the highest cut-off: splines are exact below
-_ALIKE = 0.5  # share of the variance that one motion explains, at least
+_ALIKE = 0.5  # least share of the variance that one motion explains
 _BLOCKS = (16, 64)  # fewest and most blocks for the standard error
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """What one sensor wrote of several joints, with its own stamps.
+    """A sensor's channel of several joints, with its own stamps.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class Track:
         Strictly increasing.
     values : array_like, shape (samples, joints)
     name : str
-        Where it comes from; used in messages.
+        Name of the source; used in messages.
 
     Raises
     ------
@@ -103,7 +103,12 @@ class Track:
 
 
 def track(recording: Recording, channel: Channel) -> Track:
-    """Return one channel of a recording by itself.
+    """Return one channel of a recording as a track.
+
+    Parameters
+    ----------
+    recording : Recording
+    channel : {"position", "velocity", "acceleration", "torque"}
 
     Raises
     ------
@@ -117,20 +122,20 @@ def track(recording: Recording, channel: Channel) -> Track:
 def aligned(recording: Recording, track: Track, *, delay: float = 0.0) -> Recording:
     """Return the recording with a channel that was written on another clock.
 
-    The slower of the two clocks is kept, so that no sample is invented; before, all
-    channels of both are filtered alike, as `decimated` does, to 0.8 of its Nyquist
-    frequency.  Clocks that are equally fast are not filtered; the track is interpolated
-    onto the recording's stamps.
+    The slower of the two clocks is kept, so no sample is invented; before, all channels
+    of both are filtered alike, as in `decimated`, to 0.8 of its Nyquist frequency.
+    Channels with equally fast clocks are not filtered; the track is interpolated onto
+    the recording's stamps.
 
     Parameters
     ----------
     recording : Recording
         Uniformly sampled, unless both clocks are equally fast.
     track : Track
-        With all joints of the recording.  A channel that the recording has is replaced,
-        which is how a channel that lags behind the others is put right.
+        With all joints of the recording.  A channel that the recording has is replaced;
+        this corrects a channel that lags behind the others.
     delay : float, [s]
-        By which the track's stamps come too late; see `estimate_delay`.
+        Delay of the track's stamps; see `estimate_delay`.
 
     Raises
     ------
@@ -203,20 +208,20 @@ def _onto(clock: Vector, time: Vector, values: Matrix) -> Matrix:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Delay:
-    """A delay, and how sure it is.
+    """A delay, and its standard error.
 
     Parameters
     ----------
     seconds : float, [s]
-        By which the second signal comes later than the first.
+        Delay of the second signal relative to the first.
     standard_error : float, [s]
         From the scatter of blocks of consecutive samples, so errors may be correlated
         within a block.
     cutoff : float, [Hz]
-        To which both signals were filtered.
+        Cut-off to which both signals were filtered.
     joints : tuple of str
     correlations, gains : ndarray, shape (joints,)
-        Of the two signals with the delay taken out; the gain is that of the second.
+        Of the two signals after correcting the delay; the gain is that of the second.
     """
 
     seconds: float
@@ -238,7 +243,7 @@ def estimate_delay(
     longest: float = 0.5,
     cutoff: float | None = None,
 ) -> Delay:
-    """Estimate by how much `late` comes later than `reference`.
+    """Estimate the delay of `late` relative to `reference`.
 
     Parameters
     ----------
@@ -247,11 +252,11 @@ def estimate_delay(
         acceleration the lower derivative is differentiated; a torque is compared with
         a torque.
     longest : float, [s]
-        Longest delay looked for, either way.  For periodic motion less than half a
+        Longest delay that is tried, either way.  For periodic motion less than half a
         period.
     cutoff : float, optional, [Hz]
-        To which both are filtered; by default, of a series in which each is half the
-        one before, the one with the least standard error.
+        To which both are filtered; by default the one with the least standard error,
+        from a series in which each is half the one before.
 
     Raises
     ------
@@ -354,12 +359,12 @@ def _filtered_pair(
     smooth = low_passed(first, motion_cutoff=cutoff)
     late = low_passed(second, motion_cutoff=cutoff)
     spline = make_interp_spline(smooth.time, smooth.position, k=5)
-    # What was assumed beyond the ends has died out one period of the cut-off inside.
+    # Extrapolation at the ends has decayed one period of the cut-off inside.
     margin = 1.0 / lowest
     start = max(first.time[0] + longest, second.time[0]) + margin
     stop = min(first.time[-1] - longest, second.time[-1]) - margin
     inside = np.flatnonzero((late.time >= start) & (late.time <= stop))
-    # A filtered signal is all there in a few samples for each period of the cut-off.
+    # A few samples for each period of the cut-off represent a filtered signal.
     inside = inside[:: max(int(late.rate / (2.0 * _BAND * cutoff)), 1)]
     if len(inside) < 4 * _BLOCKS[0]:
         raise RecordingError(
@@ -391,7 +396,7 @@ def _best_shift(
 
     def cost(shift: float) -> float:
         r = _centred(pair.reference(pair.time - shift))
-        along = np.maximum((r * y).sum(axis=0), 0.0)  # a gain below zero is no delay
+        along = np.maximum((r * y).sum(axis=0), 0.0)  # a negative gain is not a delay
         power = np.maximum((r**2).sum(axis=0), np.finfo(np.float64).tiny)
         left = 1.0 - along**2 / power / total
         return float(np.log(np.maximum(left, 1e-24)).sum())
@@ -409,14 +414,15 @@ def _best_shift(
     alike = (delay.correlations**2 * total).sum() / total.sum()
     if not alike > _ALIKE:
         raise RecordingError(
-            f"no delay up to {longest:g} s makes the signals alike: the correlations "
-            f"of {', '.join(joints)} are {np.round(delay.correlations, 2).tolist()} at "
-            "best. Check columns, units and signs, or raise longest"
+            f"no delay up to {longest:g} s makes the signals similar: the "
+            f"correlations of {', '.join(joints)} are "
+            f"{np.round(delay.correlations, 2).tolist()} at best. Check columns, "
+            f"units and signs, or raise longest"
         )
     if abs(delay.seconds) > longest * (1 - 1e-3):
         raise RecordingError(
-            f"the signals are most alike with a delay of {delay.seconds:.4g} s, the "
-            f"longest that was looked for; raise longest = {longest:g} s"
+            f"the signals are most similar with a delay of {delay.seconds:.4g} s, "
+            f"the longest that was tried; raise longest = {longest:g} s"
         )
     return delay
 
@@ -436,7 +442,7 @@ def _with_error(
     error = y - gain * r
     J = -gain * _centred(pair.slope(pair.time - shift))
     J -= r * ((r * J).sum(axis=0) / power)
-    # Not the mean of J^2: noise of the reference is steep, yet holds no information.
+    # Not the mean of J^2: noise of the reference is steep, but contains no information.
     bend = -gain * _centred(pair.bend(pair.time - shift))
     variance = np.maximum((error**2).mean(axis=0), 1e-24 * (y**2).mean(axis=0) + tiny)
     scores = (J * error / variance).sum(axis=1)

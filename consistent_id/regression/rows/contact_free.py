@@ -28,7 +28,7 @@ from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recordings.beside import ContactFlags
 from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.base import BaseParameters, base_parameters, column_kinds
-from consistent_id.regression.independent_columns import split_at_gap
+from consistent_id.regression.linear import split_at_gap
 from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel

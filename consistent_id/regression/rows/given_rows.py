@@ -13,14 +13,21 @@ from consistent_id._support.arrays import checked
 from consistent_id._support.executors import single_threaded
 from consistent_id.errors import ProblemError
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.independent_columns import independent_columns
+from consistent_id.regression.linear import independent_columns
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
 
 
 class GivenRows(NamedTuple):
-    """What estimators take: a model, its regression and its base parameters."""
+    """What estimators take: a model, its regression and its base parameters.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    regression : Regression
+    base : BaseParameters
+    """
 
     model: TorqueModel
     regression: Regression

@@ -55,6 +55,14 @@ def from_modified_dh(
 ) -> RobotModel:
     """Return the serial robot of a modified table, with joints and links from 1.
 
+    Parameters
+    ----------
+    name : str
+    rows : sequence of DHRow
+        One for each joint, from the base on.
+    gravity : array_like, shape (3,), [m/s^2]
+        In the base frame.
+
     Examples
     --------
     >>> table = [DHRow(0.0, 0.0, d=0.3), DHRow(-np.pi / 2, 0.0)]
@@ -81,6 +89,14 @@ def from_classical_dh(
     a link must be.  So link ``i`` has the axes of frame ``i``, with the origin moved by
     ``-a`` along x onto the joint's axis: a centre of mass ``c`` given in frame ``i`` is
     ``c + (a, 0, 0)`` in the link.  The frame itself is `Link.merged` as ``frame<i>``.
+
+    Parameters
+    ----------
+    name : str
+    rows : sequence of DHRow
+        One for each joint, from the base on.
+    gravity : array_like, shape (3,), [m/s^2]
+        In the base frame.
 
     Examples
     --------

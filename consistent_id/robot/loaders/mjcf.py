@@ -55,10 +55,9 @@ def load_mjcf(
     parents (`Link.merged`).  Equality constraints of joints make followers
     (`Joint.mimic`), where their polynomial is a straight line.
 
-    A mesh or texture that is not there is no obstacle where the body's inertial is
-    explicit.
+    A missing mesh or texture is not an error if the body's inertial is explicit.
 
-    Armature, damping, friction loss, springs and gravity compensation are no part of a
+    Armature, damping, friction loss, springs and gravity compensation are not part of a
     `RobotModel`; they are ignored.
 
     Parameters
@@ -95,13 +94,13 @@ def load_mjcf(
         bound = _bindings(model, path)
         gravity = model.opt.gravity if gravity is None else gravity
         robot = _robot(model, path.stem, gravity, bound.mimics, root)
-    except UnicodeDecodeError as cause:  # MuJoCo takes names as they come
+    except UnicodeDecodeError as cause:  # MuJoCo accepts names of any encoding
         raise ModelError(f"{path}: a name is not UTF-8: {cause}") from None
     return selected(robot, selection.with_locked(bound.still))
 
 
 class _Bindings(NamedTuple):
-    """What equality constraints make of joints, by their names.
+    """The effect of equality constraints on joints, by their names.
 
     `mimics` of joints that follow one that moves by itself, chains of them resolved;
     `still`, the positions of joints that are bound to stand still.
@@ -177,7 +176,7 @@ def _reference(model: Any, j: int) -> float:
 
 
 def _check(path: Path) -> None:
-    """Refuse what MuJoCo should not be given; what is not XML, it says itself."""
+    """Refuse unsafe files; MuJoCo itself reports text that is not XML."""
     try:
         root = parse(read_bytes(path))
     except XmlFault as fault:
@@ -200,7 +199,7 @@ def _compiled(path: Path) -> Any:
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as cause:
         raise ModelError(f"{path}: MuJoCo refuses it: {cause}") from None
-    for body in spec.bodies:  # MuJoCo would take a negative mass for none
+    for body in spec.bodies:  # MuJoCo would treat a negative mass as zero
         if body.explicitinertial and not body.mass >= 0.0:
             raise ModelError(
                 f"{path}: body {body.name!r} has mass {body.mass:g} kg, expected 0 or "
@@ -228,7 +227,7 @@ def _floating_body(model: Any, path: Path) -> int:
     names = [model.body(body).name for body in sorted(roots)]
     if len(roots) != 1:
         raise ModelError(
-            f"{path}: the base is to float, but the world carries "
+            f"{path}: the base is stated to float, but the world carries "
             f"{', '.join(names) or 'no body with joints'}; expected one robot. Remove "
             "the others from the file"
         )
@@ -238,8 +237,9 @@ def _floating_body(model: Any, path: Path) -> int:
     for j in range(first, first + int(model.body_jntnum[root])):
         if mujoco.mjtJoint(int(model.jnt_type[j])) != free:
             raise ModelError(
-                f"{path}: the base is to float, but body {names[0]!r} hangs on the "
-                f"world by joint {joint_name(model, j)!r}; leave base out"
+                f"{path}: the base is stated to float, but body {names[0]!r} is "
+                f"connected to the world by joint {joint_name(model, j)!r}; leave "
+                f"base out"
             )
     return root
 
@@ -340,7 +340,9 @@ def _joint(model: Any, j: int, place: FixedPlace) -> Joint:
     """Return a joint of a body that, at the joint's ``ref``, is in `place`."""
     kind = _kind(model, j)
     if kind is None:
-        raise ModelError(f"joint {joint_name(model, j)!r} is no hinge and no slide")
+        raise ModelError(
+            f"joint {joint_name(model, j)!r} is neither a hinge nor a slide"
+        )
     axis = model.jnt_axis[j]
     reference = float(model.qpos0[model.jnt_qposadr[j]])
     if kind == "prismatic":

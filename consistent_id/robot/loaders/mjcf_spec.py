@@ -1,7 +1,7 @@
-"""What MuJoCo reads of an MJCF file: files that may be missing, and what is refused.
+"""MuJoCo's reading of an MJCF file: files that may be missing, and unsupported parts.
 
-Meshes and textures that are only looked at need not be there.  A model may hold what a
-tree of hinges and slides cannot; `refuse_unsupported` says what.
+Meshes and textures that are only for display may be missing.  `refuse_unsupported`
+names parts of a model that a tree of hinges and slides cannot represent.
 """
 
 from collections.abc import Iterator
@@ -10,12 +10,12 @@ from typing import Any
 
 from consistent_id.errors import ModelError
 
-# A tetrahedron; it stands in for a mesh that only would be looked at.
+# A tetrahedron; it replaces a missing mesh that is only for display.
 _CORNERS = (0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1)
 _FACES = (0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3)
 _GREY = (0.5, 0.5, 0.5)
 
-# What a tendon may do to the joints along its way, by the arrays of MuJoCo's model.
+# Effects of a tendon on the joints along it, by the arrays of MuJoCo's model.
 _PULLS = (
     "stiffness",
     "stiffnesspoly",
@@ -48,8 +48,8 @@ def read_spec(path: Path, mujoco: Any) -> Any:
 def stand_in(spec: Any, path: Path, mujoco: Any) -> tuple[str, ...]:
     """Replace meshes and textures whose files are missing; return their names.
 
-    The file is said to be at `path`.  What a link weighs does not depend on a mesh if
-    its inertial is explicit; then the shape is only for looking at, and for contact.
+    The file is said to be at `path`.  The mass of a link does not depend on a mesh if
+    its inertial is explicit; then the shape is only for display and contact.
     """
     missing = {
         mesh.name: mesh.file
@@ -60,7 +60,7 @@ def stand_in(spec: Any, path: Path, mujoco: Any) -> tuple[str, ...]:
         for geom in body.geoms:
             if geom.meshname in missing and _weighs(spec, body, geom, mujoco):
                 raise ModelError(
-                    f"{path}: mesh file {missing[geom.meshname]!r} is not there, and "
+                    f"{path}: mesh file {missing[geom.meshname]!r} is missing, and "
                     f"the inertia of body {body.name!r} comes from it; give the body "
                     "an <inertial>, or put the file where the model looks for it"
                 )
@@ -124,8 +124,8 @@ def _faults(model: Any, moving: set[int]) -> Iterator[str]:
             body = model.body(model.jnt_bodyid[j]).name
             yield (
                 f"body {body!r} hangs on a {word} joint; only hinge and slide joints "
-                "are supported, and a free one where the base is said to be "
-                "'floating'. Remove the joint, or choose a base beyond it or a tip "
+                "are supported, and a free one if the base is 'floating'. Remove the "
+                "joint, or choose a base beyond it or a tip "
                 "that it does not carry"
             )
     yield from _equalities(model, moving)

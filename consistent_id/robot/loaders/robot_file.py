@@ -1,4 +1,4 @@
-"""Robots from a file, URDF or MJCF, whichever it is."""
+"""Robots from a file, URDF or MJCF."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -7,8 +7,6 @@ from pathlib import Path
 from numpy.typing import ArrayLike
 
 from consistent_id.robot.chains import Selection
-from consistent_id.robot.loaders.mjcf import load_mjcf
-from consistent_id.robot.loaders.urdf import load_urdf
 from consistent_id.robot.loaders.urdf_lint import read_bytes
 from consistent_id.robot.loaders.xml import XmlFault, parse
 from consistent_id.robot.model import STANDARD_GRAVITY, RobotModel
@@ -48,13 +46,16 @@ def load_robot(
     Raises
     ------
     ModelError
-        If the file cannot be read or describes no robot; see `load_urdf` and
+        If the file cannot be read or does not describe a robot; see `load_urdf` and
         `load_mjcf`.
 
     See Also
     --------
     load_urdf, load_mjcf : The two formats by themselves.
     """
+    from consistent_id.robot.loaders.mjcf import load_mjcf
+    from consistent_id.robot.loaders.urdf import load_urdf
+
     selection = Selection(base, tip, joints, locked)
     if is_mjcf(Path(path)):
         return load_mjcf(path, gravity=gravity, **asdict(selection))

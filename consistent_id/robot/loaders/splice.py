@@ -44,7 +44,7 @@ class Tag(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Document:
+class XmlText:
     """XML text with its elements, from which edits are made."""
 
     data: bytes

@@ -62,20 +62,20 @@ def load_urdf(
     gravity : array_like, shape (3,), [m/s^2]
         In the frame of the file's root link.
     base : str, optional
-        Keep only what moves beyond this link.  It and all that carries it stand still,
-        their joints at zero unless `locked` says otherwise.  ``"floating"``: the root
+        Keep only the links beyond this one.  It and all that carry it stand still,
+        their joints at zero or at their `locked` positions.  ``"floating"``: the root
         link moves freely, as that of a robot that walks, flies or hangs on a rope; it
         is then the first link, with ten parameters of its own.
     tip : str, optional
-        Keep only the links that carry this one, and itself.  What is fixed to them, or
-        hangs on a joint that is locked, stays part of them; other links that they carry
-        are dropped, so lock a gripper whose weight was there.
+        Keep only the links that carry this one, and itself.  Links that are fixed to
+        them, or hang on a locked joint, stay part of them; other links that they carry
+        are dropped, so lock a gripper that was mounted.
     joints : sequence of str, optional
         Keep only these joints, and those that follow them; all others are locked, at
-        zero unless `locked` says otherwise.
+        zero or at their `locked` positions.
     locked : mapping of str to float, optional, [rad or m]
-        Positions of joints that do not move.  What a locked joint carries is merged
-        into the link that carries the joint; what follows it is locked too.
+        Positions of joints that do not move.  The links behind a locked joint are
+        merged into the link that carries the joint; its followers are locked, too.
 
     Returns
     -------
@@ -220,7 +220,7 @@ def _kind(model: Any, k: int) -> JointKind:
 
 
 def _limits(model: Any, k: int, kind: JointKind) -> JointLimits:
-    """Limits as the file states them; what it leaves out is infinite, not zero."""
+    """Limits as stated in the file; missing ones are infinite, not zero."""
     if kind == "free":
         return JointLimits()
     position, rate = model.joints[k].idx_q, model.joints[k].idx_v

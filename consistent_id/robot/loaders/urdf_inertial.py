@@ -6,7 +6,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix
 from consistent_id.robot.inertia import InertialParameters
-from consistent_id.robot.loaders.splice import Document, Edit
+from consistent_id.robot.loaders.splice import Edit, XmlText
 from consistent_id.robot.loaders.urdf_lint import INERTIA_ENTRIES
 from consistent_id.robot.loaders.xml import Element
 
@@ -78,7 +78,7 @@ def body_of(link: Element) -> InertialParameters:
 
 
 def set_numbers(
-    document: Document, element: Element, values: dict[str, Sequence[float]]
+    document: XmlText, element: Element, values: dict[str, Sequence[float]]
 ) -> list[Edit]:
     """Return edits of attributes that hold numbers; equal ones keep their text."""
     changed = {}
@@ -96,7 +96,7 @@ def _same(stated: Array, wanted: Array) -> bool:
     return bool(np.allclose(stated, wanted, rtol=_ROUNDED, atol=0.0))
 
 
-def set_body(document: Document, link: Element, body: InertialParameters) -> list[Edit]:
+def set_body(document: XmlText, link: Element, body: InertialParameters) -> list[Edit]:
     """Return edits that set a link's inertial: centre of mass in the link's axes.
 
     There are none if the link has these parameters already, in whatever axes.

@@ -1,4 +1,4 @@
-"""A lint of URDF text, with line numbers: faults that Pinocchio passes over in silence.
+"""A lint of URDF text, with line numbers: faults that Pinocchio accepts silently.
 
 It looks at each link and joint, at how they hang together, and at joints that follow
 others (``<mimic joint multiplier offset>``), before anything is loaded.
@@ -47,7 +47,7 @@ _POINT = 1e-6  # [m]; what is smaller has no extent, and its moments are roundin
 
 @dataclass(frozen=True, slots=True, order=True)
 class Finding:
-    """One thing that is wrong with a model file, or odd.
+    """One fault or oddity of a model file.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class Finding:
 
 
 def lint_urdf(path: str | Path) -> tuple[Finding, ...]:
-    """Find what is wrong or odd in a URDF file, in the order of its lines.
+    """Find faults and oddities in a URDF file, in the order of its lines.
 
     Joints of more than one degree of freedom are errors here; a robot that is loaded
     without them may have them elsewhere.  Elements of other programs (Gazebo,
@@ -112,7 +112,7 @@ def urdf_findings(root: Element, moves: Callable[[str], bool]) -> tuple[Finding,
 
 
 def unexpanded(root: Element) -> Iterator[Finding]:
-    """Find what a macro processor has left: one finding for all."""
+    """Find macros that are not expanded: one finding for all."""
     for element in root.below(without=_EXTENSIONS):
         left = [f"{k}={v!r}" for k, v in element.attributes.items() if "${" in v]
         if element.tag.startswith("xacro:") or left:
@@ -140,7 +140,7 @@ def _name_findings(root: Element) -> Iterator[Finding]:
 
 
 def _number_findings(element: Element) -> Iterator[Finding]:
-    """Find numbers that are none; Pinocchio takes some for zero."""
+    """Find invalid numbers; Pinocchio reads some as zero."""
     for part in element.below(without=_EXTENSIONS):
         for attribute, value in part.attributes.items():
             count = _NUMBERS.get((part.tag, attribute))
@@ -156,7 +156,7 @@ def _number_findings(element: Element) -> Iterator[Finding]:
 
 
 def _link_findings(link: Element) -> Iterator[Finding]:
-    """Find what is wrong with a link's inertial, whose numbers are readable."""
+    """Find faults of a link's inertial with readable numbers."""
     where = f"link {link.name!r}"
     inertial = link.child("inertial")
     if inertial is None:
@@ -175,7 +175,7 @@ def _link_findings(link: Element) -> Iterator[Finding]:
             inertia.line,
             "error",
             f"{where}: <inertia> lacks {', '.join(missing)}; without all six entries "
-            "the link would be taken for massless",
+            f"the link would be read as massless",
         )
         return
     value = float(mass.attributes["value"])
@@ -191,7 +191,7 @@ def _link_findings(link: Element) -> Iterator[Finding]:
             inertia.line,
             "warning",
             f"{where}: {fault}; this inertia is not physically consistent. It is only "
-            "a nominal value: estimates do not depend on it, priors take a consistent "
+            "a nominal value: estimates do not depend on it, priors use a consistent "
             "inertia near it",
         )
 
@@ -216,7 +216,7 @@ def _inertia_fault(mass: float, entries: list[float]) -> str:
 
 
 def _joint_findings(joint: Element, moves: bool) -> Iterator[Finding]:
-    """Find what is wrong with a joint, or keeps it from moving if it is to."""
+    """Find faults of a joint, and whether it can move if it must."""
     where, kind = f"joint {joint.name!r}", joint.attributes.get("type", "")
     for end in ("parent", "child"):
         element = joint.child(end)
@@ -250,7 +250,7 @@ def _axis(joint: Element) -> Iterator[Finding]:
             axis.line,
             "warning",
             f"joint {joint.name!r}: axis {numbers!r} has length {length:.6g}; it is "
-            "taken as a direction of length 1",
+            f"normalised to length 1",
         )
 
 
@@ -270,8 +270,8 @@ def _limit(joint: Element, kind: str, moves: bool) -> Iterator[Finding]:
         yield Finding(
             limit.line,
             "warning",
-            f"{where}: <limit> lacks {' and '.join(missing)}; taken for unlimited; "
-            "other readers of URDF refuse it",
+            f"{where}: <limit> lacks {' and '.join(missing)}; it is read as "
+            f"unlimited; other readers of URDF refuse it",
         )
     for key in ("effort", "velocity"):
         if float(limit.attributes.get(key, 0.0)) < 0.0:
@@ -292,14 +292,14 @@ def _limit(joint: Element, kind: str, moves: bool) -> Iterator[Finding]:
 
 
 def _tree_findings(root: Element) -> Iterator[Finding]:
-    """Find what keeps links and joints from being one tree."""
+    """Find links and joints that are not part of one tree."""
     joints = sum(1 for _ in root.all("joint"))
     if joints > LARGEST_TREE and not current_run().large_files:
         yield Finding(
             root.line,
             "error",
-            f"{joints} joints, expected at most {LARGEST_TREE}; say --large-files "
-            "(in Python: with consistent_id.large_files()) if it is meant",
+            f"{joints} joints, expected at most {LARGEST_TREE}; use --large-files "
+            f"(in Python: with consistent_id.large_files()) if this is intended",
         )
         return
     links = {link.name: link for link in root.all("link")}
@@ -354,7 +354,7 @@ def _root_findings(
 
 
 def _mimic_findings(root: Element, moves: Callable[[str], bool]) -> Iterator[Finding]:
-    """Find joints that follow what there is not, or one another."""
+    """Find joints that follow missing joints, or one another."""
     joints = {joint.name: joint for joint in root.all("joint")}
     for name, joint in joints.items():
         mimic, path = joint.child("mimic"), _leaders(joints, name)
@@ -381,7 +381,7 @@ def _mimic_findings(root: Element, moves: Callable[[str], bool]) -> Iterator[Fin
 
 
 class Followers(NamedTuple):
-    """What follows what in a file.
+    """The followers of a file.
 
     `mimics` of joints that move with one that moves by itself, chains of followers
     resolved; `still`, the positions of those that follow what never moves.

@@ -1,4 +1,4 @@
-"""XML elements that know where in the text they stand."""
+"""XML elements with their positions in the text."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field

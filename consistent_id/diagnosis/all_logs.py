@@ -1,0 +1,368 @@
+"""What is wrong with the recordings of a robot, each by itself and all together.
+
+Validation is also compared with training (`leak_findings`).  A repeated period may be
+sampled at other phases and another rate, so that spans of one recording are laid over
+the other at the time at which they fit best.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, Vector
+from consistent_id._support.executors import single_threaded
+from consistent_id.constraints import Constraint
+from consistent_id.constraints.priors import nominal_distance
+from consistent_id.diagnosis.clock import clock_findings, velocity_findings
+from consistent_id.diagnosis.coverage import saturation_findings
+from consistent_id.diagnosis.explain import FittedLog, datasheet_constraints, fitted_log
+from consistent_id.diagnosis.findings import Diagnosis, LogFinding
+from consistent_id.diagnosis.linearise import Linearised, linearised
+from consistent_id.diagnosis.one_log import OpenLog, Prepare, findings_of
+from consistent_id.diagnosis.signal_faults import (
+    frozen_findings,
+    jump_findings,
+    noise_findings,
+    spike_findings,
+)
+from consistent_id.diagnosis.small_shifts import (
+    hidden_zeros,
+    lag_findings,
+    moved_channels,
+    shift_findings,
+)
+from consistent_id.diagnosis.wrong_units import model_findings, travel_findings
+from consistent_id.errors import InfeasibleError, SolverError
+from consistent_id.estimation.penalised import penalised_fit
+from consistent_id.recordings.recording import Recording, positions_at
+from consistent_id.regression.base import BaseParameters, base_parameters
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.model import RobotModel
+
+# Share of the torque that zero offsets and gains have to explain.  Friction that no
+# model has leaves 0.3 to 2 %; a zero offset may take up 0.6 % of that by chance.
+_WORTH = 0.008
+_LARGE = 2.0  # score from which on a gain is large
+_OF_FITS = ("rank", "motion noise")  # findings that matter only where a log is fitted
+_PULL = 1e-4  # weight of the squared distance to the nominal robot
+
+
+@single_threaded
+def diagnose(
+    model: TorqueModel,
+    training: Recording | Sequence[Recording],
+    validation: Sequence[Recording] = (),
+    *,
+    prepare: Prepare | None = None,
+    constraints: Sequence[Constraint] | None = None,
+    base: BaseParameters | None = None,
+    limits: Mapping[str, float] | None = None,
+) -> Diagnosis:
+    """Find faults in the recordings of a robot.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    training, validation : sequence of Recording
+        As they were logged, with torque.  Each is examined, and validation is compared
+        with training.  Validation without torque is only compared.
+    prepare : callable, optional
+        Turns a recording as logged into one with velocity and acceleration, for example
+        by filtering and differentiating.  By default recordings are taken as prepared.
+        It is called twice for each recording: with the recording, and with one reading
+        changed.  It must treat all joints alike and keep constants, because corrections
+        are applied to its result.
+    constraints : sequence of Constraint, optional
+        By default physical consistency, friction that dissipates, and the datasheet's
+        masses where they are known.
+    base : BaseParameters, optional
+    limits : mapping of str to float, optional, [N m or N]
+        Torque at which the drives clip, for joints whose torque was computed from
+        commands.
+
+    Returns
+    -------
+    Diagnosis
+        Faults of the clock and of the kinematics are reported alone, because faults of
+        the torque follow from them.  Only the torque of the model's `torque_joints` is
+        examined.  For a robot with a floating base each channel is examined by itself.
+    """
+    training = [training] if isinstance(training, Recording) else list(training)
+    base = base_parameters(model) if base is None else base
+    constraints = datasheet_constraints(model) if constraints is None else constraints
+
+    def ready(recording: Recording) -> Recording:
+        # Channels are turned, shifted and scaled here, sample by sample: rows are those
+        # of the prepared samples.
+        done = recording if prepare is None else prepare(recording)
+        return replace(done, torque_filter=None)
+
+    found = [*leak_findings(training, validation), *model_findings(model.robot)]
+    if any(f.kind == "units" for f in found):
+        return Diagnosis(tuple(found), tuple(log.name for log in training))
+    looked_at = [*training, *(v for v in validation if v.torque is not None)]
+    if model.robot.floating:
+        return _of_signals(model.robot, found, [*training, *validation])
+    open_: list[OpenLog] = []
+    for k, recording in enumerate(looked_at):
+        log = recording.of(model.robot.joint_names)
+        of_one = findings_of(model, log, constraints, base, ready, limits, training)
+        if k >= len(training):
+            of_one = _of_validation(of_one)
+        if isinstance(of_one, OpenLog):
+            open_.append(of_one)
+        else:
+            found += [replace(f, recording=log.name) for f in of_one]
+    found += _of_all(open_) if open_ else []
+    return Diagnosis(tuple(found), tuple(log.name for log in looked_at))
+
+
+def _of_validation(of_one: list[LogFinding] | OpenLog) -> list[LogFinding] | OpenLog:
+    """Turn findings that matter only to a fit into notes: validation is not fitted."""
+    if isinstance(of_one, OpenLog):
+        return replace(of_one, signals=tuple(_noted(f) for f in of_one.signals))
+    return [_noted(f) for f in of_one]
+
+
+def _noted(finding: LogFinding) -> LogFinding:
+    return replace(finding, severity="note") if finding.kind in _OF_FITS else finding
+
+
+def _of_signals(
+    robot: RobotModel, found: Sequence[LogFinding], logs: Sequence[Recording]
+) -> Diagnosis:
+    """Examine each channel by itself, for a robot whose base moves.
+
+    Faults that show in torque and motion together are only known for a fixed base.
+    """
+    found = list(found)
+    for recording in logs:
+        of_one = clock_findings(recording)
+        if not of_one:
+            of_one = [*jump_findings(recording), *velocity_findings(recording)]
+            if len(robot):
+                of_one += travel_findings(robot, recording.of(robot.joint_names))
+            if recording.torque is not None:
+                of_one += frozen_findings(recording) + spike_findings(recording)
+                of_one += noise_findings(recording) + saturation_findings(recording)
+        found += [replace(f, recording=recording.name) for f in of_one]
+    names = tuple(log.name for log in logs)
+    return Diagnosis(tuple(found), names, by_themselves=True)
+
+
+def _of_all(open_: Sequence[OpenLog]) -> list[LogFinding]:
+    """Return the findings of all logs together that have no fault by themselves.
+
+    A fault that explains the logs replaces other oddities.  If no robot explains a log,
+    a small lag means nothing.
+    """
+    alike: dict[tuple[str, ...], list[FittedLog]] = {}
+    for one in open_:
+        alike.setdefault(one.as_is.factors.model.torque_joints, []).append(one.as_is)
+    shifts = [finding for logs in alike.values() for finding in _shifts(logs)]
+    shown = any(f.severity == "fault" for f in shifts)
+    lost = not shown and any(f.severity == "fault" for o in open_ for f in o.odd)
+    found = [f for f in shifts if not (lost and f.severity == "warning")]
+    for one in open_:
+        odd = () if shown else one.odd
+        name = one.as_is.recording.name
+        found += [replace(f, recording=name) for f in (*one.signals, *odd)]
+    return found
+
+
+def _shifts(logs: Sequence[FittedLog]) -> list[LogFinding]:
+    """Find wrong zero offsets and gains in all logs together, and the lag of each log.
+
+    The same joints have to move in all of them.
+    """
+    model = logs[0].factors.model
+    try:
+        moved = moved_channels(
+            model, lambda sizes: [_linearised(_moved(log, sizes)) for log in logs]
+        )
+    except (InfeasibleError, SolverError):
+        return []  # no robot explains the corrected logs: there is no correction
+    lags = [
+        replace(f, recording=log.recording.name)
+        for log, system in zip(logs, moved.systems, strict=True)
+        for f in lag_findings(system)
+    ]
+    if any(f.severity == "fault" for f in lags):
+        return lags  # with a large lag the linearisation is not valid
+    found = shift_findings(model, moved)
+    if found and _explained(logs, moved.sizes) < _WORTH:
+        found = [_unsure(f) for f in found]
+    return [*found, *hidden_zeros(model, moved), *lags]
+
+
+def _explained(logs: Sequence[FittedLog], sizes: Vector) -> float:
+    """Return the torque that shifts explain, relative to all torque."""
+    left = [_moved(log, sizes).misfit for log in logs]
+    gain = [log.misfit**2 - rest**2 for log, rest in zip(logs, left, strict=True)]
+    return float(max(sum(gain) / len(gain), 0.0) ** 0.5)
+
+
+def _unsure(finding: LogFinding) -> LogFinding:
+    """Lower a finding that explains little to a note, or a large gain to a warning.
+
+    Free masses can stand in for a gain, so that a wrong gain explains little more.
+    """
+    large = finding.kind == "torque gain" and finding.score >= _LARGE
+    return replace(
+        finding,
+        severity="warning" if large else "note",
+        statement=f"{finding.statement}, if nothing else is missing in the model",
+    )
+
+
+def _moved(log: FittedLog, sizes: Vector) -> FittedLog:
+    """Return a log with corrected zero offsets and gains, fitted again."""
+    if not sizes.any():
+        return log
+    model, recording = log.factors.model, log.recording
+    count = len(model.robot)
+    factor = np.ones(count)
+    places = [model.robot.joint_names.index(name) for name in model.torque_joints]
+    factor[places] += sizes[count:]
+    moved = replace(
+        recording,
+        position=recording.position + sizes[:count],
+        torque=np.asarray(recording.torque) / factor,
+    )
+    return fitted_log(model, moved, log.constraints, log.factors.base)
+
+
+def _linearised(log: FittedLog) -> Linearised:
+    """Linearise about the best fit; undetermined parameters take nominal values."""
+    model, scaled = log.factors.model, log.fit.scaled
+    distance = nominal_distance(model, "pullback", scaled.unit)
+    x = penalised_fit(scaled, distance, _PULL).solution.u * scaled.unit
+    return linearised(model, x, log.recording, log.factors.base)
+
+
+_SAME = 2e-3  # share of a joint's range within which two positions are equal
+_MOVED = 10.0  # times that: least travel of some joint within a span
+_SPANS = 40  # spans of a recording, each half a second or longer
+_SHORTEST = 0.5  # s
+_POINTS = 25  # samples of a span at which positions are compared
+_RATE = 200.0  # Hz: a higher rate shows no more
+_STARTS = 20  # places in the other recording at which a span is tried
+_REPEATED = 0.1  # share of rows or moving spans from which on it is reported
+
+
+def leak_findings(
+    training: Sequence[Recording], validation: Sequence[Recording]
+) -> list[LogFinding]:
+    """Find validation rows and validation motions that are also in training.
+
+    Equal rows are a fault.  A motion that is played again is a common experiment, with
+    noise of its own: a note.
+    """
+    found = []
+    for log in validation:
+        for earlier in training:
+            if (share := shared_rows(log, earlier)) >= _REPEATED:
+                found.append(_leak(log, earlier, share))
+            elif (share := repeated_share(log, earlier)) >= _REPEATED:
+                found.append(_repeated(log, earlier, share))
+    return found
+
+
+def _leak(log: Recording, earlier: Recording, share: float) -> LogFinding:
+    return LogFinding(
+        "leak",
+        "fault",
+        log.name,
+        f"{share:.0%} of the rows of {log.name} are also in {earlier.name}",
+        "validate with rows that were not used for training",
+        share / _REPEATED,
+        log.name,
+    )
+
+
+def _repeated(log: Recording, earlier: Recording, share: float) -> LogFinding:
+    return LogFinding(
+        "repeated motion",
+        "note",
+        log.name,
+        f"{share:.0%} of the motion of {log.name} repeats {earlier.name}, to within "
+        f"{_SAME:.1%} of the joints' ranges: split by whole periods, average or fold "
+        "them; another motion is a better test, because a repeated one has the same "
+        "model errors and differs only in noise",
+        "also validate with another motion",
+        share / _REPEATED,
+        log.name,
+    )
+
+
+def shared_rows(validation: Recording, training: Recording) -> float:
+    """Return the share of a recording's rows that are also in another.
+
+    Rows are equal if positions and torque are equal in every digit; without torque, if
+    positions and time are.
+    """
+    rows, others = (
+        {row.tobytes() for row in _rows(log.of(training.joints), with_torque)}
+        for with_torque in (
+            validation.torque is not None and training.torque is not None,
+        )
+        for log in (validation, training)
+    )
+    return len(rows & others) / len(rows)
+
+
+def _rows(recording: Recording, with_torque: bool) -> Array:
+    beside = recording.torque if with_torque else recording.time[:, None]
+    return np.column_stack([recording.position, np.asarray(beside)]) + 0.0
+
+
+def repeated_share(validation: Recording, training: Recording) -> float:
+    """Return the share of a recording's moving spans that occur in another."""
+    training = training.samples(slice(None, None, max(int(training.rate / _RATE), 1)))
+    tolerance = _SAME * np.ptp(training.position, axis=0)
+    tolerance = np.where(tolerance > 0.0, tolerance, 1e-12)
+    length = max(_SHORTEST, validation.duration / _SPANS)
+    starts = validation.time[0] + length * np.arange(int(validation.duration / length))
+    moving = hits = 0
+    for start in starts:
+        lapse = np.linspace(0.0, length, _POINTS)
+        span = positions_at(validation.of(training.joints), start + lapse)
+        if (np.ptp(span, axis=0) > _MOVED * tolerance).any():
+            moving += 1
+            hits += _occurs(span, lapse, training, tolerance)
+    return hits / max(moving, 1)
+
+
+def _occurs(span: Array, lapse: Vector, training: Recording, tolerance: Vector) -> bool:
+    """Return whether a span occurs in a recording, at any time."""
+    steps = abs(np.diff(training.position, axis=0, append=training.position[-1:]))
+    away = abs(training.position - span[0])
+    near = np.flatnonzero((away <= tolerance + steps).all(axis=1))
+    nearest = near[np.argsort((away[near] / tolerance).max(axis=1))[:_STARTS]]
+    return any(
+        _lies_on(span, lapse, training, tolerance, float(training.time[i]))
+        for i in nearest
+    )
+
+
+def _lies_on(
+    span: Array, lapse: Vector, training: Recording, tolerance: Vector, start: float
+) -> bool:
+    """Return whether a span occurs near a start time.
+
+    The time is refined by Gauss-Newton.
+    """
+    last = training.time[-1] - lapse[-1]
+    for _ in range(3):
+        if not training.time[0] - lapse[1] <= start <= last + lapse[1]:
+            return False
+        there = positions_at(training, start + lapse)
+        if (abs(there - span) <= tolerance).all():
+            return True
+        rate = np.gradient(there, lapse, axis=0) / tolerance
+        size = float(np.sum(rate**2))
+        if size == 0.0:
+            return False
+        start += float(np.sum(rate * (span - there) / tolerance)) / size
+    return False

@@ -1,0 +1,207 @@
+"""Values in other units: travel and torque far beyond limits, impossible models."""
+
+import numpy as np
+
+from consistent_id._support.arrays import BoolArray, Vector
+from consistent_id.diagnosis.findings import LogFinding
+from consistent_id.recordings.recording import Recording
+from consistent_id.robot.model import RobotModel
+
+_TRAVEL = 2.0  # times the range of a joint's limits: more than careless limits err
+_ONE_TRAVEL = 5.0  # the same for a single joint, whose limits may be a guess
+_DEGREES = 180.0 / np.pi
+
+_USUAL = 0.95  # quantile of the absolute torque, which a few outliers do not move
+_TORQUE = 10.0  # times the effort limit: more than careless limits err
+# Times the share of any other joint.  Limits may be equal placeholders for joints that
+# carry 1 to 1000 N m; a torque in N mm is a thousand times too large.
+_ONE_TORQUE = 100.0
+_EVERY_TORQUE = 3.0  # times every limit, if limits differ and so are no placeholders
+
+
+def travel_findings(robot: RobotModel, log: Recording) -> list[LogFinding]:
+    """Find travel far beyond the limits of joints.
+
+    If most joints travel too far, positions are in degrees where that fits.  If few do,
+    each of these has a unit of its own.
+
+    Parameters
+    ----------
+    log : Recording
+        With the robot's joints, in their order.
+    """
+    limits = [joint.limits for joint in robot.driven]
+    width = np.array([limit.upper - limit.lower for limit in limits])
+    turning = np.array([joint.kind == "revolute" for joint in robot.driven])
+    judged = turning & np.isfinite(width) & (width > 0.0)
+    if not judged.any():
+        return []
+    share = np.ptp(log.position, axis=0)[judged] / width[judged]
+    most = 0.5 * len(share)
+    beyond = share > _TRAVEL
+    if beyond.sum() > most and share.max() <= _DEGREES:
+        return [_travel_in_degrees(share, beyond)]
+    if (alone := share > _ONE_TRAVEL).sum() > most:
+        return []
+    names = np.array(robot.joint_names)[judged]
+    return [_travel_of_one(names[j], float(share[j])) for j in np.flatnonzero(alone)]
+
+
+def _travel_in_degrees(share: Vector, beyond: BoolArray) -> LogFinding:
+    return LogFinding(
+        "degrees",
+        "fault",
+        "all joints",
+        f"joints travel up to {share.max():.3g} times the range of their limits, "
+        f"and {share.max() / _DEGREES:.0%} of it if positions are in degrees",
+        "read them as degrees (--units deg), or multiply positions and velocities by "
+        "pi / 180",
+        float(np.median(share[beyond])) / _TRAVEL,
+    )
+
+
+def _travel_of_one(joint: str, share: float) -> LogFinding:
+    return LogFinding(
+        "encoder scale",
+        "fault",
+        joint,
+        f"{joint} travels {share:.3g} times the range of its limits, as most "
+        f"joints do not: {share / _DEGREES:.2g} times if its position is in degrees",
+        "check unit and gear ratio of its position and velocity, or correct its limits",
+        share / _ONE_TRAVEL,
+    )
+
+
+def effort_findings(robot: RobotModel, torque: Recording) -> list[LogFinding]:
+    """Find torque far beyond effort limits, of all joints or of a single one.
+
+    Parameters
+    ----------
+    torque : Recording
+        With the joints whose torque is examined.
+    """
+    limits = {joint.name: joint.limits.effort for joint in robot.driven}
+    known = [name for name in torque.joints if 0.0 < limits[name] < np.inf]
+    if len(known) < 2:
+        return []
+    usual = np.quantile(abs(np.asarray(torque.of(known).torque)), _USUAL, axis=0)
+    most = np.array([limits[name] for name in known])
+    shares = usual / most
+    if (
+        np.ptp(most) > 0.0
+        and shares.min() > _EVERY_TORQUE
+        and np.median(shares) > _TORQUE
+    ):
+        return [_torques_of_all(shares)]
+    j = int(np.argmax(shares))
+    share, others = float(shares[j]), float(np.delete(shares, j).max())
+    if share <= _TORQUE or share <= _ONE_TORQUE * others:
+        return []
+    return [
+        LogFinding(
+            "torque unit",
+            "fault",
+            known[j],
+            f"{known[j]}: the torque is up to {share:.3g} times the effort limit, in "
+            f"other joints at most {others:.2g} times: it is in another unit, "
+            f"{share / 1e3:.2g} times the limit if in N mm",
+            f"check the unit and the gain of {known[j]}, or correct its effort limit",
+            share / _TORQUE,
+        )
+    ]
+
+
+def _torques_of_all(shares: Vector) -> LogFinding:
+    typical = float(np.median(shares))
+    return LogFinding(
+        "torque unit",
+        "fault",
+        "all joints",
+        f"torques are {shares.min():.3g} to {shares.max():.3g} times the effort "
+        "limits: they are in another unit, a gain is missing, or the limits are wrong",
+        f"check unit and gain (times {1.0 / typical:.1g}?), or correct the limits",
+        typical / _TORQUE,
+    )
+
+
+_FAR = 50.0  # m between neighbouring joints: more than any robot has
+_HEAVY = 2.3e4  # kg/m^3: osmium, the densest metal
+_EQUAL = 1e-9  # relative difference up to which inertials are equal
+
+
+def model_findings(robot: RobotModel) -> list[LogFinding]:
+    """Find faults of a model, without a log."""
+    return _lengths(robot) or _masses(robot) or _placeholders(robot)
+
+
+def _lengths(robot: RobotModel) -> list[LogFinding]:
+    farthest = max(float(np.linalg.norm(j.translation)) for j in robot.joints)
+    if farthest < _FAR:
+        return []
+    return [
+        LogFinding(
+            "units",
+            "fault",
+            "model",
+            f"two joints of the model are {farthest:.4g} m apart: its lengths are in "
+            "millimetres",
+            "divide lengths by 1000, and inertias by 1e6",
+            farthest / _FAR,
+        )
+    ]
+
+
+def _masses(robot: RobotModel) -> list[LogFinding]:
+    """Find links that are denser than any metal."""
+    dense = []
+    for link in robot.links:
+        body = link.nominal
+        if body is None or body.mass <= 0.0:
+            return []
+        # Density of a box with this mass and inertia; a shell or a frame is less dense.
+        central = np.linalg.eigvalsh(body.central_inertia)
+        sides = 12.0 * (central.sum() / 2.0 - central) / body.mass
+        if (sides <= 0.0).any():
+            return []
+        dense.append(body.mass / float(np.sqrt(np.prod(sides))))
+    if min(dense) < _HEAVY or len(dense) < 2 or min(dense) > 1e3 * _HEAVY:
+        return []
+    return [
+        LogFinding(
+            "units",
+            "fault",
+            "model",
+            f"bodies with the masses and inertias of the model's links are denser than "
+            f"{_HEAVY:.3g} kg/m^3, the densest metal: its masses are in grams",
+            "divide masses and inertias by 1000",
+            min(dense) / _HEAVY,
+        )
+    ]
+
+
+def placeholders(robot: RobotModel) -> bool:
+    """Return whether all links have the same inertials, as placeholders do."""
+    bodies = [link.nominal for link in robot.links]
+    known = [body for body in bodies if body is not None]
+    if len(known) < max(len(bodies), 2):
+        return False
+    masses = np.array([body.mass for body in known])
+    central = np.array([body.central_inertia for body in known])
+    alike = np.ptp(masses) <= _EQUAL * masses.max()
+    return bool(alike and np.ptp(central, axis=0).max() <= _EQUAL * central.max())
+
+
+def _placeholders(robot: RobotModel) -> list[LogFinding]:
+    if not placeholders(robot):
+        return []
+    return [
+        LogFinding(
+            "placeholder inertials",
+            "warning",
+            "model",
+            f"all {len(robot)} links of the model have the same mass and inertia: they "
+            "are placeholders",
+            'set masses = "free" (--masses free), or the masses of the datasheet',
+            2.0,
+        )
+    ]

@@ -1,0 +1,365 @@
+"""The best fit among physically consistent parameters.
+
+In the standard parameters from the start, because that is where consistency lives:
+
+1. the least weighted misfit ``||R x - z||`` over the constraints;
+2. among all constrained ``x`` whose misfit is within a slack of it, the one nearest to
+   the nominal robot.  What the data do not determine, the prior does, and not the
+   solver by chance.
+
+Both are cone programmes on the compressed regression; both optima are certified.  Where
+constraints exclude each other, `contradiction` finds what giving up one would cost.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from consistent_id._support.arrays import Vector
+from consistent_id._support.executors import single_threaded
+from consistent_id.constraints import (
+    Constraint,
+    FixedMasses,
+    NonNegativeDrive,
+    PhysicalConsistency,
+)
+from consistent_id.constraints.cones.certificate import (
+    FEASIBILITY_TOLERANCE,
+    GAP_TOLERANCE,
+    OptimumProof,
+    solve_certified,
+)
+from consistent_id.constraints.cones.interior import irreducible_conflict
+from consistent_id.constraints.cones.least_norm import LeastNorm
+from consistent_id.constraints.priors import (
+    NominalDistance,
+    Penalty,
+    PointToSet,
+    Prior,
+    nominal_distance,
+)
+from consistent_id.errors import InfeasibleError, SolverError
+from consistent_id.estimation.best_fit import (
+    REFERENCE,
+    BestFit,
+    FitProblem,
+    ScaledFit,
+    attained_fit,
+    inner_fit,
+    scaled_fit,
+)
+from consistent_id.estimation.penalised import (
+    DISTANCE_GAP,
+    NearestFit,
+    PenalisedFit,
+    nearest_within,
+    penalised_fit,
+)
+from consistent_id.regression.base import BaseParameters, base_parameters
+from consistent_id.regression.regression import Regression
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import residual_noise
+
+SLACK_GAP = 0.01
+"""Share of the slack by which the least misfit may be unknown."""
+
+_ALLOWED = (
+    f"{GAP_TOLERANCE:.0e} of the final estimate, {DISTANCE_GAP:.0e}, {SLACK_GAP:.0e} "
+    f"and {FEASIBILITY_TOLERANCE:.0e}"
+)
+
+DEFAULT_CONSTRAINTS: tuple[Constraint, ...] = (
+    PhysicalConsistency(),
+    FixedMasses(),
+    NonNegativeDrive(),
+)
+"""Links physically consistent, masses of the datasheet, friction that dissipates."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConstrainedFit:
+    """What both stages found.
+
+    Parameters
+    ----------
+    final : PenalisedFit
+        The final point.
+    slack : float
+        Relative misfit given up for the prior, at the most.
+    distance_gap : float
+        Bound on the relative excess of the squared distance, under `PointToSet`.
+    slack_gap : float
+        Bound on the relative error of the slack, because the least misfit is known up
+        to its own gap; zero under `Penalty`, which has no slack.
+    note : str
+        How the prior was used.
+    """
+
+    best: BestFit
+    distance: NominalDistance
+    final: PenalisedFit
+    slack: float
+    distance_gap: float
+    slack_gap: float
+    note: str
+
+    @property
+    def parameters(self) -> Vector:
+        """The final parameters, in original units."""
+        return self.final.solution.u * self.best.scaled.unit
+
+    @property
+    def certified(self) -> bool:
+        """Whether the final optimum is, within a slack that is known well enough."""
+        final = self.final.optimality.verdict == "certified"
+        return (
+            final and self.distance_gap <= DISTANCE_GAP and self.slack_gap <= SLACK_GAP
+        )
+
+    @property
+    def proof(self) -> OptimumProof:
+        """What was proven of both optima."""
+        fit, final = self.best.optimality, self.final.optimality
+        figures = {
+            "fit: relative gap": fit.gap,
+            "fit: violation": fit.violation,
+            "prior: relative gap": final.gap,
+            "prior: relative gap of the squared distance": self.distance_gap,
+            "prior: violation": final.violation,
+            "slack": self.slack,
+            "slack: relative uncertainty": self.slack_gap,
+            "weight of the prior": self.final.weight,
+        }
+        return OptimumProof(self.certified, self._statement, _ALLOWED, figures)
+
+    @property
+    def _statement(self) -> str:
+        fit, final = self.best.optimality, self.final.optimality
+        violation = max(fit.violation, final.violation)
+        if not self.certified:
+            return (
+                f"relative gap of the best fit {fit.gap:.1e} and of the final estimate "
+                f"{final.gap:.1e}, of the squared distance {self.distance_gap:.1e}, of "
+                f"the slack {self.slack_gap:.1e}, violation {violation:.1e}"
+            )
+        second = (
+            "a compromise with the prior"
+            if self.distance_gap == 0.0
+            else f"squared distance to nominal to {self.distance_gap:.1e}"
+        )
+        size = 1.0 + float(np.linalg.norm(self.distance.nominal))
+        reach = min(fit.radius, final.radius) / size
+        return (
+            f"best fit proven to a relative {fit.gap:.1e}, final estimate to "
+            f"{final.gap:.1e}, {second}, constraints "
+            f"violated by at most {violation:.1e}, among robots up to {reach:.0f} "
+            "times the nominal"
+        )
+
+
+def constrained_fit(
+    problem: FitProblem, prior: Prior | None, *, weight: float | None = None
+) -> ConstrainedFit:
+    """Fit under constraints, then let the prior choose where the data do not.
+
+    Where a weight of the prior is searched for, `weight` is tried first: that of nearly
+    the same data.
+
+    Raises
+    ------
+    InfeasibleError, NotExcitedError, SolverError
+        See `constrained_least_squares`.
+    """
+    prior = PointToSet() if prior is None else prior
+    model, regression, base = problem.model, problem.regression, problem.base
+    try:
+        attained = attained_fit(model, regression, problem.constraints, base=base)
+    except InfeasibleError:
+        found = contradiction(model, regression, problem.constraints, base=base)
+        if found is None:
+            raise
+        raise InfeasibleError(found.sentence) from None
+    noise = residual_noise(regression, base)
+    attained_problem = replace(problem, constraints=attained.constraints)
+    inner = inner_fit(attained_problem, attained.best, share=prior.inside, noise=noise)
+    best = inner.best
+    distance = nominal_distance(model, prior.distance, best.scaled.unit)
+    notes = tuple(filter(None, (inner.note, attained.note)))
+    if isinstance(prior, Penalty):
+        return _compromise(best, distance, prior, notes)
+    # A misfit below a millionth of the torque counts as that: see `ScaledFit`.
+    least = max(best.misfit, best.scaled.size) ** 2
+    left = noise.one_error * (1.0 - inner.move) ** 2
+    slack = prior.relative_slack(left, least)
+    near = nearest_within(best, distance, slack, first=weight)
+    return _nearest(best, distance, prior, near, notes)
+
+
+def _nearest(
+    best: BestFit,
+    distance: NominalDistance,
+    prior: PointToSet,
+    near: NearestFit,
+    notes: tuple[str, ...],
+) -> ConstrainedFit:
+    slack = near.slack
+    note = (
+        f"nearest to nominal ({prior.distance} distance) among estimates whose misfit "
+        f"is within {slack:.2g} (relative) of the best constrained fit"
+        + (
+            ""
+            if prior.slack
+            else ": what the data determine moves by one standard "
+            "error at the most, in all"
+        )
+    )
+    optimality = best.optimality
+    gap = 2.0 * optimality.gap * max(optimality.objective, REFERENCE)
+    slack_gap = 0.0 if optimality.verdict == "certified" else gap / near.allowed
+    return ConstrainedFit(
+        best,
+        distance,
+        near.fit,
+        slack,
+        near.distance_gap,
+        slack_gap,
+        "; ".join((note, *notes)),
+    )
+
+
+def _compromise(
+    best: BestFit, distance: NominalDistance, prior: Penalty, notes: tuple[str, ...]
+) -> ConstrainedFit:
+    fit = penalised_fit(best.scaled, distance, prior.weight)
+    least = best.scaled.excess(best.solution.u) + best.scaled.residual**2
+    total = fit.excess + best.scaled.residual**2
+    # Misfits below one, a millionth of the torque, count as none: see `ScaledFit`.
+    given = max(float(np.sqrt(max(total, 1.0) / max(least, 1.0))) - 1.0, 0.0)
+    note = (
+        f"compromise of misfit and {prior.distance} distance to nominal, weight "
+        f"{prior.weight:.3g}; its misfit is {given:.2%} above the best constrained fit"
+    )
+    said = "; ".join((note, *notes))
+    return ConstrainedFit(best, distance, fit, given, 0.0, 0.0, said)
+
+
+@dataclass(frozen=True, slots=True)
+class Resolution:
+    """The best fit without one of the contradicting constraints.
+
+    Parameters
+    ----------
+    label : str
+        What is given up.
+    rms : float, [N m or N], or in units of the joints' `sigma`
+        Root-mean-square residual of the best fit without it; infinite where more would
+        have to be given up, nan where it could not be computed.
+    values : dict of str to float
+        What the parameters that it ties would then be.
+    """
+
+    label: str
+    rms: float
+    values: dict[str, float]
+
+    @property
+    def sentence(self) -> str:
+        """The resolution in words."""
+        if np.isnan(self.rms):
+            return f"The best fit without ({self.label}) could not be computed"
+        if np.isinf(self.rms):
+            return f"Without ({self.label}) others still contradict each other"
+        then = ", ".join(f"{name} = {value:.4g}" for name, value in self.values.items())
+        return f"Without ({self.label}) the best fit leaves {self.rms:.4g} RMS" + (
+            f", with {then}" if then else ""
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Contradiction:
+    """An irreducible set of constraints without a common point.
+
+    Parameters
+    ----------
+    resolutions : tuple of Resolution
+        One for each member, that with the best fit first.
+    unconstrained_rms : float
+        Root-mean-square residual of least squares.
+    """
+
+    resolutions: tuple[Resolution, ...]
+    unconstrained_rms: float
+
+    @property
+    def sentence(self) -> str:
+        """The contradiction in words."""
+        members = "; ".join(r.label for r in self.resolutions)
+        ways = ". ".join(r.sentence for r in self.resolutions)
+        return (
+            f"no parameters satisfy these together: {members}. {ways}. "
+            f"Least squares leaves {self.unconstrained_rms:.4g} RMS. Check the "
+            "datasheet values and the margin, or loosen one"
+        )
+
+
+@single_threaded
+def contradiction(
+    model: TorqueModel,
+    regression: Regression,
+    constraints: Sequence[Constraint],
+    *,
+    base: BaseParameters | None = None,
+) -> Contradiction | None:
+    """Find which constraints exclude each other, and what each costs in torque.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    regression : Regression
+    constraints : sequence of Constraint
+    base : BaseParameters, optional
+
+    Returns
+    -------
+    Contradiction or None
+        None if no contradiction is proven.
+
+    Raises
+    ------
+    ProblemError, NotExcitedError
+        If the regression does not fit the model, or is empty.
+    """
+    base = base_parameters(model) if base is None else base
+    scaled = scaled_fit(model, regression, base, constraints)
+    members = irreducible_conflict(scaled.domain)
+    if not members:
+        return None
+    to_rms = scaled.size / np.sqrt(sum(regression.counts))
+    found = [_without(scaled, m, to_rms, model.layout.names) for m in members]
+    return Contradiction(
+        tuple(sorted(found, key=lambda r: np.nan_to_num(r.rms, nan=np.inf))),
+        scaled.residual * float(to_rms),
+    )
+
+
+def _without(
+    scaled: ScaledFit,
+    member: int,
+    to_rms: float,
+    names: tuple[str, ...],
+) -> Resolution:
+    label, fewer = scaled.domain.labels[member], scaled.domain.without(member)
+    problem = LeastNorm(scaled.M, scaled.z, fewer)
+    try:
+        u = solve_certified(problem, scaled.centre, reference=REFERENCE)[0].u
+        empty = fewer.violation(u) > FEASIBILITY_TOLERANCE
+    except SolverError:
+        empty = True
+    if empty:
+        others = irreducible_conflict(fewer)
+        return Resolution(label, np.inf if others else np.nan, {})
+    rms = float(np.sqrt(scaled.excess(u) + scaled.residual**2) * to_rms)
+    dropped = scaled.domain.only([member])
+    tied = np.flatnonzero(np.vstack([dropped.A_eq, dropped.A_in]).any(axis=0))
+    return Resolution(label, rms, {names[i]: float((u * scaled.unit)[i]) for i in tied})

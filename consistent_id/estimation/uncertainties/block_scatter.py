@@ -1,0 +1,324 @@
+"""Scatter of parameters between recordings, or blocks of one, beyond noise.
+
+Friction changes with temperature, a load is gripped again, and errors of the model
+differ between motions.  For recording ``k`` least squares gives ``x_k`` with variance
+``s_k^2`` from its own noise.  If ``Q = sum_k (x_k - mean)^2 / s_k^2`` is larger than
+the ``K - 1`` that noise explains, the recordings' parameters scatter with a variance
+
+``tau^2 = (Q - (K - 1)) / (sum w - sum w^2 / sum w)``,  ``w_k = 1 / s_k^2``
+
+[DerSimonian1986]_: a random effect.  With few recordings each parameter's
+``Q / (K - 1)`` is inaccurate; so it is shrunk towards that of all parameters, more
+strongly if these are similar [Smyth2004]_.
+
+`RecordingScatter` contains this for base parameters and recordings, `BlockScatter` for
+standard parameters and blocks of one recording, under equalities.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, BoolArray, Vector, freeze_arrays
+from consistent_id._support.tables import Table
+from consistent_id.constraints import Constraint
+from consistent_id.errors import NotExcitedError
+from consistent_id.estimation.equalities import FreeParameters, least_squares
+from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.linear import solve_linear
+from consistent_id.regression.regression import Regression
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import ResidualNoise, residual_noise
+from consistent_id.regression.segments import merged
+
+BLOCKS = 6
+"""Blocks of a training motion; for chirps of 15 s, each contains several reversals."""
+
+_LEVEL = 0.975  # quantile of intervals of 95 %
+_NORMAL = 1.96
+_FREE = 1e-9  # free part of a parameter that counts as zero
+_LEAST = 1e-12  # ratio of variances below which its logarithm is cut off
+_ALIKE = 1e3  # degrees of freedom above which all parameters have the same ratio
+_SINGLE = 3  # least number of parameters for a common ratio
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockScatter:
+    """Parameters that equalities leave free, and their standard errors.
+
+    Parameters
+    ----------
+    values : array_like, shape (parameters,)
+        Values of weighted least squares under equalities, from all blocks.
+    noise : array_like, shape (parameters,)
+        Standard errors for noise as correlated as the residuals.
+    between : array_like, shape (parameters,)
+        Standard deviation between blocks, beyond noise.
+    """
+
+    names: tuple[str, ...]
+    values: Vector
+    noise: Vector
+    between: Vector
+    blocks: int
+
+    def __post_init__(self) -> None:
+        shape = (len(self.names),)
+        freeze_arrays(self, dict.fromkeys(("values", "noise", "between"), shape))
+
+    @property
+    def standard_errors(self) -> Vector:
+        """Standard errors of the values; the blocks count as samples of the motion."""
+        return np.asarray(np.sqrt(self.noise**2 + self.between**2 / self.blocks))
+
+    @property
+    def quantile(self) -> float:
+        """Standard errors either way for 95 %: more than 1.96 for few blocks."""
+        from scipy.special import stdtrit
+
+        return float(stdtrit(self.blocks - 1, _LEVEL)) if self.blocks > 1 else _NORMAL
+
+    def holds(self, other: "BlockScatter", *, between: bool = True) -> BoolArray:
+        """Return whether another motion's values are within these 95 % intervals.
+
+        Parameters
+        ----------
+        other : BlockScatter
+            Values of one block of other motion, with the same parameters.
+        between : bool
+            Whether intervals contain the scatter between blocks; else noise alone.
+        """
+        variance = self.noise**2 + other.noise**2
+        if between:
+            variance = variance + self.between**2 * (1.0 + 1.0 / self.blocks)
+        width = self.quantile if between else _NORMAL
+        return np.asarray(abs(self.values - other.values) <= width * np.sqrt(variance))
+
+    def to_dict(self) -> dict[str, dict[str, float]]:
+        """Return values and errors by name, for JSON."""
+        fields = ("values", "noise", "between", "standard_errors")
+        return {
+            name: {field: float(getattr(self, field)[k]) for field in fields}
+            for k, name in enumerate(self.names)
+        }
+
+    def table(self) -> Table:
+        """Return values and errors for people."""
+        return Table(
+            f"Parameters and their scatter between {self.blocks} blocks of the motion",
+            ("parameter", "value", "by noise", "between blocks", "standard error"),
+            tuple(
+                (name, f"{x:.4g}", f"{a:.2g}", f"{b:.2g}", f"{s:.2g}")
+                for name, x, a, b, s in zip(
+                    self.names,
+                    self.values,
+                    self.noise,
+                    self.between,
+                    self.standard_errors,
+                    strict=True,
+                )
+            ),
+            (
+                "values of least squares under the equalities alone",
+                "a motion as long as a block may differ by the scatter between "
+                "blocks; the standard error is that of their mean, and "
+                f"{self.quantile:.2f} of it either way contain 95 %",
+            ),
+        )
+
+
+def block_scatter(
+    model: TorqueModel,
+    blocks: Sequence[Regression],
+    *,
+    constraints: Sequence[Constraint] = (),
+) -> BlockScatter:
+    """Return the scatter of parameters between blocks; for one block, noise alone.
+
+    Parameters
+    ----------
+    blocks : sequence of Regression
+        Blocks of consecutive motion, with one weight for each joint; see
+        `segment_regressions`.
+    constraints : sequence of Constraint
+        Of these the equalities count, such as known bodies and equal motors.
+
+    Raises
+    ------
+    NotExcitedError
+        If a block does not determine a parameter that all together determine.
+    """
+    free = FreeParameters.of(constraints, model)
+    whole = _fit(merged(blocks), free)
+    parts = [_fit(block, free) for block in blocks]
+    shown = np.linalg.norm(free.directions, axis=1) > _FREE
+    between = np.zeros(len(shown))
+    if len(blocks) > 1:
+        spread = excess(
+            np.array([part.values[shown] for part in parts]),
+            np.array([part.errors[shown] ** -2.0 for part in parts]),
+        )
+        between[shown] = np.sqrt(np.maximum(spread.ratio - 1.0, 0.0) * spread.unit)
+    names = [n for n, use in zip(model.layout.names, shown, strict=True) if use]
+    return BlockScatter(
+        tuple(names),
+        whole.values[shown],
+        whole.errors[shown],
+        between[shown],
+        len(blocks),
+    )
+
+
+class _BlockFit(NamedTuple):
+    values: Vector
+    errors: Vector
+
+
+def _fit(regression: Regression, free: FreeParameters) -> _BlockFit:
+    """Return least squares with equalities, and its errors by correlated noise."""
+    length = np.sqrt(regression.correlation)
+    white = regression.weighted(regression.sigma * length).stacked()
+    A, rest = free.reduced(white[:, :-1], white[:, -1])
+    scale = np.linalg.norm(A, axis=0)
+    if not (scale > 0.0).all() or np.linalg.matrix_rank(A / scale) < A.shape[1]:
+        raise NotExcitedError(
+            "a block of the motion does not determine all free parameters; use fewer "
+            "blocks, or fix these parameters"
+        )
+    values = free.start + free.directions @ least_squares(A, rest)
+    return _BlockFit(values, free.moves(A))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordingScatter:
+    """The scatter between recordings of one robot.
+
+    Parameters
+    ----------
+    recordings : int
+        Number of recordings that determine all base parameters by themselves.
+    deviations : ndarray, shape (base,)
+        Standard deviation of each base parameter between recordings; zero where noise
+        explains the differences.
+    freedom : float
+        Degrees of freedom of these.
+    """
+
+    recordings: int
+    deviations: Vector
+    freedom: float
+
+    def added_to(
+        self, noise: ResidualNoise, parts: Sequence[Regression], base: BaseParameters
+    ) -> ResidualNoise:
+        """Return the noise of all recordings, scatter between them included.
+
+        A recording whose parameters are shifted by ``b`` moves the estimate of all by
+        ``(A^T A)^-1 A_k^T A_k b``.
+        """
+        rows = []
+        for part in parts:
+            A = part.stacked()[:, list(base.independent)]
+            rows.append(self.deviations[:, None] * (A.T @ (A @ noise.steps)))
+        moves = np.vstack(rows)
+        return replace(noise, between=moves.T @ moves, between_freedom=self.freedom)
+
+
+def recording_scatter(
+    parts: Sequence[Regression], base: BaseParameters
+) -> RecordingScatter | None:
+    """Return the scatter between recordings; None if fewer than two determine it.
+
+    Parameters
+    ----------
+    parts : sequence of Regression
+        One of each recording.
+    """
+    columns = list(base.independent)
+    values, variances = [], []
+    for part in parts:
+        R = part.stacked()
+        solution = solve_linear(R[:, columns], R[:, -1])
+        noise = residual_noise(part, base)
+        if solution.rank < len(base) or noise.freedom <= 0.0:
+            continue
+        values.append(solution.x)
+        variances.append(np.diag(noise.steps @ noise.inflation @ noise.steps.T))
+    if len(values) < 2:
+        return None
+    x, w = np.array(values), 1.0 / np.array(variances)
+    spread = excess(x, w)
+    tau2 = np.maximum(spread.ratio - 1.0, 0.0) * spread.unit
+    return RecordingScatter(len(x), np.sqrt(tau2), spread.freedom)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spread:
+    """Observed variance over that of noise, and its scale."""
+
+    ratio: Vector
+    unit: Vector
+    freedom: float
+
+
+def excess(x: Array, w: Array) -> Spread:
+    """Return the scatter of values beyond their noise.
+
+    Parameters
+    ----------
+    x : ndarray, shape (groups, parameters)
+    w : ndarray, shape (groups, parameters)
+        One over the variance of each by noise.
+    """
+    count = len(x) - 1
+    total = w.sum(axis=0)
+    mean = (w * x).sum(axis=0) / total
+    ratio = (w * (x - mean) ** 2).sum(axis=0) / count
+    unit = count / (total - (w**2).sum(axis=0) / total)
+    common = _common(ratio, count)
+    if np.isinf(common.freedom):
+        return Spread(np.full(len(ratio), common.ratio), unit, _ALIKE)
+    freedom = common.freedom + count
+    drawn = (common.freedom * common.ratio + count * ratio) / freedom
+    return Spread(drawn, unit, freedom)
+
+
+@dataclass(frozen=True, slots=True)
+class _Common:
+    """The common ratio of all parameters, with the weight of `freedom` recordings."""
+
+    ratio: float
+    freedom: float
+
+
+def _common(ratios: Vector, count: int) -> _Common:
+    """Fit a scaled F distribution to ratios by the moments of their logarithms."""
+    from scipy.special import digamma, polygamma
+
+    if len(ratios) < _SINGLE:
+        return _Common(1.0, 0.0)
+    half = count / 2.0
+    z = np.log(np.maximum(ratios, _LEAST)) - digamma(half) + np.log(half)
+    left = float(z.var(ddof=1) - polygamma(1, half))
+    if left <= float(polygamma(1, _ALIKE / 2.0)):
+        return _Common(float(np.exp(z.mean())), np.inf)
+    prior = _inverse_trigamma(left)
+    return _Common(
+        float(np.exp(z.mean() + digamma(prior) - np.log(prior))), 2.0 * prior
+    )
+
+
+def _inverse_trigamma(value: float) -> float:
+    """Return ``x`` with ``trigamma(x) = value``."""
+    from scipy.optimize import brentq
+    from scipy.special import polygamma
+
+    # 1/x + 1/(2 x^2) < trigamma(x) < 1/x + 1/x^2
+    low, high = 0.5 / value, 0.5 / value
+    while polygamma(1, low) < value:
+        low /= 2.0
+    while polygamma(1, high) > value:
+        high *= 2.0
+    return float(brentq(lambda x: float(polygamma(1, x)) - value, low, high))

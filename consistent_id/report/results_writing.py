@@ -1,0 +1,230 @@
+"""What a study writes to its results folder: files, tables, figures and their index."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from math import isfinite
+from pathlib import Path
+from time import time_ns
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from consistent_id._support.files import (
+    content_of,
+    relative_path,
+    require_writable,
+    write_atomically,
+    write_json,
+)
+from consistent_id._support.run import kept_going
+from consistent_id._support.tables import Table
+from consistent_id.estimation.method import Method
+from consistent_id.report.results import (
+    DELIVERED,
+    FORMAT,
+    INDEX,
+    PROBLEM,
+    REPORT,
+    DriveRecord,
+    FileRecord,
+    Index,
+    ModelForm,
+    ModelRecord,
+    TableRecord,
+    digest,
+)
+
+if TYPE_CHECKING:
+    from consistent_id.problems.opening import Opened
+    from consistent_id.problems.problem import Problem
+    from consistent_id.problems.study import Study
+
+
+_MARK = "<!-- consistent-id: tables of a comparison -->"
+_SETTLED = 2_000_000_000  # ns: the coarsest step of time stamps, that of FAT
+_FIXED = (PROBLEM, DELIVERED, "comparison.md", "comparison.json", REPORT, INDEX)
+
+
+def require_place(folder: Path) -> None:
+    """Refuse, before the work, a folder in which results could not be written.
+
+    Raises
+    ------
+    ProblemError
+        With the file that is in the way.
+    """
+    names = [*_FIXED, *(f"{_file_name(method)}.json" for method in Method)]
+    pictures = folder.glob("torque_*.png") if folder.is_dir() else ()
+    require_writable(folder, [*names, *(path.name for path in pictures)])
+
+
+def write_results(
+    opened: "Opened",
+    study: "Study",
+    folder: Path,
+    *,
+    page: str,
+    tables: Mapping[str, list[Table]],
+) -> list[Path]:
+    """Write a study: problem, estimates, tables, figures, report, index.
+
+    Parameters
+    ----------
+    opened : Opened
+        Where the problem comes from.
+    study : Study
+        Of it.
+    folder : Path
+    page : str
+        The report.
+    tables : mapping of str to list of Table
+        What each command of `PRINTED` prints; see `tables_of`.
+    """
+    from consistent_id.problems.kept_text import write_problem
+
+    file = folder / PROBLEM
+    if study.problem.source is None or study.problem.source.resolve() != file.resolve():
+        write_problem(opened.text(folder, study.accepted), file)
+    paths = [
+        file,
+        *_estimates(study, folder),
+        *_comparison(study, tables["compare"], folder),
+        write_atomically(folder / REPORT, page),
+    ]
+    index = _index(study, folder, tables, paths)
+    return [*paths, write_json(folder / INDEX, msgspec.to_builtins(index))]
+
+
+def _index(
+    study: "Study",
+    folder: Path,
+    tables: Mapping[str, list[Table]],
+    written: Sequence[Path],
+) -> Index:
+    """Return what ``results.json`` is to hold."""
+    from consistent_id import __version__
+    from consistent_id.diagnosis.findings import diagnosis_record
+
+    problem, found = study.problem, study.diagnosis
+    inputs = {file for file in problem.files.values() if file.is_file()}
+    return Index(
+        format=FORMAT,
+        version=__version__,
+        problem=problem.name,
+        seed=study.seed,
+        accepted=list(study.accepted),
+        answer=study.answer(),
+        findings={} if found is None else diagnosis_record(found),
+        tables={
+            name: [TableRecord(t.title, t.header, t.rows, t.notes) for t in printed]
+            for name, printed in tables.items()
+        },
+        inputs={relative_path(file, folder): _input(file) for file in sorted(inputs)},
+        files={path.name: _written(path) for path in written},
+        model=_model(problem),
+        drives=_drives(problem),
+    )
+
+
+def _input(path: Path) -> FileRecord:
+    status = path.stat()
+    stamps = (status.st_mtime_ns, status.st_ctime_ns)
+    if time_ns() - max(stamps) < _SETTLED:
+        stamps = (0, 0)
+    return FileRecord(digest(path), status.st_size, *stamps)
+
+
+def _written(path: Path) -> FileRecord:
+    content = content_of(path)
+    return FileRecord(hashlib.sha256(content).hexdigest(), len(content))
+
+
+def _drives(problem: "Problem") -> DriveRecord | None:
+    if problem.gains is None:
+        return None
+    gains = problem.gains.of(len(problem.model.robot.joint_names))
+    limit, stiffness = (
+        [v if isfinite(v) else None for v in values.tolist()]
+        for values in (gains.torque_limit, gains.stiffness)
+    )
+    return DriveRecord(
+        gains.kp.tolist(),
+        gains.kd.tolist(),
+        limit,
+        stiffness,
+        problem.delay_of_commands,
+    )
+
+
+def _model(problem: "Problem") -> ModelRecord | None:
+    """Return the robot's file; None of a robot in a table."""
+    forms: tuple[ModelForm, ...] = ("urdf", "mjcf")
+    for form in forms:
+        if (file := problem.model_files[form]) is not None:
+            return ModelRecord(form, file.name, file.read_bytes().decode("latin-1"))
+    return None
+
+
+def _estimates(study: "Study", folder: Path) -> list[Path]:
+    """Write the delivered estimate, and each one after its method."""
+    paths = [study.delivered.save(folder / DELIVERED)]
+    for report in study.comparison.reports:
+        name = _file_name(report.estimate.method)
+        paths.append(report.with_verdict.save(folder / f"{name}.json"))
+    return paths
+
+
+def _file_name(method: str) -> str:
+    return method.replace(" ", "_")
+
+
+def _comparison(study: "Study", tables: Sequence[Table], folder: Path) -> list[Path]:
+    """Write the tables, all figures, and pictures of torque."""
+    from consistent_id.report.study_record import study_record
+
+    head = [_MARK, "", f"# {study.problem.name}", ""]
+    text = "\n".join([*head, *(table.markdown() for table in tables)])
+    return [
+        write_atomically(folder / "comparison.md", text),
+        write_json(folder / "comparison.json", study_record(study)),
+        *_pictures(study, folder),
+    ]
+
+
+def _pictures(study: "Study", folder: Path) -> list[Path]:
+    """Draw the torque of least squares and of the recommended estimate."""
+    from consistent_id.report.figures import motion_figure, save_figure, torque_drawing
+
+    methods = (Method.LEAST_SQUARES, study.recommendation.method)
+    drawing = torque_drawing([e for e in study.estimates if e.method in methods])
+    paths = []
+    if study.published is not None:
+        with kept_going("figure motion.png"):
+            motion = motion_figure(study.problem.model.robot, study.published.motion)
+            paths.append(save_figure(motion, folder / "motion.png"))
+    for role in ("training", "validation"):
+        for i, recording in enumerate(getattr(study, role), start=1):
+            name = f"torque_{role}_{i}.png"
+            with kept_going(f"figure {name}"):
+                paths.append(save_figure(drawing(recording), folder / name))
+    return paths
+
+
+def tables_of(name: str, opened: "Opened", study: "Study") -> list[Table]:
+    """Return what a command prints of a study."""
+    from consistent_id.diagnosis.findings import diagnosis_table
+    from consistent_id.problems.listing import problem_tables
+    from consistent_id.report.parameters_section import uncertainty_table
+    from consistent_id.report.summary import identified_tables, study_tables
+
+    if name == "uncertainty":
+        return [uncertainty_table(study.uncertainty)]
+    if name == "info":
+        return opened.noted([*problem_tables(study.problem), *opened.tables()])
+    if name == "check":
+        found = study.diagnosis
+        own = [] if found is None else [diagnosis_table(found), *opened.tables()]
+        return opened.noted(own) if own else []
+    if name == "identify":
+        return opened.noted(identified_tables(opened, study))
+    return opened.noted(study_tables(study))

@@ -1,0 +1,84 @@
+"""Scatter between blocks, of blocks whose parameters are known to differ."""
+
+import numpy as np
+import pytest
+from robots import random_robot
+
+from consistent_id import DriveTerms, NotExcitedError, Recording, TorqueModel
+from consistent_id.constraints import FixedParameters
+from consistent_id.estimation.uncertainties.block_scatter import block_scatter
+from consistent_id.regression.regression import build_regression
+
+RATE, BLOCKS = 100.0, 24
+NOISE = 0.05
+
+
+def block(model, x, seed):
+    """Two seconds of random smooth motion, with white noise of torque."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(200) / RATE
+    w = rng.uniform(2.0, 8.0, (1, 3))
+    a, b = rng.normal(0.0, 0.5, (2, 1, 3))
+    s, c = np.sin(w * time[:, None]), np.cos(w * time[:, None])
+    q, dq, ddq = (
+        (part.sum(axis=1))[:, None]
+        for part in (a * s + b * c, w * (a * c - b * s), -(w**2) * (a * s + b * c))
+    )
+    torque = model.predict(x, q, dq, ddq) + NOISE * rng.standard_normal(q.shape)
+    log = Recording(model.robot.joint_names, time, q, dq, ddq, torque)
+    return build_regression(model, log).weighted([NOISE])
+
+
+def found(scatter, seed=3, count=BLOCKS):
+    """The scatter of blocks whose drive terms are shifted at random."""
+    rng = np.random.default_rng(seed)
+    _, robot = random_robot(np.random.default_rng(5), 1)
+    model = TorqueModel(robot, DriveTerms(viscous=True, offset=True))
+    x = np.append(robot.nominal, [0.3, 0.1])
+    bodies = FixedParameters(
+        dict(zip(model.layout.names[:10], x[:10].tolist(), strict=True))
+    )
+    shifts = np.zeros((count, 12))
+    shifts[:, 10:] = scatter * rng.standard_normal((count, 2))
+    blocks = [block(model, x + shift, 100 + k) for k, shift in enumerate(shifts)]
+    return model, bodies, blocks, shifts[:, 10:]
+
+
+def test_scatter_that_is_there_is_found():
+    model, bodies, blocks, shifts = found(0.05)
+    known = block_scatter(model, blocks, constraints=[bodies])
+    assert [name.split(".")[1] for name in known.names] == ["viscous", "offset"]
+    # A draw of 24 has its own deviation; noise is a tenth of it.
+    assert known.between == pytest.approx(shifts.std(axis=0, ddof=1), rel=0.3)
+    assert (known.noise < 0.2 * known.between).all()
+    # The mean of the blocks, whose weights are not quite alike.
+    errors = abs(known.values - [0.3, 0.1])
+    assert (errors < 3.0 * known.standard_errors).all()
+
+
+def test_of_noise_alone_little_scatter_is_left():
+    model, bodies, blocks, _ = found(0.0)
+    known = block_scatter(model, blocks, constraints=[bodies])
+    single = block_scatter(model, blocks[:1], constraints=[bodies])
+    # 24 blocks know a variance to 29 %; two such errors are 0.76 of a deviation.
+    assert (known.between < 0.8 * single.noise).all()
+    assert single.between.tolist() == [0.0, 0.0]
+
+
+def test_intervals_hold_other_blocks_as_often_as_they_say():
+    held, by_noise = [], []
+    for seed in range(20):
+        model, bodies, blocks, _ = found(0.05, seed, 9)
+        known = block_scatter(model, blocks[:8], constraints=[bodies])
+        other = block_scatter(model, blocks[8:], constraints=[bodies])
+        held.append(known.holds(other))
+        by_noise.append(known.holds(other, between=False))
+    # 40 values: 95 % less three standard errors of a share is 85 %.
+    assert np.mean(held) >= 0.85
+    assert np.mean(by_noise) < 0.6
+
+
+def test_a_block_that_leaves_a_parameter_open_is_refused():
+    model, _, blocks, _ = found(0.0, count=2)
+    with pytest.raises(NotExcitedError, match="fewer"):
+        block_scatter(model, blocks)

@@ -1,0 +1,143 @@
+"""Methods of an estimate: its uncertainty from recordings alone, and its picture."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from experiments import experiment
+
+from consistent_id import (
+    Estimate,
+    FixedMasses,
+    PhysicalConsistency,
+    ProblemError,
+    build_regression,
+    constrained_least_squares,
+    huber,
+    least_squares,
+    uncertainty,
+)
+from consistent_id.constraints import Penalty
+from consistent_id.regression import joint_noise, segment_regressions
+
+
+def estimated(seed=2, **options):
+    model, _, log = experiment(seed, joints=2, noise=0.3, samples=900)
+    regression = build_regression(model, log)
+    return constrained_least_squares(model, regression, **options), log
+
+
+def test_an_estimate_knows_the_conditions_that_its_uncertainty_needs():
+    conditions = [PhysicalConsistency(), FixedMasses()]
+    estimate, log = estimated(constraints=conditions, prior=Penalty(0.1))
+    found = estimate.uncertainty(log, replicates=5, seed=3)
+    expected = uncertainty(
+        estimate.model,
+        segment_regressions(estimate.model, log),
+        constraints=conditions,
+        prior=Penalty(0.1),
+        replicates=5,
+        seed=3,
+    )
+    assert found.to_dict() == expected.to_dict()
+    values = [parameter.value for parameter in found.parameters]
+    np.testing.assert_allclose(values, estimate.parameters, rtol=1e-7, atol=1e-9)
+
+
+def test_a_weighted_estimate_keeps_its_weights_in_its_uncertainty():
+    model, _, log = experiment(1, joints=2, noise=(0.1, 1.0), samples=900)
+    regression = build_regression(model, log)
+    weighted = regression.weighted(joint_noise(model, regression))
+    estimate = constrained_least_squares(model, weighted)
+    values = [p.value for p in estimate.uncertainty(log, replicates=2).parameters]
+    np.testing.assert_allclose(values, estimate.parameters, rtol=1e-7, atol=1e-9)
+    plain = constrained_least_squares(model, regression)
+    assert abs(plain.parameters - estimate.parameters).max() > 1e-4
+
+
+def test_recordings_that_an_estimate_was_not_fitted_to_are_refused():
+    estimate, log = estimated()
+    with pytest.raises(ProblemError, match="not fitted to"):
+        estimate.uncertainty(log.samples(slice(0, 600)))
+
+
+def test_only_constrained_estimates_have_this_uncertainty(tmp_path):
+    estimate, log = estimated()
+    regression = build_regression(estimate.model, log)
+    loaded = Estimate.load(
+        estimate.save(tmp_path / "e.json"), estimate.model, estimate.base
+    )
+    for other in (
+        least_squares(estimate.model, regression),
+        huber(estimate.model, log),
+        loaded,
+    ):
+        with pytest.raises(ProblemError, match=r"consistent_id\.uncertainty"):
+            other.uncertainty(log)
+
+
+@pytest.fixture
+def pyplot():
+    plt = pytest.importorskip("matplotlib.pyplot")
+    plt.switch_backend("Agg")
+    yield plt
+    plt.close("all")
+
+
+def test_a_plot_shows_measured_and_predicted_torque_of_each_joint(pyplot):
+    estimate, log = estimated()
+    axes = estimate.plot(log)
+    predicted = estimate.predict(log)
+    assert [axis.get_ylabel() for axis in axes] == ["j0 [N m]", "j1 [N]"]
+    assert estimate.model.robot.driven[1].kind == "prismatic"
+    for j, axis in enumerate(axes):
+        measured, line = axis.get_lines()
+        np.testing.assert_array_equal(measured.get_ydata(), log.torque[:, j])
+        np.testing.assert_array_equal(line.get_ydata(), predicted[:, j])
+        error = estimate.score(log).relative[j]
+        assert axis.get_title(loc="right") == f"error {error:.1%}"
+    assert axes[-1].get_xlabel() == "time [s]"
+    assert len(pyplot.get_fignums()) == 1
+
+
+def test_a_second_estimate_is_drawn_into_the_axes_of_the_first(pyplot):
+    estimate, log = estimated()
+    plain = least_squares(estimate.model, build_regression(estimate.model, log))
+    axes = plain.plot(log)
+    again = estimate.plot(log, axes=axes)
+    assert list(again) == list(axes)
+    labels = [line.get_label() for line in axes[0].get_lines()]
+    assert labels == ["measured", "least squares", "constrained"]
+    assert axes[0].get_title(loc="right").count("%") == 2
+    assert len(pyplot.get_fignums()) == 1
+
+
+def test_one_joint_is_drawn_into_one_axes_and_without_measured_torque(pyplot):
+    estimate, log = estimated()
+    _, axis = pyplot.subplots()
+    name = estimate.model.torque_joints[1]
+    (same,) = estimate.plot(replace(log, torque=None), joints=[name], axes=axis)
+    (line,) = same.get_lines()
+    assert same is axis
+    assert line.get_label() == "constrained"
+    np.testing.assert_array_equal(line.get_ydata(), estimate.predict(log)[:, 1])
+
+
+def test_torque_that_is_not_known_is_not_drawn(pyplot):
+    estimate, log = estimated()
+    known = np.ones(log.torque.shape, dtype=bool)
+    known[100:200, 0] = False
+    first, second = estimate.plot(replace(log, torque_known=known))
+    drawn = first.get_lines()[0].get_ydata()
+    assert np.isnan(drawn[100:200]).all()
+    assert np.isfinite(drawn[200:]).all()
+    assert np.isfinite(second.get_lines()[0].get_ydata()).all()
+
+
+def test_wrong_joints_and_axes_are_said(pyplot):
+    estimate, log = estimated()
+    with pytest.raises(ProblemError, match="no torque of 'elbow'; known: j0, j1"):
+        estimate.plot(log, joints=["elbow"])
+    _, axis = pyplot.subplots()
+    with pytest.raises(ProblemError, match="1 axes for the torque of 2 joints"):
+        estimate.plot(log, axes=axis)

@@ -1,0 +1,180 @@
+"""Consistent intervals: ellipsoids and edges in closed form, and points inside."""
+
+from itertools import pairwise
+from typing import get_args
+
+import numpy as np
+import pytest
+from experiments import experiment, pendulum
+from scipy.special import fdtri, stdtrit
+
+from consistent_id import (
+    FixedMasses,
+    PhysicalConsistency,
+    ProblemError,
+    build_regression,
+    constrained_least_squares,
+    least_squares,
+    simulate_torque,
+)
+from consistent_id.constraints import FixedCentresOfMass, ParameterBounds, PointToSet
+from consistent_id.constraints.priors import Distance
+from consistent_id.estimation.uncertainties.intervals import consistent_intervals
+from consistent_id.regression import joint_noise
+
+SIGMA = 0.2
+SEEN = ["link1.hx", "link1.hy", "link1.Izz", "joint1.viscous"]
+
+
+def noisy_pendulum():
+    model, truth, log = pendulum()
+    rng = np.random.default_rng(1)
+    log = simulate_torque(model, truth, log, noise=SIGMA, rng=rng)
+    return model, truth, build_regression(model, log).weighted([SIGMA])
+
+
+def interval(found, name):
+    return found.bounds[found.layout.index(name)]
+
+
+def ellipsoid(model, regression, slack, names=SEEN, known=()):
+    """Ends of ``||R x - z|| <= (1 + slack) least`` for the named parameters alone."""
+    R = regression.stacked()
+    kept = [model.layout.index(name) for name in names]
+    z = R[:, -1] - sum(R[:, model.layout.index(name)] * x for name, x in known)
+    x = np.linalg.lstsq(R[:, kept], z, rcond=None)[0]
+    least = np.sum((R[:, kept] @ x - z) ** 2)
+    allowed = ((1 + slack) ** 2 - 1) * least
+    C = np.linalg.inv(R[:, kept].T @ R[:, kept])
+    half = np.sqrt(allowed * np.diag(C))
+    return np.column_stack([x - half, x + half])
+
+
+@pytest.mark.parametrize("slack", [0.01, 0.2])
+def test_without_constraints_it_is_the_ellipsoid_of_least_squares(slack):
+    model, _, regression = noisy_pendulum()
+    found = consistent_intervals(model, regression, constraints=(), slack=slack)
+    expected = ellipsoid(model, regression, slack)
+    for name, ends in zip(SEEN, expected, strict=True):
+        assert interval(found, name) == pytest.approx(ends, abs=1e-5)
+
+
+@pytest.mark.parametrize("sigma", [SIGMA, 1.0])
+def test_without_constraints_profile_likelihood_is_students_interval(sigma):
+    # Whatever the weight: the interval of least squares, t standard errors wide.
+    model, _, regression = noisy_pendulum()
+    regression = regression.weighted([sigma])
+    found = consistent_intervals(model, regression, constraints=())
+    estimate = least_squares(model, regression)
+    effective = float(regression.effective[0])
+    t = stdtrit(effective - 4, 0.975)
+    for name, x, error in zip(
+        estimate.base.names, estimate.base_values, estimate.standard_errors, strict=True
+    ):
+        ends = x - t * error, x + t * error
+        assert interval(found, name) == pytest.approx(ends, abs=1e-5)
+
+
+def test_intervals_of_all_parameters_together_are_those_of_f():
+    # Scheffe's: wider than each by itself by sqrt(p F) over t.
+    model, _, regression = noisy_pendulum()
+    each = consistent_intervals(model, regression, constraints=())
+    every = consistent_intervals(model, regression, constraints=(), joint=True)
+    freedom = float(regression.effective[0]) - 4
+    ratio = np.sqrt(4 * fdtri(4, freedom, 0.95)) / stdtrit(freedom, 0.975)
+    for name in SEEN:
+        k = model.layout.index(name)
+        assert every.width[k] / each.width[k] == pytest.approx(ratio, rel=1e-4)
+
+
+def test_what_the_data_do_not_touch_is_without_bounds_or_has_those_given():
+    model, _, regression = noisy_pendulum()
+    free = consistent_intervals(model, regression, constraints=())
+    unseen = [n for n in model.layout.names if n not in SEEN]
+    for name in unseen:
+        assert interval(free, name).tolist() == [-np.inf, np.inf]
+    bounds = ParameterBounds({"link1.Ixx": (0.1, 0.3), "link1.hz": (-np.inf, 0.5)})
+    held = consistent_intervals(model, regression, constraints=[bounds])
+    assert interval(held, "link1.Ixx").tolist() == pytest.approx([0.1, 0.3])
+    assert interval(held, "link1.hz").tolist() == pytest.approx([-np.inf, 0.5])
+
+
+def test_what_is_fixed_has_no_width():
+    model, _, regression = noisy_pendulum()
+    known = [PhysicalConsistency(), FixedMasses(), FixedCentresOfMass()]
+    found = consistent_intervals(model, regression, constraints=known)
+    assert interval(found, "link1.m").tolist() == [2.0, 2.0]
+    # Known through two equalities, so by a programme and not by a bound of its own.
+    assert interval(found, "link1.hx") == pytest.approx([0.6, 0.6], abs=1e-6)
+    assert interval(found, "link1.hy") == pytest.approx([0.0, 0.0], abs=1e-6)
+
+
+def test_an_edge_of_the_possible_cuts_the_ellipsoid():
+    # With m and c known, Izz >= m c^2 = 0.18 for any body: the point mass.
+    model, _, regression = noisy_pendulum()
+    known = [PhysicalConsistency(margin=0.0), FixedMasses(), FixedCentresOfMass()]
+    found = consistent_intervals(model, regression, constraints=known, slack=0.05)
+    held = [("link1.hx", 0.6), ("link1.hy", 0.0)]
+    names = ["link1.Izz", "joint1.viscous"]
+    # The best fit is inside, so the slack is counted from the same misfit.
+    (low, high), friction = ellipsoid(model, regression, 0.05, names, held)
+    assert low < 0.18
+    assert interval(found, "link1.Izz") == pytest.approx([0.18, high], abs=1e-5)
+    assert interval(found, "joint1.viscous") == pytest.approx(friction, abs=1e-5)
+    # Ixx + Iyy >= Izz >= 0 and Iyy >= m c^2, without an upper bound along the axis.
+    assert interval(found, "link1.Iyy") == pytest.approx([0.18, np.inf], abs=1e-5)
+    assert interval(found, "link1.Ixx") == pytest.approx([0.0, np.inf], abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2))]
+)
+def test_every_estimate_that_fits_within_the_slack_is_inside(seed):
+    model, truth, exact = experiment(seed, joints=3, samples=200)
+    rng = np.random.default_rng(seed)
+    sigma = 0.1 * exact.torque.std(axis=0)
+    log = simulate_torque(model, truth, exact, noise=sigma, rng=rng)
+    regression = build_regression(model, log)
+    regression = regression.weighted(joint_noise(model, regression))
+    found = consistent_intervals(model, regression, slack=0.02)
+    inside = [
+        constrained_least_squares(
+            model, regression, prior=PointToSet(slack=slack, distance=distance)
+        ).parameters
+        for distance in get_args(Distance)
+        for slack in (1e-4, 0.02)
+    ]
+    # The set is convex: so is everything between them.
+    between = rng.dirichlet(np.ones(len(inside)), size=50) @ np.array(inside)
+    size = np.maximum(abs(np.array(inside)).max(axis=0), 1.0)
+    for x in [*inside, *between]:
+        assert (x >= found.bounds[:, 0] - 1e-6 * size).all()
+        assert (x <= found.bounds[:, 1] + 1e-6 * size).all()
+
+
+def test_more_slack_is_a_wider_interval():
+    model, _, log = experiment(5, joints=2, noise=2.0, samples=200)
+    regression = build_regression(model, log)
+    ends = []
+    for slack in (1e-3, 1e-2, 0.1):
+        low, high = consistent_intervals(model, regression, slack=slack).bounds.T
+        ends.append(np.concatenate([-low, high]))
+    for tight, wide in pairwise(ends):
+        finite = np.isfinite(tight) & np.isfinite(wide)
+        assert finite.sum() > 10
+        # Bounds are proven, and by so much too wide at the most.
+        assert (tight[finite] <= wide[finite] + 1e-3).all()
+
+
+def test_a_slack_that_is_none_is_refused():
+    model, _, regression = noisy_pendulum()
+    for slack in (0.0, -0.1, np.nan, np.inf):
+        with pytest.raises(ProblemError, match="slack"):
+            consistent_intervals(model, regression, slack=slack)
+
+
+def test_the_number_of_workers_does_not_matter(monkeypatch):
+    model, _, regression = noisy_pendulum()
+    first = consistent_intervals(model, regression).bounds
+    monkeypatch.setattr("consistent_id.estimation.uncertainties.intervals._WORKERS", 1)
+    assert np.array_equal(consistent_intervals(model, regression).bounds, first)

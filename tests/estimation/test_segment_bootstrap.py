@@ -1,0 +1,196 @@
+"""The bootstrap: reproducible, honest about failures, and right about white noise."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from experiments import experiment
+
+from consistent_id import InertialParameters, ProblemError, SolverError, simulate_torque
+from consistent_id.constraints.priors import Penalty
+from consistent_id.estimation.best_fit import FitProblem
+from consistent_id.estimation.constrained_fit import (
+    DEFAULT_CONSTRAINTS,
+    constrained_fit,
+)
+from consistent_id.estimation.cross_validation import cross_validated
+from consistent_id.estimation.uncertainties import parameter_uncertainty
+from consistent_id.estimation.uncertainties.parameter_scatter import (
+    covariance,
+    segment_scores,
+    white_scores,
+)
+from consistent_id.estimation.uncertainties.parameter_uncertainty import bootstrap
+from consistent_id.regression import joint_noise
+from consistent_id.regression.base import base_parameters
+from consistent_id.regression.segments import merged, segment_regressions
+
+PRIOR = Penalty(0.1)
+
+HERE = "consistent_id.estimation.uncertainties.parameter_uncertainty"
+
+
+@lru_cache
+def simulated(seed=0, count=24, noise=0.1):
+    model, truth, exact = experiment(seed, joints=2, samples=1200)
+    sigma = noise * exact.torque.std(axis=0)
+    rng = np.random.default_rng(seed)
+    log = simulate_torque(model, truth, exact, noise=sigma, rng=rng)
+    segments = segment_regressions(model, log, count=count)
+    weights = joint_noise(model, merged(segments))
+    return model, tuple(s.weighted(weights) for s in segments), sigma
+
+
+def test_the_same_seed_gives_the_same_result_whatever_the_number_of_workers(
+    monkeypatch,
+):
+    model, segments, _ = simulated()
+    first = bootstrap(model, segments, replicates=20, seed=3)
+    for workers in (1, 3):
+        monkeypatch.setattr(
+            f"{HERE}._WORKERS",
+            workers,
+        )
+        again = bootstrap(model, segments, replicates=20, seed=3)
+        assert np.array_equal(again.estimates, first.estimates)
+    other = bootstrap(model, segments, replicates=20, seed=4)
+    assert not np.allclose(other.estimates, first.estimates)
+
+
+@pytest.mark.slow
+def test_replicates_and_folds_are_the_same_in_other_processes():
+    model, segments, _ = simulated()
+    here = bootstrap(model, segments, replicates=25, seed=3)
+    there = bootstrap(model, segments, replicates=25, seed=3, executor="processes:2")
+    assert np.array_equal(there.estimates, here.estimates)
+    path = cross_validated(model, segments, weights=[1e-2, 1.0], folds=3)
+    again = cross_validated(
+        model, segments, weights=[1e-2, 1.0], folds=3, executor="processes:2"
+    )
+    assert np.array_equal(again.errors, path.errors)
+    assert np.array_equal(again.parameters, path.parameters)
+
+
+def test_two_replicates_are_enough_and_their_scatter_is_their_difference():
+    model, segments, _ = simulated()
+    found = bootstrap(model, segments, replicates=2, seed=3)
+    difference = abs(found.estimates[0] - found.estimates[1])
+    assert found.standard_deviation == pytest.approx(difference / np.sqrt(2.0))
+    low, high = replace(found, segments=0).interval(0.5).T
+    # Quartiles of two values lie a quarter of the way in from each.
+    assert high - low == pytest.approx(difference / 2.0)
+
+
+def test_intervals_from_few_segments_hold_the_truth_as_often_as_they_say():
+    """Means of k normal numbers: percentiles are too narrow, expanded ones are not."""
+    model, segments, _ = simulated()
+    rng, found = np.random.default_rng(0), bootstrap(model, segments, replicates=2)
+    sets, k = len(model.layout), 6
+    inside = {0: [], k: []}
+    for _ in range(40):
+        numbers = rng.normal(size=(sets, k))
+        drawn = rng.integers(k, size=(2000, k))
+        means = np.array([row[drawn].mean(axis=1) for row in numbers]).T
+        for count, hits in inside.items():
+            made = replace(found, estimates=means, segments=count)
+            low, high = made.interval().T
+            hits.append(np.mean((low <= 0.0) & (high >= 0.0)))
+    # Of 1040 intervals of 95 % the share scatters by 0.7 %.
+    assert np.mean(inside[0]) < 0.91
+    assert 0.925 < np.mean(inside[k]) < 0.97
+
+
+def test_segments_that_are_all_alike_give_no_scatter():
+    model, segments, _ = simulated()
+    alike = bootstrap(model, [segments[0]] * 5, prior=PRIOR, replicates=10)
+    assert alike.certified == 10
+    assert alike.standard_deviation == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("distance", ["pullback", "entropic"])
+def test_every_replicate_satisfies_the_constraints(distance):
+    model, segments, _ = simulated(1, noise=0.5)
+    found = bootstrap(model, segments, prior=Penalty(0.1, distance), replicates=20)
+    assert (found.certified, found.failed) == (20, 0)
+    masses = [link.datasheet.mass for link in model.robot.links]
+    for x in found.estimates:
+        for k, body in enumerate(x[:20].reshape(-1, 10)):
+            assert InertialParameters(body).is_consistent()
+            assert masses[k] is None or body[0] == pytest.approx(masses[k])
+        assert (x[20:] >= 0.0).all()
+
+
+@pytest.mark.slow
+def test_its_scatter_is_the_covariance_from_segments_and_that_of_white_noise():
+    model, segments, sigma = simulated(2, count=80, noise=0.02)
+    found = bootstrap(model, segments, prior=PRIOR, replicates=300)
+    base, whole = base_parameters(model), merged(segments)
+    fitted = constrained_fit(FitProblem(model, whole, DEFAULT_CONSTRAINTS, base), PRIOR)
+    predicted = [
+        np.sqrt(np.diag(covariance(fitted, scores)))
+        for scores in (
+            segment_scores(fitted, segments, base),
+            white_scores(fitted, whole, base, sigma),
+        )
+    ]
+    moves = predicted[1] > 1e-4 * fitted.best.scaled.unit
+    assert moves.sum() >= 12
+    # Standard deviations are good to 4 % (300 replicates), and 8 % (80 segments).
+    got = found.standard_deviation[moves]
+    assert got == pytest.approx(predicted[0][moves], rel=0.2)
+    assert got == pytest.approx(predicted[1][moves], rel=0.35)
+    low, high = found.interval(0.9)[moves].T
+    assert (high - low) / 2 == pytest.approx(1.645 * got, rel=0.2)
+
+
+def failing(monkeypatch, fails, error):
+    """Let the fits of the draws with these numbers fail."""
+    calls = iter(range(10**6))
+    solve = parameter_uncertainty.penalised_fit
+
+    def sometimes(*args, **options):
+        if next(calls) in fails:
+            raise error
+        return solve(*args, **options)
+
+    monkeypatch.setattr(f"{HERE}._WORKERS", 1)
+    monkeypatch.setattr(
+        f"{HERE}.penalised_fit",
+        sometimes,
+    )
+
+
+def test_an_interruption_keeps_the_replicates_so_far(monkeypatch):
+    model, segments, _ = simulated()
+    whole = bootstrap(model, segments, prior=PRIOR, replicates=20)
+    failing(monkeypatch, {7}, KeyboardInterrupt())
+    part = bootstrap(model, segments, prior=PRIOR, replicates=20)
+    assert np.array_equal(part.estimates, whole.estimates[:7])
+    failing(monkeypatch, {1}, KeyboardInterrupt())
+    with pytest.raises(KeyboardInterrupt):
+        bootstrap(model, segments, prior=PRIOR, replicates=20)
+
+
+def test_replicates_without_an_estimate_are_counted(monkeypatch):
+    model, segments, _ = simulated()
+    whole = bootstrap(model, segments, prior=PRIOR, replicates=10)
+    failing(monkeypatch, {2, 5}, SolverError("out of order"))
+    part = bootstrap(model, segments, prior=PRIOR, replicates=10)
+    assert (part.failed, len(part.estimates)) == (2, 8)
+    assert np.array_equal(part.estimates, np.delete(whole.estimates, [2, 5], axis=0))
+    failing(monkeypatch, set(range(9)), SolverError("out of order"))
+    with pytest.raises(SolverError, match="1 of 10 replicates"):
+        bootstrap(model, segments, prior=PRIOR, replicates=10)
+
+
+def test_what_cannot_be_resampled_is_refused():
+    model, segments, _ = simulated()
+    with pytest.raises(ProblemError, match="1 segments"):
+        bootstrap(model, segments[:1])
+    with pytest.raises(ProblemError, match="1 replicates"):
+        bootstrap(model, segments, replicates=1)
+    found = bootstrap(model, segments, replicates=2)
+    for level in (0.0, 1.0, 95.0):
+        with pytest.raises(ProblemError, match="level"):
+            found.interval(level)
