@@ -124,7 +124,7 @@ class EstimateReport:
 
     @property
     def with_verdict(self) -> Estimate:
-        """The estimate with this report's verdict, as it is shown and written."""
+        """The estimate with this report's verdict."""
         return replace(self.estimate, judged=self.verdict)
 
     @property

@@ -416,7 +416,7 @@ def inner_fit(
     Parameters
     ----------
     problem : FitProblem
-        Of `best`; without `PhysicalConsistency` nothing is changed.
+        The constraints of `best`; without `PhysicalConsistency` nothing is changed.
     share : float
         The wanted share; it is reduced until it moves the best fit by at most `MOVE`.
     noise : ResidualNoise

@@ -42,7 +42,7 @@ from consistent_id.regression.residual_noise import (
     residual_sigma,
 )
 
-_SEED = 0  # of the poses at which mass matrices are examined
+_SEED = 0  # seed of the poses at which mass matrices are examined
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +60,7 @@ class FoundOptimum:
         How they were found.
     shift : ndarray, shape (parameters,), optional
         How far the prior moved the parameters from the best fit: their bias.  Without
-        it they have no standard errors.
+        it, no standard errors are computed.
     """
 
     scaled: ScaledFit
@@ -131,8 +131,8 @@ def audited(
 ) -> Estimate:
     """Return the estimate of parameters that were found, with its certificate.
 
-    Besides the proof of its optimum, these are examined in original units: constraints,
-    each link's pseudo-inertia, and the mass matrix over random poses.
+    Besides the proof of the optimum, the audit checks in original units the
+    constraints, each link's pseudo-inertia, and the mass matrix over random poses.
     """
     model, regression, base = problem.model, problem.regression, problem.base
     x, proof, shift = found.parameters, found.proof, found.shift
@@ -187,7 +187,7 @@ def _figures(
 
 
 def _edges(links: Sequence[LinkCondition]) -> tuple[str, ...]:
-    """Say which links are at the edge of what can be, and at which."""
+    """Name the links on the boundary of the consistency cone, and its kind."""
     return tuple(
         f"{link.link} is on the boundary of the consistency cone: {link.edge}"
         for link in links
@@ -198,7 +198,7 @@ def _edges(links: Sequence[LinkCondition]) -> tuple[str, ...]:
 def _certificate(
     proof: OptimumProof, least: float | None, figures: dict[str, float]
 ) -> Certificate:
-    """Return the verdict; `least` is the mass matrix's, where it must be positive."""
+    """Return the certificate; `least`, of the mass matrix, must be positive."""
     if least is not None and least <= 0.0:
         reason = (
             f"{proof.statement}; but the mass matrix has an eigenvalue of {least:.3g}: "
@@ -208,7 +208,7 @@ def _certificate(
     if proof.certified:
         return Certificate("certified", proof.statement, figures)
     reason = (
-        f"{proof.statement} (allowed: {proof.allowed}); the estimate is usable only as "
-        "far as these figures say"
+        f"{proof.statement} (allowed: {proof.allowed}); its optimality is known only "
+        f"to these figures"
     )
     return Certificate("uncertified", reason, figures)

@@ -1,14 +1,14 @@
 """The best fit among physically consistent parameters.
 
-In the standard parameters from the start, because that is where consistency lives:
+The search is in the standard parameters, in which consistency is defined:
 
 1. the least weighted misfit ``||R x - z||`` over the constraints;
 2. among all constrained ``x`` whose misfit is within a slack of it, the one nearest to
-   the nominal robot.  What the data do not determine, the prior does, and not the
-   solver by chance.
+   the nominal robot.  So the prior determines the parameters that the data do not, not
+   the solver.
 
-Both are cone programmes on the compressed regression; both optima are certified.  Where
-constraints exclude each other, `contradiction` finds what giving up one would cost.
+Both are cone programmes on the compressed regression; both optima are certified.  If
+constraints exclude each other, `contradiction` computes the cost of giving up each.
 """
 
 from collections.abc import Sequence
@@ -62,7 +62,7 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import residual_noise
 
 SLACK_GAP = 0.01
-"""Share of the slack by which the least misfit may be unknown."""
+"""Largest uncertainty of the least misfit, as a share of the slack."""
 
 _ALLOWED = (
     f"{GAP_TOLERANCE:.0e} of the final estimate, {DISTANCE_GAP:.0e}, {SLACK_GAP:.0e} "
@@ -79,14 +79,14 @@ DEFAULT_CONSTRAINTS: tuple[Constraint, ...] = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConstrainedFit:
-    """What both stages found.
+    """The results of both stages.
 
     Parameters
     ----------
     final : PenalisedFit
         The final point.
     slack : float
-        Relative misfit given up for the prior, at the most.
+        Largest relative increase of the misfit for the prior.
     distance_gap : float
         Bound on the relative excess of the squared distance, under `PointToSet`.
     slack_gap : float
@@ -111,7 +111,7 @@ class ConstrainedFit:
 
     @property
     def certified(self) -> bool:
-        """Whether the final optimum is, within a slack that is known well enough."""
+        """Whether the final optimum is certified, with an accurate enough slack."""
         final = self.final.optimality.verdict == "certified"
         return (
             final and self.distance_gap <= DISTANCE_GAP and self.slack_gap <= SLACK_GAP
@@ -119,7 +119,7 @@ class ConstrainedFit:
 
     @property
     def proof(self) -> OptimumProof:
-        """What was proven of both optima."""
+        """What was proven about both optima."""
         fit, final = self.best.optimality, self.final.optimality
         figures = {
             "fit: relative gap": fit.gap,
@@ -153,18 +153,18 @@ class ConstrainedFit:
         return (
             f"best fit proven to a relative {fit.gap:.1e}, final estimate to "
             f"{final.gap:.1e}, {second}, constraints "
-            f"violated by at most {violation:.1e}, among robots up to {reach:.0f} "
-            "times the nominal"
+            f"violated by at most {violation:.1e}, searched among robots with "
+            f"parameters up to {reach:.0f} times the nominal ones"
         )
 
 
 def constrained_fit(
     problem: FitProblem, prior: Prior | None, *, weight: float | None = None
 ) -> ConstrainedFit:
-    """Fit under constraints, then let the prior choose where the data do not.
+    """Fit under constraints; the prior determines what the data do not.
 
-    Where a weight of the prior is searched for, `weight` is tried first: that of nearly
-    the same data.
+    If a weight of the prior is searched for, `weight` is tried first, such as the one
+    found for nearly the same data.
 
     Raises
     ------
@@ -210,8 +210,7 @@ def _nearest(
         + (
             ""
             if prior.slack
-            else ": what the data determine moves by one standard "
-            "error at the most, in all"
+            else ": parameters that data determine move by one standard error at most"
         )
     )
     optimality = best.optimality
@@ -246,17 +245,17 @@ def _compromise(
 
 @dataclass(frozen=True, slots=True)
 class Resolution:
-    """The best fit without one of the contradicting constraints.
+    """The best fit without one of the contradictory constraints.
 
     Parameters
     ----------
     label : str
         What is given up.
     rms : float, [N m or N], or in units of the joints' `sigma`
-        Root-mean-square residual of the best fit without it; infinite where more would
-        have to be given up, nan where it could not be computed.
+        Root-mean-square residual of the best fit without it; infinite if other
+        constraints still contradict each other, nan if it could not be computed.
     values : dict of str to float
-        What the parameters that it ties would then be.
+        Values that the constrained parameters then have.
     """
 
     label: str
@@ -311,7 +310,7 @@ def contradiction(
     *,
     base: BaseParameters | None = None,
 ) -> Contradiction | None:
-    """Find which constraints exclude each other, and what each costs in torque.
+    """Find the constraints that exclude each other, and the cost of each in torque.
 
     Parameters
     ----------

@@ -118,7 +118,7 @@ class CvxpyProblem:
         objective : cvxpy.Expression, optional
             To be minimised instead of ``misfit + prior``.
         method : str
-            Name under which the estimate appears.
+            Name of the estimate's method.
 
         Returns
         -------

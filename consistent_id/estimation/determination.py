@@ -83,7 +83,7 @@ def determinations(
     x : ndarray, shape (parameters,)
         The estimate.
     elsewhere : str
-        What determines parameters that neither data nor equalities touch.
+        The source of parameters that neither data nor equalities determine.
     """
     base = errors.base
     rows = base_solution(regression, base).row_space @ base.projection

@@ -101,9 +101,9 @@ class Estimate:
         not known.
     parameter_errors : array_like, shape (parameters,), optional
         Standard errors of the standard parameters, NaN where the data do not determine
-        them: of noise as correlated as the residuals, under the equalities among the
-        constraints, and of the prior's bias.  They lack what active inequalities take
-        away and what recordings differ by; `uncertainty` has both.
+        them.  They contain noise as correlated as the residuals, under the equalities
+        among the constraints, and the prior's bias. They ignore active inequalities and
+        the scatter between recordings; `uncertainty` includes both.
     fitted_under : FittedUnder, optional
         Constraints, prior and weights of a constrained estimate; None of any other, and
         of one that was read from a file.
@@ -277,7 +277,7 @@ class Estimate:
         Returns
         -------
         Uncertainty
-            One answer for each parameter, in the layout's order.
+            One entry for each parameter, in the layout's order.
 
         Raises
         ------

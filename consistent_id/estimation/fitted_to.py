@@ -11,7 +11,7 @@ from consistent_id.recordings.recording import Recording
 
 
 class FittedSpan(NamedTuple):
-    """A recording that an estimate was fitted to, by its name and its times.
+    """A recording that an estimate was fitted to: its name and its times.
 
     Parameters
     ----------

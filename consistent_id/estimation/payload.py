@@ -144,7 +144,7 @@ def identify_payload(
     Parameters
     ----------
     model : TorqueModel
-        Of the robot without the load.
+        Model of the robot without the load.
     loaded, unloaded : Recording or sequence of Recording
         With velocity, acceleration and torque.
     load : Link, optional

@@ -284,7 +284,7 @@ class NearestFit:
     Parameters
     ----------
     slack : float
-        Relative misfit that may be given up.
+        Allowed relative increase of the misfit.
     distance_gap : float
         Bound on the relative excess of its squared distance (or of 0.01, where it is
         less) over the least within the slack; infinite if its misfit exceeds that.

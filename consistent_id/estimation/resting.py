@@ -104,7 +104,7 @@ def rest_speed(
     recordings : Recording or sequence of Recording
         To train on, with velocity, acceleration and torque.
     constraints : sequence of Constraint
-        Of these the equalities count, such as known bodies.
+        Only their equalities are used, such as known bodies.
     reach : float, [s]
         See `without_rests`, and `rest_guard` for filtered recordings.
 

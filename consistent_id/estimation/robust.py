@@ -124,7 +124,7 @@ def _settled(
     x: Vector,
     rules: _Rules,
 ) -> _Reached:
-    """Reweight rows until nothing changes any more, from base parameters on."""
+    """Reweight rows until convergence, starting from base parameters."""
     k, floor, iterations, tolerance = rules
     counted = np.vstack([motion.counted for motion in motions])
     columns = list(base.independent)

@@ -73,7 +73,7 @@ class ShapesFile:
     ----------
     urdf : Path
     package_dirs : tuple of str or Path
-        Folders in which ``package://name/...`` is looked for, besides those above.
+        Folders in which ``package://name/...`` is searched for, besides those above.
     locked : mapping of str to float, optional, [rad or m]
         Positions of the file's joints that do not move.
     """

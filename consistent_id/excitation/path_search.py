@@ -139,7 +139,7 @@ def _phases(objective: str, given: bool) -> tuple[tuple[float, int], ...]:
 
 
 class _PathSearch:
-    """A search under way: the best path so far, and where guards have rows."""
+    """A running search: the best path so far, and the guards' rows."""
 
     def __init__(
         self,

@@ -304,7 +304,7 @@ class _PathEvaluator:
         return Information(M + self._earlier, pull)
 
 
-# CasADi functions on memory of their own, which go to no other process.
+# CasADi functions with their own memory, which are not sent to other processes.
 _EVALUATORS: WeakKeyDictionary[PathInformation, _PathEvaluator] = WeakKeyDictionary()
 
 

@@ -50,7 +50,7 @@ class Means:
     work : float
         Work of each lane, see `Meter`.
     interrupted : callable
-        Returns whether the user has asked to end.
+        Returns whether the user has interrupted the search.
     executor : Executor, optional
         Where lanes are run, see `run_searches`.
     progress : bool
@@ -79,7 +79,7 @@ class Means:
         )
 
     def spent(self, found: Sequence[FoundPath], starts: Sequence[FoundPath]) -> float:
-        """Return the work of the lane that did most."""
+        """Return the largest work of a lane."""
         return lane_work(found, starts, self.lanes)
 
 
@@ -113,7 +113,8 @@ def design_stages(
     Raises
     ------
     InfeasibleError
-        If no path was found that keeps the limits; it names the one in the way.
+        If no path was found that keeps the limits; the message names the violated
+        limit.
     NotExcitedError
         If no motion within the limits identifies all base parameters.
     """
@@ -189,7 +190,7 @@ def _proving_once(demands: Demands) -> Prove:
 
 @dataclass(frozen=True, slots=True)
 class _DesignSearch:
-    """What the stages of one design have in common."""
+    """The common data of the stages of a design."""
 
     aim: Aim
     means: Means

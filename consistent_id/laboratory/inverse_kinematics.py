@@ -85,7 +85,7 @@ class TaskPath:
         return with_rates(self.writer, self.task, progress, q)
 
     def recording(self, rate: float, name: str = "writing task") -> Recording:
-        """Sample position, velocity and acceleration; both ends belong to it.
+        """Sample position, velocity and acceleration, including both ends.
 
         Parameters
         ----------

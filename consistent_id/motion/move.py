@@ -132,8 +132,8 @@ class Move:
     def evaluate(self, time: ArrayLike, derivatives: int = 2) -> Array:
         """Return position and derivatives, shape (derivatives + 1, samples, joints).
 
-        At a junction, those of the piece that begins.  Before the start and after the
-        end the robot rests.
+        At a junction, those of the later piece.  Before the start and after the end the
+        robot rests.
 
         Parameters
         ----------

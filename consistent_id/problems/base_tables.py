@@ -37,7 +37,7 @@ class BaseTable(FileTable, frozen=True, kw_only=True):
 
 
 class ContactTable(FileTable, frozen=True, kw_only=True):
-    """Where the robot may touch its surroundings, and the column that says when.
+    """A contact of the robot, and the column of its flag.
 
     For a foot on which it stands all the time `closed` is true.  Samples closer than
     the guard [s] to a change are left out.

@@ -63,7 +63,7 @@ class BodyTable(FileTable, frozen=True, kw_only=True):
 
 
 class WorkspaceTable(FileTable, frozen=True, kw_only=True):
-    """A box in the base frame that a point of a link may not leave; in m.
+    """A box in the base frame for a point of a link; in m.
 
     A missing face is no bound.
     """
@@ -76,7 +76,7 @@ class WorkspaceTable(FileTable, frozen=True, kw_only=True):
 
 
 class ConeTable(FileTable, frozen=True, kw_only=True):
-    """A cone about an axis of the base frame that a link's direction may not leave."""
+    """A cone about an axis of the base frame for a link's direction."""
 
     link: str
     angle_deg: Annotated[float, Meta(ge=1.0, le=179.0)]
@@ -85,7 +85,7 @@ class ConeTable(FileTable, frozen=True, kw_only=True):
 
 
 class SceneTable(FileTable, frozen=True, kw_only=True):
-    """What must not touch: the robot's own bodies, and what stands around it."""
+    """Bodies that must not touch: the robot's own, and obstacles."""
 
     robot: Literal["urdf", "bodies"] = "urdf"
     elements: Literal["collision", "visual"] = "collision"

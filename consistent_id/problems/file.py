@@ -111,7 +111,7 @@ class ColumnsTable(FileTable, frozen=True, kw_only=True):
 
 
 class PreparationTable(FileTable, frozen=True, kw_only=True):
-    """What is done to each recording, in this order."""
+    """The preparation of each recording, in this order."""
 
     max_gap: Positive | None = None
     shortest_part: NonNegative | None = None
@@ -138,7 +138,7 @@ class PreparationTable(FileTable, frozen=True, kw_only=True):
 
 
 class TrackTable(FileTable, frozen=True, kw_only=True):
-    """A channel of a recording that was written into a file of its own."""
+    """A channel of a recording in a separate file."""
 
     file: str
     channel: Literal["velocity", "acceleration", "torque"]
@@ -234,7 +234,7 @@ class CombinationTable(FileTable, frozen=True, kw_only=True):
 
 
 class PublishedTable(FileTable, frozen=True, kw_only=True):
-    """What a paper printed: its combinations, its experiments, its tables."""
+    """A paper's printed results: its combinations, its experiments, its tables."""
 
     source: str
     motion: str

@@ -8,7 +8,7 @@ from consistent_id.problems.tables import FileTable, NonNegative, Pair, Positive
 
 
 class PenTable(FileTable, frozen=True, kw_only=True):
-    """What every writing task states: which point writes, when, from which pose.
+    """The common keys of writing tasks: the point that writes, times, the pose.
 
     The point is fixed in a frame; joints that are not named are locked.
     """

@@ -206,7 +206,7 @@ class Study:
         return self.recommended.verdict
 
     def verdict_on(self, estimate: Estimate) -> Verdict:
-        """Return the verdict on an estimate, with all that the study knows.
+        """Return the verdict on an estimate, from all evidence of the study.
 
         Recordings that it was fitted to are not held out.  If no others remain, its own
         verdict is used, and the evidence computed now can only make it worse: the fit,

@@ -46,7 +46,7 @@ class EllipsoidTable(FileTable, frozen=True, kw_only=True):
 
 
 class ShapeTable(FileTable, frozen=True, kw_only=True):
-    """Where a link's centre of mass or material lies: one of four shapes [m].
+    """Region of a link's centre of mass or material: one of four shapes [m].
 
     A mesh is a file in the problem's folder, in the link's frame; its hull is used, or
     the smallest ellipsoid around it.

@@ -214,7 +214,7 @@ def require_same_model(
 def parameter_origins(
     data: Matrix, known: Matrix, *, elsewhere: str
 ) -> tuple[str, ...]:
-    """Say of each parameter what determines its value.
+    """Return the source of each parameter's value.
 
     Parameters
     ----------

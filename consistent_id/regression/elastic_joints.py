@@ -43,7 +43,7 @@ def as_rigid(robot: RobotModel, recording: Recording, compliance: Vector) -> Rec
     Parameters
     ----------
     robot : RobotModel
-        With nominal bodies: they say what springs carry.
+        With nominal bodies, from which the springs' torque is computed.
     recording : Recording
         With position of the motors as seen from the links, velocity, acceleration and
         torque; filtered.

@@ -261,7 +261,7 @@ class TorqueModel:
         q, dq, ddq : array_like, shape (samples, joints)
             Positions [rad or m] and their derivatives [per s, per s^2].
         base : BaseMotion, optional
-            How the base moves, if it floats.
+            Motion of the base, if it floats.
 
         Returns
         -------

@@ -29,7 +29,7 @@ def report_html(
     uncertainty : Uncertainty, optional
         Of its constrained estimate.
     further : sequence of Section
-        Sections that were made elsewhere, such as that of rollouts.
+        Additional sections, such as that of rollouts.
     command : str
         Command that reproduces the report.
 

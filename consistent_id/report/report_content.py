@@ -36,7 +36,7 @@ class ReportContent:
     seed : int, optional
         Of the bootstrap.
     command : str
-        By which the report is made again.
+        Command that reproduces the report.
     """
 
     title: str

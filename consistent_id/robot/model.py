@@ -398,7 +398,7 @@ class RobotModel:
         Raises
         ------
         ModelError
-            If the model knows no such link.
+            If the model has no such link.
         """
         carriers = {frame.name: -1 for frame in self.ground}
         for k, link in enumerate(self.links):

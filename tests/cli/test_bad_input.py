@@ -111,7 +111,7 @@ def test_patterns_may_not_look_inside_names(tmp_path, pattern):
 
 @pytest.mark.parametrize("number", ["1_000", "٣"])
 def test_python_spellings_of_numbers_are_refused(tmp_path, number):
-    with pytest.raises(RecordingError, match="row 2"):
+    with pytest.raises(RecordingError, match=r"row 1 \(line 2\)"):
         read_recording(written(tmp_path, f"time,q_a\n0,{number}\n1,2\n"), "a")
 
 

@@ -77,6 +77,7 @@ def test_no_option_is_dropped(command, monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path)
     Path("robot.urdf").touch()
     Path("log.csv").touch()
+    Path("word").mkdir()
     statements = given_to((COMMANDS | ROBOT)[command], monkeypatch)
     parts = {d.part for d in declarations().values()}
     names, words = stated({"robot"} if command in ROBOT else parts)

@@ -15,7 +15,8 @@ import consistent_id as ci
 from consistent_id.cli import main
 from consistent_id.cli.answers import Answer
 from consistent_id.cli.source import each
-from consistent_id.report.results import Results, _input
+from consistent_id.report.results import Results
+from consistent_id.report.results_writing import _input
 
 
 def run(capsys, *arguments):
@@ -398,7 +399,7 @@ def test_a_large_file_is_not_read_again_unless_it_was_recorded_just_after_a_chan
     fresh = _input(log)
     assert (fresh.changed, fresh.status) == (0, 0)
     monkeypatch.setattr(
-        "consistent_id.report.results.time_ns", lambda: time.time_ns() + 10**10
+        "consistent_id.report.results_writing.time_ns", lambda: time.time_ns() + 10**10
     )
     settled = _input(log)
     read = []

@@ -68,7 +68,7 @@ def test_a_run_in_goes_around_what_stands_in_the_straight_way(tmp_path, ends):
     straight = move_along(path, required.limits, from_pose=pose, to_pose=pose)
     assert prove_clearance(required.scene, straight.run_in).violated
     found = proven_move(path, proof, required, Playing(pose))
-    assert "by other poses" in found.note
+    assert "through other poses" in found.note
     assert found.proof.holds and required.proof(found.move.pieces).holds
     ends = found.move.evaluate([0.0, found.move.duration])
     np.testing.assert_allclose(ends[0], [[-1.2, 0.0]] * 2, atol=1e-9)

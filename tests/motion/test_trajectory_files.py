@@ -308,7 +308,11 @@ FAULTY = {
     "no zip": ("x.npz", "text", "not readable as NPZ"),
     "csv": ("x.csv", "time,q_a\n0,0\n1,1\n", "expected time and, of each joint"),
     "empty csv": ("x.csv", "", "expected time and"),
-    "csv value": ("x.csv", "time,q_a,dq_a,ddq_a\n0,1,x,1\n", "row 2, column 'dq_a'"),
+    "csv value": (
+        "x.csv",
+        "time,q_a,dq_a,ddq_a\n0,1,x,1\n",
+        r"row 1 \(line 2\), column 'dq_a'",
+    ),
     "no parquet": ("x.parquet", "text", "not readable as Parquet"),
     "width": (
         "x.yaml",

@@ -86,14 +86,14 @@ CLARABEL = {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10}
 
 @dataclass(frozen=True, slots=True)
 class OptimumProof:
-    """What is proven of an optimum.
+    """What is proven about an optimum.
 
     Parameters
     ----------
     statement : str
-        What is proven, or how near it came.
+        What is proven, or how nearly.
     allowed : str
-        What gaps are allowed, for a reader of a failed proof.
+        The allowed gaps, for a reader of a failed proof.
     """
 
     certified: bool
@@ -104,13 +104,13 @@ class OptimumProof:
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """OptimumVerdict on an estimate, and the recomputed figures behind it.
+    """The optimum's verdict, and the recomputed figures behind it.
 
     Parameters
     ----------
     verdict : {"certified", "uncertified"}
     reason : str
-        In words: what was checked, or what failed.
+        What was checked, or what failed, in words.
     figures : dict of str to float
         Residuals, gaps, eigenvalues, by name.
     """

@@ -136,7 +136,7 @@ class Segments(NamedTuple):
         ]
 
     def long_enough(self, noise: ResidualNoise) -> "Segments":
-        """Join segments until they are long, if two or more are left."""
+        """Join segments until they are long, if at least two remain."""
         joined = lengthened(self.regressions, self.sources, LONG * noise.length)
         return Segments(*joined) if len(joined[0]) > 1 else self
 
@@ -215,7 +215,7 @@ def _scores(
     base: BaseParameters,
     noise: ResidualNoise,
 ) -> _Scores:
-    """Take the scatter between segments where they are long, else effective samples."""
+    """Use the scatter between segments if they are long, else effective samples."""
     parts, sources = segments
     shortest = np.min([part.counts for part in parts], axis=0)
     count = len(parts)
@@ -230,8 +230,9 @@ def _scores(
         )
         return _Scores(
             segment_scores(fitted, parts, base, sources),
-            f"scatter is that between {count} segments, each {LONG:.0f} correlation "
-            f"lengths long or longer: 95 % are {t:.2f} standard errors either way{few}",
+            f"scatter is that between {count} segments, each at least {LONG:.0f} "
+            f"correlation lengths long: 95 % intervals are {t:.2f} standard errors "
+            f"either way{few}",
             t,
         )
     longest = float(noise.length.max())

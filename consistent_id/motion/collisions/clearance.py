@@ -185,7 +185,7 @@ def _motion(scene: Scene, path: JointPath) -> _BoundedPath:
 
 @dataclass(slots=True)
 class _LeastSlack:
-    """The state of a search for the least slack: what was seen, what is proven."""
+    """The state of a search for the least slack: computed and proven values."""
 
     best: float = np.inf
     distance: float = np.inf

@@ -37,7 +37,7 @@ _Piece = FourierTrajectory | PolynomialPath
 
 
 class _PieceRecord(msgspec.Struct, forbid_unknown_fields=True, tag_field="kind"):
-    """What pieces of both kinds have."""
+    """Keys that pieces of both kinds have."""
 
     joints: list[str]
     duration_s: float

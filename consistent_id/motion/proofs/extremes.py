@@ -198,7 +198,7 @@ def _cells(path: JointPath, curvature: Vector, scale: Vector) -> int:
 
 @dataclass(slots=True)
 class _FoundExtremes:
-    """Best values so far, and the bound of all stretches that are done with."""
+    """Best values so far, and the bound of all finished stretches."""
 
     reached: Vector
     at: Vector

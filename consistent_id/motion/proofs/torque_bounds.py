@@ -286,7 +286,7 @@ def _robots(parameters: ArrayLike, model: TorqueModel) -> Matrix:
 
 
 def first_cells(path: JointPath) -> int:
-    """Return into how many stretches time is divided at first."""
+    """Return the number of stretches at the beginning."""
     fastest = path.derivative_bound(1).max()
     cells = np.ceil(path.duration * fastest / (2.0 * _TURN))
     return int(np.clip(cells, _FEWEST, _MOST_CELLS))

@@ -61,7 +61,7 @@ class BaseColumns:
     order : {"xyzw", "wxyz"}
         Of the quaternion.
     imu_position : array_like, shape (3,), [m]
-        Of the unit in the base frame.
+        Position of the unit in the base frame.
     imu_orientation : array_like, shape (4,)
         Of the unit in the base frame, a quaternion in the same order; by default it is
         aligned.

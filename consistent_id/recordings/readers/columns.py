@@ -110,7 +110,7 @@ JOINT_STATE = Columns("header.stamp", "position", "velocity", torque="effort")
 
 @dataclass(frozen=True, slots=True)
 class WantedChannels:
-    """What is to be taken from a table or a file of arrays.
+    """The data to read from a table or a file of arrays.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ class WantedChannels:
 
 
 def wanted(columns: Columns, joints: Sequence[str], where: str) -> WantedChannels:
-    """Return the names that patterns make for the joints.
+    """Return the names of the patterns for the joints.
 
     Raises
     ------

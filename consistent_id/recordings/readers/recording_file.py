@@ -319,7 +319,7 @@ def reader_of(path: Path) -> Any:
 
 
 def wanted_of(path: Path, columns: Columns, joints: Sequence[str]) -> WantedChannels:
-    """Return what is wanted of a file of arrays, in the units that it states.
+    """Return the data to read from a file of arrays, in the units that it states.
 
     Raises
     ------
@@ -368,7 +368,7 @@ def _require_room(path: Path) -> None:
 def _in_stated_units(
     want: WantedChannels, said: Mapping[str, str], where: str
 ) -> WantedChannels:
-    """Return what is wanted, in the units that the file states where no one else does.
+    """Return the data to read, in the file's stated units if no others are given.
 
     Parameters
     ----------
