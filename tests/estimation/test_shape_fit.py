@@ -235,15 +235,16 @@ def test_an_exact_fit_tells_nothing_of_shapes():
     "CONSISTENT_ID_DATASETS" not in os.environ,
     reason="CONSISTENT_ID_DATASETS does not name the folder of recordings",
 )
-def test_the_ur10es_friction_turns_at_two_hundredths_of_a_radian_per_second():
+def test_the_ur10es_friction_turns_at_a_hundredth_of_a_radian_per_second():
     problem = load_problem("problems/ur10e")
     simple = tuple(replace(t, load_friction=False) for t in problem.model.terms)
     model = replace(problem.model, drive=simple)
     found = fit_shapes(model, problem.training, weighted=False)
     shape = found["velocity_scale"]
-    # Least squares at 0.01, 0.015, 0.02 and 0.05 rad/s: 3.62, 3.56, 3.57 and 4.25 %.
-    assert 0.01 < shape.low < shape.value < shape.high < 0.02
-    assert found.error_before == pytest.approx(0.0357, abs=1e-4)
-    assert found.error_after == pytest.approx(0.0356, abs=1e-4)
+    # Least squares at 0.005, 0.01, 0.015, 0.02 and 0.05 rad/s: 3.42, 3.40, 3.44, 3.51
+    # and 4.25 %.  Rows of filtered samples say 0.016: their corners are rounded off.
+    assert 0.005 < shape.low < shape.value < shape.high < 0.015
+    assert found.error_before == pytest.approx(0.0351, abs=1e-4)
+    assert found.error_after == pytest.approx(0.0339, abs=1e-4)
     # Its residuals, filtered at 8.5 Hz, go on for many samples.
     assert found.correlation > 10.0

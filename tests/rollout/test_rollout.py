@@ -182,8 +182,9 @@ def test_rollouts_find_the_drives_again():
     model = arm(gravity=(0.0, -9.81, 0.0))
     log = stepped(model, TRUTH, *chirps(seconds=8.0))
     known = (FixedBodies(), NonNegativeDrive())
-    smooth = low_passed(commanded(log, GAINS), motion_cutoff=20.0, torque_cutoff=20.0)
-    regression = build_regression(model, differentiated(replace(smooth, velocity=None)))
+    raw = replace(commanded(log, GAINS), velocity=None)
+    smooth = low_passed(raw, motion_cutoff=20.0, torque_cutoff=20.0)
+    regression = build_regression(model, differentiated(smooth))
     start = estimate(model, [1.4 * value for value in TRUTH])
     found = refined(
         start, regression, [log], GAINS, constraints=known, ridge=1e-6, steps=8

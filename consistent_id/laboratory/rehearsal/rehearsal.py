@@ -54,7 +54,7 @@ _HOLDING_LOOKS = 50  # at how far joints have moved
 _CUTOFF = 8.0  # times the highest frequency of the motion
 _LOWEST_CUTOFF, _HIGHEST_CUTOFF = 6.0, 0.2  # Hz; share of the rate
 _MIXED = 0.05  # s of which rows are mixed to one
-_TRIM = 0.1  # s at either end, where filters have no neighbours
+_TRIM = 0.5  # s at either end: filters have no neighbours, friction at rest any value
 
 SENSED = 0.5
 """Share of the predicted noise that sensors have; friction's errors are the rest."""
