@@ -175,7 +175,7 @@ def verdict_table(comparison: Comparison) -> Table:
     reports = comparison.reports
     judged = [(report, report.verdict) for report in reports]
     usable = sum(verdict.usable for _, verdict in judged)
-    held_out = [error.recording for error in reports[0].validation]
+    held_out = reports[0].validation
     return Table(
         f"{comparison.model.robot.name}: {usable} of {len(reports)} estimates may be "
         "used",
@@ -195,10 +195,14 @@ def verdict_table(comparison: Comparison) -> Table:
             for report, verdict in judged
         ),
         tuple(
-            f"held-out error {i}: all joints, {name}"
-            for i, name in enumerate(held_out, start=1)
+            f"held-out error {i}: all joints, {error.recording}{_band(error)}"
+            for i, error in enumerate(held_out, start=1)
         ),
     )
+
+
+def _band(error: TorqueError) -> str:
+    return "" if error.band is None else f", torque below {error.band:g} Hz"
 
 
 def counted(links: Sequence[bool]) -> str:

@@ -58,6 +58,9 @@ class TorqueError:
         rest; see `beyond_friction`.
     stacked_beyond : float
         ``stacked`` for this error.
+    band : float, optional, [Hz]
+        Cut-off of the filter that measured and predicted torque have passed; None if
+        they are not filtered.
     """
 
     recording: str
@@ -67,6 +70,7 @@ class TorqueError:
     stacked: float
     beyond: Vector
     stacked_beyond: float
+    band: float | None = None
 
     @property
     def mse(self) -> Vector:
@@ -118,6 +122,8 @@ def prediction_errors(
     moving = moving_shares(model, regression)
     # If rows are mixed, friction of a joint at rest is in all of them.
     rests = not motion.mixed and bool((moving < IN_MOTION).any())
+    behind = recording.torque_filter
+    band = None if behind is None else behind.cutoff
     errors = []
     for x, held in predictions:
         rms = regression.residual_rms(x)
@@ -131,6 +137,7 @@ def prediction_errors(
                 stacked_of_kinds(model, counts * rms**2, counts * size**2),
                 beyond,
                 stacked_of_kinds(model, counts * beyond**2, counts * size**2),
+                band,
             )
         )
     return errors
