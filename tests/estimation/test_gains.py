@@ -133,7 +133,7 @@ def test_gains_from_one_load_weigh_the_other_of_the_ur10e(tmp_path):
     # Residuals are correlated: errors are several times those of white noise.
     assert abs(found.free.mass - 2.805) < found.standard_errors[0] < 0.125
     assert found.body.mass == pytest.approx(2.805, abs=0.03)
-    assert "taken as exact" in found.condition
+    assert "assumed to be exact" in found.condition
     stated = identify_payload(
         problem.model,
         *other,

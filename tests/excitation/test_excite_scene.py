@@ -143,7 +143,7 @@ def test_a_run_in_through_an_obstacle_is_refused_with_a_pose_that_would_do(tmp_p
     assert "trajectory" not in excited.moves and excited.design.proof.holds
     told = excited.refusals[0]
     assert "run-in: bodies 'arm' and 'post' at " in told
-    assert f"or none: from joint1 = {side:.3f} this path can be reached" in told
+    assert f"or none: this path can be reached from joint1 = {side:.3f}" in told
     # The design is not lost, but no motion that collides is written.
     names = {path.name for path in write_design(excited, tmp_path / "out")}
     assert "excitation.json" in names and "trajectory.json" not in names

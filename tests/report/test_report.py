@@ -346,7 +346,7 @@ def test_the_shell_writes_it_and_says_which_estimate_to_use(tmp_path, capsys):
     assert "use: constrained" in out
     assert str(file) in out
     page = Page(file.read_text(encoding="utf-8"))
-    assert "consistent-id report problems/rx60 --seed 0" in page.texts
+    assert "consistent-id report problems/rx60/problem.toml --seed 0" in page.texts
 
 
 @pytest.mark.slow
