@@ -33,14 +33,12 @@ from consistent_id.diagnosis.small_shifts import (
     shift_findings,
 )
 from consistent_id.diagnosis.wrong_units import model_findings, travel_findings
-from consistent_id.errors import ConsistentIdError, InfeasibleError, SolverError
+from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.penalised import penalised_fit
 from consistent_id.recordings.recording import Recording, positions_at
-from consistent_id.recordings.signals.filtered_rows import row_filter
+from consistent_id.recordings.signals.clocks import uniform_rate
 from consistent_id.recordings.signals.filters import low_passed
 from consistent_id.regression.base import BaseParameters, base_parameters
-from consistent_id.regression.drive.laws import direction
-from consistent_id.regression.friction_shapes import shapes_of, with_shapes
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
 
@@ -49,7 +47,7 @@ from consistent_id.robot.model import RobotModel
 _WORTH = 0.008
 _LARGE = 2.0  # score from which on a gain is large
 _OF_FITS = ("rank", "motion noise")  # findings that matter only where a log is fitted
-_WIDER = np.array([1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0])
+_ABOVE = 2.0  # cut-off of the motion over the torque's: beyond, its noise alone is left
 _PULL = 1e-4  # weight of the squared distance to the nominal robot
 
 
@@ -105,10 +103,7 @@ def diagnose(
     looked_at = [*training, *(v for v in validation if v.torque is not None)]
     if model.robot.floating:
         return _of_signals(model.robot, found, [*training, *validation])
-    wide = _as_filtered(model, training[0], prepare)
-    if wide is not model or base is None:
-        base = base_parameters(wide)
-    model = wide
+    base = base_parameters(model) if base is None else base
     open_: list[OpenLog] = []
     for k, recording in enumerate(looked_at):
         log = recording.of(model.robot.joint_names)
@@ -124,61 +119,25 @@ def diagnose(
 
 
 def _of_samples(prepared: Recording) -> Recording:
-    """Return a recording whose motion is filtered like its torque.
+    """Return a recording whose motion has no noise far above the band of its torque.
 
-    Channels are turned, shifted and scaled by a diagnosis, sample by sample: its rows
-    are those of the samples, with friction as wide as the filter leaves it.
+    Channels are turned, shifted and scaled by a diagnosis, sample by sample, so that
+    its rows are those of the samples.
     """
     behind = prepared.torque_filter
     if behind is None:
         return prepared
     moved = replace(behind.source, torque=None, wrenches=(), torque_known=None)
-    smooth = low_passed(moved, motion_cutoff=behind.cutoff, order=behind.order)
+    rate = uniform_rate(behind.source)
+    if _ABOVE * behind.cutoff >= 0.5 * rate:
+        return replace(prepared, torque_filter=None)
+    smooth = low_passed(moved, motion_cutoff=_ABOVE * behind.cutoff)
     channels = {
         name: values[behind.kept]
         for name in ("position", "velocity", "acceleration")
         if (values := getattr(smooth, name)) is not None
     }
     return replace(prepared, torque_filter=None, **channels)
-
-
-def _as_filtered(
-    model: TorqueModel, recording: Recording, prepare: Prepare | None
-) -> TorqueModel:
-    """Return a model whose friction is as wide as the torque's filter leaves it.
-
-    Friction of a filtered speed changes its sign at once, filtered friction does not.
-    The width of each joint is the one whose friction is nearest to filtered friction.
-    """
-    try:
-        log = recording.of(model.robot.joint_names)
-        done = log if prepare is None else prepare(log)
-    except ConsistentIdError:
-        return model  # which is said where the log is examined
-    behind, plain = done.torque_filter, _of_samples(done)
-    if behind is None or behind.source.velocity is None or plain.velocity is None:
-        return model
-    by, kept = row_filter(done), behind.kept
-    factors: dict[str, float] = {}
-    for shape in shapes_of(model):
-        if shape.kind == "velocity_scale" and shape.owner in done.joints:
-            j = done.joints.index(shape.owner)
-            whole = direction(behind.source.velocity[:, [j]], shape.value)
-            wanted, speed = by(whole, kept)[:, 0], plain.velocity[:, j]
-            widths = shape.value * _WIDER
-            off = [np.sum((direction(speed, w) - wanted) ** 2) for w in widths]
-            factors[shape.owner] = float(_WIDER[int(np.argmin(off))])
-    if all(factor == 1.0 for factor in factors.values()):
-        return model
-    wider = ("velocity_scale", "stribeck_velocity")
-    return with_shapes(
-        model,
-        {
-            shape.name: factors[shape.owner] * shape.value
-            for shape in shapes_of(model)
-            if shape.kind in wider and shape.owner in factors
-        },
-    )
 
 
 def _of_validation(of_one: list[LogFinding] | OpenLog) -> list[LogFinding] | OpenLog:
