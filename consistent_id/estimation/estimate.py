@@ -37,7 +37,6 @@ from consistent_id.regression.mass_matrix import (
     least_mass_eigenvalue,
     random_poses,
 )
-from consistent_id.regression.motion_arrays import predicted_torque
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import residual_sigma
 from consistent_id.regression.segments import (
@@ -45,6 +44,7 @@ from consistent_id.regression.segments import (
     segment_regressions,
     segment_sources,
 )
+from consistent_id.regression.torque_along import predicted_torque
 
 if TYPE_CHECKING:
     from pandas import DataFrame

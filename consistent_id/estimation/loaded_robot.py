@@ -18,11 +18,11 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters, column_kinds
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.linear import split_at_gap
-from consistent_id.regression.motion_arrays import predicted_torque
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_structure import random_rows
 from consistent_id.regression.segments import merged
+from consistent_id.regression.torque_along import predicted_torque
 from consistent_id.robot.inertia import (
     InertialParameters,
     inertial_vector,

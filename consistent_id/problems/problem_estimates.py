@@ -25,10 +25,10 @@ from consistent_id.problems.published import PublishedReport, check_published
 from consistent_id.problems.robot_preparation import regression_of, segments_of_problem
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.motion_arrays import simulate_torque
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.residual_noise import joint_noise
 from consistent_id.regression.rows.contact_free import base_of_recordings
+from consistent_id.regression.torque_along import simulate_torque
 
 
 def identify(

@@ -36,10 +36,10 @@ from consistent_id.regression.base import (
 )
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.linear import solve_linear
-from consistent_id.regression.motion_arrays import simulate_torque
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import residual_sigma
+from consistent_id.regression.torque_along import simulate_torque
 from consistent_id.robot.inertia import InertialParameters
 
 _NEAREST = PointToSet(slack=1e-4)  # exact torque: fit first, nominal hardly at all

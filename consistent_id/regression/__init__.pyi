@@ -8,7 +8,6 @@ from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.drive.term import DriveTerm, JointSamples, ShapeParameter
 from consistent_id.regression.friction_shapes import shapes_of, with_shapes
-from consistent_id.regression.motion_arrays import simulate_torque
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regression_file import load_regression, save_regression
 from consistent_id.regression.regressor import TorqueModel, joint_torque_regressor
@@ -37,6 +36,7 @@ from consistent_id.regression.rows.wrench_sensor import (
     tool_model,
 )
 from consistent_id.regression.segments import segment_regressions, segment_sources
+from consistent_id.regression.torque_along import simulate_torque
 
 __all__ = [
     "BASE_ROWS",

@@ -1,8 +1,8 @@
 """A recording's arrays in a torque model's order of joints, and rows along them.
 
-Where the torque is low-passed, so are the rows, by the same filter ``F``.  Samples that
-do not count are set to zero before it (``M``), and of the filtered rows as many are
-kept as the cut-off makes worthwhile (``S``): ``S F M Y x = S F M tau``.
+Where the torque is low-passed, the same filter ``F`` is applied to the rows.  Samples
+that do not count are set to zero before it (``M``), and five rows are kept in a period
+of the cut-off (``S``): ``S F M Y x = S F M tau``.
 """
 
 from collections.abc import Iterator, Sequence
@@ -11,7 +11,6 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import (
     Array,
@@ -22,9 +21,9 @@ from consistent_id._support.arrays import (
     chunks,
     frozen,
 )
-from consistent_id.errors import ProblemError, RecordingError
+from consistent_id.errors import RecordingError
 from consistent_id.recordings.beside import BaseMotion
-from consistent_id.recordings.recording import Recording, TorqueFilter, states
+from consistent_id.recordings.recording import Recording, TorqueFilter
 from consistent_id.recordings.signals.filtered_rows import (
     RowFilter,
     around,
@@ -359,7 +358,7 @@ def motion_of(
         the recording was changed after its torque had been filtered.
     """
     if recording.torque_filter is None:
-        return _every_sample(model, recording, weights)
+        return every_sample(model, recording, weights)
     if weights is None:
         return _filtered_motion(model, recording)
     shape = len(recording), len(model.torque_joints)
@@ -380,7 +379,7 @@ def _with_filter(
     behind, by = require_filter(recording), row_filter(recording)
     places = _places(behind, by.step)
     kept = behind.kept[places]
-    along = _every_sample(model, behind.source, _marks(behind, weights, model))
+    along = every_sample(model, behind.source, _marks(behind, weights, model))
     rows = FilteredRows(along, by, kept)
     marks = along.weights
     return Motion(
@@ -427,7 +426,7 @@ def _marks(
     return marks
 
 
-def _every_sample(
+def every_sample(
     model: TorqueModel, recording: Recording, weights: Array | None
 ) -> Motion:
     """Return the rows of a recording whose torque is as it was recorded."""
@@ -435,7 +434,7 @@ def _every_sample(
         tau, base = measured_forces(model, recording), recording.base
     else:
         tau, base = recording.of(model.torque_joints).torque, None
-    q, dq, ddq = _state(model, recording)
+    q, dq, ddq = state_of(model, recording)
     if dq is None or ddq is None or tau is None:
         given = {"velocity": dq, "acceleration": ddq, "torque": tau}
         missing = [name for name, values in given.items() if values is None]
@@ -449,7 +448,7 @@ def _every_sample(
     if unknown is not None:
         weights = np.where(unknown, 0.0, 1.0 if weights is None else weights)
     motion = Motion(q, dq, ddq, tau, weights, base)
-    mixing = _mixing(model, recording)
+    mixing = mixing_of(model, recording)
     if mixing is None:
         return motion
     if weights is not None and not weights.all():
@@ -460,7 +459,7 @@ def _every_sample(
 
 
 @lru_cache(maxsize=4)
-def _mixing(model: TorqueModel, recording: Recording) -> ContactMixing | None:
+def mixing_of(model: TorqueModel, recording: Recording) -> ContactMixing | None:
     """Return how a recording's rows are mixed, with its maps held.
 
     A study goes along the same few recordings again and again, and finding maps takes
@@ -483,7 +482,7 @@ def _unknown_rows(model: TorqueModel, recording: Recording) -> BoolArray | None:
     return np.column_stack(rows)
 
 
-def _state(
+def state_of(
     model: TorqueModel, recording: Recording
 ) -> tuple[Array, Array | None, Array | None]:
     """Return position, velocity and acceleration in the robot's order of joints."""
@@ -502,87 +501,3 @@ def _without_contacts(motion: Motion, mixing: ContactMixing) -> Motion:
         shares[part] = np.diagonal(maps, axis1=1, axis2=2)
     peaks = abs(motion.torque).max(axis=0)
     return motion._replace(torque=torque, mixing=mixing, peaks=peaks, shares=shares)
-
-
-def predicted_torque(model: TorqueModel, x: Vector, recording: Recording) -> Array:
-    """Return the torque of parameters along a recording, whether it has torque or not.
-
-    Without forces of unmeasured contacts, as in `Motion`, and filtered as the
-    recording's torque is.
-
-    Raises
-    ------
-    ProblemError
-        If the recording has no velocity or acceleration.
-    """
-    behind = recording.torque_filter
-    if behind is not None:
-        require_unchanged(recording)
-        source = behind.source
-        return row_filter(recording).of_spans(
-            lambda span: predicted_torque(model, x, source.samples(span)),
-            behind.kept,
-            len(source),
-        )
-    q, dq, ddq = _state(model, recording)
-    if dq is None or ddq is None:
-        raise ProblemError(
-            f"{recording.name}: torques need velocity and acceleration; call "
-            "signals.differentiated(recording) first"
-        )
-    whole = model.predict(x, q, dq, ddq, base=recording.base)
-    mixing = _mixing(model, recording)
-    return whole if mixing is None else mixing.mixed(whole)
-
-
-def measured_torque(model: TorqueModel, recording: Recording) -> Array:
-    """Return the torque of a recording that `predicted_torque` predicts.
-
-    In the model's order of rows, shape (samples, torque joints), [N m or N], at every
-    sample, whether it counts or not.
-
-    Raises
-    ------
-    RecordingError
-        If a channel or a joint is missing.
-    """
-    behind = recording.torque_filter
-    if behind is None:
-        return _every_sample(model, recording, None).torque
-    torque = _every_sample(model, behind.source, None).torque
-    return row_filter(recording)(torque, behind.kept)
-
-
-def simulate_torque(
-    model: TorqueModel,
-    parameters: ArrayLike,
-    motion: Recording,
-    *,
-    noise: ArrayLike = 0.0,
-    rng: np.random.Generator | None = None,
-) -> Recording:
-    """Return a motion with the torques of known parameters, and white noise on them.
-
-    All joints get their torque, also those whose torque the model does without.
-
-    Parameters
-    ----------
-    model : TorqueModel
-    parameters : array_like, shape (parameters,)
-    motion : Recording
-        With velocity and acceleration.
-    noise : array_like, shape () or (joints,), [N m or N]
-        Standard deviation.
-    rng : numpy.random.Generator, optional
-        Needed for noise.
-    """
-    motion = motion.of(model.robot.joint_names)
-    torque = replace(model, torque_joints=()).predict(parameters, *states(motion))
-    shape = torque.shape[1:] if np.ndim(noise) else ()
-    sigma = frozen(noise, shape, "noise")
-    if sigma.any():
-        if rng is None:
-            raise ProblemError("noise needs a random generator; pass rng=")
-        torque = torque + rng.normal(size=torque.shape) * sigma
-    name = f"{motion.name} (simulated)"
-    return replace(motion, torque=torque, torque_filter=None, name=name)

@@ -9,8 +9,8 @@ import numpy as np
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.recordings.recording import Recording
-from consistent_id.regression.motion_arrays import measured_torque
 from consistent_id.regression.row_names import in_newton
+from consistent_id.regression.torque_along import measured_torque
 from consistent_id.robot.model import Joint, RobotModel
 
 _POINTS = 2000  # samples drawn per curve; more would not be visible

@@ -7,8 +7,8 @@ import numpy as np
 from consistent_id._support.arrays import Array, IntArray, Vector
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.recordings.recording import Recording, velocities
-from consistent_id.regression.motion_arrays import measured_torque, predicted_torque
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.torque_along import measured_torque, predicted_torque
 from consistent_id.report.markup import Html, folded, grid, joined, paragraphs, tag
 from consistent_id.report.plot import (
     Frame,

@@ -14,7 +14,7 @@ from consistent_id import (
 )
 from consistent_id.problems.parametrisation import Combination, Parametrisation
 from consistent_id.recordings.joint_paths import Sinusoid, SinusoidalMotion
-from consistent_id.regression.motion_arrays import simulate_torque
+from consistent_id.regression.torque_along import simulate_torque
 
 
 def test_derivatives_are_those_of_finite_differences():

@@ -23,7 +23,7 @@ from consistent_id import (
 from consistent_id.constraints import Motor
 from consistent_id.recordings.joint_paths import Sinusoid, SinusoidalMotion
 from consistent_id.regression import base_parameters, casadi_regressor
-from consistent_id.regression.motion_arrays import simulate_torque
+from consistent_id.regression.torque_along import simulate_torque
 
 FULL = DriveTerms(
     viscous=True,

@@ -17,12 +17,9 @@ from consistent_id import (
     trimmed,
 )
 from consistent_id.recordings.signals.filtered_rows import RowFilter
-from consistent_id.regression.motion_arrays import (
-    measured_torque,
-    motion_of,
-    predicted_torque,
-)
+from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.regression.segments import merged, segment_regressions
+from consistent_id.regression.torque_along import measured_torque, predicted_torque
 from consistent_id.signals import (
     blocked_folds,
     decimated,

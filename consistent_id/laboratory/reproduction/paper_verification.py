@@ -12,8 +12,8 @@ from consistent_id.laboratory.reproduction.experiments import Reproduction
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.published import published_table
 from consistent_id.recordings.recording import Recording
-from consistent_id.regression.motion_arrays import predicted_torque
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.torque_along import predicted_torque
 
 
 @dataclass(frozen=True, slots=True, eq=False)
