@@ -27,6 +27,8 @@ _PLAIN = {"viscous": True, "coulomb": "tanh", "velocity_scale": 0.02, "offset": 
 _SIZES = {  # share of a joint's torque, over the size of the term's column
     "viscous": 0.15,
     "coulomb": 0.12,
+    "coulomb_positive": 0.15,
+    "coulomb_negative": 0.10,
     "offset": 0.03,
     "rotor_inertia": 0.10,
     "stribeck": 0.06,
@@ -55,6 +57,8 @@ class Truth:
         Mass of every link in the URDF.
     late : float, [s]
         By which the torque is.
+    by_joint : tuple of dict
+        Drive options of each joint, in addition.
     """
 
     robot: str
@@ -63,6 +67,7 @@ class Truth:
     coupled: bool = False
     placeholder: float | None = None
     late: float = 0.0
+    by_joint: tuple[dict[str, object], ...] = ()
 
 
 TRUTHS = {
@@ -118,7 +123,8 @@ def _true_model(robot: Robot, truth: Truth) -> ci.TorqueModel:
     terms = []
     for j in range(len(robot.parts)):
         spring = {"spring": True} if j in truth.sprung else {}
-        terms.append(ci.DriveTerms(**_PLAIN, **truth.terms, **spring))
+        own = truth.by_joint[j] if truth.by_joint else {}
+        terms.append(ci.DriveTerms(**(_PLAIN | truth.terms | spring | own)))
     couplings = ()
     if truth.coupled:
         *_, first, second = robot.joints

@@ -41,7 +41,7 @@ a designer's estimate of a casting, a motor and its cables lies."""
 TERMS = ("rotor_inertia", "load_friction", "drag", "spring", "friction_slope")
 """Drive terms that are there or not."""
 
-STRIBECK = (3.0, 10.0)
+STRIBECK = (2.5, 5.0, 10.0, 20.0)
 """Velocities at which friction at rest fades, over the width of the sign's change."""
 
 LEAST_SPEEDS = (0.02, 0.05, 0.1, 0.2)
@@ -217,6 +217,11 @@ def stribeck_velocities(scale: float) -> tuple[float, ...]:
     return tuple(float(f"{ratio * scale:.2g}") for ratio in STRIBECK)
 
 
+def nearest_stribeck(velocity: float, scale: float) -> float:
+    """Return the velocity to try, for a width, that is nearest to a given one."""
+    return min(stribeck_velocities(scale), key=lambda v: abs(np.log(v / velocity)))
+
+
 def with_drive(
     choice: Choice, places: Iterable[int], change: Callable[[DriveTable], DriveTable]
 ) -> Choice:
@@ -294,8 +299,8 @@ def scale_moves(choice: Choice, scales: Sequence[float]) -> Iterator[ModelMove]:
                 return table
             values: dict[str, object] = {"velocity_scale": scale}
             if table.stribeck_velocity is not None:
-                ratio = table.stribeck_velocity / table.velocity_scale
-                values["stribeck_velocity"] = float(f"{ratio * scale:.2g}")
+                near = nearest_stribeck(table.stribeck_velocity, scale)
+                values["stribeck_velocity"] = near
             return setter(**values)(table)
 
         after = with_drive(choice, range(len(choice.drive)), change)
@@ -308,6 +313,16 @@ def scale_moves(choice: Choice, scales: Sequence[float]) -> Iterator[ModelMove]:
             choice,
             replace(after, couplings=couplings),
         )
+
+
+def stribeck_moves(choice: Choice) -> Iterator[ModelMove]:
+    """Yield other velocities at which friction at rest fades, where it does."""
+    places = [j for j, d in enumerate(choice.drive) if d.stribeck_velocity is not None]
+    for velocity in stribeck_velocities(velocity_scale(choice)):
+        after = with_drive(choice, places, setter(stribeck_velocity=velocity))
+        if after != choice:
+            label = f"stribeck_velocity = {velocity:g} where there is one"
+            yield ModelMove("stribeck_value", label, choice, after)
 
 
 def row_moves(choice: Choice, speed: Vector) -> Iterator[ModelMove]:
@@ -363,9 +378,24 @@ def removals(choice: Choice, made: ModelMove) -> Iterator[ModelMove]:
     coupled = {name for c in choice.couplings for name in (c.first, c.second)}
     if made.kind == "rotor_inertia" and coupled:
         return
-    after = with_drive(choice, places, setter(**_WITHOUT[made.kind]))
+    after = without(choice, made.kind, places)
     if after != choice:
         yield ModelMove(made.kind, f"without {made.label}", choice, after)
+
+
+def without(choice: Choice, kind: str, places: Iterable[int]) -> Choice:
+    """Return a choice without one kind of drive term on some joints."""
+    return with_drive(choice, places, setter(**_WITHOUT[kind]))
+
+
+def has_term(table: DriveTable, kind: str) -> bool:
+    """Return whether a joint has a kind of drive term that may be taken back."""
+    value = getattr(table, kind)
+    return value is not None and value is not False
+
+
+REMOVABLE = tuple(_WITHOUT)
+"""Kinds of drive terms that may be taken back, joint by joint."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -393,14 +393,25 @@ class Gain:
 
 def gain(before: HeldOut, after: HeldOut) -> Gain:
     """Return what the second brings over the first, on the same rows."""
-    less = before.blocks - after.blocks
+    return _gain(before.blocks, after.blocks)
+
+
+def joint_gains(before: HeldOut, after: HeldOut) -> tuple[Gain, ...]:
+    """Return the same for each torque joint's own squared error."""
+    pairs = zip(before.squares.T, after.squares.T, strict=True)
+    return tuple(_gain(first, second) for first, second in pairs)
+
+
+def _gain(before: Vector, after: Vector) -> Gain:
+    """Return what one error on each fold brings over another."""
+    less = before - after
     starts = np.cumsum((0, *NUMBERS))
     variances = [
         n * float(np.var(less[a : a + n], ddof=1))
         for n, a in zip(NUMBERS, starts[:-1], strict=True)
     ]
     error = float(np.mean(np.sqrt(variances)))
-    total = max(before.total, 1e-300)
+    total = max(float(before.sum()) / len(NUMBERS), 1e-300)
     share = float(less.sum()) / len(NUMBERS) / total
     decided = less[abs(less) > _TIED * total]
     won = float(np.mean(decided > 0.0)) if len(decided) else 0.0

@@ -5,23 +5,27 @@ from dataclasses import dataclass, replace
 
 from consistent_id.errors import ConsistentIdError
 from consistent_id.problems.selection.choice import (
+    REMOVABLE,
     ModelMove,
     coupling_moves,
     couplings_between,
+    has_term,
     mass_move,
     removals,
     row_moves,
     scale_moves,
+    stribeck_moves,
     term_moves,
     velocity_scale,
     with_drive,
+    without,
 )
 from consistent_id.problems.selection.evaluation import (
     Evaluated,
     Evaluator,
     torque_delay,
 )
-from consistent_id.problems.selection.fits import Gain, HeldOut, gain
+from consistent_id.problems.selection.fits import Gain, HeldOut, gain, joint_gains
 
 LEAST_HELP = 0.025
 """Share of a joint's own squared error that a term takes away where it helps."""
@@ -64,10 +68,18 @@ _HOPEFUL_MASK = 0.5  # of a mask's gain that screening has to promise
 _ALIKE = 0.8  # share of the best gain at which the simpler of two moves is preferred
 _REPLACED = 0.5  # of its gain that a rival keeps beside the move, if it says more
 _ROUNDS = 20
+_SETTLINGS = 3  # rounds of taking terms out, joint by joint, and of searching on
+
+SURE = 2.0
+"""Standard errors by which a term has to help a joint, if it helps little."""
+
+PLAIN = 0.25
+"""Share of a joint's own squared error from which a term is kept for it, however uneven
+its help is."""
 
 _Tried = tuple[ModelMove, Gain, Evaluated]
 
-_VALUES = ("velocity_scale", "motion_cutoff", "delay")
+_VALUES = ("velocity_scale", "stribeck_value", "motion_cutoff", "delay")
 _EVERYWHERE = ("rotor_inertia", "load_friction", "drag", "stribeck_velocity")
 
 
@@ -83,11 +95,15 @@ class Scope:
         Widths of friction's change of sign.
     cutoffs : tuple of float, [Hz]
         Of the motion, ascending.
+    everywhere : bool
+        Whether a drive term is offered to all joints that lack it, too, and not only
+        to those that it is seen to help.
     """
 
     fixed: frozenset[str]
     scales: tuple[float, ...]
     cutoffs: tuple[float, ...]
+    everywhere: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +150,23 @@ def search(evaluator: Evaluator, start: Evaluated, scope: Scope) -> Iterator[Sta
     """Yield better and better choices, from the start on."""
     state = State(start)
     yield state
+    for state in _forward(evaluator, state, scope):
+        yield state
+    for state in _pruned(evaluator, state):
+        yield state
+    for _ in range(_SETTLINGS):
+        before = state.current.choice
+        for state in settled(evaluator, start, state, scope):
+            yield state
+        if state.current.choice == before:
+            break
+        # Excuses are gone that hid what a term brings to one joint.
+        for state in _forward(evaluator, state, replace(scope, everywhere=False)):
+            yield state
+
+
+def _forward(evaluator: Evaluator, state: State, scope: Scope) -> Iterator[State]:
+    """Yield states, each with the move made that brings most to the one before."""
     for _ in range(_ROUNDS):
         offered = list(proposals(evaluator, state.current, scope))
         state = replace(state, steps=_with_stand_ins(state.steps, offered))
@@ -143,7 +176,6 @@ def search(evaluator: Evaluator, start: Evaluated, scope: Scope) -> Iterator[Sta
         step, current = found
         state = State(current, (*state.steps, step))
         yield state
-    yield from _pruned(evaluator, state)
 
 
 def _best_move(
@@ -265,6 +297,72 @@ def _pruned(evaluator: Evaluator, state: State) -> Iterator[State]:
                 yield state
 
 
+def believable(brought: Gain) -> bool:
+    """Return whether a term helps a joint, from its own errors on blocks left out.
+
+    Its help has to be `LEAST_HELP` of the joint's squared error, on most blocks, and
+    `SURE` standard errors of it, or `PLAIN`.
+    """
+    sure = brought.share >= min(SURE * brought.error, PLAIN)
+    return sure and brought.share >= LEAST_HELP and brought.won >= LEAST_WON
+
+
+def settled(
+    evaluator: Evaluator, start: Evaluated, state: State, scope: Scope
+) -> Iterator[State]:
+    """Yield states without the terms that some joints do not need.
+
+    A term that was given to all joints stays where it helps the joint's own error; see
+    `believable`.  What the plain model has stays.
+
+    Parameters
+    ----------
+    start : Evaluated
+        The plain model.
+    """
+    for kind in REMOVABLE:
+        if kind in scope.fixed:
+            continue
+        needless = _needless(evaluator, start, state.current, kind)
+        names = evaluator.setting.bodies.robot.joint_names
+        choice = without(state.current.choice, kind, needless)
+        if choice == state.current.choice:
+            continue
+        try:
+            after = evaluator.evaluated(choice)
+        except ConsistentIdError:
+            continue
+        cost = gain(state.current.errors, after.errors)
+        if cost.share > -LEAST_COST:
+            label = f"without {kind} of {', '.join(names[j] for j in needless)}"
+            move = ModelMove(kind, label, state.current.choice, choice)
+            taken = Step(move, cost, after.error, {})
+            state = State(after, (*state.steps, taken))
+            yield state
+
+
+def _needless(
+    evaluator: Evaluator, start: Evaluated, current: Evaluated, kind: str
+) -> tuple[int, ...]:
+    """Return the joints that a kind of term does not help, with the bodies held."""
+    choice, bodies = current.choice, evaluator.setting.bodies
+    names = bodies.robot.joint_names
+    coupled = {name for c in choice.couplings for name in (c.first, c.second)}
+    able = [
+        (row, j)
+        for row, j in enumerate(names.index(name) for name in bodies.torque_joints)
+        if has_term(choice.drive[j], kind)
+        and not has_term(start.choice.drive[j], kind)
+        and not (kind == "rotor_inertia" and names[j] in coupled)
+    ]
+    if not able:
+        return ()
+    fewer = without(choice, kind, [j for _, j in able])
+    base = evaluator.screened(choice, current)
+    gains = joint_gains(evaluator.screened(fewer, current), base)
+    return tuple(j for row, j in able if not believable(gains[row]))
+
+
 def proposals(
     evaluator: Evaluator, current: Evaluated, scope: Scope
 ) -> Iterator[Proposal]:
@@ -296,6 +394,8 @@ def _other_moves(
     choice, setting = current.choice, evaluator.setting
     if "velocity_scale" not in scope.fixed:
         yield from scale_moves(choice, scope.scales)
+    if "stribeck_velocity" not in scope.fixed:
+        yield from stribeck_moves(choice)
     if "coupling" not in scope.fixed:
         names = setting.bodies.robot.joint_names
         pairs = couplings_between(setting.bodies, velocity_scale(choice))
@@ -345,12 +445,18 @@ def _of_terms(
         if term.kind in scope.fixed:
             continue
         everywhere = with_drive(choice, term.lacking, term.change)
-        after = evaluator.screened(everywhere, current).squares.sum(axis=0)
-        brought = dict(zip(measured, before - after, strict=True))
-        own = dict(zip(measured, before, strict=True))
-        helped = tuple(j for j in term.lacking if brought[j] > LEAST_HELP * own[j])
-        best = max(term.lacking, key=lambda j: brought[j])
-        for joints in dict.fromkeys((term.lacking, helped, (best,))):
+        after = evaluator.screened(everywhere, current)
+        gains = dict(zip(measured, joint_gains(baseline, after), strict=True))
+        lost = before - after.squares.sum(axis=0)
+        brought = dict(zip(measured, lost, strict=True))
+        if scope.everywhere:
+            helped = tuple(j for j in term.lacking if gains[j].share > LEAST_HELP)
+            best = max(term.lacking, key=lambda j: brought[j])
+            offered = term.lacking, helped, (best,)
+        else:
+            sure = tuple(j for j in term.lacking if believable(gains[j]))
+            offered = (sure, sure[:1])
+        for joints in dict.fromkeys(offered):
             if joints:
                 everyone = joints == tuple(measured)
                 where = ", ".join(names[j] for j in joints)

@@ -48,6 +48,7 @@ _TABLES = {
             "friction_slope",
             "asymmetric",
             "stribeck_velocity",
+            "stribeck_value",
             "velocity_scale",
         ),
         "drive",
