@@ -44,7 +44,7 @@ TERMS = ("rotor_inertia", "load_friction", "drag", "spring", "friction_slope")
 STRIBECK = (2.5, 5.0, 10.0, 20.0)
 """Velocities at which friction at rest fades, over the width of the sign's change."""
 
-LEAST_SPEEDS = (0.02, 0.05, 0.1, 0.2)
+LEAST_SPEEDS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
 """Shares of top speed below which rows may be left out."""
 
 FEWEST_LEFT_OUT = 0.01
