@@ -97,7 +97,9 @@ def found(seed: int, *, plain: bool) -> Found:
     if draft.selection is None:
         raise SystemExit(f"seed {seed}: {draft.notes[-1]}")
     names = case.model.robot.joint_names
-    drive = dict(zip(problem.model.robot.joint_names, draft.selection.choice.drive, strict=True))
+    drive = dict(
+        zip(problem.model.robot.joint_names, draft.selection.choice.drive, strict=True)
+    )
     false, missed = [], []
     absent, present = Counter[str](), Counter[str]()
     for j, name in enumerate(names):

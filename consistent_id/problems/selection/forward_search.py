@@ -1,6 +1,6 @@
 """Forward selection: the move that brings most is made, until none brings enough."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from consistent_id.errors import ConsistentIdError
@@ -147,25 +147,27 @@ class State:
 
 
 def search(evaluator: Evaluator, start: Evaluated, scope: Scope) -> Iterator[State]:
-    """Yield better and better choices, from the start on."""
-    state = State(start)
-    yield state
-    for state in _forward(evaluator, state, scope):
-        yield state
-    for state in _pruned(evaluator, state):
-        yield state
+    """Yield better and better choices, from the start on.
+
+    Terms are given to all joints or to some, then taken back where a joint does not
+    need them.  What they hid may be given to single joints after that.
+    """
+    yield State(start)
+    state = yield from _forward(evaluator, State(start), scope)
+    state = yield from _pruned(evaluator, state)
     for _ in range(_SETTLINGS):
         before = state.current.choice
-        for state in settled(evaluator, start, state, scope):
-            yield state
+        state = yield from settled(evaluator, start, state, scope)
         if state.current.choice == before:
             break
-        # Excuses are gone that hid what a term brings to one joint.
-        for state in _forward(evaluator, state, replace(scope, everywhere=False)):
-            yield state
+        one_by_one = replace(scope, everywhere=False)
+        state = yield from _forward(evaluator, state, one_by_one)
 
 
-def _forward(evaluator: Evaluator, state: State, scope: Scope) -> Iterator[State]:
+_Search = Generator[State, None, State]
+
+
+def _forward(evaluator: Evaluator, state: State, scope: Scope) -> _Search:
     """Yield states, each with the move made that brings most to the one before."""
     for _ in range(_ROUNDS):
         offered = list(proposals(evaluator, state.current, scope))
@@ -176,6 +178,7 @@ def _forward(evaluator: Evaluator, state: State, scope: Scope) -> Iterator[State
         step, current = found
         state = State(current, (*state.steps, step))
         yield state
+    return state
 
 
 def _best_move(
@@ -282,7 +285,7 @@ def _with_stand_ins(
     return (*steps[:-1], replace(last, stands_for=alike))
 
 
-def _pruned(evaluator: Evaluator, state: State) -> Iterator[State]:
+def _pruned(evaluator: Evaluator, state: State) -> _Search:
     """Yield states with terms taken back that later ones have made needless."""
     for step in state.steps[:-1]:
         for move in removals(state.current.choice, step.move):
@@ -295,6 +298,7 @@ def _pruned(evaluator: Evaluator, state: State) -> Iterator[State]:
                 taken = Step(move, cost, after.error, {})
                 state = State(after, (*state.steps, taken))
                 yield state
+    return state
 
 
 def believable(brought: Gain) -> bool:
@@ -309,7 +313,7 @@ def believable(brought: Gain) -> bool:
 
 def settled(
     evaluator: Evaluator, start: Evaluated, state: State, scope: Scope
-) -> Iterator[State]:
+) -> _Search:
     """Yield states without the terms that some joints do not need.
 
     A term that was given to all joints stays where it helps the joint's own error; see
@@ -339,6 +343,7 @@ def settled(
             taken = Step(move, cost, after.error, {})
             state = State(after, (*state.steps, taken))
             yield state
+    return state
 
 
 def _needless(
@@ -452,10 +457,10 @@ def _of_terms(
         if scope.everywhere:
             helped = tuple(j for j in term.lacking if gains[j].share > LEAST_HELP)
             best = max(term.lacking, key=lambda j: brought[j])
-            offered = term.lacking, helped, (best,)
+            offered = [term.lacking, helped, (best,)]
         else:
-            sure = tuple(j for j in term.lacking if believable(gains[j]))
-            offered = (sure, sure[:1])
+            helped = tuple(j for j in term.lacking if believable(gains[j]))
+            offered = [helped, helped[:1]]
         for joints in dict.fromkeys(offered):
             if joints:
                 everyone = joints == tuple(measured)

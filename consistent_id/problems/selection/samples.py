@@ -18,9 +18,8 @@ from consistent_id._support.arrays import Array, BoolArray, IntArray, Matrix, Ve
 from consistent_id.errors import RecordingError
 from consistent_id.problems.file import PreparationTable
 from consistent_id.problems.preparation import prepared
-from consistent_id.recordings.recording import Recording, positions_at
+from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import estimated_period
-from consistent_id.recordings.signals.clocks import own_rate
 from consistent_id.recordings.signals.filtered_rows import (
     RowFilter,
     require_filter,
@@ -30,23 +29,6 @@ from consistent_id.recordings.signals.masks import speed_share
 from consistent_id.recordings.signals.repetitions import whole_periods
 from consistent_id.regression.motion_arrays import FilteredRows, Motion, motion_of
 from consistent_id.regression.regressor import TorqueModel
-
-_BAND_POWER = 0.99  # of the velocities' power, below the band's edge
-_HARMONICS = 20.0
-"""Edge of the predicted torque over that of the velocity: products of motions and the
-jumps of friction reach so far, with a twentieth of their size left."""
-
-_BAND_SHARE = 0.25  # of the sampling rate, above which nothing is predicted
-_NOISE_POWER = (
-    30.0  # times the median power of the upper half of the spectrum is no noise
-)
-_NOISE_EDGE = 0.45  # of half the sampling rate: what is faster is noise by definition
-_CUTOFF_RATIOS = (0.1, 0.14, 0.2, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
-"""Cut-offs of the motion over the band; the highest eight that the rate allows."""
-
-_CUTOFFS_TRIED = 8
-_HIGHEST_CUTOFF = 0.4  # of the sampling rate, for a cut-off of the motion
-_DENSE = 5.0  # samples in a period of the highest frequency that is kept
 
 NUMBERS = (8, 6)
 """Numbers of blocks over which errors are averaged: one alone moves a robot's error by
@@ -345,52 +327,6 @@ def cells(
     place = np.clip(np.searchsorted(edges, share, "right") - 1, 0, len(edges) - 2)
     nearest = np.minimum(share - edges[place], edges[place + 1] - share)
     return np.where(nearest * length < guard, -1, place)
-
-
-def velocity_edge(raw: Recording) -> float:
-    """Return the frequency [Hz] below which the velocities have their power.
-
-    Joints count alike.  From the spectrum of the position, less what its upper half
-    shows to be noise; and less lines there, which stamps that jitter in step with the
-    sampling leave.
-    """
-    n = len(raw)
-    time = np.linspace(raw.time[0], raw.time[-1], n)
-    q = positions_at(raw, time)
-    ramp = np.linspace(-1.0, 1.0, n)
-    q = q - q.mean(axis=0)
-    q = (q - np.outer(ramp, ramp @ q) / (ramp @ ramp)) * np.hanning(n)[:, None]
-    power = abs(np.fft.rfft(q, axis=0)) ** 2
-    frequency = np.fft.rfftfreq(n, float(time[1] - time[0]))
-    noise = _NOISE_POWER * np.median(power[len(power) // 2 :], axis=0)
-    moved = (power > noise) & (frequency < _NOISE_EDGE * frequency[-1])[:, None]
-    velocity = np.where(moved, power, 0.0) * frequency[:, None] ** 2
-    total = velocity.sum(axis=0)
-    moving = total > 0.0
-    if not moving.any():
-        return float(frequency[1])
-    share = np.cumsum(velocity[:, moving] / total[moving], axis=0).mean(axis=1)
-    return float(
-        frequency[min(int(np.searchsorted(share, _BAND_POWER)), len(share) - 1)]
-    )
-
-
-def prediction_band(recordings: Sequence[Recording]) -> float:
-    """Return the frequency [Hz] up to which torque is to be predicted."""
-    edge = max(velocity_edge(raw) for raw in recordings)
-    top = _BAND_SHARE * min(own_rate(raw) for raw in recordings)
-    return float(f"{min(_HARMONICS * edge, top):.2g}")
-
-
-def motion_cutoffs(band: float, rate: float) -> tuple[float, ...]:
-    """Return cut-offs of the motion to try [Hz], ascending."""
-    tried = sorted({float(f"{ratio * band:.2g}") for ratio in _CUTOFF_RATIOS})
-    return tuple(f for f in tried if f <= _HIGHEST_CUTOFF * rate)[-_CUTOFFS_TRIED:]
-
-
-def thinning(band: float, rate: float) -> int:
-    """Return of how many samples one suffices: five in a period of the band."""
-    return max(int(rate / (_DENSE * band)), 1)
 
 
 def velocity_scales(speeds: Vector) -> tuple[float, ...]:

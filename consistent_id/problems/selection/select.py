@@ -20,6 +20,12 @@ from consistent_id.problems.kept_text import (
 )
 from consistent_id.problems.loading import problem_of
 from consistent_id.problems.problem import Problem
+from consistent_id.problems.selection.band import (
+    explained_edge,
+    narrowed,
+    prediction_band,
+    thinning,
+)
 from consistent_id.problems.selection.choice import (
     Choice,
     applied,
@@ -27,8 +33,8 @@ from consistent_id.problems.selection.choice import (
     velocity_scale,
 )
 from consistent_id.problems.selection.forward_search import Scope, State, Step, search
-from consistent_id.problems.selection.samples import prediction_band, thinning
 from consistent_id.problems.selection.setup import KINDS, Beginning, beginning
+from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import own_rate
 
 _CHOSEN = ("links", "drive", "joints", "couplings", "constraints", "data.preparation")
@@ -58,6 +64,8 @@ _TABLES = {
 _STAGES = 12  # as many moves as a bar has room for
 _ROOM = 2.0  # samples that are kept, over those that the cut-offs need
 _WORTH = 4  # samples, of which one is kept, from which on leaving out is worth while
+_NARROWINGS = 3  # of the band, at the most
+_SAME_BAND = 0.8  # of a band: a narrower one is taken instead
 _FAST = 0.2  # of the sampling rate: a band that wide is cut off by it
 
 
@@ -247,8 +255,9 @@ def select_model(
     fixed : collection of str
         What stays as the file has it; see `KINDS`.
     band : float, optional, [Hz]
-        Up to which torque is to be predicted; by default twenty times the band of the
-        velocity.
+        Up to which torque is to be predicted.  By default it is twenty times the band
+        of the velocity, or less: 1.5 times the frequency up to which the plain model
+        explains a tenth of the torque's power.
     progress : bool
         Whether to show on the standard error how far the search is.
 
@@ -273,8 +282,10 @@ def select_model(
         )
     raws = problem.logs("training")
     if band is None:
-        band = prediction_band(raws)
-    begun = beginning(problem, raws, fixed, band)
+        begun = _begun(problem, raws, fixed)
+    else:
+        begun = beginning(problem, raws, fixed, band)
+    band = begun.evaluator.setting.band
     state, interrupted = _searched(begun, progress)
     rate = min(own_rate(raw) for raw in raws)
     choice = _thinned(state.current.choice, data.preparation, rate)
@@ -290,6 +301,21 @@ def select_model(
         seconds=process_time() - started,
         notes=_notes(choice, begun.scope, band, rate, interrupted),
     )
+
+
+def _begun(
+    problem: Problem, raws: tuple[Recording, ...], fixed: Collection[str]
+) -> Beginning:
+    """Return a beginning in the band that the plain model explains a part of."""
+    begun = beginning(problem, raws, fixed, prediction_band(raws))
+    for _ in range(_NARROWINGS):
+        samples = begun.evaluator.samples(begun.plain.choice.motion_cutoff)
+        band = begun.evaluator.setting.band
+        edge = explained_edge(samples.parts, begun.plain.fits)
+        if narrowed(band, edge) > _SAME_BAND * band:
+            break
+        begun = beginning(problem, raws, fixed, narrowed(band, edge))
+    return begun
 
 
 def _searched(begun: Beginning, progress: bool) -> tuple[State, bool]:

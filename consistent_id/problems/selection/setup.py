@@ -11,6 +11,7 @@ from consistent_id.errors import RecordingError
 from consistent_id.problems.file import DriveTable
 from consistent_id.problems.model import DEFAULT_DRIVE
 from consistent_id.problems.problem import Problem
+from consistent_id.problems.selection.band import motion_cutoffs, thinning
 from consistent_id.problems.selection.choice import (
     TERMS,
     Choice,
@@ -24,9 +25,7 @@ from consistent_id.problems.selection.samples import (
     NUMBERS,
     SampledLog,
     Samples,
-    motion_cutoffs,
     motion_period,
-    thinning,
     velocity_scales,
 )
 from consistent_id.recordings.recording import Recording
