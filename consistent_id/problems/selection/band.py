@@ -37,9 +37,6 @@ EXPLAINED = 0.1
 """Share of the torque's power, joints counting alike, that the plain model explains at
 the frequencies of the band: below its edge on the whole, above it not."""
 
-_ROOM = 1.5
-"""The band over that edge.  Terms that the plain model lacks explain a little more."""
-
 _WINDOW = 4.0  # s; length of the pieces whose spectra are averaged
 
 
@@ -136,4 +133,4 @@ def _spectrum(signals: Sequence[Matrix], size: int) -> Matrix:
 
 def narrowed(band: float, edge: float) -> float:
     """Return the band [Hz] that the edge of what is explained leaves of another."""
-    return min(band, float(f"{_ROOM * edge:.2g}"))
+    return min(band, float(f"{edge:.2g}"))

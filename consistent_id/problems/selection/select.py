@@ -256,8 +256,8 @@ def select_model(
         What stays as the file has it; see `KINDS`.
     band : float, optional, [Hz]
         Up to which torque is to be predicted.  By default it is twenty times the band
-        of the velocity, or less: 1.5 times the frequency up to which the plain model
-        explains a tenth of the torque's power.
+        of the velocity, or less: the frequency up to which the plain model explains a
+        tenth of the torque's power.
     progress : bool
         Whether to show on the standard error how far the search is.
 
