@@ -87,6 +87,8 @@ class Draft:
         Delay of the commands of PD-controlled joints.
     standing : StandingDraft, optional
         Assumptions for a robot whose base floats.
+    early : float, [s]
+        By which the position comes before velocity and torque.
     """
 
     model: Path
@@ -108,6 +110,7 @@ class Draft:
     selection: ModelSelection | None = None
     delay: float | Literal["estimated"] = 0.0
     standing: StandingDraft | None = None
+    early: float = 0.0
 
     @property
     def bodies(self) -> Literal["identified", "model"]:
@@ -194,6 +197,7 @@ class Draft:
             resample=self.resample,
             motion_cutoff=self.cutoff,
             torque_cutoff=self.cutoff,
+            delays={"position": -self.early} if self.early else {},
             **(standing.preparation if standing else {}),
         )
 

@@ -57,6 +57,7 @@ joints, and a lower cut-off leaves fewer rows (see `rest_guard`).
 """
 _LOW = 5.0  # Hz; least cut-off that must be among those tried
 _SURE = 5.0  # standard errors of the delay
+_AS_LATE = (0.6, 1.5)  # the torque's delay over the velocity's, if they are one
 _SAMPLES = 1.0  # sampling periods; less is below the resolution of the stamps
 
 
@@ -123,10 +124,23 @@ def drafted(
     stated.require_logs([*given.training, *given.validation])
     _require_kinds(stated.keep)
     logs = robot_logs(model, given.training[0], stated, tables=given.tables)
-    reading = _reading(logs, given)
-    logs, raws = reading.logs, list(reading.raws.values())
     if stated.friction_velocity is None and stated.gains is not None:
         stated = replace(stated, friction_velocity=DRY)
+    reading = _reading(logs, given)
+    draft = _draft_of(reading, model, stated, progress)
+    if reading.late is not None and _torque_as_late(draft, reading.late):
+        both = _reading(logs, given, early=_rounded(reading.late.seconds))
+        other = _draft_of(both, model, stated, progress)
+        if not _torque_as_late(other, reading.late):
+            reading, draft = both, other
+    return _with_validation(draft, given.validation, reading)
+
+
+def _draft_of(
+    reading: "_Reading", model: Path, stated: Statement, progress: bool
+) -> Draft:
+    """Return a draft of training logs, with the model that is selected."""
+    logs, raws = reading.logs, list(reading.raws.values())
     drive = _stated_drive(logs, stated)
     found = logs.floating
     standing = (
@@ -157,35 +171,65 @@ def drafted(
         drive=drive.common,
         joint_drives=drive.joints,
         standing=standing,
+        early=reading.early,
     )
     if stated.gains is not None:
         draft = _with_delay(draft)
     if select and standing is None:
         draft = _with_model(draft, progress)
-    return _with_validation(draft, given.validation, reading)
+    return draft
+
+
+def _torque_as_late(draft: Draft, velocity: Delay) -> bool:
+    """Return whether the torque is as late as a velocity, to the position."""
+    if draft.selection is None:
+        return False
+    least, most = _AS_LATE
+    late = draft.selection.choice.delay
+    return least * velocity.seconds <= late <= most * velocity.seconds
 
 
 class _Reading(NamedTuple):
-    """Training logs by file, as recorded and with torque; what moves of them."""
+    """Training logs by file, as recorded and with torque; what moves of them.
+
+    `late` is the delay of a velocity that is not read for it, and `early` the time [s]
+    by which the position comes before the other channels.
+    """
 
     logs: RobotLogs
     recordings: dict[Path, Recording]
     raws: dict[Path, Recording]
     clock: Clock
     split: Split
+    late: Delay | None
+    early: float
 
 
-def _reading(logs: RobotLogs, given: GivenLogs) -> _Reading:
-    """Read logs, without delayed velocities unless their columns are given."""
+def _reading(logs: RobotLogs, given: GivenLogs, *, early: float = 0.0) -> _Reading:
+    """Read logs, without delayed velocities unless their columns are given.
+
+    Where the position is stated to be early, the velocity is not late.
+    """
     read = {file: logs.read(file) for file in given.training}
-    if logs.stated.velocity is None:
-        logs = on_time(logs, read.values())
-        if logs.columns.velocity is None:
+    late = None
+    if early:
+        note = (
+            f"velocity and torque are both {1e3 * early:.3g} ms later than the "
+            f"position: the position is moved, and the velocity is read"
+        )
+        logs = replace(logs, notes=(*logs.notes, note))
+    elif logs.stated.velocity is None:
+        logs, late = on_time(logs, read.values())
+        if late is not None:
             read = {file: replace(raw, velocity=None) for file, raw in read.items()}
     raws = {file: with_torque(raw, logs.stated.gains) for file, raw in read.items()}
     clock = clock_of(list(raws.values()), logs.stated.max_gap)
     split = split_logs(raws, clock, logs.stated, whole=bool(given.validation))
-    return _Reading(logs, read, raws, clock, split)
+    return _Reading(logs, read, raws, clock, split, late, early)
+
+
+def _rounded(seconds: float) -> float:
+    return float(f"{seconds:.2g}")
 
 
 def _masses(
@@ -341,8 +385,10 @@ def _chosen(
     return best_cutoff(model, parts, tried, folds=_FOLDS)
 
 
-def on_time(logs: RobotLogs, training: Iterable[Recording]) -> RobotLogs:
-    """Return how logs are read, without a delayed velocity.
+def on_time(
+    logs: RobotLogs, training: Iterable[Recording]
+) -> tuple[RobotLogs, Delay | None]:
+    """Return how logs are read, without a delayed velocity, and that delay.
 
     Parameters
     ----------
@@ -358,8 +404,9 @@ def on_time(logs: RobotLogs, training: Iterable[Recording]) -> RobotLogs:
                 f"differentiated; name the column (--velocity) to read it anyway"
             )
             columns = replace(logs.columns, velocity=None)
-            return replace(logs, columns=columns, notes=(*logs.notes, note))
-    return logs
+            late = replace(logs, columns=columns, notes=(*logs.notes, note))
+            return late, delay
+    return logs, None
 
 
 def velocity_delay(recording: Recording) -> Delay | None:

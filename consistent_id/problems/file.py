@@ -117,7 +117,8 @@ class PreparationTable(FileTable, frozen=True, kw_only=True):
     shortest_part: NonNegative | None = None
     resample: Positive | None = None
     delays: dict[
-        Literal["velocity", "acceleration", "torque"], float | Literal["estimated"]
+        Literal["position", "velocity", "acceleration", "torque"],
+        float | Literal["estimated"],
     ] = {}
     torque_cutoff: Positive | None = None
     method: Literal["butterworth", "savitzky-golay", "smoother", "fourier"] = (

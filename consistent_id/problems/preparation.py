@@ -117,11 +117,12 @@ def check_preparation(table: PreparationTable, columns: ColumnsTable) -> None:
             raise ProblemError(
                 f"{where}: a delay of {channel}, which [data.columns] does not name"
             )
-    if table.delays.get("torque") == "estimated":
-        raise ProblemError(
-            f"{where}: the delay of torque cannot be found from motion alone; give a "
-            "number of seconds"
-        )
+    for channel in ("position", "torque"):
+        if table.delays.get(channel) == "estimated":  # type: ignore[call-overload]
+            raise ProblemError(
+                f"{where}: the delay of {channel} cannot be found from motion alone; "
+                "give a number of seconds"
+            )
     if table.shortest_part is not None and table.max_gap is None:
         raise ProblemError(f"{where}: shortest_part is of use only with max_gap")
     if table.method == "fourier" and table.trim_standstill is not False:

@@ -5,6 +5,7 @@ import pytest
 from logged import write_arm
 
 from consistent_id.problems.drafting import draft_problem, velocity_delay
+from consistent_id.problems.loading import load_problem
 from consistent_id.recordings.recording import Recording
 
 RATE = 100.0
@@ -78,3 +79,37 @@ def test_a_velocity_that_the_user_names_is_read(arm_with_late_velocity):
         *arm_with_late_velocity, velocity="dq_{joint}", select=False, cutoff=10.0
     )
     assert draft.columns.velocity == "dq_{joint}"
+
+
+@pytest.fixture(scope="module")
+def arm_with_early_position(tmp_path_factory):
+    urdf, log = write_arm(tmp_path_factory.mktemp("early"))
+    table = np.loadtxt(log, delimiter=",", skiprows=1)
+    rates = np.gradient(table[:, 1:3], 1.0 / RATE, axis=0)
+    table[:, 1:3] = np.roll(table[:, 1:3], -8, axis=0)  # it begins and ends at rest
+    header = "time,q_shoulder,q_elbow,tau_shoulder,tau_elbow,dq_shoulder,dq_elbow"
+    columns = np.column_stack([table, rates])
+    np.savetxt(log, columns, "%.9g", ",", header=header, comments="")
+    return urdf, log
+
+
+def test_one_delay_of_velocity_and_torque_is_the_positions(arm_with_early_position):
+    draft = draft_problem(*arm_with_early_position)
+    assert draft.early == pytest.approx(0.08, abs=2e-3)
+    assert draft.columns.velocity == "dq_{joint}"
+    assert draft.selection.choice.delay == pytest.approx(0.0, abs=4e-3)
+    assert any("the position is moved" in note for note in draft.notes)
+    (training,) = draft.problem().training
+    slope = np.gradient(training.position, training.time, axis=0)
+    assert np.allclose(training.velocity, slope, atol=0.05)
+
+
+def test_the_file_of_an_early_position_prepares_the_same(arm_with_early_position):
+    urdf, log = arm_with_early_position
+    draft = draft_problem(urdf, log)
+    file = log.parent / "problem.toml"
+    file.write_text(draft.text(log.parent))
+    assert "delays = {position = -0.08}" in file.read_text()
+    (first,), (again,) = draft.problem().training, load_problem(file).training
+    assert np.array_equal(first.velocity, again.velocity)
+    assert np.array_equal(first.torque, again.torque)

@@ -8,6 +8,7 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from consistent_id import ProblemError, Recording, draft_problem
+from consistent_id.problems.selection.band import prediction_band, velocity_edge
 from consistent_id.problems.selection.choice import ModelMove, scale_moves
 from consistent_id.problems.selection.evaluation import _drive, torque_delay
 from consistent_id.problems.selection.fits import Gain, HeldOut, gain
@@ -17,8 +18,6 @@ from consistent_id.problems.selection.samples import (
     NUMBERS,
     cells,
     folds,
-    prediction_band,
-    velocity_edge,
 )
 from consistent_id.problems.selection.setup import beginning
 from tests.helpers.logged import write_arm
