@@ -1,0 +1,161 @@
+"""Terms joint by joint: what helps a joint stays, what does not is taken back."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from logged import URDF, moved, write_arm
+
+from consistent_id import DriveTerms, TorqueModel, draft_problem, simulate_torque
+from consistent_id.problems.selection.band import explained_edge, narrowed
+from consistent_id.problems.selection.choice import (
+    nearest_stribeck,
+    stribeck_moves,
+    stribeck_velocities,
+    velocity_scale,
+    with_drive,
+    without,
+)
+from consistent_id.problems.selection.fits import Gain, HeldOut, gain, joint_gains
+from consistent_id.problems.selection.forward_search import (
+    LEAST_HELP,
+    PLAIN,
+    State,
+    believable,
+    settled,
+)
+from consistent_id.problems.selection.setup import beginning
+from consistent_id.robot import load_urdf
+
+
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("arm")
+    problem = draft_problem(*write_arm(folder), select=False, cutoff=10.0).problem()
+    return beginning(problem, problem.logs("training"), (), 10.0)
+
+
+@pytest.mark.parametrize(
+    ("share", "error", "won", "said"),
+    [
+        (0.10, 0.04, 1.0, True),
+        (0.10, 0.06, 1.0, False),  # less than two standard errors
+        (PLAIN, 0.30, 1.0, True),  # uneven, but large
+        (0.10, 0.01, 0.5, False),  # on half of the blocks
+        (0.9 * LEAST_HELP, 0.001, 1.0, False),
+    ],
+)
+def test_a_term_is_believed_by_size_blocks_and_standard_error(share, error, won, said):
+    assert believable(Gain(share, error, won)) is said
+
+
+def test_gains_of_joints_are_those_of_their_own_errors():
+    rng = np.random.default_rng(0)
+    before = rng.uniform(1.0, 2.0, (14, 3))
+    after = before * [1.0, 0.5, 1.2]
+    found = joint_gains(HeldOut(before), HeldOut(after))
+    assert [g.share for g in found] == pytest.approx([0.0, 0.5, -0.2])
+    assert [g.won for g in found] == [0.0, 1.0, 0.0]
+    alone = gain(HeldOut(before[:, 1:2]), HeldOut(after[:, 1:2]))
+    assert found[1] == alone
+
+
+def test_another_width_keeps_the_velocity_at_which_friction_fades():
+    assert nearest_stribeck(0.1, 0.02) == pytest.approx(0.1)
+    assert nearest_stribeck(0.1, 0.05) == pytest.approx(0.125, rel=0.05)
+    assert nearest_stribeck(5.0, 0.02) == max(stribeck_velocities(0.02))
+
+
+def test_other_velocities_at_which_friction_fades_are_for_joints_that_have_one(begun):
+    choice = begun.plain.choice
+    assert list(stribeck_moves(choice)) == []
+    first = stribeck_velocities(velocity_scale(choice))[0]
+
+    def fading(table):
+        return type(table)(**(dict_of(table) | {"stribeck_velocity": first}))
+
+    having = with_drive(choice, [1], fading)
+    moves = list(stribeck_moves(having))
+    tried = {move.after.drive[1].stribeck_velocity for move in moves}
+    assert tried == set(stribeck_velocities(velocity_scale(choice))) - {first}
+    assert all(move.after.drive[0] == choice.drive[0] for move in moves)
+
+
+def dict_of(table):
+    return {name: getattr(table, name) for name in table.__struct_fields__}
+
+
+def test_terms_that_help_no_joint_are_taken_back(begun):
+    evaluator, plain = begun.evaluator, begun.plain
+
+    def more(table):
+        return type(table)(**(dict_of(table) | {"load_friction": True, "spring": True}))
+
+    richer = evaluator.evaluated(with_drive(plain.choice, [0, 1], more))
+    states = list(settled(evaluator, plain, State(richer), begun.scope))
+    assert states[-1].current.choice == plain.choice
+    assert all(step.gain.share > -0.0125 for step in states[-1].steps)
+
+
+def test_a_term_of_the_plain_model_stays(begun):
+    evaluator, plain = begun.evaluator, begun.plain
+
+    def more(table):
+        return type(table)(**(dict_of(table) | {"drag": True}))
+
+    richer = evaluator.evaluated(with_drive(plain.choice, [0, 1], more))
+    assert list(settled(evaluator, richer, State(richer), begun.scope)) == []
+
+
+def test_a_fixed_kind_of_term_stays(begun):
+    evaluator, plain = begun.evaluator, begun.plain
+
+    def more(table):
+        return type(table)(**(dict_of(table) | {"drag": True}))
+
+    richer = evaluator.evaluated(with_drive(plain.choice, [0, 1], more))
+    fixed = replace(begun.scope, fixed=frozenset({"drag"}))
+    assert list(settled(evaluator, plain, State(richer), fixed)) == []
+    assert without(richer.choice, "drag", [0, 1]) == plain.choice
+
+
+@pytest.mark.slow
+def test_a_joint_without_drag_is_given_none(tmp_path):
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(URDF)
+    robot = load_urdf(urdf)
+    common = {"viscous": True, "coulomb": "tanh", "velocity_scale": 0.02}
+    common["offset"] = True
+    drive = (DriveTerms(**common, drag=True), DriveTerms(**common))
+    model = TorqueModel(robot, drive)
+    motion = moved(TorqueModel(robot, DriveTerms(**common)))
+    x = [*robot.nominal, 2.0, 3.0, 0.5, 1.5, 1.0, 1.5, -0.3]
+    assert len(x) == len(model.layout)
+    still = replace(motion, torque=None, torque_filter=None)
+    log = simulate_torque(
+        model, np.array(x), still, noise=0.1, rng=np.random.default_rng(1)
+    )
+    chosen = draft_problem(urdf, replace(log, velocity=None, acceleration=None))
+    assert [drive.drag for drive in chosen.selection.choice.drive] == [True, False]
+
+
+def test_the_edge_is_where_the_model_explains_a_part(begun):
+    evaluator, plain = begun.evaluator, begun.plain
+    parts = evaluator.samples(plain.choice.motion_cutoff).parts
+    model, x = plain.fits.candidate.model, plain.fits.parameters.mean(axis=0)
+    rng = np.random.default_rng(3)
+    noisy = []
+    for part in parts:
+        told = part.motion.along.predicted(model, x)
+        n, step = len(told), float(np.median(np.diff(part.time)))
+        noise = np.fft.rfft(rng.normal(size=told.shape), axis=0)
+        noise[np.fft.rfftfreq(n, step) < 4.0] = 0.0
+        noise = np.fft.irfft(noise, n, axis=0)
+        # Above 4 Hz, nine tenths of the torque's power and more are noise.
+        noisy.append(replace(part, torque=told + 10.0 * told.std(axis=0) * noise))
+    assert explained_edge(noisy, plain.fits) == pytest.approx(4.0, abs=0.5)
+
+
+def test_a_band_is_narrowed_and_never_widened():
+    assert narrowed(250.0, 14.03) == 14.0
+    assert narrowed(8.0, 14.0) == 8.0
