@@ -70,7 +70,9 @@ def _currents(problem: ci.Problem, file: str) -> ci.Recording:
     moving = np.flatnonzero(abs(log.velocity).max(axis=1) > _MOVING)
     log = log.samples(slice(moving[0], moving[-1]))
     gains = np.asarray(data_of(problem.table).torque_gain)
-    return replace(log, torque=log.torque / gains)
+    return ci.signals.altered(
+        log, lambda whole: replace(whole, torque=whole.torque / gains)
+    )
 
 
 def main() -> None:

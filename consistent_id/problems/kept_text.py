@@ -71,6 +71,8 @@ def rewritten(
             _replace(written, anew, path.split("."))
         kept = _TURNED.sub(_turned_back, written.as_string())
         kept = kept.replace(f"[{_END}]\n", "").strip() + "\n"
+        if "\n\n\n" not in text:  # a table taken out leaves its blank line
+            kept = re.sub(r"\n{3,}", "\n\n", kept)
         said = problem_table(kept, Path("problem.toml"))
     except (TOMLKitError, ProblemError):
         return fresh
