@@ -30,7 +30,7 @@ from consistent_id.regression.base import (
     open_combinations,
     parameter_origins,
 )
-from consistent_id.regression.correlated_noise import correlation_length
+from consistent_id.regression.correlated_noise import correlation_length, scores_along
 from consistent_id.regression.linear import LinearSolution, column_sizes, solve_linear
 from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import build_regression, triangle
@@ -69,7 +69,7 @@ def instrumental_variables(
     Returns
     -------
     Estimate
-        Its standard errors are for white noise on the torque.
+        Its standard errors are for noise as correlated as the residuals.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def instrumental_variables(
     parameters = base.lift(solution.x)
     undetermined = open_combinations(solution, base.names)
     sigma = rows.sigma * np.sqrt(rows.misfit(solution.x) / rows.freedom)
-    notes = ["standard errors are for white noise on the torque", *base.near]
+    notes = list(base.near)
     if undetermined:
         notes.append(
             f"instruments and data determine {solution.rank} of {len(base)} base "
@@ -96,7 +96,7 @@ def instrumental_variables(
         model=model,
         base=base,
         parameters=parameters,
-        base_covariance=_covariance(solution, rows, sigma),
+        base_covariance=_covariance(model, solution, rows, parameters, base),
         origins=parameter_origins(
             solution.row_space @ base.projection,
             np.zeros((0, len(model.layout))),
@@ -125,12 +125,15 @@ class Instrumented:
     correlation : float
         Samples that carry the information of one independent sample; see
         `correlation_length`.
+    pairs : tuple of (Motion, Motion)
+        Rows of each recording, and those of its instruments.
     """
 
     factors: tuple[Matrix, ...]
     sigma: Vector
     samples: int
     correlation: float
+    pairs: tuple[tuple[Motion, Motion], ...]
 
     @property
     def base(self) -> int:
@@ -178,10 +181,11 @@ def instrumented(
     sigma = joint_noise(model, regression, base=base)
     x = base.lift(_weighted_solution(regression.weighted(sigma).stacked(), base))
     factors = [np.zeros((0, 2 * len(base) + 1)) for _ in model.torque_joints]
-    lengths, samples, differs = [], 0, 0.0
+    lengths, samples, differs, pairs = [], 0, 0.0, list[tuple[Motion, Motion]]()
     for log, other in zip(logs, beside, strict=True):
         motion = motion_of(model, log, None)
         beside_it = _instruments_along(model, motion, other)
+        pairs.append((motion, beside_it))
         start = 0
         for here in motion.pieces():
             there = beside_it.samples(start, start + len(here.q))
@@ -200,7 +204,8 @@ def instrumented(
             "the instruments are the measured motion itself, noise included; give the "
             "commanded motion, or that of a simulated robot"
         )
-    return Instrumented(tuple(factors), sigma, samples, float(np.mean(lengths)))
+    length = float(np.mean(lengths))
+    return Instrumented(tuple(factors), sigma, samples, length, tuple(pairs))
 
 
 def _weighted_solution(R: Matrix, base: BaseParameters) -> Vector:
@@ -262,13 +267,35 @@ def _require_pairs(logs: Sequence[Recording], beside: Sequence[Recording]) -> No
 
 
 def _covariance(
-    solution: LinearSolution, rows: Instrumented, sigma: Vector
+    model: TorqueModel,
+    solution: LinearSolution,
+    rows: Instrumented,
+    x: Vector,
+    base: BaseParameters,
 ) -> Matrix | None:
-    """``(Q^T W)^-1 (Q^T W)^-T`` times the error of the weights, at full rank."""
+    """``(Z^T W)^-1 G (W^T Z)^-1`` at full rank.
+
+    ``G`` is the covariance of the scores ``Z^T (tau - W x)``, from the spectrum of the
+    residual; see `scores_along`.  With ``Z = Q R``, ``Z^T W = R^T Q^T W``.
+    """
     if solution.null_space.shape[1]:
         return None
-    inverse = solution.pseudo_inverse * float(np.mean(sigma / rows.sigma))
-    return np.asarray(inverse @ inverse.T)
+    R = rows.stacked[: rows.base, : rows.base]
+    if abs(np.diag(R)).min() <= _RANK * abs(np.diag(R)).max():
+        return None
+    inverse = np.linalg.inv(R)
+    residuals = [log.torque - log.predicted(model, x) for log, _ in rows.pairs]
+    scores = scores_along(
+        model,
+        [beside for _, beside in rows.pairs],
+        residuals,
+        np.array(base.independent),
+        [inverse / s for s in rows.sigma],
+    )
+    pairs = zip(scores, rows.sigma, strict=True)
+    own = np.vstack([N / s**2 for N, s in pairs]) @ inverse
+    G = own @ solution.pseudo_inverse.T
+    return np.asarray(G.T @ G)
 
 
 def _certificate(rows: Instrumented, solution: LinearSolution) -> Certificate:

@@ -191,7 +191,7 @@ def identify_payload(
     )
     shares = _of_joints(gain_errors, model)
     of_gains = np.linalg.norm(gain_slopes(regression, robot.base) * shares, axis=1)
-    errors = _standard_errors(robot, free, correlation, of_gains)
+    errors = _standard_errors(robot, free, of_gains)
     _require_weight(InertialParameters(free.parameters[robot.load_slice]), errors)
     estimate = constrained_least_squares(
         robot.model,
@@ -282,9 +282,7 @@ def _are_shares(errors: Vector) -> bool:
     return bool(np.isfinite(errors).all() and (errors >= 0.0).all())
 
 
-def _standard_errors(
-    robot: LoadedRobot, free: Estimate, correlation: float, of_gains: Vector
-) -> Vector:
+def _standard_errors(robot: LoadedRobot, free: Estimate, of_gains: Vector) -> Vector:
     """Return those of the load's parameters, infinite where not identifiable."""
     errors = np.full(10, np.inf)
     found = free.standard_errors
@@ -293,8 +291,7 @@ def _standard_errors(
         if found is not None and column in independent:
             place = independent.index(column)
             alone = not robot.base.regrouping[place].any()
-            noise = np.sqrt(correlation) * found[place]
-            errors[i] = np.hypot(noise, of_gains[place]) if alone else np.inf
+            errors[i] = np.hypot(found[place], of_gains[place]) if alone else np.inf
     return errors
 
 

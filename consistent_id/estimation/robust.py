@@ -17,7 +17,7 @@ from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.method import Method
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters, base_parameters
-from consistent_id.regression.correlated_noise import correlation_lengths
+from consistent_id.regression.correlated_noise import scores_along
 from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import Regression, build_regression, reweighted
@@ -90,7 +90,9 @@ def huber(
     return replace(
         estimate,
         sigma=scale,
-        base_covariance=_covariance(plain, base, reached.residuals, k * scale),
+        base_covariance=_covariance(
+            model, plain, base, motions, reached.residuals, k * scale
+        ),
         parameter_errors=None,
         certificate=_certificate(reached.change, tolerance),
         notes=(f"Huber's loss, k = {k:g}", *estimate.notes),
@@ -194,29 +196,34 @@ def _medians(values: Array, counted: BoolArray) -> Vector:
 
 
 def _covariance(
+    model: TorqueModel,
     regression: Regression,
     base: BaseParameters,
+    motions: Sequence[Motion],
     residuals: Sequence[Array],
     bound: Vector,
 ) -> Matrix | None:
     """Return the sandwich ``H^-1 G H^-1`` of Huber's estimate [Huber1981]_.
 
-    With ``psi`` the residual cut at its bound, ``H`` counts the rows that are not cut
-    and ``G`` has the variance of ``psi``, raised by the length of its correlation. None
-    if the data do not determine all parameters.
+    With ``psi`` the residual cut at its bound, ``H`` counts the rows that are not cut,
+    and ``G`` is the covariance of the scores ``Y^T psi``, from the spectrum of ``psi``;
+    see `scores_along`.  None if the data do not determine all parameters.
     """
     psi = [np.clip(r, -bound, bound) for r in residuals]
     inside = np.mean(abs(np.vstack(residuals)) < bound, axis=0)
-    level = np.vstack(psi).std(axis=0) * np.sqrt(correlation_lengths(psi))
-    columns = list(base.independent)
-    share, noise = np.sqrt(inside) / bound, level / bound**2
+    columns = np.array(base.independent)
+    share = np.sqrt(inside) / bound
     factors = [F[:, columns] for F in regression.factors]
     H = np.vstack([F * s for F, s in zip(factors, share, strict=True)])
     solution = solve_linear(H, np.zeros(len(H)))
     if solution.rank < len(base):
         return None
     inverse = solution.pseudo_inverse @ solution.pseudo_inverse.T
-    G = np.vstack([F * s for F, s in zip(factors, noise, strict=True)]) @ inverse
+    basis = np.linalg.inv(np.linalg.qr(H, mode="r"))
+    steps = [basis * s for s in share]
+    scores = scores_along(model, motions, psi, columns, steps)
+    pairs = zip(scores, bound, strict=True)
+    G = np.vstack([N / limit**2 for N, limit in pairs]) @ inverse
     return np.asarray(G.T @ G)
 
 

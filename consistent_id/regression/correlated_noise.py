@@ -198,16 +198,9 @@ def _noise_along(
     model: TorqueModel, fit: JointFit, motion: NoisyRows
 ) -> CorrelatedNoise:
     """Return the noise that a fit leaves along a motion."""
-    structure = row_structure(model, mixed=motion.mixed)
-    columns = [kept for kept, _ in structure]
-    n = len(motion.q)
-    of_joints = [np.empty((n, len(kept) + 1), order="F") for kept in columns]
-    for part, blocks in motion.rows(model, columns):
-        for rows, block in zip(of_joints, blocks, strict=True):
-            rows[part] = block
     counts, found = motion.counts(), []
     whole = motion.noise_lost()
-    for j, (rows, (_, expand)) in enumerate(zip(of_joints, structure, strict=True)):
+    for j, (rows, expand) in enumerate(_joint_rows(model, motion)):
         residual = rows[:, -1] - rows[:, :-1] @ (expand @ fit.x)
         steps = expand @ fit.steps / fit.weights[j]
         if np.linalg.norm(residual) <= _NO_SPECTRUM * np.linalg.norm(rows[:, -1]):
@@ -219,6 +212,68 @@ def _noise_along(
         np.array([max(effective, 1e-3) for _, effective in found]),
         tuple(scores for scores, _ in found),
     )
+
+
+def _joint_rows(
+    model: TorqueModel, motion: NoisyRows
+) -> Iterator[tuple[Matrix, Matrix]]:
+    """Yield each joint's rows with torque, and how all parameters act on them.
+
+    Rows have the columns that are kept of the joint; times ``expand @ x``, they are the
+    torque of parameters ``x``.
+    """
+    structure = row_structure(model, mixed=motion.mixed)
+    columns = [kept for kept, _ in structure]
+    n = len(motion.q)
+    of_joints = [np.empty((n, len(kept) + 1), order="F") for kept in columns]
+    for part, blocks in motion.rows(model, columns):
+        for rows, block in zip(of_joints, blocks, strict=True):
+            rows[part] = block
+    for rows, (_, expand) in zip(of_joints, structure, strict=True):
+        yield rows, expand
+
+
+def scores_along(
+    model: TorqueModel,
+    motions: Sequence[NoisyRows],
+    residuals: Sequence[Matrix],
+    columns: IntArray,
+    steps: Sequence[Matrix],
+) -> tuple[Matrix, ...]:
+    """Return factors of the covariance of the scores of any residuals.
+
+    They may be those of rows that are not the fit's own, such as instruments, or
+    residuals cut at a bound.
+
+    Parameters
+    ----------
+    motions : sequence of NoisyRows
+    residuals : sequence of ndarray, each shape (rows, joints)
+        One for each motion.
+    columns : ndarray of int
+        Of the regressor.
+    steps : sequence of ndarray, each shape (columns, rank)
+        Rows of each joint, times these, are the joint's rows of an orthonormal basis
+        of the fit.
+
+    Returns
+    -------
+    tuple of ndarray, each shape (rows, columns)
+        ``N_j`` with ``N_j^T N_j`` the covariance of ``Y_j^T r_j``.
+    """
+    found: list[list[Matrix]] = [[] for _ in steps]
+    for motion, residual in zip(motions, residuals, strict=True):
+        total = len(motion.q)
+        first = max(total - SHOWN, 0) // 2
+        shown = motion.samples(first, min(first + SHOWN, total))
+        n = len(shown.q)
+        whole = shown.noise_lost() * np.sqrt(total / n)
+        for j, (rows, expand) in enumerate(_joint_rows(model, shown)):
+            places = expand[:, columns]
+            r = np.asarray(residual[first : first + n, j])
+            noise = spectral_noise(rows[:, :-1], r, places @ steps[j])
+            found[j].append(whole[j] * noise.scores @ places)
+    return tuple(_compressed(np.vstack(scores)) for scores in found)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,153 @@
+"""How often ``+-`` of other estimates than least squares holds the truth.
+
+``python benchmarks/coverage_methods.py [--replicates 200] [--write docs/coverage.md]``
+
+A payload, instrumental variables, Huber's loss: each on the three-jointed arm of
+`coverage`, under four kinds of noise.  Intervals are two-sided; too wide is wrong, too.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy import signal, stats
+
+sys.path.insert(0, str(Path(__file__).parent))
+from coverage import LEVEL, arm, motion
+
+import consistent_id as ci
+from consistent_id.estimation.loaded_robot import loaded_robot
+
+KINDS = ("white", "AR(1) 0.9", "pink", "changing level")
+LOAD = ci.InertialParameters.from_central(
+    2.0, [0.05, -0.02, 0.08], np.diag([0.01, 0.015, 0.012])
+)
+_BEGIN, _END = "<!-- methods: begin -->", "<!-- methods: end -->"
+
+
+def noise(kind: str, shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
+    """Return noise of unit variance, shape (samples, joints)."""
+    white = rng.normal(size=(shape[0] + 400, shape[1]))
+    if kind == "AR(1) 0.9":
+        return signal.lfilter([np.sqrt(0.19)], [1.0, -0.9], white, axis=0)[400:]
+    if kind == "pink":
+        spectrum = np.fft.rfft(white, axis=0)
+        spectrum /= np.sqrt(np.maximum(np.arange(len(spectrum)), 1.0))[:, None]
+        slow = np.fft.irfft(spectrum, len(white), axis=0)[200:-200]
+        return slow / slow.std()
+    if kind == "changing level":  # between a half and twice the mean, along the log
+        level = np.linspace(0.5, 2.0, shape[0])[:, None]
+        return white[400:] * level / np.sqrt(np.mean(level**2))
+    return white[400:]
+
+
+def payloads(kind: str, replicates: int) -> Iterator[np.ndarray]:
+    """Yield the errors of a load's parameters over their standard errors."""
+    model, truth = arm(3)
+    robot = loaded_robot(model, ci.robot.Link("load"))
+    both = np.zeros(len(robot.model.layout))
+    bodies = len(truth) - 10 * len(model.robot)
+    own = 10 * len(model.robot)
+    both[:own], both[robot.load_slice] = truth[:own], LOAD.vector
+    both[len(both) - bodies :] = truth[own:]
+    states = motion(model)
+    bare = ci.simulate_torque(model, truth, states)
+    torque = robot.predict(both, states, loaded=True)
+    loaded = replace(bare, torque=torque)
+    rng = np.random.default_rng(2)
+    for _ in range(replicates):
+        runs = [
+            replace(
+                run,
+                torque=run.torque
+                + LEVEL * run.torque.std(axis=0) * noise(kind, run.torque.shape, rng),
+            )
+            for run in (loaded, bare)
+        ]
+        found = ci.estimation.identify_payload(model, *runs)
+        known = np.isfinite(found.standard_errors)
+        error = found.free.vector - LOAD.vector
+        yield error[known] / found.standard_errors[known]
+
+
+def instruments(kind: str, replicates: int) -> Iterator[np.ndarray]:
+    """Yield the same of instrumental variables; the motion has noise as well."""
+    model, truth = arm(3)
+    base = ci.regression.base_parameters(model)
+    exact = ci.simulate_torque(model, truth, motion(model))
+    size = LEVEL * exact.torque.std(axis=0)
+    rng = np.random.default_rng(3)
+    for _ in range(replicates):
+        shaken = exact.torque + size * noise(kind, exact.torque.shape, rng)
+        seen = exact.acceleration + 0.05 * exact.acceleration.std(axis=0) * rng.normal(
+            size=exact.acceleration.shape
+        )
+        log = replace(exact, torque=shaken, acceleration=seen)
+        found = ci.estimation.instrumental_variables(model, log, exact, base=base)
+        yield (found.base_values - base.projection @ truth) / found.standard_errors
+
+
+def hubers(kind: str, replicates: int) -> Iterator[np.ndarray]:
+    """Yield the same of Huber's loss."""
+    model, truth = arm(3)
+    base = ci.regression.base_parameters(model)
+    exact = ci.simulate_torque(model, truth, motion(model))
+    size = LEVEL * exact.torque.std(axis=0)
+    rng = np.random.default_rng(4)
+    for _ in range(replicates):
+        shaken = exact.torque + size * noise(kind, exact.torque.shape, rng)
+        found = ci.huber(model, replace(exact, torque=shaken), base=base)
+        yield (found.base_values - base.projection @ truth) / found.standard_errors
+
+
+METHODS: dict[str, Callable[[str, int], Iterator[np.ndarray]]] = {
+    "payload": payloads,
+    "instrumental variables": instruments,
+    "Huber": hubers,
+}
+
+
+def share(z: np.ndarray) -> tuple[float, float]:
+    """Return the share of errors inside 95 % intervals, and its standard error.
+
+    Parameters
+    ----------
+    z : ndarray, shape (replicates, parameters)
+    """
+    inside = np.mean(abs(z) <= stats.norm.ppf(0.975), axis=1)
+    return float(inside.mean()), float(inside.std(ddof=1) / np.sqrt(len(inside)))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--replicates", type=int, default=200)
+    parser.add_argument("--methods", nargs="*", default=list(METHODS))
+    parser.add_argument("--write", type=Path)
+    options = parser.parse_args()
+    lines = [
+        "| estimate | noise | 95 % intervals hold | worst parameter |",
+        "|---|---|--:|--:|",
+    ]
+    for name in options.methods:
+        for kind in KINDS:
+            z = np.array(list(METHODS[name](kind, options.replicates)))
+            held, error = share(z)
+            each = np.mean(abs(z) <= stats.norm.ppf(0.975), axis=0)
+            worst = each[np.argmax(abs(each - 0.95))]
+            lines.append(
+                f"| {name} | {kind} | {held:.1%} ± {error:.1%} | {worst:.1%} |"
+            )
+            print(lines[-1], flush=True)
+    if options.write:
+        page = options.write.read_text()
+        before, _, rest = page.partition(_BEGIN)
+        _, _, after = rest.partition(_END)
+        table = "\n".join(lines)
+        options.write.write_text(f"{before}{_BEGIN}\n\n{table}\n\n{_END}{after}")
+
+
+if __name__ == "__main__":
+    main()
