@@ -21,15 +21,10 @@ from consistent_id._support.arrays import (
     frozen,
 )
 from consistent_id.estimation.torque_error import holding, moving_shares
-from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.linear import DATA_RANK_TOLERANCE, null_space, triangle
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import (
-    base_solution,
-    coordinates,
-    residual_noise,
-)
+from consistent_id.regression.residual_noise import UnconstrainedFit
 from consistent_id.regression.row_names import rows_in_newton
 from consistent_id.regression.row_structure import random_rows
 
@@ -140,9 +135,8 @@ class Fit:
 
 def fit_of(
     model: TorqueModel,
-    regression: Regression,
+    free: UnconstrainedFit,
     x: Vector,
-    base: BaseParameters,
     *,
     known: Matrix | None = None,
 ) -> Fit:
@@ -150,17 +144,16 @@ def fit_of(
 
     Parameters
     ----------
-    regression : Regression
-        Its `sigma` affect only `Fit.excess`.
+    free : UnconstrainedFit
+        Least squares on the regression, whose `sigma` affect only `Fit.excess`.
     x : ndarray, shape (parameters,)
     known : ndarray, shape (rows, parameters), optional
         Rows of the equalities that hold by assumption.
     """
     x = frozen(x, (len(model.layout),), "parameters")
+    regression, rank = free.regression, free.solution.rank
     counts = np.array(regression.counts, dtype=np.float64)
     size = np.maximum(regression.torque_rms, np.finfo(float).tiny)
-    free = base_solution(regression, base)
-    unconstrained = base.lift(free.x)
     drive = np.append(x, 0.0)
     drive[: model.layout.inertial_size] = 0.0
     of_drive = np.array(
@@ -178,17 +171,13 @@ def fit_of(
     return Fit(
         joints=regression.joints,
         misfit=stacked(residual),
-        floor=stacked(regression.residual_rms(unconstrained)),
-        excess=_excess(regression, x, unconstrained, free.rank),
+        floor=stacked(regression.residual_rms(free.parameters)),
+        excess=_excess(regression, x, free.parameters, rank),
         drive_share=stacked(of_drive) if has_drive else np.nan,
         correlation=float(counts.sum() / effective),
-        spare=float(effective / max(free.rank, 1)),
+        spare=float(effective / max(rank, 1)),
         guessed=guessed_share(
-            model,
-            regression,
-            base,
-            x,
-            np.zeros((0, len(x))) if known is None else known,
+            model, free, x, np.zeros((0, len(x))) if known is None else known
         ),
         torque=size,
         misfits=residual / size,
@@ -277,11 +266,7 @@ def _known(value: float | None) -> float:
 
 
 def guessed_share(
-    model: TorqueModel,
-    regression: Regression,
-    base: BaseParameters,
-    x: Vector,
-    known: Matrix,
+    model: TorqueModel, free: UnconstrainedFit, x: Vector, known: Matrix
 ) -> float:
     """Return the share of torque that the data do not determine, on random motions.
 
@@ -294,6 +279,8 @@ def guessed_share(
 
     Parameters
     ----------
+    free : UnconstrainedFit
+        Least squares on the data.
     x : ndarray, shape (parameters,)
     known : ndarray, shape (rows, parameters)
         Rows of the equalities that hold by assumption.
@@ -309,12 +296,12 @@ def guessed_share(
     rows = random_rows(every)
     unit = 1.0 / np.where(rows.norms > 0.0, rows.norms, 1.0)
     u = x / unit  # torque of each parameter on other motions
-    noise = residual_noise(regression, base)
-    free = null_space(known * unit, DATA_RANK_TOLERANCE)
-    seen = coordinates(noise) @ base.projection * unit @ free
+    noise, open_steps = free.noise, null_space(known * unit, DATA_RANK_TOLERANCE)
+    seen = noise.coordinates @ free.base.projection * unit @ open_steps
     scaled = np.linalg.solve(noise.root.T, seen)  # in standard errors
     prior = 1.0 / max(float(np.mean(u**2)), np.finfo(float).tiny)
-    guess = unit * (free @ _left_of(free.T @ u, np.asarray(scaled), prior))
+    left = _left_of(open_steps.T @ u, np.asarray(scaled), prior)
+    guess = unit * (open_steps @ left)
     torque, guessed = rows.rms(x), rows.rms(guess)
     matters = _matters(every, torque)
     share = guessed[matters] / torque[matters]

@@ -56,6 +56,7 @@ from consistent_id.problems.robot_preparation import segments_of_problem
 from consistent_id.recordings.recording import LogFinding, Recording
 from consistent_id.regression.base import BaseParameters, Excitation, excitation_of
 from consistent_id.regression.regression import Regression
+from consistent_id.regression.residual_noise import unconstrained_fit
 from consistent_id.regression.rows.contact_free import base_of_recordings
 from consistent_id.regression.segments import (
     merged,
@@ -261,7 +262,8 @@ class Study:
         model = self.problem.model
         known = lowered(self.problem.constraints, model).A_eq
         x, own = estimate.parameters, estimate.fit
-        fit = fit_of(model, self.regression, x, self.base, known=known)
+        free = unconstrained_fit(self.regression, self.base)
+        fit = fit_of(model, free, x, known=known)
         # Its own optimum shows whether constraints contradict its data.
         return fit if own is None else replace(fit, excess=own.excess)
 
