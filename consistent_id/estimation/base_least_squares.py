@@ -13,11 +13,7 @@ import numpy as np
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id.constraints.cones.certificate import Certificate
-from consistent_id.estimation.determination import (
-    determinations,
-    linear_errors,
-    stated_errors,
-)
+from consistent_id.estimation.determination import determined
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.method import Method
@@ -34,7 +30,6 @@ from consistent_id.regression.residual_noise import (
     ResidualNoise,
     UnconstrainedFit,
     joint_noise,
-    residual_sigma,
     unconstrained_fit,
 )
 from consistent_id.regression.row_names import in_newton
@@ -91,8 +86,7 @@ def unconstrained_estimate(
     R, parameters = regression.stacked(), free.parameters
     redundant = sum(regression.counts) > solution.rank
     known = np.zeros((0, len(model.layout)))
-    errors = linear_errors(base, free.noise, known)
-    origins = determinations(model, free, errors, parameters, elsewhere="convention")
+    found_by = determined(model, free, known, parameters, elsewhere="convention")
     A, b = R[:, list(base.independent)], R[:, -1]
     return Estimate(
         method=method,
@@ -100,14 +94,14 @@ def unconstrained_estimate(
         base=base,
         parameters=parameters,
         base_covariance=_covariance(free.noise, solution) if redundant else None,
-        origins=origins,
+        origins=found_by.origins,
         undetermined=open_combinations(solution, base.names),
-        sigma=residual_sigma(regression, parameters, solution.rank),
+        sigma=free.sigma,
         certificate=stationarity_certificate(A, b, solution),
         notes=_notes(model, free),
         seconds=perf_counter() - started,
         fit=fit_of(model, free, parameters),
-        parameter_errors=stated_errors(errors.values, origins) if redundant else None,
+        parameter_errors=found_by.errors if redundant else None,
     )
 
 

@@ -167,8 +167,8 @@ def scaled_fit(
     factor = base_factor(regression, base)
     torque = float(np.linalg.norm(R[:, -1]))
     residual = float(abs(factor[-1, -1])) if len(factor) > len(base) else 0.0
-    inertial = link_scales(model.robot).units
     norms = _drive_columns(model, R)
+    inertial = link_scales(model.robot).units
     drive = torque / np.where(norms > 0.0, norms, np.inf)
     unit = np.concatenate([inertial, np.where(drive > 0.0, drive, 1.0)])
     possible = lowered(constraints, model)

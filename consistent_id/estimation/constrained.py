@@ -15,11 +15,7 @@ from consistent_id.estimation.constrained_fit import (
     DEFAULT_CONSTRAINTS,
     constrained_fit,
 )
-from consistent_id.estimation.determination import (
-    determinations,
-    linear_errors,
-    stated_errors,
-)
+from consistent_id.estimation.determination import determined
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.fitted_to import FittedUnder
@@ -144,24 +140,22 @@ def audited(
     figures = _figures(problem, found, least, links)
     consistent = any(isinstance(c, PhysicalConsistency) for c in problem.constraints)
     known = found.scaled.constraints.A_eq
-    errors = linear_errors(base, free.noise, known)
-    origins = determinations(model, free, errors, x, elsewhere="prior")
+    moved = 0.0 if shift is None else shift
+    found_by = determined(model, free, known, x, elsewhere="prior", shift=moved)
     return Estimate(
         method=method,
         model=model,
         base=base,
         parameters=x,
         base_covariance=None,
-        origins=origins,
+        origins=found_by.origins,
         undetermined=open_combinations(free.solution, base.names),
         sigma=residual_sigma(regression, x, len(base)),
         certificate=_certificate(proof, least if consistent else None, figures),
         notes=(found.note, *_edges(links)),
         seconds=perf_counter() - started,
         fit=fit_of(model, free, x, known=known),
-        parameter_errors=(
-            None if shift is None else stated_errors(errors.values, origins, shift)
-        ),
+        parameter_errors=None if shift is None else found_by.errors,
     )
 
 

@@ -117,6 +117,44 @@ def pinned(
     )
 
 
+class Determined(NamedTuple):
+    """The source of each parameter's value, and its standard error.
+
+    Parameters
+    ----------
+    origins : tuple of str
+        See `determinations`.
+    errors : ndarray, shape (parameters,)
+        See `stated_errors`.
+    """
+
+    origins: tuple[Determination, ...]
+    errors: Vector
+
+
+def determined(
+    model: TorqueModel,
+    free: UnconstrainedFit,
+    known: Matrix,
+    x: Vector,
+    *,
+    elsewhere: Determination,
+    shift: Vector | float = 0.0,
+) -> Determined:
+    """Return what determines an estimate, with errors from its own data's noise.
+
+    Parameters
+    ----------
+    known : ndarray, shape (rows, parameters)
+        Rows of the equalities that hold by assumption.
+    x, elsewhere, shift
+        See `determinations` and `stated_errors`.
+    """
+    errors = linear_errors(free.base, free.noise, known)
+    origins = determinations(model, free, errors, x, elsewhere=elsewhere)
+    return Determined(origins, stated_errors(errors.values, origins, shift))
+
+
 def stated_errors(
     errors: Vector, origins: Sequence[Determination], shift: Vector | float = 0.0
 ) -> Vector:

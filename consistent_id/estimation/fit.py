@@ -14,11 +14,9 @@ import numpy as np
 
 from consistent_id._support.arrays import (
     Array,
-    BoolArray,
     Matrix,
     Vector,
     freeze_arrays,
-    frozen,
 )
 from consistent_id.estimation.torque_error import holding, moving_shares
 from consistent_id.regression.linear import DATA_RANK_TOLERANCE, null_space, triangle
@@ -150,7 +148,6 @@ def fit_of(
     known : ndarray, shape (rows, parameters), optional
         Rows of the equalities that hold by assumption.
     """
-    x = frozen(x, (len(model.layout),), "parameters")
     regression, rank = free.regression, free.solution.rank
     counts = np.array(regression.counts, dtype=np.float64)
     size = np.maximum(regression.torque_rms, np.finfo(float).tiny)
@@ -160,10 +157,11 @@ def fit_of(
         [np.linalg.norm(F @ drive) for F in regression.factors]
     ) / np.sqrt(counts)
     residual = regression.residual_rms(x)
+    least = regression.residual_rms(free.parameters)
     has_drive = len(model.layout) > model.layout.inertial_size
     effective = np.nan if regression.noise is None else regression.effective.sum()
-
     moving = moving_shares(model, regression)
+    held = holding(model, x, moving)
 
     def stacked(rms: Vector) -> float:
         return float(np.sqrt((counts * rms**2).sum() / (counts * size**2).sum()))
@@ -171,8 +169,8 @@ def fit_of(
     return Fit(
         joints=regression.joints,
         misfit=stacked(residual),
-        floor=stacked(regression.residual_rms(free.parameters)),
-        excess=_excess(regression, x, free.parameters, rank),
+        floor=stacked(least),
+        excess=_excess(regression, residual, least, rank),
         drive_share=stacked(of_drive) if has_drive else np.nan,
         correlation=float(counts.sum() / effective),
         spare=float(effective / max(rank, 1)),
@@ -185,27 +183,32 @@ def fit_of(
         **_on_nominal(model, regression),
         efforts=regression.peaks / _effort_limits(model),
         moving=moving,
-        holding=holding(model, x, moving),
+        holding=held,
     )
 
 
 def _excess(
-    regression: Regression, x: Vector, unconstrained: Vector, rank: int
+    regression: Regression, residual: Vector, least: Vector, rank: int
 ) -> float:
     """Return the weighted residual over that of least squares, per degree of freedom.
 
     Least squares has ``rows - rank`` degrees of freedom; a robot that is known
     beforehand would have all rows.
+
+    Parameters
+    ----------
+    residual, least : ndarray, shape (joints,), [N m or N]
+        RMS residuals of the parameters and of least squares.
     """
     counts = np.array(regression.counts, dtype=np.float64)
     rows = counts.sum()
     if rows <= rank:
         return np.nan
-    own, least = (
-        np.linalg.norm(regression.residual_rms(y) * np.sqrt(counts) / regression.sigma)
-        for y in (x, unconstrained)
+    own, best = (
+        np.linalg.norm(rms * np.sqrt(counts) / regression.sigma)
+        for rms in (residual, least)
     )
-    floor = max(float(least), float(np.finfo(float).tiny))
+    floor = max(float(best), float(np.finfo(float).tiny))
     return float(own / floor * np.sqrt(1.0 - rank / rows))
 
 
@@ -239,14 +242,14 @@ def _on_nominal(model: TorqueModel, regression: Regression) -> dict[str, Array]:
     return dict(zip(names, np.array(found).T, strict=True))
 
 
-def _shares(model: TorqueModel, size: Vector) -> Vector:
-    """Return each joint's torque over the largest of those that move alike."""
-    slides = rows_in_newton(model.robot, model.torque_joints)
-    shares = np.empty(len(size))
-    for kind in (False, True):
-        shares[slides == kind] = size[slides == kind] / size[slides == kind].max(
-            initial=0.0
-        )
+def _shares(model: TorqueModel, torque: Vector) -> Vector:
+    """Return each row's torque over the largest of its unit; zero if all are zero."""
+    forces = rows_in_newton(model.robot, model.torque_joints)
+    shares = np.zeros(len(torque))
+    for kind in (forces, ~forces):
+        largest = torque[kind].max(initial=0.0)
+        if largest > 0.0:
+            shares[kind] = torque[kind] / largest
     return shares
 
 
@@ -303,7 +306,7 @@ def guessed_share(
     left = _left_of(open_steps.T @ u, np.asarray(scaled), prior)
     guess = unit * (open_steps @ left)
     torque, guessed = rows.rms(x), rows.rms(guess)
-    matters = _matters(every, torque)
+    matters = (torque > 0.0) & (_shares(every, torque) >= ROW_MATTERS)
     share = guessed[matters] / torque[matters]
     return float(min(share.max(initial=0.0), 1.0))
 
@@ -325,13 +328,3 @@ def _left_of(guess: Vector, scaled: Matrix, prior: float) -> Vector:
     R = triangle(rows)
     step = solve_triangular(R[:size, :size], R[:size, size], check_finite=False)
     return np.asarray(guess + step)
-
-
-def _matters(model: TorqueModel, torque: Vector) -> BoolArray:
-    """Return the rows whose torque is not small beside others of its unit."""
-    forces = rows_in_newton(model.robot, model.torque_joints)
-    matters = np.zeros(len(torque), dtype=bool)
-    for kind in (forces, ~forces):
-        largest = torque[kind].max(initial=0.0)
-        matters[kind] = (torque[kind] > 0.0) & (torque[kind] >= ROW_MATTERS * largest)
-    return matters

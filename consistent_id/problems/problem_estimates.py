@@ -30,6 +30,7 @@ from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.residual_noise import joint_noise, unconstrained_fit
 from consistent_id.regression.rows.contact_free import base_of_recordings
+from consistent_id.regression.segments import merged
 from consistent_id.regression.torque_along import simulate_torque
 
 
@@ -65,11 +66,11 @@ def identify(
     model, constraints, prior = problem.model, problem.constraints, problem.prior
     training = problem.training if training is None else training
     base = base_of_recordings(model, training) if base is None else base
-    if regression is None:
-        regression = regression_of(problem.table, model, training)
-    if path is None:
+    if regression is None or path is None:
         segments = segments_of_problem(problem.table, model, training)
-        path = regularisation_path(problem, segments, base=base)
+        regression = merged(segments) if regression is None else regression
+        if path is None:
+            path = regularisation_path(problem, segments, base=base)
     penalty = penalty_of(problem, path)
     sigma = joint_noise(model, regression, base=base)
     equal = unconstrained_fit(regression, base)

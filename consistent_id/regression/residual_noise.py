@@ -266,6 +266,8 @@ class UnconstrainedFit:
         The base parameters, and their null space.
     parameters : ndarray, shape (parameters,)
         The smallest vector with these base parameters.
+    sigma : ndarray, shape (joints,), [N m or N]
+        See `residual_sigma`.
     noise : ResidualNoise
     """
 
@@ -273,6 +275,7 @@ class UnconstrainedFit:
     base: BaseParameters
     solution: LinearSolution
     parameters: Vector
+    sigma: Vector
     noise: ResidualNoise
 
 
@@ -310,7 +313,7 @@ def unconstrained_fit(regression: Regression, base: BaseParameters) -> Unconstra
         inflation=root.T @ root,
         root=root,
     )
-    return UnconstrainedFit(regression, base, solution, parameters, noise)
+    return UnconstrainedFit(regression, base, solution, parameters, sigma, noise)
 
 
 def _product(rows: Matrix, steps: Matrix) -> Matrix:
