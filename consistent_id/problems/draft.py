@@ -67,10 +67,10 @@ class Draft:
         Other joints between base and tip, and their locked positions [rad or m].
     columns : Columns
     rate : float, [Hz]
-        Of the log.
+        The sampling rate of the log.
     resample, max_gap : float, optional, [Hz], [s]
     cutoff : float, [Hz]
-        Of motion and torque.
+        The cut-off frequency of motion and torque.
     cutoff_reason : str
     masses : {"datasheet", "free"}
     raw : mapping of Path to Recording

@@ -158,7 +158,7 @@ def changed_tables(
     Parameters
     ----------
     paths : sequence of str
-        Of the tables that may.
+        Paths of the tables that may differ.
     """
     return [p for p in paths if _at(old, p) != _at(new, p)]
 

@@ -263,4 +263,4 @@ _WHOLE: dict[str, _Put] = {
     "drive": _drive,
     "friction_velocity": _width,
 }
-"""What more than one key follows from."""
+"""Fields of a statement that change more than one key."""

@@ -61,7 +61,7 @@ def identify(
     path : RegularisationPath, optional
         By default `regularisation_path` of the problem.
     regression : Regression, optional
-        Of the training recordings.
+        The regression of the training recordings.
     """
     model, constraints, prior = problem.model, problem.constraints, problem.prior
     training = problem.training if training is None else training

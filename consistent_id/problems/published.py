@@ -52,7 +52,7 @@ class RankReport:
     Parameters
     ----------
     singular_values : ndarray
-        Of the regressor with unit columns, relative to the largest.
+        Those of the regressor with unit columns, relative to the largest.
     null_directions : tuple of str
         Combinations that can be changed without changing any torque of the motion.
     """
@@ -291,7 +291,7 @@ def published_least_squares(
     Parameters
     ----------
     base : BaseParameters, optional
-        Of the problem's model, or of the one with `drive`.
+        Those of the problem's model, or of the one with `drive`.
     drive : DriveTerms, optional
         Friction and drive terms of each joint that the paper left out.
     """

@@ -21,7 +21,7 @@ from consistent_id.problems.tables import ConstraintsTable
 from consistent_id.robot.loaders import load_robot
 
 ROBOT_ENDINGS = (".urdf", ".xml", ".mjcf")
-"""Of files that hold a robot."""
+"""Suffixes of files that hold a robot."""
 
 _COMMENTS = {
     **DRIVE_COMMENTS,
@@ -46,7 +46,7 @@ class RobotDraft:
         URDF or MJCF.
     excitation : ExcitationTable
     stated : Statement
-        Of the robot.
+        The statement about the robot.
     """
 
     model: Path
@@ -98,7 +98,7 @@ def robot_draft(
         URDF or MJCF.
     excitation : ExcitationTable, optional
     stated : Statement, optional
-        Of the robot.
+        The statement about the robot.
 
     Raises
     ------

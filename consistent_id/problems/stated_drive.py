@@ -40,7 +40,7 @@ def stated_drive(
     joints : sequence of str
         The robot's.
     width : float, optional, [rad/s or m/s]
-        Of friction's change of sign; by default a usual one.
+        The width of friction's change of sign; by default a usual one.
 
     Raises
     ------

@@ -123,12 +123,12 @@ class Study:
 
     @cached_property
     def excitation(self) -> Excitation:
-        """How well the training data excite the robot."""
+        """Rank and condition of the base regressor in the training data."""
         return excitation_of(self.regression, self.base)
 
     @cached_property
     def path(self) -> RegularisationPath:
-        """How the weight of the cross-validated estimate's prior was chosen."""
+        """The search for the weight of the cross-validated estimate's prior."""
         return regularisation_path(self.problem, self.segments, base=self.base)
 
     @cached_property
@@ -217,7 +217,7 @@ class Study:
         Parameters
         ----------
         estimate : Estimate
-            Of the problem's model, computed now or loaded from a file.
+            An estimate of the problem's model, computed now or loaded from a file.
         """
         kinds = tuple(dict.fromkeys((*estimate.accepted, *self.accepted)))
         own, stated = replace(estimate, accepted=kinds), estimate.judged
