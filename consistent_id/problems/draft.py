@@ -23,9 +23,13 @@ from consistent_id.problems.floating.floating_draft import StandingDraft
 from consistent_id.problems.kept_text import problem_name, toml_text
 from consistent_id.problems.loading import problem_of
 from consistent_id.problems.log_entries import gains_table
-from consistent_id.problems.model import DEFAULT_DRIVE, excitation_table, model_table
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.selection.select import ModelSelection
+from consistent_id.problems.stated_model import (
+    DEFAULT_DRIVE,
+    excitation_table,
+    model_table,
+)
 from consistent_id.problems.statement import Statement
 from consistent_id.problems.tables import ConstraintsTable
 from consistent_id.recordings.readers.columns import Columns

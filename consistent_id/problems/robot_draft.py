@@ -9,13 +9,13 @@ from consistent_id.problems.excitation_tables import ExcitationTable
 from consistent_id.problems.file import ProblemTable
 from consistent_id.problems.kept_text import problem_name, toml_text
 from consistent_id.problems.loading import problem_of
-from consistent_id.problems.model import (
+from consistent_id.problems.problem import Problem
+from consistent_id.problems.robot_logs import selection_of
+from consistent_id.problems.stated_model import (
     DEFAULT_DRIVE,
     excitation_table,
     model_table,
 )
-from consistent_id.problems.problem import Problem
-from consistent_id.problems.robot_logs import selection_of
 from consistent_id.problems.statement import Statement, declarations
 from consistent_id.problems.tables import ConstraintsTable
 from consistent_id.robot.loaders import load_robot
