@@ -23,6 +23,7 @@ from consistent_id.problems.floating.floating_draft import StandingDraft
 from consistent_id.problems.kept_text import problem_name, toml_text
 from consistent_id.problems.loading import problem_of
 from consistent_id.problems.log_entries import gains_table
+from consistent_id.problems.parameter_tables import ConstraintsTable
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.selection.select import ModelSelection
 from consistent_id.problems.stated_model import (
@@ -31,7 +32,6 @@ from consistent_id.problems.stated_model import (
     model_table,
 )
 from consistent_id.problems.statement import Statement
-from consistent_id.problems.tables import ConstraintsTable
 from consistent_id.recordings.readers.columns import Columns
 from consistent_id.recordings.recording import Recording
 

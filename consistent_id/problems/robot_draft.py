@@ -9,6 +9,7 @@ from consistent_id.problems.excitation_tables import ExcitationTable
 from consistent_id.problems.file import ProblemTable
 from consistent_id.problems.kept_text import problem_name, toml_text
 from consistent_id.problems.loading import problem_of
+from consistent_id.problems.parameter_tables import ConstraintsTable
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.robot_logs import selection_of
 from consistent_id.problems.stated_model import (
@@ -17,7 +18,6 @@ from consistent_id.problems.stated_model import (
     model_table,
 )
 from consistent_id.problems.statement import Statement, declarations
-from consistent_id.problems.tables import ConstraintsTable
 from consistent_id.robot.loaders import load_robot
 
 ROBOT_ENDINGS = (".urdf", ".xml", ".mjcf")
