@@ -19,7 +19,11 @@ from consistent_id._support.arrays import (
     freeze_arrays,
 )
 from consistent_id.estimation.torque_error import holding, moving_shares
-from consistent_id.regression.linear import DATA_RANK_TOLERANCE, null_space, triangle
+from consistent_id.regression.linear import (
+    DATA_RANK_TOLERANCE,
+    null_space,
+    pulled_solution,
+)
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import UnconstrainedFit
@@ -303,7 +307,7 @@ def guessed_share(
     seen = noise.coordinates @ free.base.projection * unit @ open_steps
     scaled = np.linalg.solve(noise.root.T, seen)  # in standard errors
     prior = 1.0 / max(float(np.mean(u**2)), np.finfo(float).tiny)
-    left = _left_of(open_steps.T @ u, np.asarray(scaled), prior)
+    left = pulled_solution(np.asarray(scaled), open_steps.T @ u, prior)
     guess = unit * (open_steps @ left)
     torque, guessed = rows.rms(x), rows.rms(guess)
     matters = (torque > 0.0) & (_shares(every, torque) >= ROW_MATTERS)
@@ -315,16 +319,3 @@ def guessed_share(
 def _with_all_rows(model: TorqueModel) -> TorqueModel:
     every = replace(model, torque_joints=())
     return model if model.torque_joints == every.torque_joints else every
-
-
-def _left_of(guess: Vector, scaled: Matrix, prior: float) -> Vector:
-    """Return ``x`` of the least ``||scaled x||^2 + prior ||x - guess||^2``."""
-    from scipy.linalg import solve_triangular
-
-    size = len(guess)
-    rows = np.zeros((len(scaled) + size, size + 1), order="F")
-    rows[: len(scaled), :size], rows[: len(scaled), size] = scaled, -scaled @ guess
-    np.fill_diagonal(rows[len(scaled) :, :size], np.sqrt(prior))
-    R = triangle(rows)
-    step = solve_triangular(R[:size, :size], R[:size, size], check_finite=False)
-    return np.asarray(guess + step)
