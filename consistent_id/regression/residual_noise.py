@@ -5,7 +5,7 @@ a regression is compared with.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -279,6 +279,7 @@ class UnconstrainedFit:
     noise: ResidualNoise
 
 
+@lru_cache(maxsize=8)
 def unconstrained_fit(regression: Regression, base: BaseParameters) -> UnconstrainedFit:
     """Fit base parameters by weighted least squares, and find the residuals' noise.
 
