@@ -13,7 +13,7 @@ from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.uncertainties.beyond_noise import ScatterCauses
 from consistent_id.estimation.uncertainties.block_scatter import recording_scatter
 from consistent_id.estimation.uncertainties.intervals import consistent_intervals
-from consistent_id.regression.residual_noise import joint_noise, residual_noise
+from consistent_id.regression.residual_noise import joint_noise, unconstrained_fit
 from consistent_id.regression.segments import merged
 
 UR10E = (
@@ -167,7 +167,7 @@ def halves(
             sigma = joint_noise(model, merged(own), base=base)
             own = [part.weighted(sigma) for part in own]
             whole = merged(own)
-            noise = residual_noise(whole, base)
+            noise = unconstrained_fit(whole, base).noise
             scatter = recording_scatter(own, base) if random_effect else None
             noise = noise if scatter is None else scatter.added_to(noise, own, base)
             estimate = ci.least_squares(model, whole, base=base)

@@ -22,8 +22,8 @@ from faults_robots import loaded, robots
 import consistent_id as ci
 from consistent_id.diagnosis import diagnose
 from consistent_id.problems.file import PreparationTable
-from consistent_id.problems.model import DEFAULT_DRIVE
 from consistent_id.problems.preparation import Log
+from consistent_id.problems.stated_model import DEFAULT_DRIVE
 
 
 @dataclass(frozen=True)

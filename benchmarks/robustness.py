@@ -164,7 +164,7 @@ def mistakes(
     if linear.violation(scaled) > 1e-6:
         found.append("a row is violated")
     fitted = constrained_fit(
-        FitProblem(model, regression, problem.constraints, base), None
+        FitProblem.of(model, regression, problem.constraints, base), None
     )
     fit = fitted.best
     mine = fit.optimality.objective

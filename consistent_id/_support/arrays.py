@@ -52,7 +52,7 @@ def freeze_arrays(
     shapes : mapping of str to tuple
         By field.
     where : str
-        What messages begin with.
+        The beginning of messages.
     error, finite
         See `frozen`.
     """

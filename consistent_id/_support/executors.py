@@ -50,7 +50,7 @@ class Workers:
     broken : type of Exception
         Raised by the future of a task that was lost with its worker.
     number : int
-        Of tasks that are done at a time.
+        The number of tasks that are done at a time.
     """
 
     submit: Callable[[Any], Any]
@@ -68,8 +68,8 @@ class Executor:
     workers : int
         Processes; by default as many as there are cores.
     address : str
-        Of a Dask scheduler, such as ``tcp://10.0.0.5:8786``; by default a cluster of
-        this machine is started, and ended with this process.
+        The address of a Dask scheduler, such as ``tcp://10.0.0.5:8786``; by default a
+        cluster of this machine is started, and ended with this process.
 
     Examples
     --------

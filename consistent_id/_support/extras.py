@@ -19,7 +19,7 @@ def needed(
     extra : str
         The package's extra that installs it.
     what : str
-        What needs it; the subject of the message.
+        The feature that needs the extra: the subject of the message.
 
     Examples
     --------

@@ -145,7 +145,7 @@ def require_replaceable(path: Path, content: bytes | None = None) -> None:
     Parameters
     ----------
     content : bytes, optional
-        What is to be written; a file that holds it already is in nobody's way.
+        The bytes to write; a file that has them already may stay.
 
     Raises
     ------

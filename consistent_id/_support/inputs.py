@@ -41,7 +41,8 @@ def require_regular(path: Path, error: type[ConsistentIdError]) -> int:
     Raises
     ------
     ConsistentIdError
-        Of the class `error`: if it is not there, or is a folder, a device or a pipe.
+        An exception of the class `error`, if the path is missing, or is a folder, a
+        device or a pipe.
     """
     try:
         status = path.stat()
@@ -62,7 +63,7 @@ def read_input(path: Path, error: type[ConsistentIdError], largest: int) -> byte
     Raises
     ------
     ConsistentIdError
-        Of the class `error`.
+        An exception of the class `error`.
     """
     require_size(path, require_regular(path, error), error, largest)
     try:
@@ -101,7 +102,7 @@ def require_unpacked(
     Parameters
     ----------
     where : object
-        What the message begins with.
+        The beginning of the message.
     unpacked : int
         Bytes that the data would need, by what the file states; a number needs 8.
     stored : int

@@ -1,4 +1,4 @@
-"""How far long work is, on the standard error, for whoever asked to see it.
+"""The progress of long work, on the standard error, for users who want to see it.
 
 A terminal shows a bar; a file or a pipe gets a line now and then.
 """
@@ -49,9 +49,9 @@ def counted(total: int, what: str, shown: bool) -> Iterator[Counter]:
     Parameters
     ----------
     total : int
-        How many there are in all.
+        The number of items in all.
     what : str
-        What is counted, in the plural.
+        The noun for the items, in the plural.
     shown : bool
         Whether anything is written.
     """

@@ -36,7 +36,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(slots=True)
 class Run:
-    """What the user allows, and what has happened so far.
+    """Permissions of the user, and events so far.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Run:
     inputs : set of tuple of int
         Device and inode of each file that was read.
     stopped : str
-        What ended the work early, if it went on to show what it had.
+        The cause that ended the work early, if partial results were shown.
     faults : list of tuple of str and Exception, optional
         Parts of the result that could not be made, and why, if somebody says so at the
         end; see `kept_going`.
@@ -227,7 +227,7 @@ def kept_going(part: str) -> Iterator[list[str]]:
     Parameters
     ----------
     part : str
-        What the block makes, for people.
+        The result of the block, in words.
 
     Yields
     ------

@@ -27,8 +27,8 @@ def record(digests: Collection[str], what: object) -> None:
     digests : collection of str
         In hexadecimal.
     what : object
-        What they stand for, for the warning that is logged where the state folder
-        cannot be used.
+        The object that they are of, for the warning that is logged where the state
+        folder cannot be used.
     """
     if not digests:
         return

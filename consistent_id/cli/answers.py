@@ -1,4 +1,4 @@
-"""What commands answer, for one problem or for several, and how it is printed."""
+"""Answers of commands, for one problem or for several, and their printing."""
 
 import argparse
 import json
@@ -23,7 +23,7 @@ _OF_FILES = 3  # lines that files which are written take, the empty one included
 
 
 class Answer(NamedTuple):
-    """What a command answers for one problem.
+    """The answer of a command for one problem.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How a run of the tool begins and ends: what it may do, how long; its exit code."""
+"""Begin and end of a run of the tool: permissions, time limit, exit code."""
 
 import argparse
 import os

@@ -369,7 +369,7 @@ def standing_answer(options: argparse.Namespace) -> Answer:
 def _design(options: argparse.Namespace) -> "StandingDesign":
     import sys
 
-    from consistent_id.problems.model import DEFAULT_DRIVE
+    from consistent_id.problems.stated_model import DEFAULT_DRIVE
     from consistent_id.problems.statement_words import read_position
     from consistent_id.regression.regressor import TorqueModel
     from consistent_id.robot.loaders import load_robot

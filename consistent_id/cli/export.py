@@ -81,12 +81,12 @@ class _Chosen:
     answer : dict
         For JSON; see `Study.answer`.
     stated : tuple of str
-        What the estimate's file says and nothing confirms.
+        Statements of the estimate's file that nothing confirms.
     source : Path, optional
         The robot's own file.
     gains : PDGains, optional
     delay : float, [s]
-        Of commands.
+        The delay of commands.
     results : Results, optional
         That keep a copy of the robot's file as long as it is needed.
     """

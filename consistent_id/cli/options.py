@@ -30,7 +30,7 @@ class Option:
     repeated : bool
         Whether it may be given several times; values are collected.
     const : bool, optional
-        What a switch means when it is given, if nothing means None.
+        The value of a switch that is given, if its absence means None.
 
     Examples
     --------

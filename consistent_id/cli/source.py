@@ -1,4 +1,4 @@
-"""What commands work on: a problem, a robot and its logs, or results in a folder.
+"""The input of commands: a problem, a robot and its logs, or results in a folder.
 
 The options are those of `Statement`; no command types them again.
 """
@@ -216,7 +216,7 @@ def studied(
     folder : Path, optional
         To which it is to be written.
     before : callable, optional
-        What to do with the problem's name before anything is computed, such as to ask
+        Called with the problem's name before anything is computed, such as to test
         whether files can be written.
     costs : bool
         Whether what constraints cost is computed among the stages, as it is printed.

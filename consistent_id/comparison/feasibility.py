@@ -43,7 +43,7 @@ from consistent_id.estimation.best_fit import BestFit, best_fit
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import joint_noise, residual_noise
+from consistent_id.regression.residual_noise import joint_noise, unconstrained_fit
 from consistent_id.regression.row_structure import random_rows
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.scaling import link_scales
@@ -390,7 +390,7 @@ def consistency_test(
         )
     base = base_parameters(model) if base is None else base
     weighted = regression.weighted(joint_noise(model, regression, base=base))
-    noise = residual_noise(weighted, base)
+    noise = unconstrained_fit(weighted, base).noise
     best = best_fit(model, weighted.weighted(noise.level), constraints, base=base)
     increase = _squared_distance(best, best.scaled.z)
     rng = np.random.default_rng(seed)

@@ -253,7 +253,7 @@ def nominal_distance(
         Typical sizes of all parameters; the distance of drive terms uses them, too.
     """
     layout, inertial = model.layout, model.layout.inertial_size
-    bodies = reference_bodies(model.robot)
+    nominal, bodies = nominal_point(model, unit), reference_bodies(model.robot)
     if distance == "entropic":
         links = unit[:inertial].reshape(-1, 10)
         whitened = np.array(
@@ -262,7 +262,7 @@ def nominal_distance(
                 for body, size in zip(bodies, links, strict=True)
             ]
         )
-        return EntropicDistance(whitened, nominal_point(model, unit))
+        return EntropicDistance(whitened, nominal)
     G = np.diag(1.0 / unit)
     if distance == "pullback":
         for k, body in enumerate(bodies):
@@ -271,7 +271,7 @@ def nominal_distance(
     else:
         G[:inertial, :inertial] = np.diag(1.0 / link_scales(model.robot).units)
     g = G[:, :inertial] @ bodies.ravel()
-    return QuadraticDistance(G * unit, g, nominal_point(model, unit))
+    return QuadraticDistance(G * unit, g, nominal)
 
 
 def nominal_point(model: TorqueModel, unit: Vector) -> Vector:

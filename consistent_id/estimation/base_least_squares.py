@@ -13,11 +13,7 @@ import numpy as np
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id.constraints.cones.certificate import Certificate
-from consistent_id.estimation.determination import (
-    determinations,
-    linear_errors,
-    stated_errors,
-)
+from consistent_id.estimation.determination import determined
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.method import Method
@@ -27,14 +23,14 @@ from consistent_id.regression.base import (
     open_combinations,
     require_match,
 )
-from consistent_id.regression.linear import LinearSolution, solve_linear
+from consistent_id.regression.linear import LinearSolution
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import (
     ResidualNoise,
+    UnconstrainedFit,
     joint_noise,
-    residual_noise,
-    residual_sigma,
+    unconstrained_fit,
 )
 from consistent_id.regression.row_names import in_newton
 
@@ -75,34 +71,37 @@ def least_squares(
     started = perf_counter()
     base = base_parameters(model) if base is None else base
     require_match(model, regression, base)
-    R = regression.stacked()
-    A, b = R[:, list(base.independent)], R[:, -1]
-    solution = solve_linear(A, b)
-    parameters = base.lift(solution.x)
-    sigma = residual_sigma(regression, parameters, solution.rank)
+    free = unconstrained_fit(regression, base)
+    estimate = unconstrained_estimate(model, free, method=method)
+    return replace(estimate, seconds=perf_counter() - started)
+
+
+@single_threaded
+def unconstrained_estimate(
+    model: TorqueModel, free: UnconstrainedFit, *, method: str
+) -> Estimate:
+    """Return the estimate of `least_squares` of a fit made before."""
+    started = perf_counter()
+    regression, base, solution = free.regression, free.base, free.solution
+    R, parameters = regression.stacked(), free.parameters
     redundant = sum(regression.counts) > solution.rank
-    noise = residual_noise(regression, base)
-    covariance = _covariance(noise, solution) if redundant else None
     known = np.zeros((0, len(model.layout)))
-    errors = linear_errors(base, noise, known)
-    origins = determinations(
-        model, regression, errors, parameters, elsewhere="convention"
-    )
-    undetermined = open_combinations(solution, base.names)
+    found_by = determined(model, free, known, parameters, elsewhere="convention")
+    A, b = R[:, list(base.independent)], R[:, -1]
     return Estimate(
         method=method,
         model=model,
         base=base,
         parameters=parameters,
-        base_covariance=covariance,
-        origins=origins,
-        undetermined=undetermined,
-        sigma=sigma,
+        base_covariance=_covariance(free.noise, solution) if redundant else None,
+        origins=found_by.origins,
+        undetermined=open_combinations(solution, base.names),
+        sigma=free.sigma,
         certificate=stationarity_certificate(A, b, solution),
-        notes=_notes(model, regression, base, solution, noise),
+        notes=_notes(model, free),
         seconds=perf_counter() - started,
-        fit=fit_of(model, regression, parameters, base),
-        parameter_errors=stated_errors(errors.values, origins) if redundant else None,
+        fit=fit_of(model, free, parameters),
+        parameter_errors=found_by.errors if redundant else None,
     )
 
 
@@ -132,17 +131,12 @@ def weighted_least_squares(
     return replace(estimate, seconds=perf_counter() - started)
 
 
-def _notes(
-    model: TorqueModel,
-    regression: Regression,
-    base: BaseParameters,
-    solution: LinearSolution,
-    noise: ResidualNoise,
-) -> tuple[str, ...]:
+def _notes(model: TorqueModel, free: UnconstrainedFit) -> tuple[str, ...]:
     """Return notes on the conditions under which values and errors are valid."""
+    regression, base, solution = free.regression, free.base, free.solution
     notes = ["no more rows than parameters: noise and standard errors are unknown"]
     if sum(regression.counts) > solution.rank:
-        notes = [noise.sentence]
+        notes = [free.noise.sentence]
         if _of_two_kinds(model) and np.ptp(regression.sigma) == 0.0:
             notes.append(
                 "rows in N m and in N have equal weight, regardless of their sizes; "

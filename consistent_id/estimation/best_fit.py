@@ -40,10 +40,14 @@ from consistent_id.constraints.cones.least_norm import ConeSolution, LeastNorm
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.constraints.priors import nominal_point
 from consistent_id.errors import InfeasibleError, SolverError
-from consistent_id.regression.base import BaseParameters, require_match
+from consistent_id.regression.base import (
+    BaseParameters,
+    base_parameters,
+    require_match,
+)
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import ResidualNoise, residual_noise
+from consistent_id.regression.residual_noise import UnconstrainedFit, unconstrained_fit
 from consistent_id.robot.scaling import link_scales
 
 _USABLE = 1e-5  # violation beyond which a point is not a usable answer
@@ -163,8 +167,8 @@ def scaled_fit(
     factor = base_factor(regression, base)
     torque = float(np.linalg.norm(R[:, -1]))
     residual = float(abs(factor[-1, -1])) if len(factor) > len(base) else 0.0
-    inertial = link_scales(model.robot).units
     norms = _drive_columns(model, R)
+    inertial = link_scales(model.robot).units
     drive = torque / np.where(norms > 0.0, norms, np.inf)
     unit = np.concatenate([inertial, np.where(drive > 0.0, drive, 1.0)])
     possible = lowered(constraints, model)
@@ -270,6 +274,41 @@ def solved(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class FitProblem:
+    """A robot's data and constraints, with least squares on the same data.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    free : UnconstrainedFit
+        Has the regression and its base parameters.
+    constraints : sequence of Constraint
+    """
+
+    model: TorqueModel
+    free: UnconstrainedFit
+    constraints: Sequence[Constraint]
+
+    @staticmethod
+    def of(
+        model: TorqueModel,
+        regression: Regression,
+        constraints: Sequence[Constraint],
+        base: BaseParameters | None = None,
+    ) -> "FitProblem":
+        """Return the problem of a regression; by default with all base parameters.
+
+        Raises
+        ------
+        ProblemError, NotExcitedError
+            See `require_match`.
+        """
+        base = base_parameters(model) if base is None else base
+        require_match(model, regression, base)
+        return FitProblem(model, unconstrained_fit(regression, base), constraints)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class AttainedFit:
     """The best fit, and the bound on total mass under which it was found.
 
@@ -286,13 +325,7 @@ class AttainedFit:
     note: str = ""
 
 
-def attained_fit(
-    model: TorqueModel,
-    regression: Regression,
-    constraints: Sequence[Constraint],
-    *,
-    base: BaseParameters,
-) -> AttainedFit:
+def attained_fit(problem: FitProblem) -> AttainedFit:
     """Return the least misfit over the constraints, and over bounded masses.
 
     A bound is put on the total mass where no constraint bounds all masses.  It is the
@@ -304,11 +337,12 @@ def attained_fit(
     InfeasibleError, NotExcitedError, SolverError
         See `constrained_least_squares`.
     """
-    given = tuple(constraints)
+    model, given = problem.model, tuple(problem.constraints)
+    regression, base = problem.free.regression, problem.free.base
     consistent = any(isinstance(c, PhysicalConsistency) for c in given)
     if not consistent or _bounded(model, given).all():
         return AttainedFit(best_fit(model, regression, given, base=base), given)
-    noise = residual_noise(regression, base)
+    noise = problem.free.noise
     allowed = _SIGNIFICANT * float(np.trace(noise.inflation)) / noise.rank
     typical = float(link_scales(model.robot).mass.sum())
     found: AttainedFit | None = None
@@ -398,19 +432,7 @@ class InnerFit:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FitProblem:
-    """What a constrained estimate is computed from."""
-
-    model: TorqueModel
-    regression: Regression
-    constraints: Sequence[Constraint]
-    base: BaseParameters
-
-
-def inner_fit(
-    problem: FitProblem, best: BestFit, *, share: float, noise: ResidualNoise
-) -> InnerFit:
+def inner_fit(problem: FitProblem, best: BestFit, *, share: float) -> InnerFit:
     """Return the best fit whose links contain a share of their nominal bodies.
 
     Parameters
@@ -419,12 +441,11 @@ def inner_fit(
         The constraints of `best`; without `PhysicalConsistency` nothing is changed.
     share : float
         The wanted share; it is reduced until it moves the best fit by at most `MOVE`.
-    noise : ResidualNoise
-        Of the regression.
     """
     if not any(isinstance(c, PhysicalConsistency) for c in problem.constraints):
         return InnerFit(best)
-    A = problem.regression.stacked()[:, list(problem.base.independent)]
+    base, noise = problem.free.base, problem.free.noise
+    A = problem.free.regression.stacked()[:, list(base.independent)]
     score = (A @ noise.steps).T @ A @ best.scaled.projection
     for _ in range(_TRIES):
         if share < _LEAST:

@@ -15,20 +15,12 @@ from consistent_id.estimation.constrained_fit import (
     DEFAULT_CONSTRAINTS,
     constrained_fit,
 )
-from consistent_id.estimation.determination import (
-    determinations,
-    linear_errors,
-    stated_errors,
-)
+from consistent_id.estimation.determination import determined
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.fitted_to import FittedUnder
 from consistent_id.estimation.method import Method
-from consistent_id.regression.base import (
-    BaseParameters,
-    base_parameters,
-    open_combinations,
-)
+from consistent_id.regression.base import BaseParameters, open_combinations
 from consistent_id.regression.mass_matrix import (
     POSES,
     least_mass_eigenvalue,
@@ -36,11 +28,7 @@ from consistent_id.regression.mass_matrix import (
 )
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import (
-    base_solution,
-    residual_noise,
-    residual_sigma,
-)
+from consistent_id.regression.residual_noise import residual_sigma
 
 _SEED = 0  # seed of the poses at which mass matrices are examined
 
@@ -111,8 +99,17 @@ def constrained_least_squares(
         If no solver returns a usable point.
     """
     started = perf_counter()
-    base = base_parameters(model) if base is None else base
-    problem = FitProblem(model, regression, constraints, base)
+    problem = FitProblem.of(model, regression, constraints, base)
+    estimate = constrained_estimate(problem, prior, method=method)
+    return replace(estimate, seconds=perf_counter() - started)
+
+
+@single_threaded
+def constrained_estimate(
+    problem: FitProblem, prior: Prior | None, *, method: str
+) -> Estimate:
+    """Return the estimate of `constrained_least_squares` of a problem made before."""
+    started = perf_counter()
     fitted = constrained_fit(problem, prior)
     found = FoundOptimum(
         fitted.best.scaled,
@@ -122,7 +119,8 @@ def constrained_least_squares(
         abs(fitted.parameters - fitted.best.parameters),
     )
     estimate = audited(problem, found, method=method, started=started)
-    under = FittedUnder(tuple(constraints), prior, regression.sigma)
+    sigma = problem.free.regression.sigma
+    under = FittedUnder(tuple(problem.constraints), prior, sigma)
     return replace(estimate, fitted_under=under)
 
 
@@ -134,32 +132,30 @@ def audited(
     Besides the proof of the optimum, the audit checks in original units the
     constraints, each link's pseudo-inertia, and the mass matrix over random poses.
     """
-    model, regression, base = problem.model, problem.regression, problem.base
+    model, free = problem.model, problem.free
+    regression, base = free.regression, free.base
     x, proof, shift = found.parameters, found.proof, found.shift
     links = link_conditions(model, x)
     least = least_mass_eigenvalue(model, x, random_poses(model, POSES, _SEED))
     figures = _figures(problem, found, least, links)
     consistent = any(isinstance(c, PhysicalConsistency) for c in problem.constraints)
-    solution = base_solution(regression, base)
     known = found.scaled.constraints.A_eq
-    errors = linear_errors(base, residual_noise(regression, base), known)
-    origins = determinations(model, regression, errors, x, elsewhere="prior")
+    moved = 0.0 if shift is None else shift
+    found_by = determined(model, free, known, x, elsewhere="prior", shift=moved)
     return Estimate(
         method=method,
         model=model,
         base=base,
         parameters=x,
         base_covariance=None,
-        origins=origins,
-        undetermined=open_combinations(solution, base.names),
+        origins=found_by.origins,
+        undetermined=open_combinations(free.solution, base.names),
         sigma=residual_sigma(regression, x, len(base)),
         certificate=_certificate(proof, least if consistent else None, figures),
         notes=(found.note, *_edges(links)),
         seconds=perf_counter() - started,
-        fit=fit_of(model, regression, x, base, known=known),
-        parameter_errors=(
-            None if shift is None else stated_errors(errors.values, origins, shift)
-        ),
+        fit=fit_of(model, free, x, known=known),
+        parameter_errors=None if shift is None else found_by.errors,
     )
 
 
@@ -170,7 +166,7 @@ def _figures(
     links: Sequence[LinkCondition],
 ) -> dict[str, float]:
     """Return the certificate's figures; `least` is the mass matrix's eigenvalue."""
-    regression, x = problem.regression, found.parameters
+    regression, x = problem.free.regression, found.parameters
     rms = zip(regression.joints, regression.residual_rms(x), strict=True)
     return {
         "violation in original units": found.scaled.constraints.violation(x),

@@ -59,7 +59,6 @@ from consistent_id.estimation.penalised import (
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import residual_noise
 
 SLACK_GAP = 0.01
 """Largest uncertainty of the least misfit, as a share of the slack."""
@@ -172,17 +171,18 @@ def constrained_fit(
         See `constrained_least_squares`.
     """
     prior = PointToSet() if prior is None else prior
-    model, regression, base = problem.model, problem.regression, problem.base
+    model, free = problem.model, problem.free
     try:
-        attained = attained_fit(model, regression, problem.constraints, base=base)
+        attained = attained_fit(problem)
     except InfeasibleError:
-        found = contradiction(model, regression, problem.constraints, base=base)
+        found = contradiction(
+            model, free.regression, problem.constraints, base=free.base
+        )
         if found is None:
             raise
         raise InfeasibleError(found.sentence) from None
-    noise = residual_noise(regression, base)
     attained_problem = replace(problem, constraints=attained.constraints)
-    inner = inner_fit(attained_problem, attained.best, share=prior.inside, noise=noise)
+    inner = inner_fit(attained_problem, attained.best, share=prior.inside)
     best = inner.best
     distance = nominal_distance(model, prior.distance, best.scaled.unit)
     notes = tuple(filter(None, (inner.note, attained.note)))
@@ -190,7 +190,7 @@ def constrained_fit(
         return _compromise(best, distance, prior, notes)
     # A misfit below a millionth of the torque counts as that: see `ScaledFit`.
     least = max(best.misfit, best.scaled.size) ** 2
-    left = noise.one_error * (1.0 - inner.move) ** 2
+    left = free.noise.one_error * (1.0 - inner.move) ** 2
     slack = prior.relative_slack(left, least)
     near = nearest_within(best, distance, slack, first=weight)
     return _nearest(best, distance, prior, near, notes)

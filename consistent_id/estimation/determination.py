@@ -16,11 +16,7 @@ from consistent_id.regression.base import BaseParameters, parameter_origins
 from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import (
-    ResidualNoise,
-    base_solution,
-    coordinates,
-)
+from consistent_id.regression.residual_noise import ResidualNoise, UnconstrainedFit
 from consistent_id.robot.scaling import link_scales
 
 Determination = Literal[
@@ -56,19 +52,17 @@ class LinearErrors(NamedTuple):
     Parameters
     ----------
     values : ndarray, shape (parameters,)
-    base : BaseParameters
     known : ndarray, shape (rows, parameters)
         Rows of the equalities.
     """
 
     values: Vector
-    base: BaseParameters
     known: Matrix
 
 
 def determinations(
     model: TorqueModel,
-    regression: Regression,
+    free: UnconstrainedFit,
     errors: LinearErrors,
     x: Vector,
     *,
@@ -78,6 +72,8 @@ def determinations(
 
     Parameters
     ----------
+    free : UnconstrainedFit
+        Least squares on the data.
     errors : LinearErrors
         Of the data, under the equalities that hold by assumption.
     x : ndarray, shape (parameters,)
@@ -85,10 +81,9 @@ def determinations(
     elsewhere : str
         The source of parameters that neither data nor equalities determine.
     """
-    base = errors.base
-    rows = base_solution(regression, base).row_space @ base.projection
+    rows = free.solution.row_space @ free.base.projection
     origins = parameter_origins(rows, errors.known, elsewhere=elsewhere)
-    size = parameter_sizes(model, regression, x)
+    size = parameter_sizes(model, free.regression, x)
     loose = _WIDTH * errors.values > KNOWN * size
     found: list[Determination] = []
     for origin, is_loose in zip(origins, loose, strict=True):
@@ -120,6 +115,44 @@ def pinned(
         "constraint" if is_held and origin != "data" else origin
         for origin, is_held in zip(found, held, strict=True)
     )
+
+
+class Determined(NamedTuple):
+    """The source of each parameter's value, and its standard error.
+
+    Parameters
+    ----------
+    origins : tuple of str
+        See `determinations`.
+    errors : ndarray, shape (parameters,)
+        See `stated_errors`.
+    """
+
+    origins: tuple[Determination, ...]
+    errors: Vector
+
+
+def determined(
+    model: TorqueModel,
+    free: UnconstrainedFit,
+    known: Matrix,
+    x: Vector,
+    *,
+    elsewhere: Determination,
+    shift: Vector | float = 0.0,
+) -> Determined:
+    """Return what determines an estimate, with errors from its own data's noise.
+
+    Parameters
+    ----------
+    known : ndarray, shape (rows, parameters)
+        Rows of the equalities that hold by assumption.
+    x, elsewhere, shift
+        See `determinations` and `stated_errors`.
+    """
+    errors = linear_errors(free.base, free.noise, known)
+    origins = determinations(model, free, errors, x, elsewhere=elsewhere)
+    return Determined(origins, stated_errors(errors.values, origins, shift))
 
 
 def stated_errors(
@@ -163,16 +196,16 @@ def linear_errors(
     For parameters that data and equalities do not determine, it is that of the smallest
     solution, and is meaningless.
     """
-    M = coordinates(noise) @ base.projection
+    M = noise.coordinates @ base.projection
     free = _unseen(known)
     A = free.along(M)
     if not A.any():
-        return LinearErrors(np.zeros(M.shape[1]), base, known)
+        return LinearErrors(np.zeros(M.shape[1]), known)
     inverse = solve_linear(A, np.zeros(len(A))).pseudo_inverse
     values, axes = np.linalg.eigh(noise.scatter)
     root = axes * np.sqrt(np.maximum(values, 0.0))
     values = np.linalg.norm(free.steps @ (inverse @ root), axis=1)
-    return LinearErrors(values, base, known)
+    return LinearErrors(values, known)
 
 
 def _unseen(rows: Matrix) -> Equalities:

@@ -14,22 +14,19 @@ import numpy as np
 
 from consistent_id._support.arrays import (
     Array,
-    BoolArray,
     Matrix,
     Vector,
     freeze_arrays,
-    frozen,
 )
 from consistent_id.estimation.torque_error import holding, moving_shares
-from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.linear import DATA_RANK_TOLERANCE, null_space, triangle
+from consistent_id.regression.linear import (
+    DATA_RANK_TOLERANCE,
+    null_space,
+    pulled_solution,
+)
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import (
-    base_solution,
-    coordinates,
-    residual_noise,
-)
+from consistent_id.regression.residual_noise import UnconstrainedFit
 from consistent_id.regression.row_names import rows_in_newton
 from consistent_id.regression.row_structure import random_rows
 
@@ -140,9 +137,8 @@ class Fit:
 
 def fit_of(
     model: TorqueModel,
-    regression: Regression,
+    free: UnconstrainedFit,
     x: Vector,
-    base: BaseParameters,
     *,
     known: Matrix | None = None,
 ) -> Fit:
@@ -150,27 +146,26 @@ def fit_of(
 
     Parameters
     ----------
-    regression : Regression
-        Its `sigma` affect only `Fit.excess`.
+    free : UnconstrainedFit
+        Least squares on the regression, whose `sigma` affect only `Fit.excess`.
     x : ndarray, shape (parameters,)
     known : ndarray, shape (rows, parameters), optional
         Rows of the equalities that hold by assumption.
     """
-    x = frozen(x, (len(model.layout),), "parameters")
+    regression, rank = free.regression, free.solution.rank
     counts = np.array(regression.counts, dtype=np.float64)
     size = np.maximum(regression.torque_rms, np.finfo(float).tiny)
-    free = base_solution(regression, base)
-    unconstrained = base.lift(free.x)
     drive = np.append(x, 0.0)
     drive[: model.layout.inertial_size] = 0.0
     of_drive = np.array(
         [np.linalg.norm(F @ drive) for F in regression.factors]
     ) / np.sqrt(counts)
     residual = regression.residual_rms(x)
+    least = regression.residual_rms(free.parameters)
     has_drive = len(model.layout) > model.layout.inertial_size
     effective = np.nan if regression.noise is None else regression.effective.sum()
-
     moving = moving_shares(model, regression)
+    held = holding(model, x, moving)
 
     def stacked(rms: Vector) -> float:
         return float(np.sqrt((counts * rms**2).sum() / (counts * size**2).sum()))
@@ -178,17 +173,13 @@ def fit_of(
     return Fit(
         joints=regression.joints,
         misfit=stacked(residual),
-        floor=stacked(regression.residual_rms(unconstrained)),
-        excess=_excess(regression, x, unconstrained, free.rank),
+        floor=stacked(least),
+        excess=_excess(regression, residual, least, rank),
         drive_share=stacked(of_drive) if has_drive else np.nan,
         correlation=float(counts.sum() / effective),
-        spare=float(effective / max(free.rank, 1)),
+        spare=float(effective / max(rank, 1)),
         guessed=guessed_share(
-            model,
-            regression,
-            base,
-            x,
-            np.zeros((0, len(x))) if known is None else known,
+            model, free, x, np.zeros((0, len(x))) if known is None else known
         ),
         torque=size,
         misfits=residual / size,
@@ -196,27 +187,32 @@ def fit_of(
         **_on_nominal(model, regression),
         efforts=regression.peaks / _effort_limits(model),
         moving=moving,
-        holding=holding(model, x, moving),
+        holding=held,
     )
 
 
 def _excess(
-    regression: Regression, x: Vector, unconstrained: Vector, rank: int
+    regression: Regression, residual: Vector, least: Vector, rank: int
 ) -> float:
     """Return the weighted residual over that of least squares, per degree of freedom.
 
     Least squares has ``rows - rank`` degrees of freedom; a robot that is known
     beforehand would have all rows.
+
+    Parameters
+    ----------
+    residual, least : ndarray, shape (joints,), [N m or N]
+        RMS residuals of the parameters and of least squares.
     """
     counts = np.array(regression.counts, dtype=np.float64)
     rows = counts.sum()
     if rows <= rank:
         return np.nan
-    own, least = (
-        np.linalg.norm(regression.residual_rms(y) * np.sqrt(counts) / regression.sigma)
-        for y in (x, unconstrained)
+    own, best = (
+        np.linalg.norm(rms * np.sqrt(counts) / regression.sigma)
+        for rms in (residual, least)
     )
-    floor = max(float(least), float(np.finfo(float).tiny))
+    floor = max(float(best), float(np.finfo(float).tiny))
     return float(own / floor * np.sqrt(1.0 - rank / rows))
 
 
@@ -250,14 +246,14 @@ def _on_nominal(model: TorqueModel, regression: Regression) -> dict[str, Array]:
     return dict(zip(names, np.array(found).T, strict=True))
 
 
-def _shares(model: TorqueModel, size: Vector) -> Vector:
-    """Return each joint's torque over the largest of those that move alike."""
-    slides = rows_in_newton(model.robot, model.torque_joints)
-    shares = np.empty(len(size))
-    for kind in (False, True):
-        shares[slides == kind] = size[slides == kind] / size[slides == kind].max(
-            initial=0.0
-        )
+def _shares(model: TorqueModel, torque: Vector) -> Vector:
+    """Return each row's torque over the largest of its unit; zero if all are zero."""
+    forces = rows_in_newton(model.robot, model.torque_joints)
+    shares = np.zeros(len(torque))
+    for kind in (forces, ~forces):
+        largest = torque[kind].max(initial=0.0)
+        if largest > 0.0:
+            shares[kind] = torque[kind] / largest
     return shares
 
 
@@ -277,11 +273,7 @@ def _known(value: float | None) -> float:
 
 
 def guessed_share(
-    model: TorqueModel,
-    regression: Regression,
-    base: BaseParameters,
-    x: Vector,
-    known: Matrix,
+    model: TorqueModel, free: UnconstrainedFit, x: Vector, known: Matrix
 ) -> float:
     """Return the share of torque that the data do not determine, on random motions.
 
@@ -294,6 +286,8 @@ def guessed_share(
 
     Parameters
     ----------
+    free : UnconstrainedFit
+        Least squares on the data.
     x : ndarray, shape (parameters,)
     known : ndarray, shape (rows, parameters)
         Rows of the equalities that hold by assumption.
@@ -309,14 +303,14 @@ def guessed_share(
     rows = random_rows(every)
     unit = 1.0 / np.where(rows.norms > 0.0, rows.norms, 1.0)
     u = x / unit  # torque of each parameter on other motions
-    noise = residual_noise(regression, base)
-    free = null_space(known * unit, DATA_RANK_TOLERANCE)
-    seen = coordinates(noise) @ base.projection * unit @ free
+    noise, open_steps = free.noise, null_space(known * unit, DATA_RANK_TOLERANCE)
+    seen = noise.coordinates @ free.base.projection * unit @ open_steps
     scaled = np.linalg.solve(noise.root.T, seen)  # in standard errors
     prior = 1.0 / max(float(np.mean(u**2)), np.finfo(float).tiny)
-    guess = unit * (free @ _left_of(free.T @ u, np.asarray(scaled), prior))
+    left = pulled_solution(np.asarray(scaled), open_steps.T @ u, prior)
+    guess = unit * (open_steps @ left)
     torque, guessed = rows.rms(x), rows.rms(guess)
-    matters = _matters(every, torque)
+    matters = (torque > 0.0) & (_shares(every, torque) >= ROW_MATTERS)
     share = guessed[matters] / torque[matters]
     return float(min(share.max(initial=0.0), 1.0))
 
@@ -325,26 +319,3 @@ def guessed_share(
 def _with_all_rows(model: TorqueModel) -> TorqueModel:
     every = replace(model, torque_joints=())
     return model if model.torque_joints == every.torque_joints else every
-
-
-def _left_of(guess: Vector, scaled: Matrix, prior: float) -> Vector:
-    """Return ``x`` of the least ``||scaled x||^2 + prior ||x - guess||^2``."""
-    from scipy.linalg import solve_triangular
-
-    size = len(guess)
-    rows = np.zeros((len(scaled) + size, size + 1), order="F")
-    rows[: len(scaled), :size], rows[: len(scaled), size] = scaled, -scaled @ guess
-    np.fill_diagonal(rows[len(scaled) :, :size], np.sqrt(prior))
-    R = triangle(rows)
-    step = solve_triangular(R[:size, :size], R[:size, size], check_finite=False)
-    return np.asarray(guess + step)
-
-
-def _matters(model: TorqueModel, torque: Vector) -> BoolArray:
-    """Return the rows whose torque is not small beside others of its unit."""
-    forces = rows_in_newton(model.robot, model.torque_joints)
-    matters = np.zeros(len(torque), dtype=bool)
-    for kind in (forces, ~forces):
-        largest = torque[kind].max(initial=0.0)
-        matters[kind] = (torque[kind] > 0.0) & (torque[kind] >= ROW_MATTERS * largest)
-    return matters

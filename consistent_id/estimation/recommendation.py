@@ -159,7 +159,7 @@ def _left_out(
         try:
             if candidate.weighted:
                 rest = rest.weighted(joint_noise(model, rest, base=base))
-            problem = FitProblem(model, rest, constraints, base)
+            problem = FitProblem.of(model, rest, constraints, base)
             fit = constrained_fit(problem, candidate.prior, weight=weight)
         except (InfeasibleError, NotExcitedError, SolverError):
             errors.append(np.inf)

@@ -1,7 +1,7 @@
 """Iteratively reweighted least squares with Huber's loss."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import NamedTuple
 
@@ -11,18 +11,23 @@ from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.base_least_squares import least_squares
+from consistent_id.estimation.base_least_squares import unconstrained_estimate
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.method import Method
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.correlated_noise import scores_along
 from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import Regression, build_regression, reweighted
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import base_solution, joint_noise
+from consistent_id.regression.residual_noise import (
+    UnconstrainedFit,
+    base_solution,
+    joint_noise,
+    unconstrained_fit,
+)
 
 HUBER_K = 1.345
 """Residuals beyond this many standard deviations count linearly; 95 % efficient for
@@ -69,45 +74,74 @@ def huber(
     Estimate
         Certified when the iteration has converged.
     """
-    started = perf_counter()
-    if not 0.0 < k < np.inf:
-        raise ProblemError(f"k is {k}, expected a positive number of deviations")
-    if iterations < 1:
-        raise ProblemError(f"iterations is {iterations}, expected 1 or more")
-    if isinstance(recordings, Recording):
-        recordings = [recordings]
+    started, rules = perf_counter(), HuberRules(k, iterations, tolerance)
     base = base_parameters(model) if base is None else base
     plain = build_regression(model, recordings) if regression is None else regression
     sigma = joint_noise(model, plain, base=base)
-    floor = 1e-6 * np.maximum(plain.torque_rms, 1e-12)
+    start = base_solution(plain.weighted(sigma), base).x
+    estimate = huber_estimate(
+        model, several(recordings), unconstrained_fit(plain, base), start, rules
+    )
+    return replace(estimate, seconds=perf_counter() - started)
+
+
+@dataclass(frozen=True, slots=True)
+class HuberRules:
+    """Where the loss bends, and when to stop; see `huber`.
+
+    Raises
+    ------
+    ProblemError
+        If the loss does not bend, or there is no iteration.
+    """
+
+    k: float = HUBER_K
+    iterations: int = 30
+    tolerance: float = 1e-4
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.k < np.inf:
+            raise ProblemError(
+                f"k is {self.k}, expected a positive number of deviations"
+            )
+        if self.iterations < 1:
+            raise ProblemError(f"iterations is {self.iterations}, expected 1 or more")
+
+
+@single_threaded
+def huber_estimate(
+    model: TorqueModel,
+    recordings: Sequence[Recording],
+    plain: UnconstrainedFit,
+    start: Vector,
+    rules: HuberRules,
+) -> Estimate:
+    """Return the estimate of `huber` from fits made before.
+
+    Parameters
+    ----------
+    plain : UnconstrainedFit
+        Least squares on the recordings.
+    start : ndarray, shape (base,)
+        The base parameters to begin with: those of weighted least squares.
+    """
+    started, base = perf_counter(), plain.base
     motions = [motion_of(model, recording, None) for recording in recordings]
-    x = base_solution(plain.weighted(sigma), base).x
-    rules = _Rules(k, floor, iterations, tolerance)
-    reached = _settled(model, base, motions, x, rules)
-    scale = reached.scale
+    reached = _settled(model, plain, motions, start, rules)
+    scale, bound = reached.scale, rules.k * reached.scale
     final = reweighted(model, motions, reached.weights, noise=True).weighted(scale)
-    estimate = least_squares(model, final, base=base, method=Method.HUBER)
+    fit = unconstrained_fit(final, base)
+    estimate = unconstrained_estimate(model, fit, method=Method.HUBER)
     return replace(
         estimate,
         sigma=scale,
-        base_covariance=_covariance(
-            model, plain, base, motions, reached.residuals, k * scale
-        ),
+        base_covariance=_covariance(model, plain, motions, reached.residuals, bound),
         parameter_errors=None,
-        certificate=_certificate(reached.change, tolerance),
-        notes=(f"Huber's loss, k = {k:g}", *estimate.notes),
+        certificate=_certificate(reached.change, rules.tolerance),
+        notes=(f"Huber's loss, k = {rules.k:g}", *estimate.notes),
         seconds=perf_counter() - started,
-        fit=fit_of(model, plain, estimate.parameters, base),
+        fit=fit_of(model, plain, estimate.parameters),
     )
-
-
-class _Rules(NamedTuple):
-    """Where the loss bends, the least scale of each joint, and when to stop."""
-
-    k: float
-    floor: Vector
-    iterations: int
-    tolerance: float
 
 
 class _Reached(NamedTuple):
@@ -121,19 +155,20 @@ class _Reached(NamedTuple):
 
 def _settled(
     model: TorqueModel,
-    base: BaseParameters,
+    plain: UnconstrainedFit,
     motions: Sequence[Motion],
     x: Vector,
-    rules: _Rules,
+    rules: HuberRules,
 ) -> _Reached:
     """Reweight rows until convergence, starting from base parameters."""
-    k, floor, iterations, tolerance = rules
+    base, k = plain.base, rules.k
+    floor = 1e-6 * np.maximum(plain.regression.torque_rms, 1e-12)
     counted = np.vstack([motion.counted for motion in motions])
     columns = list(base.independent)
     residuals = _residuals(model, base.lift(x), motions)
     change: float = np.inf
     steps: tuple[_ReweightingStep, ...] = ()
-    for _ in range(iterations):
+    for _ in range(rules.iterations):
         scale = np.maximum(_MAD * _medians(abs(np.vstack(residuals)), counted), floor)
         weights = [
             np.sqrt(np.minimum(1.0, k * scale / np.maximum(abs(r), 1e-300)))
@@ -143,7 +178,7 @@ def _settled(
         end = solve_linear(R[:, columns], R[:, -1]).x
         updated = _residuals(model, base.lift(end), motions)
         before, change = change, _largest_change(residuals, updated, scale)
-        if change <= tolerance:
+        if change <= rules.tolerance:
             break
         kept = () if change > _GROWN * before else steps[-_MEMORY:]
         steps = (*kept, _ReweightingStep(x, end, updated))
@@ -197,8 +232,7 @@ def _medians(values: Array, counted: BoolArray) -> Vector:
 
 def _covariance(
     model: TorqueModel,
-    regression: Regression,
-    base: BaseParameters,
+    plain: UnconstrainedFit,
     motions: Sequence[Motion],
     residuals: Sequence[Array],
     bound: Vector,
@@ -211,12 +245,12 @@ def _covariance(
     """
     psi = [np.clip(r, -bound, bound) for r in residuals]
     inside = np.mean(abs(np.vstack(residuals)) < bound, axis=0)
-    columns = np.array(base.independent)
+    columns = np.array(plain.base.independent)
     share = np.sqrt(inside) / bound
-    factors = [F[:, columns] for F in regression.factors]
+    factors = [F[:, columns] for F in plain.regression.factors]
     H = np.vstack([F * s for F, s in zip(factors, share, strict=True)])
     solution = solve_linear(H, np.zeros(len(H)))
-    if solution.rank < len(base):
+    if solution.rank < len(plain.base):
         return None
     inverse = solution.pseudo_inverse @ solution.pseudo_inverse.T
     basis = np.linalg.inv(np.linalg.qr(H, mode="r"))

@@ -16,11 +16,11 @@ from consistent_id.problems.file import read_problem_table
 from consistent_id.problems.folder import problem_files
 from consistent_id.problems.loading import problem_of, stated_problem
 from consistent_id.problems.overrides import overridden
+from consistent_id.problems.parameter_tables import ConstraintsTable
 from consistent_id.problems.paths import require_own_names
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.robot_draft import ROBOT_ENDINGS, robot_draft
 from consistent_id.problems.statement import Statement
-from consistent_id.problems.tables import ConstraintsTable
 from consistent_id.regression.base import base_parameters, require_same_model
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regression_file import load_regression

@@ -33,7 +33,7 @@ from consistent_id.regression.correlated_noise import CorrelatedNoise
 from consistent_id.regression.linear import independent_columns, solve_linear
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import residual_noise
+from consistent_id.regression.residual_noise import unconstrained_fit
 from consistent_id.robot.chains import free_bodies
 from consistent_id.robot.inertia import INERTIAL_NAMES, InertialParameters
 from consistent_id.robot.model import Datasheet, Link
@@ -338,7 +338,7 @@ def shared_errors(shared: Regression, bodies: Estimate, known: Matrix) -> Shared
     known : ndarray, shape (rows, parameters)
         Rows of the equalities.
     """
-    noise = residual_noise(shared, bodies.base)
+    noise = unconstrained_fit(shared, bodies.base).noise
     norms = np.linalg.norm(known, axis=1, keepdims=True)
     T = np.eye(known.shape[1])
     if norms.any():
@@ -394,7 +394,7 @@ def _own_errors(own: LoadProblem, estimate: Estimate) -> Vector:
     """Return errors by the robot's own noise; infinite where its data do not tell."""
     model = own.model
     known = np.vstack([c.lower(model).A_eq for c in own.constraints])
-    noise = residual_noise(own.regression, own.base)
+    noise = unconstrained_fit(own.regression, own.base).noise
     found = linear_errors(own.base, noise, known).values
     told = np.array([origin in _TOLD for origin in estimate.origins])
     return np.where(told, found, np.inf)

@@ -9,7 +9,7 @@ import numpy as np
 from msgspec import Meta
 
 from consistent_id._support.arrays import Vector
-from consistent_id.problems.tables import FileTable, NonNegative
+from consistent_id.problems.parameter_tables import FileTable, NonNegative
 from consistent_id.recordings.readers.beside_columns import (
     BaseColumns,
     BesideColumns,

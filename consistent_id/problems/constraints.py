@@ -33,7 +33,7 @@ from consistent_id.constraints import (
 from consistent_id.constraints.priors import Penalty, PointToSet, Prior
 from consistent_id.errors import ProblemError
 from consistent_id.problems.file import JointTable
-from consistent_id.problems.tables import (
+from consistent_id.problems.parameter_tables import (
     ConstraintsTable,
     PriorTable,
     RelationTable,

@@ -23,11 +23,15 @@ from consistent_id.problems.floating.floating_draft import StandingDraft
 from consistent_id.problems.kept_text import problem_name, toml_text
 from consistent_id.problems.loading import problem_of
 from consistent_id.problems.log_entries import gains_table
-from consistent_id.problems.model import DEFAULT_DRIVE, excitation_table, model_table
+from consistent_id.problems.parameter_tables import ConstraintsTable
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.selection.select import ModelSelection
+from consistent_id.problems.stated_model import (
+    DEFAULT_DRIVE,
+    excitation_table,
+    model_table,
+)
 from consistent_id.problems.statement import Statement
-from consistent_id.problems.tables import ConstraintsTable
 from consistent_id.recordings.readers.columns import Columns
 from consistent_id.recordings.recording import Recording
 
@@ -67,10 +71,10 @@ class Draft:
         Other joints between base and tip, and their locked positions [rad or m].
     columns : Columns
     rate : float, [Hz]
-        Of the log.
+        The sampling rate of the log.
     resample, max_gap : float, optional, [Hz], [s]
     cutoff : float, [Hz]
-        Of motion and torque.
+        The cut-off frequency of motion and torque.
     cutoff_reason : str
     masses : {"datasheet", "free"}
     raw : mapping of Path to Recording

@@ -4,7 +4,12 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from consistent_id.problems.tables import FileTable, NonNegative, Pair, Positive
+from consistent_id.problems.parameter_tables import (
+    FileTable,
+    NonNegative,
+    Pair,
+    Positive,
+)
 
 Three = tuple[float, float, float]
 PerJoint = Positive | list[Positive] | dict[str, Positive]

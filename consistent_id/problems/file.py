@@ -25,7 +25,7 @@ from consistent_id.problems.base_tables import (
 )
 from consistent_id.problems.excitation_tables import ExcitationTable
 from consistent_id.problems.laboratory_tables import LaboratoryTable, TaskTable
-from consistent_id.problems.tables import (
+from consistent_id.problems.parameter_tables import (
     ConstraintsTable,
     FileTable,
     NonNegative,
@@ -34,8 +34,8 @@ from consistent_id.problems.tables import (
     PriorTable,
     Three,
 )
-from consistent_id.problems.tables import DriveTable as DriveTable
-from consistent_id.problems.tables import JointTable as JointTable
+from consistent_id.problems.parameter_tables import DriveTable as DriveTable
+from consistent_id.problems.parameter_tables import JointTable as JointTable
 from consistent_id.recordings.log_formats import LOG_FORMATS
 
 _ROBOTS = (".urdf", ".xml", ".mjcf", ".xacro")

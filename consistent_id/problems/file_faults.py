@@ -30,7 +30,7 @@ def fault_of(cause: str, text: str, table: type[msgspec.Struct]) -> str:
     cause : str
         As the decoder says it, with the path of the key.
     text : str
-        Of the file.
+        The text of the file.
     table : type
         The struct that the text was to fit.
 

@@ -15,8 +15,8 @@ import msgspec
 from consistent_id._support.files import marked, when_written, write_atomically
 from consistent_id.errors import ProblemError
 from consistent_id.problems.file import ProblemTable, problem_table
+from consistent_id.problems.parameter_tables import FileTable
 from consistent_id.problems.paths import record_own
-from consistent_id.problems.tables import FileTable
 
 _MOST_LINES = 1000  # three times the longest that was written by hand; more take long
 # A header below its blank lines and comments.  To tomlkit these belong to the table
@@ -160,7 +160,7 @@ def changed_tables(
     Parameters
     ----------
     paths : sequence of str
-        Of the tables that may.
+        Paths of the tables that may differ.
     """
     return [p for p in paths if _at(old, p) != _at(new, p)]
 

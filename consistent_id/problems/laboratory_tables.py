@@ -4,7 +4,13 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from consistent_id.problems.tables import FileTable, NonNegative, Pair, Positive, Three
+from consistent_id.problems.parameter_tables import (
+    FileTable,
+    NonNegative,
+    Pair,
+    Positive,
+    Three,
+)
 
 
 class PenTable(FileTable, frozen=True, kw_only=True):

@@ -11,11 +11,11 @@ from consistent_id.problems.constraints import constraints_of, prior_of
 from consistent_id.problems.file import ProblemTable, read_problem_table
 from consistent_id.problems.folder import problem_files
 from consistent_id.problems.log_entries import gains_of_drives
-from consistent_id.problems.model import assumed, behind_sensor, torque_model
 from consistent_id.problems.overrides import overridden
 from consistent_id.problems.paths import require_own_names
 from consistent_id.problems.preparation import check_data
 from consistent_id.problems.problem import Problem
+from consistent_id.problems.stated_model import assumed, behind_sensor, torque_model
 from consistent_id.problems.statement import (
     Statement,
     statement_of,

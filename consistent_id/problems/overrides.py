@@ -17,11 +17,11 @@ from consistent_id.problems.file import (
     RecordingTable,
 )
 from consistent_id.problems.log_entries import columns_of, gains_table
-from consistent_id.problems.model import robot_of
+from consistent_id.problems.parameter_tables import FileTable, JointTable
 from consistent_id.problems.paths import as_named
 from consistent_id.problems.stated_drive import stated_drive
+from consistent_id.problems.stated_model import robot_of
 from consistent_id.problems.statement import Statement, declarations
-from consistent_id.problems.tables import FileTable, JointTable
 
 _MADE: dict[str, Callable[[], FileTable]] = {
     "columns": ColumnsTable,
@@ -263,4 +263,4 @@ _WHOLE: dict[str, _Put] = {
     "drive": _drive,
     "friction_velocity": _width,
 }
-"""What more than one key follows from."""
+"""Fields of a statement that change more than one key."""

@@ -53,7 +53,7 @@ class _Name:
     pattern : str
         Its first part, in which environment variables are replaced.
     literal : str
-        What follows, as it stands.
+        The rest of the name, unchanged.
     """
 
     key: str
@@ -104,7 +104,7 @@ def require_own_names(table: ProblemTable, file: Path) -> None:
 
 
 class Outside(NamedTuple):
-    """What is wrong with a name, in words, and whether it leads to no file."""
+    """The fault of a name, in words, and whether it leads to no file."""
 
     sentence: str
     missing: bool = False

@@ -234,12 +234,12 @@ class Problem:
 
     @property
     def gains(self) -> "PDGains | None":
-        """What gains of PD-controlled joints really are, if the file states them."""
+        """Gains of PD-controlled joints, as stated or found; None without them."""
         return self.drives.gains
 
     @property
     def command_delay(self) -> "CommandDelay | None":
-        """How late commands are, from the training data, if the file asks for it."""
+        """The delay of commands, found in the training data; None if not required."""
         return self.drives.delay
 
     @property
@@ -295,7 +295,7 @@ class Problem:
 
     @cached_property
     def found_in_training(self) -> "FoundInTraining":
-        """What preparation takes from the training data."""
+        """Values that the preparation estimates from the training data."""
         from consistent_id.problems.robot_preparation import FoundInTraining
 
         return FoundInTraining.of(self.table, self.model, self._parts, self.constraints)

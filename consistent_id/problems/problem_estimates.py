@@ -8,8 +8,10 @@ import numpy as np
 from consistent_id.constraints import PhysicalConsistency
 from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.base_least_squares import least_squares
+from consistent_id.estimation.base_least_squares import unconstrained_estimate
+from consistent_id.estimation.best_fit import FitProblem
 from consistent_id.estimation.constrained import (
+    constrained_estimate,
     constrained_least_squares,
 )
 from consistent_id.estimation.cross_validation import (
@@ -19,15 +21,16 @@ from consistent_id.estimation.cross_validation import (
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fitted_to import fitted_spans
 from consistent_id.estimation.method import Method
-from consistent_id.estimation.robust import huber
+from consistent_id.estimation.robust import HuberRules, huber_estimate
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.published import PublishedReport, check_published
 from consistent_id.problems.robot_preparation import regression_of, segments_of_problem
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regression import Regression, build_regression
-from consistent_id.regression.residual_noise import joint_noise
+from consistent_id.regression.residual_noise import joint_noise, unconstrained_fit
 from consistent_id.regression.rows.contact_free import base_of_recordings
+from consistent_id.regression.segments import merged
 from consistent_id.regression.torque_along import simulate_torque
 
 
@@ -58,32 +61,32 @@ def identify(
     path : RegularisationPath, optional
         By default `regularisation_path` of the problem.
     regression : Regression, optional
-        Of the training recordings.
+        The regression of the training recordings.
     """
     model, constraints, prior = problem.model, problem.constraints, problem.prior
     training = problem.training if training is None else training
     base = base_of_recordings(model, training) if base is None else base
-    if regression is None:
-        regression = regression_of(problem.table, model, training)
-    if path is None:
+    if regression is None or path is None:
         segments = segments_of_problem(problem.table, model, training)
-        path = regularisation_path(problem, segments, base=base)
+        regression = merged(segments) if regression is None else regression
+        if path is None:
+            path = regularisation_path(problem, segments, base=base)
     penalty = penalty_of(problem, path)
-    weighted = regression.weighted(joint_noise(model, regression, base=base))
+    sigma = joint_noise(model, regression, base=base)
+    equal = unconstrained_fit(regression, base)
+    weighted = unconstrained_fit(regression.weighted(sigma), base)
     linear = [c for c in constraints if not isinstance(c, PhysicalConsistency)]
     estimates = (
-        least_squares(model, regression, base=base),
-        least_squares(model, weighted, base=base, method=Method.WEIGHTED_LEAST_SQUARES),
-        huber(model, training, base=base, regression=regression),
+        unconstrained_estimate(model, equal, method=Method.LEAST_SQUARES),
+        unconstrained_estimate(model, weighted, method=Method.WEIGHTED_LEAST_SQUARES),
+        huber_estimate(model, training, equal, weighted.solution.x, HuberRules()),
         *(
-            constrained_least_squares(
-                model, data, constraints=kept, prior=chosen, base=base, method=method
-            )
-            for method, data, kept, chosen in (
-                (Method.BOX_CONSTRAINED, regression, linear, prior),
-                (Method.CONSTRAINED, regression, constraints, prior),
+            constrained_estimate(FitProblem(model, free, kept), chosen, method=method)
+            for method, free, kept, chosen in (
+                (Method.BOX_CONSTRAINED, equal, linear, prior),
+                (Method.CONSTRAINED, equal, constraints, prior),
                 (Method.WEIGHTED_CONSTRAINED, weighted, constraints, prior),
-                (Method.CROSS_VALIDATED, regression, constraints, penalty),
+                (Method.CROSS_VALIDATED, equal, constraints, penalty),
             )
         ),
     )

@@ -38,7 +38,7 @@ from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import residual_sigma
+from consistent_id.regression.residual_noise import residual_sigma, unconstrained_fit
 from consistent_id.regression.torque_along import simulate_torque
 from consistent_id.robot.inertia import InertialParameters
 
@@ -52,7 +52,7 @@ class RankReport:
     Parameters
     ----------
     singular_values : ndarray
-        Of the regressor with unit columns, relative to the largest.
+        Those of the regressor with unit columns, relative to the largest.
     null_directions : tuple of str
         Combinations that can be changed without changing any torque of the motion.
     """
@@ -291,7 +291,7 @@ def published_least_squares(
     Parameters
     ----------
     base : BaseParameters, optional
-        Of the problem's model, or of the one with `drive`.
+        Those of the problem's model, or of the one with `drive`.
     drive : DriveTerms, optional
         Friction and drive terms of each joint that the paper left out.
     """
@@ -330,7 +330,7 @@ def published_least_squares(
             "is the smallest of all vectors that fit best",
         ),
         seconds=perf_counter() - started,
-        fit=fit_of(model, regression, x, base),
+        fit=fit_of(model, unconstrained_fit(regression, base), x),
     )
 
 

@@ -9,19 +9,19 @@ from consistent_id.problems.excitation_tables import ExcitationTable
 from consistent_id.problems.file import ProblemTable
 from consistent_id.problems.kept_text import problem_name, toml_text
 from consistent_id.problems.loading import problem_of
-from consistent_id.problems.model import (
+from consistent_id.problems.parameter_tables import ConstraintsTable
+from consistent_id.problems.problem import Problem
+from consistent_id.problems.robot_logs import selection_of
+from consistent_id.problems.stated_model import (
     DEFAULT_DRIVE,
     excitation_table,
     model_table,
 )
-from consistent_id.problems.problem import Problem
-from consistent_id.problems.robot_logs import selection_of
 from consistent_id.problems.statement import Statement, declarations
-from consistent_id.problems.tables import ConstraintsTable
 from consistent_id.robot.loaders import load_robot
 
 ROBOT_ENDINGS = (".urdf", ".xml", ".mjcf")
-"""Of files that hold a robot."""
+"""Suffixes of files that hold a robot."""
 
 _COMMENTS = {
     **DRIVE_COMMENTS,
@@ -46,7 +46,7 @@ class RobotDraft:
         URDF or MJCF.
     excitation : ExcitationTable
     stated : Statement
-        Of the robot.
+        The statement about the robot.
     """
 
     model: Path
@@ -98,7 +98,7 @@ def robot_draft(
         URDF or MJCF.
     excitation : ExcitationTable, optional
     stated : Statement, optional
-        Of the robot.
+        The statement about the robot.
 
     Raises
     ------

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from consistent_id.errors import ProblemError
-from consistent_id.problems.model import DEFAULT_DRIVE
-from consistent_id.problems.tables import DriveTable, JointTable, exceptions
+from consistent_id.problems.parameter_tables import DriveTable, JointTable, exceptions
+from consistent_id.problems.stated_model import DEFAULT_DRIVE
 from consistent_id.regression.drive.drive_terms import DEFAULTS, DriveTerms
 from consistent_id.robot.parameters import did_you_mean, require_known
 
@@ -40,7 +40,7 @@ def stated_drive(
     joints : sequence of str
         The robot's.
     width : float, optional, [rad/s or m/s]
-        Of friction's change of sign; by default a usual one.
+        The width of friction's change of sign; by default a usual one.
 
     Raises
     ------

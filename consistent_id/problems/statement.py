@@ -32,7 +32,7 @@ EVERY = ""
 
 @dataclass(frozen=True, slots=True)
 class Declaration:
-    """How one field of `Statement` is stated.
+    """The forms in which one field of `Statement` is stated.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Declaration:
     text : str
         One sentence, with the unit and the default.
     key : str
-        Of the problem file, such as ``model.locked``; empty if it has none.
+        The key in the problem file, such as ``model.locked``; empty if it has none.
     read : callable
         From the words of the option to the value.
     choices : tuple of str

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from consistent_id.recordings.signals import PDGains
 
 Names = str | Sequence[str]
-"""Of one array, or of columns."""
+"""The name of one array, or the names of columns."""
 
 
 def positive(usage: str) -> Callable[[str], float]:

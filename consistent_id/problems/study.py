@@ -56,6 +56,7 @@ from consistent_id.problems.robot_preparation import segments_of_problem
 from consistent_id.recordings.recording import LogFinding, Recording
 from consistent_id.regression.base import BaseParameters, Excitation, excitation_of
 from consistent_id.regression.regression import Regression
+from consistent_id.regression.residual_noise import unconstrained_fit
 from consistent_id.regression.rows.contact_free import base_of_recordings
 from consistent_id.regression.segments import (
     merged,
@@ -122,12 +123,12 @@ class Study:
 
     @cached_property
     def excitation(self) -> Excitation:
-        """How well the training data excite the robot."""
+        """Rank and condition of the base regressor in the training data."""
         return excitation_of(self.regression, self.base)
 
     @cached_property
     def path(self) -> RegularisationPath:
-        """How the weight of the cross-validated estimate's prior was chosen."""
+        """The search for the weight of the cross-validated estimate's prior."""
         return regularisation_path(self.problem, self.segments, base=self.base)
 
     @cached_property
@@ -216,7 +217,7 @@ class Study:
         Parameters
         ----------
         estimate : Estimate
-            Of the problem's model, computed now or loaded from a file.
+            An estimate of the problem's model, computed now or loaded from a file.
         """
         kinds = tuple(dict.fromkeys((*estimate.accepted, *self.accepted)))
         own, stated = replace(estimate, accepted=kinds), estimate.judged
@@ -261,7 +262,8 @@ class Study:
         model = self.problem.model
         known = lowered(self.problem.constraints, model).A_eq
         x, own = estimate.parameters, estimate.fit
-        fit = fit_of(model, self.regression, x, self.base, known=known)
+        free = unconstrained_fit(self.regression, self.base)
+        fit = fit_of(model, free, x, known=known)
         # Its own optimum shows whether constraints contradict its data.
         return fit if own is None else replace(fit, excess=own.excess)
 

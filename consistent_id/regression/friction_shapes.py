@@ -19,7 +19,6 @@ from consistent_id._support.arrays import IntArray, Matrix, Vector
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.drive.drive_terms import LAWS
-from consistent_id.regression.drive.gear_coupling import coupled_joints
 from consistent_id.regression.drive.term import DriveTerm
 from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import Regression, triangle
@@ -74,9 +73,8 @@ def shapes_of(model: TorqueModel) -> tuple[FrictionShape, ...]:
         if joint.name in model.torque_joints:
             slides = joint.kind == "prismatic"
             found += _shapes(joint.name, terms.terms, slides)
-    for coupling in model.couplings:
+    for coupling, (first, _) in zip(model.couplings, model.coupled, strict=True):
         if {coupling.first, coupling.second} & set(model.torque_joints):
-            first, _ = coupled_joints(robot, coupling)
             slides = robot.driven[first].kind == "prismatic"
             found += _shapes(coupling.label, coupling.terms, slides)
     return tuple(found)

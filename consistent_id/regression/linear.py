@@ -169,6 +169,19 @@ def smallest_solution(A: Matrix, b: Array, tolerance: float | None = None) -> Ar
     return np.asarray((y.T / sizes).T)
 
 
+def pulled_solution(A: Matrix, point: Vector, weight: float) -> Vector:
+    """Return ``x`` of the least ``||A x||^2 + weight ||x - point||^2``."""
+    from scipy.linalg import solve_triangular
+
+    size = len(point)
+    rows = np.zeros((len(A) + size, size + 1), order="F")
+    rows[: len(A), :size], rows[: len(A), size] = A, -A @ point
+    np.fill_diagonal(rows[len(A) :, :size], np.sqrt(weight))
+    R = triangle(rows)
+    step = solve_triangular(R[:size, :size], R[:size, size], check_finite=False)
+    return np.asarray(point + step)
+
+
 def null_space(rows: Matrix, tolerance: float) -> Matrix:
     """Return an orthonormal basis of what rows, made of unit size, do not see."""
     if not rows.any():

@@ -454,8 +454,13 @@ def every_sample(
     if weights is not None and not weights.all():
         left_out = weights == 0.0
         if unknown is None or (left_out != unknown).any():
-            mixing = replace(mixing, unknown=left_out, held=None)
-    return _without_contacts(motion, mixing)
+            mixing = replace(mixing, unknown=left_out, held=None).holding()
+    return motion._replace(
+        torque=mixing.mixed(tau),
+        mixing=mixing,
+        peaks=abs(tau).max(axis=0),
+        shares=mixing.shares,
+    )
 
 
 @lru_cache(maxsize=4)
@@ -491,13 +496,3 @@ def state_of(
         return still, still, still
     log = recording.of(model.robot.joint_names)
     return log.position, log.velocity, log.acceleration
-
-
-def _without_contacts(motion: Motion, mixing: ContactMixing) -> Motion:
-    """Return a motion whose torque holds no force of unmeasured contacts."""
-    torque, shares = np.empty((2, *motion.torque.shape))
-    for part, maps in mixing.chunks():
-        torque[part] = (maps @ motion.torque[part, :, None])[:, :, 0]
-        shares[part] = np.diagonal(maps, axis1=1, axis2=2)
-    peaks = abs(motion.torque).max(axis=0)
-    return motion._replace(torque=torque, mixing=mixing, peaks=peaks, shares=shares)

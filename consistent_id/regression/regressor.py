@@ -127,6 +127,8 @@ class TorqueModel:
 
     Attributes
     ----------
+    coupled : tuple of tuple of int
+        Places of each coupling's two joints.
     layout : ParameterLayout
     fingerprint : str
         Of geometry, gravity, drive terms, couplings and rows: what belongs together
@@ -148,6 +150,7 @@ class TorqueModel:
     load_reference: Vector | None = None
     wrench_bias: bool = False
     terms: tuple[DriveTerms, ...] = field(init=False)
+    coupled: tuple[tuple[int, int], ...] = field(init=False)
     layout: ParameterLayout = field(init=False)
     fingerprint: str = field(init=False)
 
@@ -160,17 +163,19 @@ class TorqueModel:
                 f"drive terms for {len(drive)} joints, but the robot has {len(robot)}"
             )
         couplings = tuple(self.couplings)
+        coupled = tuple(coupled_joints(robot, coupling) for coupling in couplings)
         rows = rows_in_order(self.torque_joints, robot)
         columns = [
             (joint.name, joint, name)
             for joint, of_joint in zip(robot.driven, drive, strict=True)
             for name in of_joint.names
         ] + [
-            (coupling.label, robot.driven[coupled_joints(robot, coupling)[0]], name)
-            for coupling in couplings
+            (coupling.label, robot.driven[first], name)
+            for coupling, (first, _) in zip(couplings, coupled, strict=True)
             for name in coupling.names
         ]
-        freeze(self, terms=drive, couplings=couplings, torque_joints=rows)
+        freeze(self, terms=drive, couplings=couplings, coupled=coupled)
+        freeze(self, torque_joints=rows)
         biased = self.biased_rows
         layout = ParameterLayout(
             links=robot.link_names,
@@ -471,8 +476,7 @@ class TorqueModel:
             for values in terms.columns(q[j], dq[j], ddq[j], loads.get(j)):
                 yield j, column, values
                 column += 1
-        for coupling in self.couplings:
-            i, j = coupled_joints(self.robot, coupling)
+        for coupling, (i, j) in zip(self.couplings, self.coupled, strict=True):
             for first, second in coupling.columns((dq[i], dq[j]), (ddq[i], ddq[j])):
                 yield i, column, first
                 yield j, column, second

@@ -1,10 +1,11 @@
-"""The noise of each joint's torque, from residuals, and what it does to parameters.
+"""Least squares without constraints, and the noise in its residuals.
 
-`joint_noise` finds weights; `ResidualNoise` holds what a fit's residuals show.
+`joint_noise` finds weights; `unconstrained_fit` computes once what every estimate from
+a regression is compared with.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -68,7 +69,6 @@ def joint_noise(
     return sigma
 
 
-@lru_cache(maxsize=8)
 def base_solution(regression: Regression, base: BaseParameters) -> LinearSolution:
     """Return the base parameters of weighted least squares, and their null space.
 
@@ -107,7 +107,7 @@ def _solved(R: Matrix) -> Vector:
     return np.asarray(solve_triangular(R[:n, :n], R[:n, n]))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class ResidualNoise:
     """Noise of each joint, and the covariance of least squares under it.
 
@@ -152,6 +152,16 @@ class ResidualNoise:
     def rank(self) -> int:
         """How many combinations of base parameters the data determine."""
         return len(self.inflation)
+
+    @cached_property
+    def coordinates(self) -> Matrix:
+        """The map from a change of the base parameters to ``y``; it undoes `steps`.
+
+        Shape (rank, base).
+        """
+        square = self.steps.shape[0] == self.steps.shape[1]
+        inverse = np.linalg.inv if square else np.linalg.pinv
+        return np.asarray(inverse(self.steps))
 
     @property
     def freedom(self) -> float:
@@ -244,9 +254,34 @@ class ResidualNoise:
         )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class UnconstrainedFit:
+    """Least squares on a regression, and the noise in its residuals.
+
+    Parameters
+    ----------
+    regression : Regression
+    base : BaseParameters
+    solution : LinearSolution
+        The base parameters, and their null space.
+    parameters : ndarray, shape (parameters,)
+        The smallest vector with these base parameters.
+    sigma : ndarray, shape (joints,), [N m or N]
+        See `residual_sigma`.
+    noise : ResidualNoise
+    """
+
+    regression: Regression
+    base: BaseParameters
+    solution: LinearSolution
+    parameters: Vector
+    sigma: Vector
+    noise: ResidualNoise
+
+
 @lru_cache(maxsize=8)
-def residual_noise(regression: Regression, base: BaseParameters) -> ResidualNoise:
-    """Find the noise in the residuals of least squares.
+def unconstrained_fit(regression: Regression, base: BaseParameters) -> UnconstrainedFit:
+    """Fit base parameters by weighted least squares, and find the residuals' noise.
 
     Raises
     ------
@@ -255,7 +290,8 @@ def residual_noise(regression: Regression, base: BaseParameters) -> ResidualNois
     """
     columns = list(base.independent)
     R, solution = regression.stacked(), base_solution(regression, base)
-    sigma = residual_sigma(regression, base.lift(solution.x), solution.rank)
+    parameters = base.lift(solution.x)
+    sigma = residual_sigma(regression, parameters, solution.rank)
     floor = _EXACT * np.maximum(regression.torque_rms, 1e-12)
     steps, length = _steps(R[:, columns], solution), regression.correlation
     parts = []
@@ -269,7 +305,7 @@ def residual_noise(regression: Regression, base: BaseParameters) -> ResidualNois
             scores = _product(own, steps) / weight**2
         parts += [scores, floor[j] * rows]
     root = triangle(np.asfortranarray(np.vstack(parts)))
-    return ResidualNoise(
+    noise = ResidualNoise(
         sigma=np.maximum(sigma, floor),
         length=length,
         effective=float(np.sum(regression.effective)),
@@ -278,17 +314,7 @@ def residual_noise(regression: Regression, base: BaseParameters) -> ResidualNois
         inflation=root.T @ root,
         root=root,
     )
-
-
-@lru_cache(maxsize=8)
-def coordinates(noise: ResidualNoise) -> Matrix:
-    """Return what turns a change of the base parameters into ``y``, and undoes `steps`.
-
-    Shape (rank, base).
-    """
-    steps = noise.steps
-    square = steps.shape[0] == steps.shape[1]
-    return np.asarray(np.linalg.inv(steps) if square else np.linalg.pinv(steps))
+    return UnconstrainedFit(regression, base, solution, parameters, sigma, noise)
 
 
 def _product(rows: Matrix, steps: Matrix) -> Matrix:

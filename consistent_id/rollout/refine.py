@@ -27,6 +27,7 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import PDGains
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import unconstrained_fit
 from consistent_id.rollout.commanded_motion import replay, replayable
 from consistent_id.rollout.replay_model import replay_model
 
@@ -269,7 +270,8 @@ def _estimate(
         "rollout error after": after,
         "delay of commands": delay,
     }
-    fit = fit_of(estimate.model, regression, x, estimate.base)
+    free = unconstrained_fit(regression, estimate.base)
+    fit = fit_of(estimate.model, free, x)
     if estimate.fit is not None:
         # Whether constraints contradict the torque, its own optimum says.
         fit = replace(fit, excess=estimate.fit.excess)

@@ -40,7 +40,7 @@ def test_the_problem_as_it_stands_is_that_of_the_constrained_estimate(seed, prio
     form, _ = problem(seed, prior)
     source = form.source
     mine = constrained_least_squares(
-        source.model, source.regression, constraints=CONSTRAINTS, prior=prior
+        source.model, source.free.regression, constraints=CONSTRAINTS, prior=prior
     )
     theirs = form.solve()
     assert theirs.certificate.verdict == mine.certificate.verdict == "certified"
@@ -56,9 +56,9 @@ def test_the_problem_as_it_stands_is_that_of_the_constrained_estimate(seed, prio
 @pytest.mark.parametrize("seed", some_fast(range(6), 2))
 def test_another_solver_finds_the_same_constrained_optimum(seed):
     form, _ = problem(seed, Penalty(0.3))
-    source = form.source
+    model, regression = form.source.model, form.source.free.regression
     mine = constrained_least_squares(
-        source.model, source.regression, constraints=CONSTRAINTS, prior=Penalty(0.3)
+        model, regression, constraints=CONSTRAINTS, prior=Penalty(0.3)
     )
     form.problem.solve(solver=cp.SCS, eps_abs=1e-8, eps_rel=1e-8, max_iters=50_000)
     least = float(form.problem.value)
@@ -68,7 +68,7 @@ def test_another_solver_finds_the_same_constrained_optimum(seed):
 
 def test_residuals_and_links_are_what_they_are_called():
     form, truth = problem(1)
-    model, regression = form.source.model, form.source.regression
+    model, regression = form.source.model, form.source.free.regression
     form.variable.value = truth / form.scaled.unit
     for j, joint in enumerate(regression.joints):
         rms = regression.residual_rms(truth)[j]

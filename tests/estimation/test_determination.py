@@ -32,7 +32,7 @@ from consistent_id.estimation.determination import (
 )
 from consistent_id.estimation.uncertainties.parameter_uncertainty import uncertainty
 from consistent_id.regression import base_parameters
-from consistent_id.regression.residual_noise import residual_noise
+from consistent_id.regression.residual_noise import unconstrained_fit
 from consistent_id.regression.segments import merged, segment_regressions
 
 BODIES = (PhysicalConsistency(), FixedMasses())
@@ -48,7 +48,7 @@ def test_errors_without_equalities_are_those_of_least_squares():
     model, log = noisy(0.5)
     regression, base = build_regression(model, log), base_parameters(model)
     none = np.zeros((0, len(model.layout)))
-    found = linear_errors(base, residual_noise(regression, base), none).values
+    found = linear_errors(base, unconstrained_fit(regression, base).noise, none).values
     stated = least_squares(model, regression, base=base).standard_errors
     assert found[list(base.independent)] == pytest.approx(stated, rel=1e-6)
 
@@ -59,7 +59,7 @@ def test_an_equality_that_ties_two_parameters_shrinks_their_errors():
     regression, base = build_regression(model, log), base_parameters(model)
     tie = np.zeros((1, len(model.layout)))
     tie[0, 1:3] = 1.0, -1.0
-    noise = residual_noise(regression, base)
+    noise = unconstrained_fit(regression, base).noise
     found = linear_errors(base, noise, tie).values
     assert found[1] == pytest.approx(found[2])
     free = linear_errors(base, noise, tie[:0]).values
@@ -192,8 +192,9 @@ def found_of(name, errors, width=None, *, known=None, elsewhere="prior"):
     x = np.zeros(len(model.layout))
     size = parameter_sizes(model, regression, x)
     rows = np.zeros((0, len(x))) if known is None else known(model.layout)
-    stated = LinearErrors(errors * size, base, rows)
-    found = determinations(model, regression, stated, x, elsewhere=elsewhere)
+    stated = LinearErrors(errors * size, rows)
+    free = unconstrained_fit(regression, base)
+    found = determinations(model, free, stated, x, elsewhere=elsewhere)
     if width is not None:
         found = pinned(found, width * size, size)
     k = model.layout.index(name)

@@ -17,7 +17,7 @@ from consistent_id.estimation.determination import linear_errors
 from consistent_id.estimation.fit import guessed_share
 from consistent_id.recordings import BaseMotion
 from consistent_id.regression import base_parameters
-from consistent_id.regression.residual_noise import residual_noise
+from consistent_id.regression.residual_noise import unconstrained_fit
 from consistent_id.robot import load_mjcf
 
 
@@ -56,24 +56,24 @@ def test_a_trunk_that_no_joint_torque_shows_is_guessed(quadruped):
 def test_rich_data_leave_nothing_to_guess_and_still_joints_their_bodies():
     model, truth, log = experiment(5, joints=3, noise=0.01)
     base = base_parameters(model)
-    rich = guessed_share(model, build_regression(model, log), base, truth, known(model))
+    free = unconstrained_fit(build_regression(model, log), base)
+    rich = guessed_share(model, free, truth, known(model))
     assert rich < 0.01
     alone = np.array([0.0, 0.0, 1.0])
     states = [x * alone for x in (log.position, log.velocity, log.acceleration)]
     torque = model.predict(truth, *states)
     still = Recording(log.joints, log.time, *states, torque)
-    poor = guessed_share(
-        model, build_regression(model, still), base, truth, known(model)
-    )
+    free = unconstrained_fit(build_regression(model, still), base)
+    poor = guessed_share(model, free, truth, known(model))
     assert poor > 0.5
 
 
 def test_what_is_stated_is_not_guessed():
     model, truth, log = experiment(0, joints=2, noise=0.01, samples=40)
     base = base_parameters(model)
-    regression = build_regression(model, log)
+    free = unconstrained_fit(build_regression(model, log), base)
     everything = np.eye(len(truth))
-    assert guessed_share(model, regression, base, truth, everything) == 0.0
+    assert guessed_share(model, free, truth, everything) == 0.0
 
 
 def test_the_noisier_a_log_the_more_of_it_is_guessed():
@@ -83,7 +83,8 @@ def test_the_noisier_a_log_the_more_of_it_is_guessed():
     shares = []
     for level in (1e-3, 1.0, 1e2, 1e5):
         noisy = build_regression(model, replace(log, torque=log.torque + level * white))
-        shares.append(guessed_share(model, noisy, base, truth, known(model)))
+        free = unconstrained_fit(noisy, base)
+        shares.append(guessed_share(model, free, truth, known(model)))
     assert shares == sorted(shares)
     assert shares[0] < 1e-6
     assert shares[-1] > 0.99
@@ -99,11 +100,11 @@ def test_the_guess_is_the_prior_s_share_of_a_posterior_mean():
     others = np.delete(np.eye(len(truth)), i, axis=0)
     x = np.zeros(len(truth))
     x[i] = truth[i]
-    noise = residual_noise(regression, base)
-    error = linear_errors(base, noise, others).values[i]
+    free = unconstrained_fit(regression, base)
+    error = linear_errors(base, free.noise, others).values[i]
     # Of the one parameter that makes torque; the mean square is over all parameters.
     prior = x[i] ** 2 / len(x)
-    share = guessed_share(model, regression, base, x, others)
+    share = guessed_share(model, free, x, others)
     # The error is of rows that count alike; the share weighs them as they scatter.
     assert share == pytest.approx(error**2 / (error**2 + prior), rel=0.02)
     assert 0.2 < share < 0.8

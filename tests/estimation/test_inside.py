@@ -23,7 +23,6 @@ from consistent_id.constraints.links import link_conditions
 from consistent_id.constraints.priors import Penalty, PointToSet
 from consistent_id.estimation.best_fit import MOVE, FitProblem, best_fit, inner_fit
 from consistent_id.regression import base_parameters
-from consistent_id.regression.residual_noise import residual_noise
 from consistent_id.robot.inertia import pseudo_inertia
 
 BODIES = (PhysicalConsistency(), NonNegativeDrive())
@@ -80,12 +79,8 @@ def test_the_share_moves_what_data_determine_by_a_part_of_a_standard_error(seed)
     model, regression, bodies = little_data(seed)
     base = base_parameters(model)
     best = best_fit(model, regression, bodies, base=base)
-    found = inner_fit(
-        FitProblem(model, regression, bodies, base),
-        best,
-        share=0.1,
-        noise=residual_noise(regression, base),
-    )
+    problem = FitProblem.of(model, regression, bodies, base)
+    found = inner_fit(problem, best, share=0.1)
     assert 0.0 < found.share <= 0.1
     assert (shares(model, found.best.parameters) >= found.share - 1e-6).all()
     moved = base.projection @ (found.best.parameters - best.parameters)

@@ -21,7 +21,7 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.constraints import TotalMass
-from consistent_id.estimation.best_fit import BOUNDS, attained_fit
+from consistent_id.estimation.best_fit import BOUNDS, FitProblem, attained_fit
 from consistent_id.regression import base_parameters
 
 BODIES = (PhysicalConsistency(), NonNegativeDrive())
@@ -71,7 +71,7 @@ def test_masses_free_end_certified(joints, samples, amplitude, noise, seed):
 def test_the_mass_that_data_leave_open_is_named():
     model, _, log = arm(0, 2, 3000, 0.05, 1.0)
     base, regression = base_parameters(model), build_regression(model, log)
-    found = attained_fit(model, regression, BODIES, base=base)
+    found = attained_fit(FitProblem.of(model, regression, BODIES, base))
     masses = found.best.parameters[: model.layout.inertial_size : 10]
     bound = found.constraints[-1].upper_bound
     assert found.constraints[:-1] == BODIES
@@ -88,7 +88,7 @@ def test_the_bound_is_raised_for_a_robot_that_is_heavier():
     heavy[:30] *= 40.0
     log = simulate_torque(model, heavy, log, noise=0.1, rng=np.random.default_rng(0))
     base, regression = base_parameters(model), build_regression(model, log)
-    found = attained_fit(model, regression, BODIES, base=base)
+    found = attained_fit(FitProblem.of(model, regression, BODIES, base))
     typical = model.robot.nominal[::10].sum()
     assert found.constraints[-1].upper_bound == pytest.approx(BOUNDS[1] * typical)
     error = base.projection @ (found.best.parameters - heavy)
@@ -107,7 +107,8 @@ def test_masses_that_are_bounded_get_no_other_bound(known):
     model, _, log = arm(1, 2, 300, 0.7, 0.3)
     given = (*BODIES, known)
     base = base_parameters(model)
-    found = attained_fit(model, build_regression(model, log), given, base=base)
+    regression = build_regression(model, log)
+    found = attained_fit(FitProblem.of(model, regression, given, base))
     assert found.constraints == given
     assert found.note == ""
 
@@ -116,6 +117,7 @@ def test_the_total_is_bounded_where_a_bound_of_one_mass_leaves_another_open():
     model, _, log = arm(1, 2, 300, 0.7, 0.3)
     given = (*BODIES, MassBounds({"link1": (0.0, 50.0)}))
     base = base_parameters(model)
-    found = attained_fit(model, build_regression(model, log), given, base=base)
+    regression = build_regression(model, log)
+    found = attained_fit(FitProblem.of(model, regression, given, base))
     *others, total = found.constraints
     assert (tuple(others), type(total)) == (given, TotalMass)

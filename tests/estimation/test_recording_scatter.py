@@ -23,7 +23,7 @@ from consistent_id.estimation.uncertainties.block_scatter import (
 from consistent_id.estimation.uncertainties.intervals import consistent_intervals
 from consistent_id.estimation.uncertainties.parameter_uncertainty import uncertainty
 from consistent_id.regression import base_parameters, segment_regressions
-from consistent_id.regression.residual_noise import residual_noise
+from consistent_id.regression.residual_noise import unconstrained_fit
 from consistent_id.regression.segments import merged, segment_sources
 from consistent_id.robot import Datasheet
 
@@ -97,7 +97,7 @@ def test_standard_errors_with_it_cover_what_those_of_noise_do_not(count, least):
     for _ in range(40):
         parts = regressions(count, PLANTED, rng)
         whole = merged(parts)
-        noise = residual_noise(whole, BASE)
+        noise = unconstrained_fit(whole, BASE).noise
         full = recording_scatter(parts, BASE).added_to(noise, parts, BASE)
         error = abs(least_squares(MODEL, whole, base=BASE).base_values - truth)
         for kept, n in ((inside, full), (without, noise)):
@@ -115,7 +115,7 @@ def test_recordings_that_are_alike_cost_little():
     grown = []
     for _ in range(10):
         parts = regressions(5, 0.0, rng)
-        noise = residual_noise(merged(parts), BASE)
+        noise = unconstrained_fit(merged(parts), BASE).noise
         full = recording_scatter(parts, BASE).added_to(noise, parts, BASE)
         grown.append(np.trace(full.scatter) / np.trace(noise.inflation))
     assert np.median(grown) < 1.3
@@ -170,7 +170,7 @@ def test_uncertainty_has_it_in_errors_intervals_and_a_figure_of_its_own():
         assert np.isnan(alone[name].between_recordings)
         mine, its = (np.ptp(q.consistent) for q in (p, alone[name]))
         assert mine > 1.5 * its
-    noise = residual_noise(merged(segments), BASE)
+    noise = unconstrained_fit(merged(segments), BASE).noise
     same = consistent_intervals(
         MODEL, merged(segments), base=BASE, causes=ScatterCauses(noise)
     )

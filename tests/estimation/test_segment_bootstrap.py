@@ -126,7 +126,8 @@ def test_its_scatter_is_the_covariance_from_segments_and_that_of_white_noise():
     model, segments, sigma = simulated(2, count=80, noise=0.02)
     found = bootstrap(model, segments, prior=PRIOR, replicates=300)
     base, whole = base_parameters(model), merged(segments)
-    fitted = constrained_fit(FitProblem(model, whole, DEFAULT_CONSTRAINTS, base), PRIOR)
+    problem = FitProblem.of(model, whole, DEFAULT_CONSTRAINTS, base)
+    fitted = constrained_fit(problem, PRIOR)
     predicted = [
         np.sqrt(np.diag(covariance(fitted, scores)))
         for scores in (

@@ -45,7 +45,7 @@ def prepared(seed, noise, prior, constraints=DEFAULT_CONSTRAINTS, **options):
     log = simulate_torque(model, truth, exact, noise=sigma, rng=rng)
     regression = build_regression(model, log).weighted(sigma)
     base = base_parameters(model)
-    fitted = constrained_fit(FitProblem(model, regression, constraints, base), prior)
+    fitted = constrained_fit(FitProblem.of(model, regression, constraints, base), prior)
     return SimpleNamespace(**locals())
 
 
@@ -141,7 +141,7 @@ def test_the_covariance_is_that_of_estimates_under_white_noise():
         return build_regression(model, log).weighted(sigma)
 
     fitted = constrained_fit(
-        FitProblem(model, drawn(sigma), DEFAULT_CONSTRAINTS, base), Penalty(0.1)
+        FitProblem.of(model, drawn(sigma), DEFAULT_CONSTRAINTS, base), Penalty(0.1)
     )
 
     def estimate(noise):

@@ -48,10 +48,9 @@ from consistent_id.regression.base import (
     base_parameters,
     open_combinations,
 )
-from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import residual_noise, residual_sigma
+from consistent_id.regression.residual_noise import residual_sigma, unconstrained_fit
 from consistent_id.robot.inertia import PSEUDO_INERTIA_BASIS, pseudo_inertia
 from consistent_id.robot.scaling import reference_bodies
 
@@ -136,7 +135,7 @@ def smooth_least_squares(
     base = base_parameters(model) if base is None else base
     scaled = scaled_fit(model, regression, base, constraints)
     variables = body_variables(model, constraints, scaled.unit)
-    R, columns = regression.stacked(), list(base.independent)
+    R = regression.stacked()
     fit = smooth_fit(
         R[:, :-1] * (scaled.unit / scaled.size),
         R[:, -1] / scaled.size,
@@ -144,7 +143,7 @@ def smooth_least_squares(
         _start(model, start) / scaled.unit,
     )
     x = fit.u * scaled.unit
-    solution = solve_linear(R[:, columns], R[:, -1])
+    free = unconstrained_fit(regression, base)
     known = lowered(constraints, model).A_eq
     return Estimate(
         method="log-Cholesky",
@@ -154,17 +153,17 @@ def smooth_least_squares(
         base_covariance=None,
         origins=determinations(
             model,
-            regression,
-            linear_errors(base, residual_noise(regression, base), known),
+            free,
+            linear_errors(base, free.noise, known),
             x,
             elsewhere="prior",
         ),
-        undetermined=open_combinations(solution, base.names),
+        undetermined=open_combinations(free.solution, base.names),
         sigma=residual_sigma(regression, x, len(base)),
         certificate=_certificate(fit, _proof(scaled, variables, fit.u)),
         notes=("unidentifiable parameters are near the start of the search",),
         seconds=perf_counter() - started,
-        fit=fit_of(model, regression, x, base),
+        fit=fit_of(model, free, x),
     )
 
 

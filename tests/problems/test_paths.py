@@ -23,8 +23,8 @@ from consistent_id.problems.file import (
     read_problem_table,
 )
 from consistent_id.problems.kept_text import toml_text, write_problem
+from consistent_id.problems.parameter_tables import ConstraintsTable, ShapeTable
 from consistent_id.problems.paths import moved, names_outside, record_own
-from consistent_id.problems.tables import ConstraintsTable, ShapeTable
 
 
 @pytest.fixture(scope="module")

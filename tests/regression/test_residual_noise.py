@@ -20,7 +20,7 @@ from consistent_id import (
 from consistent_id.estimation import weighted_least_squares
 from consistent_id.estimation.best_fit import best_fit
 from consistent_id.regression import base_parameters
-from consistent_id.regression.residual_noise import ResidualNoise, residual_noise
+from consistent_id.regression.residual_noise import ResidualNoise, unconstrained_fit
 
 
 def slow_motion(joints, duration, rng):
@@ -67,7 +67,7 @@ def test_the_covariance_is_the_one_least_squares_states():
     model, _, log = experiment(3, joints=2, noise=[2.0, 0.1], samples=300)
     base = base_parameters(model)
     regression = build_regression(model, log).weighted([0.5, 1.0])
-    noise = residual_noise(regression, base)
+    noise = unconstrained_fit(regression, base).noise
     covariance = noise.steps @ noise.inflation @ noise.steps.T
     stated = least_squares(model, regression, base=base).base_covariance
     assert np.allclose(covariance, stated, rtol=1e-6)
@@ -76,9 +76,9 @@ def test_the_covariance_is_the_one_least_squares_states():
 def test_under_right_weights_and_white_noise_next_to_nothing_is_inflated():
     model, _, log = experiment(3, joints=2, noise=1.0, samples=2000)
     base = base_parameters(model)
-    noise = residual_noise(build_regression(model, log), base)
+    noise = unconstrained_fit(build_regression(model, log), base).noise
     level = build_regression(model, log).weighted(noise.level)
-    again = residual_noise(level, base)
+    again = unconstrained_fit(level, base).noise
     assert np.allclose(again.inflation, np.eye(len(base)), atol=0.25)
     assert again.one_error == pytest.approx(1.0, abs=0.25)
     functionals = base.lift(np.eye(len(base)))
@@ -139,7 +139,8 @@ def test_few_effective_samples_are_said():
     clean = simulate_torque(model, truth, motion)
     noise = noise_like("low-passed", rng, clean.torque.shape)
     noisy = replace(clean, torque=clean.torque + noise)
-    found = residual_noise(build_regression(model, noisy), base_parameters(model))
+    regression = build_regression(model, noisy)
+    found = unconstrained_fit(regression, base_parameters(model)).noise
     assert "errors are rough" in found.sentence
 
 

@@ -27,10 +27,9 @@ from consistent_id.constraints import Constraint
 from consistent_id.errors import NotExcitedError
 from consistent_id.estimation.equalities import FreeParameters, least_squares
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import ResidualNoise, residual_noise
+from consistent_id.regression.residual_noise import ResidualNoise, unconstrained_fit
 from consistent_id.regression.segments import merged
 
 BLOCKS = 6
@@ -236,15 +235,13 @@ def recording_scatter(
     parts : sequence of Regression
         One of each recording.
     """
-    columns = list(base.independent)
     values, variances = [], []
     for part in parts:
-        R = part.stacked()
-        solution = solve_linear(R[:, columns], R[:, -1])
-        noise = residual_noise(part, base)
-        if solution.rank < len(base) or noise.freedom <= 0.0:
+        free = unconstrained_fit(part, base)
+        noise = free.noise
+        if free.solution.rank < len(base) or noise.freedom <= 0.0:
             continue
-        values.append(solution.x)
+        values.append(free.solution.x)
         variances.append(np.diag(noise.steps @ noise.inflation @ noise.steps.T))
     if len(values) < 2:
         return None

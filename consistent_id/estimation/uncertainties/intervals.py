@@ -39,7 +39,7 @@ from consistent_id.estimation.uncertainties.beyond_noise import ScatterCauses
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import residual_noise
+from consistent_id.regression.residual_noise import unconstrained_fit
 from consistent_id.robot.parameters import ParameterLayout
 
 _WORKERS = 2  # Clarabel frees the interpreter's lock
@@ -145,7 +145,7 @@ def consistent_intervals(
     least = max(best.misfit, best.scaled.size) ** 2
     if slack is None:
         if causes is None:
-            causes = ScatterCauses(residual_noise(regression, base))
+            causes = ScatterCauses(unconstrained_fit(regression, base).noise)
         added = _added(causes, base, level, joint)
     else:
         added = np.full(len(model.layout), ((1.0 + slack) ** 2 - 1.0) * least)

@@ -145,7 +145,6 @@ def parameter_scatter(
     problem: FitProblem,
     fitted: ConstrainedFit,
     segments: Segments,
-    noise: ResidualNoise,
     variants: Sequence[Regression],
 ) -> ParameterScatter:
     """Say how parameters scatter.
@@ -158,12 +157,11 @@ def parameter_scatter(
         Its solution.
     segments : Segments
         Joined where they are short.
-    noise : ResidualNoise
-        Of all segments together.
     variants : sequence of Regression
         See `uncertainty`.
     """
-    model, whole, base = problem.model, problem.regression, problem.base
+    model, free = problem.model, problem.free
+    whole, base, noise = free.regression, free.base, free.noise
     parts, long = segments.by_source, segments.long_enough(noise)
     scores = _scores(fitted, long, whole, base, noise)
     variance = np.diag(covariance(fitted, scores.rows))

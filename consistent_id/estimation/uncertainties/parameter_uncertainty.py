@@ -58,7 +58,6 @@ from consistent_id.estimation.uncertainties.parameter_scatter import (
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import residual_noise
 from consistent_id.regression.segments import merged
 from consistent_id.robot.parameters import ParameterLayout, did_you_mean
 
@@ -251,13 +250,12 @@ def uncertainty(
     base = base_parameters(model) if base is None else base
     sources = [0] * len(segments) if sources is None else list(sources)
     parts, whole = Segments(segments, sources), merged(segments)
-    problem = FitProblem(model, whole, constraints, base)
-    fitted = constrained_fit(problem, prior)
-    noise = residual_noise(whole, base)
-    scatter = parameter_scatter(problem, fitted, parts, noise, variants)
+    problem = FitProblem.of(model, whole, constraints, base)
+    fitted, free = constrained_fit(problem, prior), problem.free
+    scatter = parameter_scatter(problem, fitted, parts, variants)
     resampled = bootstrap(
         model,
-        parts.long_enough(noise).regressions,
+        parts.long_enough(free.noise).regressions,
         constraints=constraints,
         prior=prior,
         base=base,
@@ -276,7 +274,7 @@ def uncertainty(
     known, x = fitted.best.scaled.constraints.A_eq, fitted.parameters
     errors = linear_errors(base, scatter.noise, known)
     verdicts = pinned(
-        determinations(model, whole, errors, x, elsewhere="prior"),
+        determinations(model, free, errors, x, elsewhere="prior"),
         intervals.width,
         parameter_sizes(model, whole, x),
     )
@@ -380,7 +378,7 @@ def bootstrap(
             f"{len(segments)} segments and {replicates} replicates, expected 2 or more"
         )
     base = base_parameters(model) if base is None else base
-    problem = FitProblem(model, merged(segments), constraints, base)
+    problem = FitProblem.of(model, merged(segments), constraints, base)
     fitted = constrained_fit(problem, prior)
     factors = [base_factor(segment, base) for segment in segments]
     scaled, weight = fitted.best.scaled, fitted.final.weight

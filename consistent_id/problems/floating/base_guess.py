@@ -82,7 +82,7 @@ def mujoco_arrays(
     Parameters
     ----------
     path : Path
-        Of the robot; if it is URDF, its joints are taken to stand in qpos in its order.
+        The robot's file; if it is URDF, qpos is taken to have its joints in its order.
     joints : sequence of str
         The robot's.
     widths : mapping of str to int
@@ -256,7 +256,7 @@ def settled(
     Parameters
     ----------
     arrays : dict of str to ndarray
-        Of the log, by name.
+        Arrays of the log, by name.
     time : ndarray, shape (samples,)
     frames : mapping of str to BaseFrame
         Sites on the base, beside the frames of `robot`.

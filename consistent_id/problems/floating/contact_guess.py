@@ -55,9 +55,9 @@ class Foot:
     surface : bool
         Whether it is a sole, which transmits moments; else it is a ball or a point.
     point : ndarray, shape (3,), [m]
-        Of the contact in the frame; of a ball its centre.
+        The contact's place in the frame; for a ball, its centre.
     radius : float, [m]
-        Of a ball.
+        The radius of a ball.
     shaped : bool
         Whether the model's file has a ball there; else the point is the frame's origin.
     """
@@ -78,7 +78,7 @@ def feet_of(robot: RobotModel, path: Path) -> tuple[Foot, ...]:
     robot : RobotModel
         Whose base floats.
     path : Path
-        Of its URDF or MJCF file, which has the shapes.
+        The robot's URDF or MJCF file, which has the shapes.
     """
     parents = {joint.parent for joint in robot.joints}
     last = [k for k in range(len(robot.links)) if k not in parents and k > 0]
@@ -221,7 +221,7 @@ def require_standing(
     logs : sequence of Recording
         With contacts that are closed all the time.
     names : sequence of str
-        Of the log's columns, for the message.
+        Names of the log's columns, for the message.
 
     Raises
     ------

@@ -247,7 +247,7 @@ class StandingDraft:
     rotors : dict of str to float
         Rotor inertias of the model's file, by parameter [kg m^2].
     most_slip : float, optional, [m/s]
-        Of feet that stand on the ground.
+        The largest speed of feet that stand on the ground.
     rests : bool
         Whether torque of joints at rest is declared unknown.
     round_feet : bool

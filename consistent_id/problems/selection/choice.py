@@ -23,9 +23,9 @@ from consistent_id.problems.file import (
     LinkTable,
     ProblemTable,
 )
-from consistent_id.problems.model import DEFAULT_DRIVE, coupling_of
+from consistent_id.problems.parameter_tables import exceptions
 from consistent_id.problems.selection.samples import Samples
-from consistent_id.problems.tables import exceptions
+from consistent_id.problems.stated_model import DEFAULT_DRIVE, coupling_of
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.drive.term import DriveTerm
 from consistent_id.regression.loads import unloaded_joints

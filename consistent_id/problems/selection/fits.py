@@ -18,7 +18,6 @@ from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.constraints.priors import nominal_distance
 from consistent_id.problems.constraints import constraints_of
 from consistent_id.problems.file import ProblemTable
-from consistent_id.problems.model import described, drive_of
 from consistent_id.problems.selection.choice import Choice, applied
 from consistent_id.problems.selection.samples import (
     EDGES,
@@ -28,6 +27,7 @@ from consistent_id.problems.selection.samples import (
     folds,
     left_out,
 )
+from consistent_id.problems.stated_model import described, drive_of
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.drive.gear_coupling import GearCoupling, coupled_joints
 from consistent_id.regression.drive.laws import direction

@@ -9,7 +9,6 @@ import numpy as np
 from consistent_id._support.arrays import Vector
 from consistent_id.errors import RecordingError
 from consistent_id.problems.file import DriveTable
-from consistent_id.problems.model import DEFAULT_DRIVE
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.selection.band import motion_cutoffs, thinning
 from consistent_id.problems.selection.choice import (
@@ -28,6 +27,7 @@ from consistent_id.problems.selection.samples import (
     motion_period,
     velocity_scales,
 )
+from consistent_id.problems.stated_model import DEFAULT_DRIVE
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import own_rate
 from consistent_id.regression.base import base_parameters

@@ -329,6 +329,12 @@ class ContactMixing:
         for part in chunks(len(self.q), CHUNK):
             yield part, self.samples(part).maps
 
+    @property
+    def shares(self) -> Matrix:
+        """What is left of each row's squared noise, shape (samples, rows)."""
+        parts = [np.diagonal(maps, axis1=1, axis2=2) for _, maps in self.chunks()]
+        return np.concatenate(parts)
+
     def mixed(self, values: Matrix) -> Matrix:
         """Return what is left of torques, shape (samples, rows)."""
         parts = [(M @ values[part, :, None])[:, :, 0] for part, M in self.chunks()]

@@ -19,9 +19,9 @@ from consistent_id.problems.file import (
     ModelTable,
     ProblemTable,
 )
+from consistent_id.problems.parameter_tables import ConstraintsTable
 from consistent_id.problems.paths import as_named, expanded, require_there
 from consistent_id.problems.statement import Statement
-from consistent_id.problems.tables import ConstraintsTable
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
 from consistent_id.regression.loads import unloaded_joints
