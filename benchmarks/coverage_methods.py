@@ -16,7 +16,7 @@ import numpy as np
 from scipy import signal, stats
 
 sys.path.insert(0, str(Path(__file__).parent))
-from coverage import LEVEL, arm, motion
+from coverage import BEGIN, END, LEVEL, arm, motion
 
 import consistent_id as ci
 from consistent_id.estimation.loaded_robot import loaded_robot
@@ -25,7 +25,6 @@ KINDS = ("white", "AR(1) 0.9", "pink", "changing level")
 LOAD = ci.InertialParameters.from_central(
     2.0, [0.05, -0.02, 0.08], np.diag([0.01, 0.015, 0.012])
 )
-_BEGIN, _END = "<!-- methods: begin -->", "<!-- methods: end -->"
 
 
 def noise(kind: str, shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
@@ -143,10 +142,10 @@ def main() -> None:
             print(lines[-1], flush=True)
     if options.write:
         page = options.write.read_text()
-        before, _, rest = page.partition(_BEGIN)
-        _, _, after = rest.partition(_END)
+        before, _, rest = page.partition(BEGIN)
+        _, _, after = rest.partition(END)
         table = "\n".join(lines)
-        options.write.write_text(f"{before}{_BEGIN}\n\n{table}\n\n{_END}{after}")
+        options.write.write_text(f"{before}{BEGIN}\n\n{table}\n\n{END}{after}")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,40 @@
+"""Standard errors of payloads, instruments and Huber's loss hold under colour."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+
+
+@pytest.fixture(scope="module")
+def methods():
+    path = BENCHMARKS / "coverage_methods.py"
+    spec = importlib.util.spec_from_file_location("coverage_methods", path)
+    module = importlib.util.module_from_spec(spec)
+    sys.path.insert(0, str(BENCHMARKS))
+    try:
+        spec.loader.exec_module(module)
+    finally:
+        sys.path.remove(str(BENCHMARKS))
+    return module
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["white", "AR(1) 0.9"])
+@pytest.mark.parametrize("name", ["payload", "instrumental variables", "Huber"])
+def test_intervals_hold_the_truth_neither_too_rarely_nor_too_often(methods, name, kind):
+    z = np.array(list(methods.METHODS[name](kind, 30)))
+    held, error = methods.share(z)
+    assert held > 0.93 - 3.0 * error
+    assert held < 0.97 + 3.0 * error
+    # Errors of the right size have a mean square of one; that of 30 sets is uncertain.
+    assert 0.6 < np.mean(z**2) < 1.6
+
+
+def test_a_share_counts_what_lies_within_two_standard_errors(methods):
+    z = np.array([[0.0, 1.9, -1.9, 2.0], [0.0, 0.0, 3.0, -3.0]])
+    assert methods.share(z) == (pytest.approx(0.625), pytest.approx(0.125))
