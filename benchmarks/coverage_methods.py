@@ -2,13 +2,13 @@
 
 ``python benchmarks/coverage_methods.py [--replicates 200] [--write docs/coverage.md]``
 
-A payload, instrumental variables, Huber's loss: each on the three-jointed arm of
+A payload, drive gains, instruments, Huber's loss: each on the three-jointed arm of
 `coverage`, under four kinds of noise.  Intervals are two-sided; too wide is wrong, too.
 """
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -45,6 +45,43 @@ def noise(kind: str, shape: tuple[int, int], rng: np.random.Generator) -> np.nda
 
 def payloads(kind: str, replicates: int) -> Iterator[np.ndarray]:
     """Yield the errors of a load's parameters over their standard errors."""
+    model, *runs = runs_with_load()
+    for shaken in noisy(runs, kind, replicates, seed=2):
+        found = ci.estimation.identify_payload(model, *shaken)
+        known = np.isfinite(found.standard_errors)
+        error = found.free.vector - LOAD.vector
+        yield error[known] / found.standard_errors[known]
+
+
+def drive_gains(kind: str, replicates: int) -> Iterator[np.ndarray]:
+    """Yield the same of gains from torque to current, with the load's mass known."""
+    model, *runs = runs_with_load()
+    gains = np.array([9.0, 11.0, 7.0])
+    currents = [replace(run, torque=run.torque / gains) for run in runs]
+    for shaken in noisy(currents, kind, replicates, seed=5):
+        known = {"load.m": LOAD.mass}
+        found = ci.estimation.identify_gains(model, *shaken, known=known)
+        yield (found.gains - gains) / found.standard_errors
+
+
+def noisy(
+    runs: Sequence[ci.Recording], kind: str, replicates: int, *, seed: int
+) -> Iterator[list[ci.Recording]]:
+    """Yield runs with noise of `LEVEL` on their torque."""
+    rng = np.random.default_rng(seed)
+    for _ in range(replicates):
+        yield [
+            replace(
+                run,
+                torque=run.torque
+                + LEVEL * run.torque.std(axis=0) * noise(kind, run.torque.shape, rng),
+            )
+            for run in runs
+        ]
+
+
+def runs_with_load() -> tuple[ci.TorqueModel, ci.Recording, ci.Recording]:
+    """Return a model, and the same motion with the load and without."""
     model, truth = arm(3)
     robot = loaded_robot(model, ci.robot.Link("load"))
     both = np.zeros(len(robot.model.layout))
@@ -55,21 +92,7 @@ def payloads(kind: str, replicates: int) -> Iterator[np.ndarray]:
     states = motion(model)
     bare = ci.simulate_torque(model, truth, states)
     torque = robot.predict(both, states, loaded=True)
-    loaded = replace(bare, torque=torque)
-    rng = np.random.default_rng(2)
-    for _ in range(replicates):
-        runs = [
-            replace(
-                run,
-                torque=run.torque
-                + LEVEL * run.torque.std(axis=0) * noise(kind, run.torque.shape, rng),
-            )
-            for run in (loaded, bare)
-        ]
-        found = ci.estimation.identify_payload(model, *runs)
-        known = np.isfinite(found.standard_errors)
-        error = found.free.vector - LOAD.vector
-        yield error[known] / found.standard_errors[known]
+    return model, replace(bare, torque=torque), bare
 
 
 def instruments(kind: str, replicates: int) -> Iterator[np.ndarray]:
@@ -104,6 +127,7 @@ def hubers(kind: str, replicates: int) -> Iterator[np.ndarray]:
 
 METHODS: dict[str, Callable[[str, int], Iterator[np.ndarray]]] = {
     "payload": payloads,
+    "drive gains": drive_gains,
     "instrumental variables": instruments,
     "Huber": hubers,
 }
