@@ -23,15 +23,18 @@ from consistent_id.estimation.constrained import (
 )
 from consistent_id.estimation.cross_validation import RegularisationPath
 from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.expected_error import (
+    ErrorForecast,
+    ExpectedError,
+    error_forecast,
+)
 from consistent_id.estimation.fit import Fit, fit_of
 from consistent_id.estimation.fitted_to import fitted_spans
 from consistent_id.estimation.judgement import judge
+from consistent_id.estimation.left_out import LeftOutErrors, folds_of, left_out_errors
 from consistent_id.estimation.method import Method
-from consistent_id.estimation.recommendation import (
-    MethodCandidate,
-    Recommendation,
-    recommend,
-)
+from consistent_id.estimation.recommendation import Recommendation, recommend
+from consistent_id.estimation.torque_error import stacked_of_regression
 from consistent_id.estimation.uncertainties.parameter_uncertainty import (
     Uncertainty,
     uncertainty,
@@ -55,7 +58,7 @@ from consistent_id.problems.published import (
 from consistent_id.problems.robot_preparation import segments_of_problem
 from consistent_id.recordings.recording import LogFinding, Recording
 from consistent_id.regression.base import BaseParameters, Excitation, excitation_of
-from consistent_id.regression.regression import Regression
+from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.rows.contact_free import base_of_recordings
 from consistent_id.regression.segments import (
     merged,
@@ -76,6 +79,8 @@ class Study:
         Whether the bootstrap shows its progress on the standard error.
     accepted : tuple of str
         Kinds of findings and reasons that verdicts ignore.
+    recordings : tuple of (training, validation), optional
+        Prepared recordings in place of the problem's own; they are not diagnosed.
 
     Raises
     ------
@@ -87,6 +92,7 @@ class Study:
     seed: int = 0
     progress: bool = False
     accepted: tuple[str, ...] = ()
+    recordings: tuple[tuple[Recording, ...], tuple[Recording, ...]] | None = None
 
     @cached_property
     def published(self) -> PublishedReport | None:
@@ -148,8 +154,8 @@ class Study:
 
     @cached_property
     def diagnosis(self) -> Diagnosis | None:
-        """Diagnosis of the recordings; None if they are simulated."""
-        recorded = self.problem.table.data is not None
+        """Diagnosis of the recordings; None if they are simulated, or given."""
+        recorded = self.problem.table.data is not None and self.recordings is None
         return check_problem(self.problem) if recorded else None
 
     @property
@@ -158,22 +164,69 @@ class Study:
         return () if self.diagnosis is None else self.diagnosis.findings
 
     @cached_property
+    def left_out(self) -> dict[str, LeftOutErrors]:
+        """Errors on blocks of the training data left out, by method."""
+        problem, folds = self.problem, folds_of(self.segments)
+        candidates = {
+            Method.CONSTRAINED: problem.prior,
+            Method.WEIGHTED_CONSTRAINED: problem.prior,
+            Method.CROSS_VALIDATED: penalty_of(problem, self.path),
+        }
+        return {
+            method: left_out_errors(
+                problem.model,
+                folds,
+                prior,
+                constraints=problem.constraints,
+                base=self.base,
+                weighted=method == Method.WEIGHTED_CONSTRAINED,
+            )
+            for method, prior in candidates.items()
+        }
+
+    @cached_property
     def recommendation(self) -> Recommendation:
         """The recommendation of an estimate, from the training data."""
-        problem = self.problem
-        return recommend(
-            problem.model,
-            self.segments,
-            (
-                MethodCandidate(Method.CONSTRAINED, False, problem.prior),
-                MethodCandidate(Method.WEIGHTED_CONSTRAINED, True, problem.prior),
-                MethodCandidate(
-                    Method.CROSS_VALIDATED, False, penalty_of(problem, self.path)
-                ),
-            ),
-            constraints=problem.constraints,
+        return recommend(self.left_out)
+
+    @cached_property
+    def forecast(self) -> ErrorForecast | None:
+        """The error to expect of the recommended estimate; None if it is not known."""
+        method, model = self.recommendation.method, self.problem.model
+        estimate = self.estimate(method)
+        under = estimate.fitted_under
+        if under is None:
+            return None
+        return error_forecast(
+            model,
+            self.regression.weighted(under.weights),
+            self.left_out[method],
+            fitted=stacked_of_regression(model, self.regression, estimate.parameters),
+            prior=self.problem.prior if under.prior is None else under.prior,
+            constraints=under.constraints,
             base=self.base,
         )
+
+    def expected_on(self, recording: Recording) -> ExpectedError | None:
+        """Return the error to expect of the recommended estimate on a known motion.
+
+        Parameters
+        ----------
+        recording : Recording
+            Prepared: with velocity and acceleration.  Its torque is not used, and need
+            not be there.
+        """
+        if self.forecast is None:
+            return None
+        if recording.torque is None:
+            recording = replace(recording, torque=np.zeros_like(recording.position))
+        rows = build_regression(self.problem.model, recording, noise=False)
+        return self.forecast.on(rows)
+
+    @cached_property
+    def expected_held_out(self) -> tuple[ExpectedError | None, ...]:
+        """The error to expect on each validation recording."""
+        return tuple(map(self.expected_on, self.validation))
 
     @property
     def recommended(self) -> EstimateReport:
@@ -287,12 +340,18 @@ class Study:
         -------
         dict
             `Verdict.to_dict`, with ``findings`` of the recordings; and
-            ``recommended``: why this estimate, None for one that was given.
+            ``recommended``: why this estimate, and ``expected_error``: on a motion not
+            seen, with its range; None for an estimate that was given.
         """
         own = self.verdict if verdict is None else verdict
-        why = self.recommendation.statement if verdict is None else None
-        findings = [asdict(finding) for finding in self.findings]
-        return {**own.to_dict(), "recommended": why, "findings": findings}
+        recommended = self.recommendation if verdict is None else None
+        expected = None if recommended is None else recommended.expected
+        return {
+            **own.to_dict(),
+            "recommended": None if recommended is None else recommended.statement,
+            "expected_error": None if expected is None else expected.to_dict(),
+            "findings": [asdict(finding) for finding in self.findings],
+        }
 
     def run(self, *, costs: bool = True) -> Self:
         """Compute everything but the uncertainty now; return the study.
@@ -364,6 +423,8 @@ class Study:
 
     @cached_property
     def _recordings(self) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
+        if self.recordings is not None:
+            return self.recordings
         recorded = self.problem.table.data is not None
         return recordings_of(self.problem, None if recorded else self.published)
 

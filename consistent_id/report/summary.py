@@ -17,6 +17,7 @@ from consistent_id.comparison.comparison import (
 from consistent_id.comparison.constraint_prices import ConstraintCost, ShadowPrice
 from consistent_id.diagnosis.findings import diagnosis_table
 from consistent_id.estimation.cross_validation import RegularisationPath
+from consistent_id.estimation.verdict import percent
 from consistent_id.problems.opening import Opened
 from consistent_id.problems.study import Study
 from consistent_id.regression.base import Excitation
@@ -26,6 +27,7 @@ from consistent_id.report.published_section import published_tables
 _PRICES = 12  # single constraints shown
 _COSTLY = 0.02  # of the misfit, from which on a constraint is named
 _NAMED = 3  # single constraints that are named
+_RECORDINGS = 2  # validation recordings whose expected error is printed one by one
 
 
 def headline_tables(study: Study) -> list[Table]:
@@ -41,6 +43,8 @@ def headline_tables(study: Study) -> list[Table]:
             (),
             (),
             (
+                *advice.expected,
+                *expected_lines(study),
                 *advice.verdict.brief,
                 *costly,
                 *(table.title for table in study.problem.drives.tables()),
@@ -62,6 +66,23 @@ def identified_tables(opened: Opened, study: Study) -> list[Table]:
         *([] if found is None else [diagnosis_table(found)]),
         study.delivered.table(),
     ]
+
+
+def expected_lines(study: Study) -> tuple[str, ...]:
+    """Return the error that was to be expected on each validation recording."""
+    pairs = zip(study.recommended.validation, study.expected_held_out, strict=True)
+    known = [(error, expected) for error, expected in pairs if expected is not None]
+    if len(known) > _RECORDINGS:
+        inside = sum(expected.contains(error.stacked) for error, expected in known)
+        return (
+            f"{inside} of {len(known)} held-out errors are in the range expected there",
+        )
+    return tuple(
+        f"expected on {error.recording}: {expected.range}; measured "
+        f"{percent(error.stacked)}"
+        + ("" if expected.contains(error.stacked) else ", outside")
+        for error, expected in known
+    )
 
 
 def delivery_line(study: Study) -> tuple[str, ...]:
