@@ -12,10 +12,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector, freeze_arrays
+from consistent_id._support.arrays import IntArray, Matrix, Vector, freeze_arrays
 from consistent_id._support.executors import all_but_each, single_threaded
 from consistent_id.constraints import Constraint
-from consistent_id.constraints.priors import NominalDistance, Prior
+from consistent_id.constraints.priors import (
+    NominalDistance,
+    Penalty,
+    PointToSet,
+    Prior,
+    nominal_distance,
+)
 from consistent_id.errors import (
     InfeasibleError,
     NotExcitedError,
@@ -23,7 +29,13 @@ from consistent_id.errors import (
     SolverError,
 )
 from consistent_id.estimation.best_fit import FitProblem, ScaledFit, base_factor
-from consistent_id.estimation.constrained_fit import constrained_fit
+from consistent_id.estimation.constrained_fit import BestInside, best_inside
+from consistent_id.estimation.nearest_points import (
+    NearPoint,
+    nearest_points,
+    next_first,
+)
+from consistent_id.estimation.penalised import penalised_fit
 from consistent_id.estimation.torque_error import stacked_of_kinds
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regression import Regression, triangle
@@ -35,7 +47,7 @@ FOLDS = 6
 """Blocks that are left out, one at a time."""
 
 
-class Fold(NamedTuple):
+class LeftOutBlock(NamedTuple):
     """The data without a block, and the block's segments."""
 
     rest: Regression
@@ -97,7 +109,9 @@ def pooled(errors: Matrix, shares: Vector) -> Vector:
     return np.asarray(np.sqrt(errors**2 @ shares))
 
 
-def folds_of(segments: Sequence[Regression], number: int = FOLDS) -> tuple[Fold, ...]:
+def folds_of(
+    segments: Sequence[Regression], number: int = FOLDS
+) -> tuple[LeftOutBlock, ...]:
     """Return blocks of consecutive segments, each with all other data.
 
     Raises
@@ -110,63 +124,136 @@ def folds_of(segments: Sequence[Regression], number: int = FOLDS) -> tuple[Fold,
     parts = np.array_split(np.arange(len(segments)), min(number, len(segments)))
     blocks = [tuple(segments[i] for i in part) for part in parts]
     rests = all_but_each([merged(block) for block in blocks], Regression.__add__)
-    return tuple(map(Fold, rests, blocks))
+    return tuple(map(LeftOutBlock, rests, blocks))
 
 
 @single_threaded
 def left_out_errors(
     model: TorqueModel,
-    folds: Sequence[Fold],
-    prior: Prior,
+    folds: Sequence[LeftOutBlock],
+    priors: Sequence[Prior],
     *,
     constraints: Sequence[Constraint],
     base: BaseParameters,
     weighted: bool = False,
 ) -> LeftOutErrors:
-    """Fit without each block and predict its segments.
+    """Fit without each block, with each of several priors, and predict its segments.
+
+    A block's best fit is computed once for all priors, on triangular factors.
 
     Parameters
     ----------
-    folds : sequence of Fold
+    folds : sequence of LeftOutBlock
         From `folds_of`.
-    prior : PointToSet or Penalty
+    priors : sequence of PointToSet, or of Penalty
+        With the same distance, and the same share inside.
     weighted : bool
         Whether joints are weighted by their noise, found without the block.
+
+    Returns
+    -------
+    LeftOutErrors
+        One fit for each prior.
     """
     every = [segment for fold in folds for segment in fold.segments]
+    rows = np.array([sum(segment.counts) for segment in every])
     torque = np.sum([_squares(segment) for segment in every], axis=0)
-    rows = sum(sum(segment.counts) for segment in every)
-    errors: list[float] = []
-    logs: list[float] = []
-    spread = 0.0
-    weight: float | None = None  # of the prior: similar in all folds
+    found: list[Sequence[_Predicted] | None] = []
+    first = 1.0  # weight of the distance that is tried first: similar in all folds
     for rest, segments in folds:
         try:
             if weighted:
                 rest = rest.weighted(joint_noise(model, rest, base=base))
             problem = FitProblem(model, rest, constraints, base)
-            fit = constrained_fit(problem, prior, weight=weight)
+            predicted = _predicted(problem, segments, priors, first)
         except (InfeasibleError, NotExcitedError, SolverError):
-            errors += [np.inf] * len(segments)
+            found.append(None)
             continue
-        weight, x = fit.final.weight, fit.parameters
-        logs.append(np.log(weight))
-        for segment in segments:
-            part = rows / sum(segment.counts)
-            squares = part * _squares(segment, x)
-            errors.append(
-                stacked_of_kinds(model, squares, torque) if torque.any() else np.inf
-            )
-        root = prediction_root(fit.best.scaled, fit.distance, weight)
-        block = merged(segments).weighted(rest.sigma)
-        part = sum(block.counts) / rows
-        spread += part * prediction_spread(root, fit.best.scaled, block, base)
-    return LeftOutErrors(
-        errors=np.array([errors]),
-        shares=np.array([sum(segment.counts) / rows for segment in every]),
-        weights=np.array([np.exp(np.mean(logs)) if logs else np.nan]),
-        spreads=np.array([spread]),
-    )
+        first = next_first([one.weight for one in predicted])
+        found.append(predicted)
+    return _pooled(model, folds, found, torque, rows, len(priors))
+
+
+class _Predicted(NamedTuple):
+    """What a fit makes of a block that it was not fitted to.
+
+    Parameters
+    ----------
+    squares : sequence of ndarray, each shape (torque joints,)
+        Sum of squared errors of each segment.
+    spread : float
+        `prediction_spread` of the block.
+    """
+
+    squares: Sequence[Vector]
+    weight: float
+    spread: float
+
+
+def _predicted(
+    problem: FitProblem,
+    segments: Sequence[Regression],
+    priors: Sequence[Prior],
+    first: float,
+) -> list[_Predicted]:
+    """Fit with each prior and predict the segments of the block left out."""
+    ((inside, distance, _),) = {(p.inside, p.distance, type(p)) for p in priors}
+    best = best_inside(problem, inside)
+    scaled = best.best.scaled
+    nominal = nominal_distance(problem.model, distance, scaled.unit)
+    block = merged(segments).weighted(problem.regression.sigma)
+    found = []
+    for u, weight in _points(best, nominal, priors, first):
+        root = prediction_root(scaled, nominal, weight)
+        spread = prediction_spread(root, scaled, block, problem.base)
+        squares = [_squares(segment, u * scaled.unit) for segment in segments]
+        found.append(_Predicted(squares, weight, spread))
+    return found
+
+
+def _points(
+    best: BestInside,
+    distance: NominalDistance,
+    priors: Sequence[Prior],
+    first: float,
+) -> list[NearPoint]:
+    """Return the fit with each prior; all are slacks, or all are weights."""
+    slacks = [best.slack(prior) for prior in priors if isinstance(prior, PointToSet)]
+    if slacks:
+        return nearest_points(best.best, distance, slacks, first=first)
+    weights = [prior.weight for prior in priors if isinstance(prior, Penalty)]
+    fits = [penalised_fit(best.best.scaled, distance, weight) for weight in weights]
+    return [NearPoint(fit.solution.u, fit.weight) for fit in fits]
+
+
+def _pooled(
+    model: TorqueModel,
+    folds: Sequence[LeftOutBlock],
+    found: Sequence[Sequence[_Predicted] | None],
+    torque: Vector,
+    rows: IntArray,
+    fits: int,
+) -> LeftOutErrors:
+    """Return the errors of all folds, relative to the mean squared torque of all."""
+    shares = rows / rows.sum()
+    ends = np.cumsum([len(fold.segments) for fold in folds])
+    errors = np.full((fits, len(rows)), np.inf)
+    logs, spreads = np.zeros(fits), np.zeros(fits)
+    for stop, fold, predicted in zip(ends, folds, found, strict=True):
+        if predicted is None:
+            continue
+        own = slice(stop - len(fold.segments), stop)
+        for k, one in enumerate(predicted):
+            relative = zip(one.squares, shares[own], strict=True)
+            if torque.any():
+                errors[k, own] = [
+                    stacked_of_kinds(model, squares / share, torque)
+                    for squares, share in relative
+                ]
+            logs[k] += np.log(one.weight)
+            spreads[k] += shares[own].sum() * one.spread
+    fitted = sum(predicted is not None for predicted in found)
+    return LeftOutErrors(errors, shares, np.exp(logs / max(fitted, 1)), spreads)
 
 
 def prediction_root(

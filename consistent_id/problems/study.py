@@ -17,6 +17,7 @@ from consistent_id.comparison.constraint_prices import (
     shadow_prices,
 )
 from consistent_id.constraints import lowered
+from consistent_id.constraints.priors import Prior
 from consistent_id.diagnosis import Diagnosis
 from consistent_id.estimation.constrained import (
     constrained_least_squares,
@@ -31,9 +32,15 @@ from consistent_id.estimation.expected_error import (
 from consistent_id.estimation.fit import Fit, fit_of
 from consistent_id.estimation.fitted_to import fitted_spans
 from consistent_id.estimation.judgement import judge
-from consistent_id.estimation.left_out import LeftOutErrors, folds_of, left_out_errors
+from consistent_id.estimation.left_out import (
+    LeftOutBlock,
+    LeftOutErrors,
+    folds_of,
+    left_out_errors,
+)
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.recommendation import Recommendation, recommend
+from consistent_id.estimation.slack import SlackChoice
 from consistent_id.estimation.torque_error import stacked_of_regression
 from consistent_id.estimation.uncertainties.parameter_uncertainty import (
     Uncertainty,
@@ -48,6 +55,8 @@ from consistent_id.problems.problem_estimates import (
     recordings_of,
     refitted,
     regularisation_path,
+    slack_choices,
+    slack_notes,
     variant_regressions,
 )
 from consistent_id.problems.published import (
@@ -137,6 +146,22 @@ class Study:
         return regularisation_path(self.problem, self.segments, base=self.base)
 
     @cached_property
+    def folds(self) -> tuple[LeftOutBlock, ...]:
+        """Blocks of the training data, each with all other data."""
+        return folds_of(self.segments)
+
+    @cached_property
+    def slacks(self) -> dict[Method, SlackChoice]:
+        """How the slack of the constrained estimates was chosen."""
+        return slack_choices(self.problem, self.folds, base=self.base)
+
+    @property
+    def priors(self) -> dict[Method, Prior]:
+        """The prior of each method that can be recommended."""
+        chosen = {method: found.prior for method, found in self.slacks.items()}
+        return {**chosen, Method.CROSS_VALIDATED: penalty_of(self.problem, self.path)}
+
+    @cached_property
     def estimates(self) -> tuple[Estimate, ...]:
         """Estimates by every method, the paper's first."""
         own = identify(
@@ -144,6 +169,7 @@ class Study:
             self.training,
             base=self.base,
             path=self.path,
+            slacks=self.slacks,
             regression=self.regression,
         )
         if self.published is not None:
@@ -166,23 +192,16 @@ class Study:
     @cached_property
     def left_out(self) -> dict[str, LeftOutErrors]:
         """Errors on blocks of the training data left out, by method."""
-        problem, folds = self.problem, folds_of(self.segments)
-        candidates = {
-            Method.CONSTRAINED: problem.prior,
-            Method.WEIGHTED_CONSTRAINED: problem.prior,
-            Method.CROSS_VALIDATED: penalty_of(problem, self.path),
-        }
-        return {
-            method: left_out_errors(
-                problem.model,
-                folds,
-                prior,
-                constraints=problem.constraints,
-                base=self.base,
-                weighted=method == Method.WEIGHTED_CONSTRAINED,
-            )
-            for method, prior in candidates.items()
-        }
+        problem = self.problem
+        penalised = left_out_errors(
+            problem.model,
+            self.folds,
+            [self.priors[Method.CROSS_VALIDATED]],
+            constraints=problem.constraints,
+            base=self.base,
+        )
+        chosen = {str(method): found.chosen for method, found in self.slacks.items()}
+        return {**chosen, Method.CROSS_VALIDATED: penalised}
 
     @cached_property
     def recommendation(self) -> Recommendation:
@@ -202,7 +221,7 @@ class Study:
             self.regression.weighted(under.weights),
             self.left_out[method],
             fitted=stacked_of_regression(model, self.regression, estimate.parameters),
-            prior=self.problem.prior if under.prior is None else under.prior,
+            prior=self.priors[Method(method)],
             constraints=under.constraints,
             base=self.base,
         )
@@ -247,11 +266,11 @@ class Study:
         judged = report.with_verdict
         if not self.validation:
             return judged
-        crossed = judged.method == Method.CROSS_VALIDATED
-        problem = self.problem
-        prior = penalty_of(problem, self.path) if crossed else problem.prior
         every = (*self.training, *self.validation)
-        return refitted(problem, judged, every, prior)
+        prior = self.priors[Method(judged.method)]
+        estimate = refitted(self.problem, judged, every, prior)
+        why = slack_notes(self.slacks, judged.method)
+        return replace(estimate, notes=(*estimate.notes, *why))
 
     @property
     def verdict(self) -> Verdict:
@@ -413,7 +432,7 @@ class Study:
             self.problem.model,
             self.segments,
             constraints=self.problem.constraints,
-            prior=self.problem.prior,
+            prior=self.slacks[Method.CONSTRAINED].prior,
             base=self.base,
             seed=self.seed,
             progress=self.progress,
@@ -435,7 +454,7 @@ class Study:
             problem.model,
             self.regression,
             constraints=problem.constraints,
-            prior=problem.prior,
+            prior=self.slacks[Method.CONSTRAINED].prior,
             base=self.base,
         )
         spans = fitted_spans(self.training)
@@ -457,6 +476,7 @@ _STAGES = {
     "recordings": "training",
     "faults of the recordings": "diagnosis",
     "weight of the prior": "path",
+    "slack": "slacks",
     "estimates": "estimates",
     "recommendation": "recommendation",
     "comparison": "comparison",

@@ -30,6 +30,7 @@ def study_record(study: Study) -> dict[str, Any]:
             for cost in study.costs
         ],
         "regularisation_path": _path_record(study),
+        "slacks": {method: c.to_dict() for method, c in study.slacks.items()},
         "shadow_prices": [
             {
                 "constraint": price.label,

@@ -1,6 +1,6 @@
 """A study in tables, for people."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -17,6 +17,8 @@ from consistent_id.comparison.comparison import (
 from consistent_id.comparison.constraint_prices import ConstraintCost, ShadowPrice
 from consistent_id.diagnosis.findings import diagnosis_table
 from consistent_id.estimation.cross_validation import RegularisationPath
+from consistent_id.estimation.method import Method
+from consistent_id.estimation.slack import SlackChoice
 from consistent_id.estimation.verdict import percent
 from consistent_id.problems.opening import Opened
 from consistent_id.problems.study import Study
@@ -215,6 +217,33 @@ def path_table(path: RegularisationPath) -> Table:
     )
 
 
+def slack_table(slacks: Mapping[Method, SlackChoice]) -> Table:
+    """Return how the slack of the constrained estimates was chosen."""
+    shown = {method: found for method, found in slacks.items() if found.slacks}
+    names = next((found.slacks for found in shown.values()), ())
+    return Table(
+        "Slack of the prior, by the error on blocks left out",
+        ("slack", *shown),
+        tuple(
+            (
+                name,
+                *(
+                    f"{found.left_out.pooled[i]:.2%}" + " <" * (i == found.best)
+                    for found in shown.values()
+                ),
+            )
+            for i, name in enumerate(names)
+        ),
+        (
+            "slack: relative increase of the misfit's norm in favour of the nominal "
+            "robot; default: one standard error of the determined parameters",
+            "error: all joints, squares pooled over the training data; <: least, used",
+        )
+        if shown
+        else ("the problem states the prior; no slack was chosen",),
+    )
+
+
 def link_table(comparison: Comparison) -> Table:
     """Return where each link touches the boundary of the consistency cone."""
     reports = [r for r in comparison.reports if all(r.consistent_links)]
@@ -352,5 +381,6 @@ _TABLES: dict[str, Callable[[Study], Sequence[Table]]] = {
     "costs": lambda s: [cost_table(s.costs, s.problem.model.torque_joints)],
     "prices": lambda study: [price_table(study.prices)],
     "path": lambda study: [path_table(study.path)],
+    "slack": lambda study: [slack_table(study.slacks)],
 }
 """The tables of a study, in their order; one that cannot be made loses only itself."""

@@ -67,7 +67,7 @@ def forecast():
     whole = merged(segments)
     estimate = constrained_least_squares(model, whole, prior=prior, base=base)
     left_out = left_out_errors(
-        model, folds_of(segments), prior, constraints=DEFAULT_CONSTRAINTS, base=base
+        model, folds_of(segments), [prior], constraints=DEFAULT_CONSTRAINTS, base=base
     )
     found = error_forecast(
         model,

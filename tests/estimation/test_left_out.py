@@ -45,7 +45,7 @@ def test_each_segment_is_predicted_by_the_fit_without_its_block(logged):
     model, segments, base = logged
     folds = folds_of(segments)
     found = left_out_errors(
-        model, folds, PointToSet(), constraints=DEFAULT_CONSTRAINTS, base=base
+        model, folds, [PointToSet()], constraints=DEFAULT_CONSTRAINTS, base=base
     )
     assert found.errors.shape == (1, len(segments))
     assert found.shares.sum() == pytest.approx(1.0)

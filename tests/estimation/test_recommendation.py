@@ -47,7 +47,7 @@ def test_the_expected_error_is_that_of_another_motion():
             method: left_out_errors(
                 model,
                 folds,
-                PointToSet(),
+                [PointToSet()],
                 constraints=DEFAULT_CONSTRAINTS,
                 base=base,
                 weighted=weighted,
