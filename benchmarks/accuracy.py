@@ -79,12 +79,15 @@ def expected(study: ci.Study) -> list[str]:
 
 def foretold(study: ci.Study) -> str:
     """Return the error expected of the recommended method, and the errors found."""
-    least = study.recommendation.expected
-    if least is None:
+    expected = study.recommendation.expected
+    if expected is None:
         return "no error is expected."
     measured = [error.stacked for error in study.recommended.validation]
-    ratios = ", ".join(f"{error / least:.2f}" for error in measured)
-    return f"held-out error over the {least:.2%} expected: {ratios}."
+    ratios = ", ".join(f"{error / expected.error:.2f}" for error in measured)
+    return (
+        f"expected {expected.error:.2%}, 80 % range {expected.low:.2%} to "
+        f"{expected.high:.2%}; held-out error over the expected one: {ratios}."
+    )
 
 
 def across_recordings(every: pairs.Pairs, held_out: blocks.Blocks) -> list[str]:

@@ -160,7 +160,8 @@ def answer(robot: Robot, folder: Path, path: Path) -> Answer:
             seconds = process_time() - started
             said = (str(refusal).partition(". ")[0],)
             return Answer(name, "refused", None, None, (), (), said, seconds)
-        expected = study.recommendation.expected
+        known = study.recommendation.expected
+        expected = None if known is None else known.error
     kinds: dict[str, tuple[str, ...]] = {
         severity: tuple(
             dict.fromkeys(f.kind for f in study.findings if f.severity == severity)

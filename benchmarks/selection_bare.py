@@ -85,18 +85,16 @@ def unseen(
 
 def recommended(study: Study) -> ci.Estimate:
     """Return the recommended estimate; nothing else of a study is computed."""
-    method, prior = study.recommendation.method, study.problem.prior
+    method = Method(study.recommendation.method)
     regression = study.regression
     if method == Method.WEIGHTED_CONSTRAINED:
         sigma = joint_noise(study.problem.model, regression, base=study.base)
         regression = regression.weighted(sigma)
-    if method == Method.CROSS_VALIDATED:
-        prior = study.path.penalty
     return ci.constrained_least_squares(
         study.problem.model,
         regression,
         constraints=study.problem.constraints,
-        prior=prior,
+        prior=study.priors[method],
         base=study.base,
     )
 

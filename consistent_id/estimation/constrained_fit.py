@@ -157,13 +157,31 @@ class ConstrainedFit:
         )
 
 
-def constrained_fit(
-    problem: FitProblem, prior: Prior | None, *, weight: float | None = None
-) -> ConstrainedFit:
-    """Fit under constraints; the prior determines what the data do not.
+@dataclass(frozen=True, slots=True, eq=False)
+class BestInside:
+    """The first stage: the best fit with links inside; every prior starts from it.
 
-    If a weight of the prior is searched for, `weight` is tried first, such as the one
-    found for nearly the same data.
+    Parameters
+    ----------
+    one_error : float
+        Squared misfit of one standard error, less what the share inside has used.
+    notes : tuple of str
+        How the best fit was found.
+    """
+
+    best: BestFit
+    one_error: float
+    notes: tuple[str, ...]
+
+    def slack(self, prior: PointToSet) -> float:
+        """Return the relative increase of the misfit that a prior allows."""
+        # A misfit below a millionth of the torque counts as that: see `ScaledFit`.
+        least = max(self.best.misfit, self.best.scaled.size) ** 2
+        return prior.relative_slack(self.one_error, least)
+
+
+def constrained_fit(problem: FitProblem, prior: Prior | None) -> ConstrainedFit:
+    """Fit under constraints; the prior determines what the data do not.
 
     Raises
     ------
@@ -171,6 +189,23 @@ def constrained_fit(
         See `constrained_least_squares`.
     """
     prior = PointToSet() if prior is None else prior
+    first = best_inside(problem, prior.inside)
+    best = first.best
+    distance = nominal_distance(problem.model, prior.distance, best.scaled.unit)
+    if isinstance(prior, Penalty):
+        return _compromise(best, distance, prior, first.notes)
+    near = nearest_within(best, distance, first.slack(prior))
+    return _nearest(best, distance, prior, near, first.notes)
+
+
+def best_inside(problem: FitProblem, inside: float) -> BestInside:
+    """Return the first stage, with links that contain a share of nominal bodies.
+
+    Raises
+    ------
+    InfeasibleError, NotExcitedError, SolverError
+        See `constrained_least_squares`.
+    """
     model, free = problem.model, problem.free
     try:
         attained = attained_fit(problem)
@@ -182,18 +217,10 @@ def constrained_fit(
             raise
         raise InfeasibleError(found.sentence) from None
     attained_problem = replace(problem, constraints=attained.constraints)
-    inner = inner_fit(attained_problem, attained.best, share=prior.inside)
-    best = inner.best
-    distance = nominal_distance(model, prior.distance, best.scaled.unit)
-    notes = tuple(filter(None, (inner.note, attained.note)))
-    if isinstance(prior, Penalty):
-        return _compromise(best, distance, prior, notes)
-    # A misfit below a millionth of the torque counts as that: see `ScaledFit`.
-    least = max(best.misfit, best.scaled.size) ** 2
+    inner = inner_fit(attained_problem, attained.best, share=inside)
     left = free.noise.one_error * (1.0 - inner.move) ** 2
-    slack = prior.relative_slack(left, least)
-    near = nearest_within(best, distance, slack, first=weight)
-    return _nearest(best, distance, prior, near, notes)
+    notes = tuple(filter(None, (inner.note, attained.note)))
+    return BestInside(inner.best, left, notes)
 
 
 def _nearest(

@@ -299,11 +299,7 @@ class NearestFit:
 
 
 def nearest_within(
-    best: BestFit,
-    distance: NominalDistance,
-    slack: float,
-    *,
-    first: float | None = None,
+    best: BestFit, distance: NominalDistance, slack: float
 ) -> NearestFit:
     """Return the point nearest to nominal whose misfit is within `slack` of the best.
 
@@ -322,17 +318,13 @@ def nearest_within(
     ----------
     slack : float
         Allowed relative increase of the misfit.
-    first : float, optional
-        Weight that is tried first, such as that of nearly the same data.
     """
     scaled = best.scaled
     least = scaled.excess(best.solution.u)
     allowed = ((1.0 + slack) ** 2 - 1.0) * max(least + scaled.residual**2, 1.0)
     # The proof's ball must contain the best fit.
     reach = 2.0 * float(np.linalg.norm(best.solution.u - distance.nominal))
-    search = _WeightSearch(
-        float(np.log(allowed) + _FIRST if first is None else np.log(first))
-    )
+    search = _WeightSearch(float(np.log(allowed) + _FIRST))
     kept: NearestFit | None = None
     closest: PenalisedFit | None = None
     unproven = 0

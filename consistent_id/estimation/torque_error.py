@@ -172,6 +172,20 @@ def stacked_of_kinds(model: TorqueModel, error: Vector, torque: Vector) -> float
     return float(np.sqrt(np.mean(squares)))
 
 
+def stacked_of_regression(
+    model: TorqueModel, regression: Regression, x: Vector
+) -> float:
+    """Return the relative error of parameters on compressed rows, unweighted.
+
+    Parameters
+    ----------
+    x : ndarray, shape (parameters,)
+    """
+    counts = np.array(regression.counts, dtype=np.float64)
+    size = counts * regression.torque_rms**2
+    return stacked_of_kinds(model, counts * regression.residual_rms(x) ** 2, size)
+
+
 def stacked_error(errors: Sequence[TorqueError]) -> float | None:
     """Return the relative torque error over several recordings, with equal weights.
 

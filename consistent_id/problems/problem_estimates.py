@@ -1,10 +1,11 @@
 """A problem's data, recorded or simulated, and its estimates by every method."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from consistent_id._support.executors import worker_threads
 from consistent_id.constraints import PhysicalConsistency
 from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ProblemError
@@ -20,8 +21,10 @@ from consistent_id.estimation.cross_validation import (
 )
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fitted_to import fitted_spans
+from consistent_id.estimation.left_out import LeftOutBlock, folds_of
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.robust import HuberRules, huber_estimate
+from consistent_id.estimation.slack import SlackChoice, chosen_slack
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.published import PublishedReport, check_published
 from consistent_id.problems.robot_preparation import regression_of, segments_of_problem
@@ -40,6 +43,7 @@ def identify(
     *,
     base: BaseParameters | None = None,
     path: RegularisationPath | None = None,
+    slacks: Mapping[Method, SlackChoice] | None = None,
     regression: Regression | None = None,
 ) -> tuple[Estimate, ...]:
     """Estimate a problem's parameters by every method there is.
@@ -50,7 +54,9 @@ def identify(
     ``"box-constrained QP"``: the quadratic programme with every constraint except
     physical consistency, which shows the effect of masses, bounds and signs alone; and
     ``"cross-validated"``: the constrained estimate with a `Penalty` whose weight is
-    chosen from the training data.
+    chosen from the training data.  They also determine the slack of the constrained
+    estimates, unless the problem states it; the quadratic programme has that of the
+    constrained estimate.
 
     Parameters
     ----------
@@ -60,17 +66,20 @@ def identify(
     base : BaseParameters, optional
     path : RegularisationPath, optional
         By default `regularisation_path` of the problem.
+    slacks : mapping of Method to SlackChoice, optional
+        By default `slack_choices` of the problem.
     regression : Regression, optional
         The regression of the training recordings.
     """
-    model, constraints, prior = problem.model, problem.constraints, problem.prior
+    model, constraints = problem.model, problem.constraints
     training = problem.training if training is None else training
     base = base_of_recordings(model, training) if base is None else base
-    if regression is None or path is None:
+    if regression is None or path is None or slacks is None:
         segments = segments_of_problem(problem.table, model, training)
         regression = merged(segments) if regression is None else regression
-        if path is None:
-            path = regularisation_path(problem, segments, base=base)
+        path = path or regularisation_path(problem, segments, base=base)
+        slacks = slacks or slack_choices(problem, folds_of(segments), base=base)
+    choice, own = slacks[Method.CONSTRAINED], slacks[Method.WEIGHTED_CONSTRAINED]
     penalty = penalty_of(problem, path)
     sigma = joint_noise(model, regression, base=base)
     equal = unconstrained_fit(regression, base)
@@ -83,15 +92,48 @@ def identify(
         *(
             constrained_estimate(FitProblem(model, free, kept), chosen, method=method)
             for method, free, kept, chosen in (
-                (Method.BOX_CONSTRAINED, equal, linear, prior),
-                (Method.CONSTRAINED, equal, constraints, prior),
-                (Method.WEIGHTED_CONSTRAINED, weighted, constraints, prior),
+                (Method.BOX_CONSTRAINED, equal, linear, choice.prior),
+                (Method.CONSTRAINED, equal, constraints, choice.prior),
+                (Method.WEIGHTED_CONSTRAINED, weighted, constraints, own.prior),
                 (Method.CROSS_VALIDATED, equal, constraints, penalty),
             )
         ),
     )
     spans = fitted_spans(training)
-    return tuple(replace(estimate, fitted_to=spans) for estimate in estimates)
+    return tuple(
+        replace(
+            estimate,
+            fitted_to=spans,
+            notes=(*estimate.notes, *slack_notes(slacks, estimate.method)),
+        )
+        for estimate in estimates
+    )
+
+
+def slack_choices(
+    problem: Problem, folds: Sequence[LeftOutBlock], *, base: BaseParameters
+) -> dict[Method, SlackChoice]:
+    """Return the slacks of the constrained estimates, equally weighted and weighted."""
+
+    def chosen(method: Method) -> SlackChoice:
+        return chosen_slack(
+            problem.model,
+            folds,
+            problem.prior,
+            constraints=problem.constraints,
+            base=base,
+            weighted=method == Method.WEIGHTED_CONSTRAINED,
+        )
+
+    methods = (Method.CONSTRAINED, Method.WEIGHTED_CONSTRAINED)
+    with worker_threads(len(methods)) as pool:  # Clarabel frees the interpreter's lock
+        return dict(zip(methods, pool.map(chosen, methods), strict=True))
+
+
+def slack_notes(slacks: Mapping[Method, SlackChoice], method: str) -> tuple[str, ...]:
+    """Return why an estimate has its slack; nothing where none was chosen for it."""
+    said = (found.statement for name, found in slacks.items() if name == method)
+    return tuple(filter(None, said))
 
 
 def penalty_of(problem: Problem, path: RegularisationPath) -> Prior:

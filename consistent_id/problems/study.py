@@ -17,21 +17,31 @@ from consistent_id.comparison.constraint_prices import (
     shadow_prices,
 )
 from consistent_id.constraints import lowered
+from consistent_id.constraints.priors import Prior
 from consistent_id.diagnosis import Diagnosis
 from consistent_id.estimation.constrained import (
     constrained_least_squares,
 )
 from consistent_id.estimation.cross_validation import RegularisationPath
 from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.expected_error import (
+    ErrorForecast,
+    ExpectedError,
+    error_forecast,
+)
 from consistent_id.estimation.fit import Fit, fit_of
 from consistent_id.estimation.fitted_to import fitted_spans
 from consistent_id.estimation.judgement import judge
-from consistent_id.estimation.method import Method
-from consistent_id.estimation.recommendation import (
-    MethodCandidate,
-    Recommendation,
-    recommend,
+from consistent_id.estimation.left_out import (
+    LeftOutBlock,
+    LeftOutErrors,
+    folds_of,
+    left_out_errors,
 )
+from consistent_id.estimation.method import Method
+from consistent_id.estimation.recommendation import Recommendation, recommend
+from consistent_id.estimation.slack import SlackChoice
+from consistent_id.estimation.torque_error import stacked_of_regression
 from consistent_id.estimation.uncertainties.parameter_uncertainty import (
     Uncertainty,
     uncertainty,
@@ -45,6 +55,8 @@ from consistent_id.problems.problem_estimates import (
     recordings_of,
     refitted,
     regularisation_path,
+    slack_choices,
+    slack_notes,
     variant_regressions,
 )
 from consistent_id.problems.published import (
@@ -55,7 +67,7 @@ from consistent_id.problems.published import (
 from consistent_id.problems.robot_preparation import segments_of_problem
 from consistent_id.recordings.recording import LogFinding, Recording
 from consistent_id.regression.base import BaseParameters, Excitation, excitation_of
-from consistent_id.regression.regression import Regression
+from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.residual_noise import unconstrained_fit
 from consistent_id.regression.rows.contact_free import base_of_recordings
 from consistent_id.regression.segments import (
@@ -77,6 +89,8 @@ class Study:
         Whether the bootstrap shows its progress on the standard error.
     accepted : tuple of str
         Kinds of findings and reasons that verdicts ignore.
+    recordings : tuple of (training, validation), optional
+        Prepared recordings in place of the problem's own; they are not diagnosed.
 
     Raises
     ------
@@ -88,6 +102,7 @@ class Study:
     seed: int = 0
     progress: bool = False
     accepted: tuple[str, ...] = ()
+    recordings: tuple[tuple[Recording, ...], tuple[Recording, ...]] | None = None
 
     @cached_property
     def published(self) -> PublishedReport | None:
@@ -132,6 +147,22 @@ class Study:
         return regularisation_path(self.problem, self.segments, base=self.base)
 
     @cached_property
+    def folds(self) -> tuple[LeftOutBlock, ...]:
+        """Blocks of the training data, each with all other data."""
+        return folds_of(self.segments)
+
+    @cached_property
+    def slacks(self) -> dict[Method, SlackChoice]:
+        """How the slack of the constrained estimates was chosen."""
+        return slack_choices(self.problem, self.folds, base=self.base)
+
+    @property
+    def priors(self) -> dict[Method, Prior]:
+        """The prior of each method that can be recommended."""
+        chosen = {method: found.prior for method, found in self.slacks.items()}
+        return {**chosen, Method.CROSS_VALIDATED: penalty_of(self.problem, self.path)}
+
+    @cached_property
     def estimates(self) -> tuple[Estimate, ...]:
         """Estimates by every method, the paper's first."""
         own = identify(
@@ -139,6 +170,7 @@ class Study:
             self.training,
             base=self.base,
             path=self.path,
+            slacks=self.slacks,
             regression=self.regression,
         )
         if self.published is not None:
@@ -149,8 +181,8 @@ class Study:
 
     @cached_property
     def diagnosis(self) -> Diagnosis | None:
-        """Diagnosis of the recordings; None if they are simulated."""
-        recorded = self.problem.table.data is not None
+        """Diagnosis of the recordings; None if they are simulated, or given."""
+        recorded = self.problem.table.data is not None and self.recordings is None
         return check_problem(self.problem) if recorded else None
 
     @property
@@ -159,22 +191,62 @@ class Study:
         return () if self.diagnosis is None else self.diagnosis.findings
 
     @cached_property
-    def recommendation(self) -> Recommendation:
-        """The recommendation of an estimate, from the training data."""
+    def left_out(self) -> dict[str, LeftOutErrors]:
+        """Errors on blocks of the training data left out, by method."""
         problem = self.problem
-        return recommend(
+        penalised = left_out_errors(
             problem.model,
-            self.segments,
-            (
-                MethodCandidate(Method.CONSTRAINED, False, problem.prior),
-                MethodCandidate(Method.WEIGHTED_CONSTRAINED, True, problem.prior),
-                MethodCandidate(
-                    Method.CROSS_VALIDATED, False, penalty_of(problem, self.path)
-                ),
-            ),
+            self.folds,
+            [self.priors[Method.CROSS_VALIDATED]],
             constraints=problem.constraints,
             base=self.base,
         )
+        chosen = {str(method): found.chosen for method, found in self.slacks.items()}
+        return {**chosen, Method.CROSS_VALIDATED: penalised}
+
+    @cached_property
+    def recommendation(self) -> Recommendation:
+        """The recommendation of an estimate, from the training data."""
+        return recommend(self.left_out)
+
+    @cached_property
+    def forecast(self) -> ErrorForecast | None:
+        """The error to expect of the recommended estimate; None if it is not known."""
+        method, model = self.recommendation.method, self.problem.model
+        estimate = self.estimate(method)
+        under = estimate.fitted_under
+        if under is None:
+            return None
+        return error_forecast(
+            model,
+            self.regression.weighted(under.weights),
+            self.left_out[method],
+            fitted=stacked_of_regression(model, self.regression, estimate.parameters),
+            prior=self.priors[Method(method)],
+            constraints=under.constraints,
+            base=self.base,
+        )
+
+    def expected_on(self, recording: Recording) -> ExpectedError | None:
+        """Return the error to expect of the recommended estimate on a known motion.
+
+        Parameters
+        ----------
+        recording : Recording
+            Prepared: with velocity and acceleration.  Its torque is not used, and need
+            not be there.
+        """
+        if self.forecast is None:
+            return None
+        if recording.torque is None:
+            recording = replace(recording, torque=np.zeros_like(recording.position))
+        rows = build_regression(self.problem.model, recording, noise=False)
+        return self.forecast.on(rows)
+
+    @cached_property
+    def expected_held_out(self) -> tuple[ExpectedError | None, ...]:
+        """The error to expect on each validation recording."""
+        return tuple(map(self.expected_on, self.validation))
 
     @property
     def recommended(self) -> EstimateReport:
@@ -195,11 +267,11 @@ class Study:
         judged = report.with_verdict
         if not self.validation:
             return judged
-        crossed = judged.method == Method.CROSS_VALIDATED
-        problem = self.problem
-        prior = penalty_of(problem, self.path) if crossed else problem.prior
         every = (*self.training, *self.validation)
-        return refitted(problem, judged, every, prior)
+        prior = self.priors[Method(judged.method)]
+        estimate = refitted(self.problem, judged, every, prior)
+        why = slack_notes(self.slacks, judged.method)
+        return replace(estimate, notes=(*estimate.notes, *why))
 
     @property
     def verdict(self) -> Verdict:
@@ -289,12 +361,18 @@ class Study:
         -------
         dict
             `Verdict.to_dict`, with ``findings`` of the recordings; and
-            ``recommended``: why this estimate, None for one that was given.
+            ``recommended``: why this estimate, and ``expected_error``: on a motion not
+            seen, with its range; None for an estimate that was given.
         """
         own = self.verdict if verdict is None else verdict
-        why = self.recommendation.statement if verdict is None else None
-        findings = [asdict(finding) for finding in self.findings]
-        return {**own.to_dict(), "recommended": why, "findings": findings}
+        recommended = self.recommendation if verdict is None else None
+        expected = None if recommended is None else recommended.expected
+        return {
+            **own.to_dict(),
+            "recommended": None if recommended is None else recommended.statement,
+            "expected_error": None if expected is None else expected.to_dict(),
+            "findings": [asdict(finding) for finding in self.findings],
+        }
 
     def run(self, *, costs: bool = True) -> Self:
         """Compute everything but the uncertainty now; return the study.
@@ -356,7 +434,7 @@ class Study:
             self.problem.model,
             self.segments,
             constraints=self.problem.constraints,
-            prior=self.problem.prior,
+            prior=self.slacks[Method.CONSTRAINED].prior,
             base=self.base,
             seed=self.seed,
             progress=self.progress,
@@ -366,6 +444,8 @@ class Study:
 
     @cached_property
     def _recordings(self) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
+        if self.recordings is not None:
+            return self.recordings
         recorded = self.problem.table.data is not None
         return recordings_of(self.problem, None if recorded else self.published)
 
@@ -376,7 +456,7 @@ class Study:
             problem.model,
             self.regression,
             constraints=problem.constraints,
-            prior=problem.prior,
+            prior=self.slacks[Method.CONSTRAINED].prior,
             base=self.base,
         )
         spans = fitted_spans(self.training)
@@ -398,6 +478,7 @@ _STAGES = {
     "recordings": "training",
     "faults of the recordings": "diagnosis",
     "weight of the prior": "path",
+    "slack": "slacks",
     "estimates": "estimates",
     "recommendation": "recommendation",
     "comparison": "comparison",

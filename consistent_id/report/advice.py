@@ -25,6 +25,9 @@ class Advice:
         Of the estimate to use; empty for none.
     headline : str
         The verdict in one line, with the held-out error.
+    expected : tuple of str
+        The error to expect on a motion not seen, with its range; empty without a
+        recommendation.
     reasons : tuple of str
         Reasons for this one.
     cautions : tuple of str
@@ -36,6 +39,7 @@ class Advice:
     verdict: Verdict
     method: str
     headline: str
+    expected: tuple[str, ...]
     reasons: tuple[str, ...]
     cautions: tuple[str, ...]
     also: tuple[str, ...] = ()
@@ -76,16 +80,21 @@ def advise(
         else comparison[recommendation.method]
     )
     verdict = chosen.verdict
-    others = [r for r in comparison.reports if r is not chosen]
-    plain = next((r for r in others if _is_plain(r)), None)
-    why = () if recommendation is None else (recommendation.statement,)
+    rivals = [r for r in comparison.reports if r is not chosen]
+    plain = next((r for r in rivals if _is_plain(r)), None)
+    expected = () if recommendation is None else (recommendation.statement,)
+    others = "" if recommendation is None else recommendation.others
     return Advice(
         verdict,
         chosen.estimate.method if verdict.usable else "",
         verdict.compared(None if plain is None else plain.held_out_error),
-        (*why, *(() if plain is None else (_against(plain),))),
+        expected,
+        (
+            *((others,) if others else ()),
+            *(() if plain is None else (_against(plain),)),
+        ),
         verdict.lines,
-        _better(chosen, others),
+        _better(chosen, rivals),
     )
 
 

@@ -30,6 +30,7 @@ def study_record(study: Study) -> dict[str, Any]:
             for cost in study.costs
         ],
         "regularisation_path": _path_record(study),
+        "slacks": {method: c.to_dict() for method, c in study.slacks.items()},
         "shadow_prices": [
             {
                 "constraint": price.label,
@@ -49,9 +50,17 @@ def study_record(study: Study) -> dict[str, Any]:
 
 def _recommendation_record(study: Study) -> dict[str, Any]:
     chosen = study.recommendation
+    expected = chosen.expected
+    held_out = zip(study.recommended.validation, study.expected_held_out, strict=True)
     return {
         "method": chosen.method,
-        "expected_error": chosen.expected,
+        "expected_error": None if expected is None else expected.error,
+        "expected_range": None if expected is None else [expected.low, expected.high],
+        "expected_on": [
+            {"recording": error.recording, **forecast.to_dict()}
+            for error, forecast in held_out
+            if forecast is not None
+        ],
         "left_out_errors": {
             method: _number(error)
             for method, error in zip(chosen.candidates, chosen.error, strict=True)

@@ -1,6 +1,6 @@
 """A study in tables, for people."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -17,6 +17,9 @@ from consistent_id.comparison.comparison import (
 from consistent_id.comparison.constraint_prices import ConstraintCost, ShadowPrice
 from consistent_id.diagnosis.findings import diagnosis_table
 from consistent_id.estimation.cross_validation import RegularisationPath
+from consistent_id.estimation.method import Method
+from consistent_id.estimation.slack import SlackChoice
+from consistent_id.estimation.verdict import percent
 from consistent_id.problems.opening import Opened
 from consistent_id.problems.study import Study
 from consistent_id.regression.base import Excitation
@@ -26,6 +29,7 @@ from consistent_id.report.published_section import published_tables
 _PRICES = 12  # single constraints shown
 _COSTLY = 0.02  # of the misfit, from which on a constraint is named
 _NAMED = 3  # single constraints that are named
+_RECORDINGS = 2  # validation recordings whose expected error is printed one by one
 
 
 def headline_tables(study: Study) -> list[Table]:
@@ -41,6 +45,8 @@ def headline_tables(study: Study) -> list[Table]:
             (),
             (),
             (
+                *advice.expected,
+                *expected_lines(study),
                 *advice.verdict.brief,
                 *costly,
                 *(table.title for table in study.problem.drives.tables()),
@@ -62,6 +68,23 @@ def identified_tables(opened: Opened, study: Study) -> list[Table]:
         *([] if found is None else [diagnosis_table(found)]),
         study.delivered.table(),
     ]
+
+
+def expected_lines(study: Study) -> tuple[str, ...]:
+    """Return the error that was to be expected on each validation recording."""
+    pairs = zip(study.recommended.validation, study.expected_held_out, strict=True)
+    known = [(error, expected) for error, expected in pairs if expected is not None]
+    if len(known) > _RECORDINGS:
+        inside = sum(expected.contains(error.stacked) for error, expected in known)
+        return (
+            f"{inside} of {len(known)} held-out errors are in the range expected there",
+        )
+    return tuple(
+        f"expected on {error.recording}: {expected.range}; measured "
+        f"{percent(error.stacked)}"
+        + ("" if expected.contains(error.stacked) else ", outside")
+        for error, expected in known
+    )
 
 
 def delivery_line(study: Study) -> tuple[str, ...]:
@@ -191,6 +214,33 @@ def path_table(path: RegularisationPath) -> Table:
             f"{path.errors.shape[1]} runs of the training data, one at a time",
             "misfit and distance to nominal: with all training data fitted",
         ),
+    )
+
+
+def slack_table(slacks: Mapping[Method, SlackChoice]) -> Table:
+    """Return how the slack of the constrained estimates was chosen."""
+    shown = {method: found for method, found in slacks.items() if found.slacks}
+    names = next((found.slacks for found in shown.values()), ())
+    return Table(
+        "Slack of the prior, by the error on blocks left out",
+        ("slack", *shown),
+        tuple(
+            (
+                name,
+                *(
+                    f"{found.left_out.pooled[i]:.2%}" + " <" * (i == found.best)
+                    for found in shown.values()
+                ),
+            )
+            for i, name in enumerate(names)
+        ),
+        (
+            "slack: relative increase of the misfit's norm in favour of the nominal "
+            "robot; default: one standard error of the determined parameters",
+            "error: all joints, squares pooled over the training data; <: least, used",
+        )
+        if shown
+        else ("the problem states the prior; no slack was chosen",),
     )
 
 
@@ -331,5 +381,6 @@ _TABLES: dict[str, Callable[[Study], Sequence[Table]]] = {
     "costs": lambda s: [cost_table(s.costs, s.problem.model.torque_joints)],
     "prices": lambda study: [price_table(study.prices)],
     "path": lambda study: [path_table(study.path)],
+    "slack": lambda study: [slack_table(study.slacks)],
 }
 """The tables of a study, in their order; one that cannot be made loses only itself."""

@@ -23,7 +23,7 @@ def verdict_section(content: ReportContent) -> Section:
     advice = content.advice
     parts = [
         tag("p", advice.headline, class_="headline"),
-        listed(advice.reasons),
+        listed((*advice.expected, *advice.reasons)),
         listed((*advice.cautions, *advice.also), class_="cautions"),
     ]
     card = tag("div", *parts, class_=f"card {_SIGN[advice.level]}")

@@ -19,7 +19,7 @@ from consistent_id.recordings.signals.filtered_rows import row_filter
 
 ANSWER = (
     *("verdict", "method", "held_out_error", "held_out_recordings", "reasons"),
-    *("accepted", "recommended", "findings"),
+    *("accepted", "recommended", "expected_error", "findings"),
 )
 NOTHING_WRONG = ("arm", "rx60", "short kuka", "ur10e", "walker")
 DOORS = {

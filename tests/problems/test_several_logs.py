@@ -19,6 +19,7 @@ from consistent_id import (
     load_robot,
 )
 from consistent_id.cli import main
+from consistent_id.estimation.method import Method
 
 HEADER = "time,q_shoulder,q_elbow,tau_shoulder,tau_elbow"
 
@@ -117,8 +118,9 @@ def test_what_is_delivered_is_fitted_to_all_data_and_judged_before(arm):
     every = build_regression(problem.model, (*study.training, *study.validation))
     assert sum(every.counts) > sum(study.regression.counts)
     if judged.method == "constrained":
+        prior = study.priors[Method.CONSTRAINED]
         again = constrained_least_squares(
-            problem.model, every, constraints=problem.constraints, prior=problem.prior
+            problem.model, every, constraints=problem.constraints, prior=prior
         )
         np.testing.assert_allclose(delivered.parameters, again.parameters, rtol=1e-6)
     # The truth is better known from more data, and was close before.

@@ -48,6 +48,8 @@ from consistent_id.report.markup import Html, grid, tag, text
 from consistent_id.report.page import SECTIONS
 from consistent_id.report.plot import buckets, extremes, packed
 from consistent_id.report.residuals_section import binned, residual_statistics
+from consistent_id.report.study_record import study_record
+from consistent_id.report.summary import headline_tables, slack_table
 from consistent_id.robot.inertia import InertialParameters
 
 EVIL = '<script>alert("x")</script>&"\''
@@ -189,6 +191,31 @@ def test_figures_are_the_study_s(study, html):
         assert price.label in page.texts
     assert str(study.excitation.data_rank) in page.texts
     assert study.problem.model.fingerprint in page.texts
+
+
+def test_the_first_screen_has_the_expected_error_with_its_range(study, html):
+    expected = study.recommendation.expected
+    first = headline_tables(study)[0].notes
+    assert first[0].startswith("error to expect") and expected.range in first[0]
+    held_out = list(zip(study.recommended.validation, first[1:], strict=False))
+    assert held_out
+    for error, line in held_out:
+        assert line.startswith(f"expected on {error.recording}: ")
+        assert percent(error.stacked) in line
+    record = study_record(study)
+    chosen = record["recommendation"]
+    assert chosen["expected_range"] == [expected.low, expected.high]
+    assert record["expected_error"]["error"] == chosen["expected_error"]
+    assert len(chosen["expected_on"]) == len(study.validation)
+    assert f"80 % range {expected.range}" in html
+
+
+def test_the_slack_chosen_is_in_the_table_the_record_and_the_notes(study):
+    for method, found in study.slacks.items():
+        shown = slack_table(study.slacks).text()
+        assert found.slacks[found.best] in shown and " <" in shown
+        assert study_record(study)["slacks"][method] == found.to_dict()
+        assert found.statement in study.estimate(method).notes
 
 
 def test_parameters_have_their_intervals_and_verdicts(sure, html):

@@ -1,0 +1,210 @@
+"""The torque error to expect on a motion not seen, with its 80 % range.
+
+The expected error is pooled over the segments of the training data, each predicted by a
+fit without its block: ``E = sqrt(sum of squared errors / sum of squared torque)``.
+
+The range comes from the scatter of the segments.  With ``e_k`` the error of segment
+``k``, ``s`` the standard deviation of ``log e_k`` over ``n`` segments and ``t`` the
+90 % quantile of Student's distribution with ``n - 1`` degrees of freedom:
+
+    h = t s sqrt(1 + 1/n),    low = E exp(-h),    high = E exp(h)
+
+The logarithm, because errors are positive and differ by factors.  The segments stand
+for motions: another motion differs from the training motion as parts of it differ from
+each other.  The scatter is that of one more draw, not that of the mean.
+
+If the new motion is known, its distance from the training rows is, too.  ``D^2`` is the
+mean variance of predicted rows (`prediction_spread`), of the new rows after a fit to
+all data, and of the rows left out (``D_0^2``) after the fits without them.  What the
+rows left out cost beyond the fit itself (error ``F`` on the data fitted) grows with it:
+
+    E_new^2 = E^2 + max(E^2 - F^2, 0) max(D^2 / D_0^2 - 1, 0),    high = E_new exp(h)
+
+So the range widens upwards, and only for a motion farther from the training rows than
+the blocks that were left out: a nearer one was tested already.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from consistent_id._support.arrays import Matrix
+from consistent_id._support.executors import single_threaded
+from consistent_id.constraints import Constraint
+from consistent_id.constraints.priors import Prior, nominal_distance
+from consistent_id.errors import ProblemError
+from consistent_id.estimation.best_fit import ScaledFit, scaled_fit
+from consistent_id.estimation.left_out import (
+    LeftOutErrors,
+    prediction_root,
+    prediction_spread,
+)
+from consistent_id.estimation.verdict import percent
+from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.regression import Regression
+from consistent_id.regression.regressor import TorqueModel
+
+SHARE = 0.8
+"""Share of motions whose error is in the range."""
+
+_LEAST = 1e-6  # share of the pooled error below which a segment's error is rounding
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedError:
+    """The relative torque error of all joints to expect on a motion not seen.
+
+    Parameters
+    ----------
+    error : float
+        Pooled over all data left out; for a known motion, with what its distance from
+        the training rows adds.
+    low, high : float
+        Range of the error in `SHARE` of motions.
+
+    Examples
+    --------
+    >>> print(ExpectedError(0.032, 0.024, 0.043))
+    3.2 %, 80 % range 2.4 % to 4.3 %
+    """
+
+    error: float
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.low <= self.error <= self.high < np.inf:
+            raise ProblemError(
+                f"expected error {self.error:.3g}, range {self.low:.3g} to "
+                f"{self.high:.3g}; expected finite values in order"
+            )
+
+    def __str__(self) -> str:
+        return f"{percent(self.error)}, {percent(SHARE)} range {self.range}"
+
+    @property
+    def range(self) -> str:
+        """The range in words."""
+        return f"{percent(self.low)} to {percent(self.high)}"
+
+    def contains(self, error: float) -> bool:
+        """Return whether an error is in the range."""
+        return self.low <= error <= self.high
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain numbers, for JSON."""
+        return {
+            "error": self.error,
+            "low": self.low,
+            "high": self.high,
+            "share_of_motions": SHARE,
+        }
+
+
+def expected_error(left_out: LeftOutErrors) -> ExpectedError | None:
+    """Return the error to expect on a motion of which nothing is known.
+
+    Parameters
+    ----------
+    left_out : LeftOutErrors
+        Of one fit.
+
+    Returns
+    -------
+    ExpectedError or None
+        None if some block cannot be left out.
+    """
+    from scipy.special import stdtrit  # scipy.stats takes a second to import
+
+    (error,), (errors,) = left_out.pooled, left_out.errors
+    if not np.isfinite(error):
+        return None
+    n = len(errors)
+    logs = np.log(np.maximum(errors, max(_LEAST * error, np.finfo(float).tiny)))
+    t = float(stdtrit(n - 1, (1.0 + SHARE) / 2.0))
+    factor = float(np.exp(t * np.std(logs, ddof=1) * np.sqrt(1.0 + 1.0 / n)))
+    return ExpectedError(float(error), float(error) / factor, float(error) * factor)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ErrorForecast:
+    """The error to expect of an estimate, on any motion or on a known one.
+
+    Parameters
+    ----------
+    expected : ExpectedError
+        On a motion of which nothing is known.
+    excess : float
+        Squared error on the data left out beyond that on the data fitted, not negative.
+    tested : float
+        ``D_0^2``, the spread of the rows left out.
+    scaled : ScaledFit
+        To all data.
+    root : ndarray, shape (parameters, parameters)
+        See `prediction_root`.
+    regression : Regression
+        All data, with the weights of the fit.
+    """
+
+    expected: ExpectedError
+    excess: float
+    tested: float
+    scaled: ScaledFit
+    root: Matrix
+    regression: Regression
+    base: BaseParameters
+
+    def on(self, motion: Regression) -> ExpectedError:
+        """Return the error to expect on a known motion; its torque is not used."""
+        rows = motion.weighted(self.regression.sigma)
+        spread = prediction_spread(self.root, self.scaled, rows, self.base)
+        farther = max(spread / self.tested - 1.0, 0.0) if self.tested > 0.0 else 0.0
+        known = self.expected
+        error = float(np.sqrt(known.error**2 + self.excess * farther))
+        factor = known.high / known.error if known.error > 0.0 else 1.0
+        return ExpectedError(error, known.low, error * factor)
+
+
+@single_threaded
+def error_forecast(
+    model: TorqueModel,
+    regression: Regression,
+    left_out: LeftOutErrors,
+    *,
+    fitted: float,
+    prior: Prior,
+    constraints: Sequence[Constraint],
+    base: BaseParameters,
+) -> ErrorForecast | None:
+    """Return the forecast of an estimate's error.
+
+    Parameters
+    ----------
+    regression : Regression
+        All training data, with the weights of the fit.
+    left_out : LeftOutErrors
+        Of the same fit without each block.
+    fitted : float
+        Relative error of all joints on the training data.
+
+    Returns
+    -------
+    ErrorForecast or None
+        None if some block cannot be left out.
+    """
+    expected = expected_error(left_out)
+    if expected is None:
+        return None
+    scaled = scaled_fit(model, regression, base, constraints)
+    distance = nominal_distance(model, prior.distance, scaled.unit)
+    return ErrorForecast(
+        expected=expected,
+        excess=max(expected.error**2 - fitted**2, 0.0),
+        tested=float(left_out.spreads[0]),
+        scaled=scaled,
+        root=prediction_root(scaled, distance, float(left_out.weights[0])),
+        regression=regression,
+        base=base,
+    )

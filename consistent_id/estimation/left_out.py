@@ -1,0 +1,290 @@
+"""Blocks of the training data that are left out of a fit and predicted by it.
+
+A block is a run of consecutive segments.  The fit to all other blocks predicts each of
+its segments, so every segment has an error that it did not choose.  Squares are pooled:
+a segment's squared error is divided by the mean squared torque of *all* training data.
+With its own torque as the divisor, a segment with hardly any torque would count most.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from consistent_id._support.arrays import IntArray, Matrix, Vector, freeze_arrays
+from consistent_id._support.executors import all_but_each, single_threaded
+from consistent_id.constraints import Constraint
+from consistent_id.constraints.priors import (
+    NominalDistance,
+    Penalty,
+    PointToSet,
+    Prior,
+    nominal_distance,
+)
+from consistent_id.errors import (
+    InfeasibleError,
+    NotExcitedError,
+    ProblemError,
+    SolverError,
+)
+from consistent_id.estimation.best_fit import FitProblem, ScaledFit, base_factor
+from consistent_id.estimation.constrained_fit import BestInside, best_inside
+from consistent_id.estimation.nearest_points import (
+    NearPoint,
+    nearest_points,
+    next_first,
+)
+from consistent_id.estimation.penalised import penalised_fit
+from consistent_id.estimation.torque_error import stacked_of_kinds
+from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.regression import Regression, triangle
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import joint_noise
+from consistent_id.regression.segments import merged
+
+FOLDS = 6
+"""Blocks that are left out, one at a time."""
+
+
+class LeftOutBlock(NamedTuple):
+    """The data without a block, and the block's segments."""
+
+    rest: Regression
+    segments: tuple[Regression, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LeftOutErrors:
+    """Errors of fits on the segments that they were not fitted to.
+
+    Parameters
+    ----------
+    errors : array_like, shape (fits, segments)
+        Root-mean-square torque error on each segment, over the root-mean-square torque
+        of all segments; infinite where there is no fit without the segment's block.
+    shares : array_like, shape (segments,)
+        Each segment's share of all rows; their sum is one.
+    weights : array_like, shape (fits,)
+        Weight of the prior: the geometric mean over the blocks; see `Penalty`.
+    spreads : array_like, shape (fits,)
+        `prediction_spread` of the rows left out: the mean over all blocks.
+    """
+
+    errors: Matrix
+    shares: Vector
+    weights: Vector
+    spreads: Vector
+
+    def __post_init__(self) -> None:
+        fits, segments = np.shape(self.errors)
+        freeze_arrays(self, {"shares": (segments,)}, "left-out errors")
+        shapes = {"errors": (fits, segments), "weights": (fits,), "spreads": (fits,)}
+        freeze_arrays(self, shapes, "left-out errors", finite=False)
+
+    @property
+    def pooled(self) -> Vector:
+        """Error of each fit on all that was left out, over all torque."""
+        return pooled(self.errors, self.shares)
+
+    def of(self, fit: int) -> "LeftOutErrors":
+        """Return the errors of one of the fits."""
+        one = slice(fit, fit + 1)
+        return LeftOutErrors(
+            self.errors[one], self.shares, self.weights[one], self.spreads[one]
+        )
+
+
+def pooled(errors: Matrix, shares: Vector) -> Vector:
+    """Return the pooled error of each row, shape (fits,).
+
+    ``sqrt(sum of squared errors / sum of squared torque)``, both over all segments.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> pooled(np.array([[0.03, 0.04]]), np.array([0.5, 0.5])).round(4)
+    array([0.0354])
+    """
+    return np.asarray(np.sqrt(errors**2 @ shares))
+
+
+def folds_of(
+    segments: Sequence[Regression], number: int = FOLDS
+) -> tuple[LeftOutBlock, ...]:
+    """Return blocks of consecutive segments, each with all other data.
+
+    Raises
+    ------
+    ProblemError
+        If there are fewer than two segments.
+    """
+    if len(segments) < 2:
+        raise ProblemError(f"{len(segments)} segments, expected two or more")
+    parts = np.array_split(np.arange(len(segments)), min(number, len(segments)))
+    blocks = [tuple(segments[i] for i in part) for part in parts]
+    rests = all_but_each([merged(block) for block in blocks], Regression.__add__)
+    return tuple(map(LeftOutBlock, rests, blocks))
+
+
+@single_threaded
+def left_out_errors(
+    model: TorqueModel,
+    folds: Sequence[LeftOutBlock],
+    priors: Sequence[Prior],
+    *,
+    constraints: Sequence[Constraint],
+    base: BaseParameters,
+    weighted: bool = False,
+) -> LeftOutErrors:
+    """Fit without each block, with each of several priors, and predict its segments.
+
+    A block's best fit is computed once for all priors, on triangular factors.
+
+    Parameters
+    ----------
+    folds : sequence of LeftOutBlock
+        From `folds_of`.
+    priors : sequence of PointToSet, or of Penalty
+        With the same distance, and the same share inside.
+    weighted : bool
+        Whether joints are weighted by their noise, found without the block.
+
+    Returns
+    -------
+    LeftOutErrors
+        One fit for each prior.
+    """
+    every = [segment for fold in folds for segment in fold.segments]
+    rows = np.array([sum(segment.counts) for segment in every])
+    torque = np.sum([_squares(segment) for segment in every], axis=0)
+    found: list[Sequence[_Predicted] | None] = []
+    first = 1.0  # weight of the distance that is tried first: similar in all folds
+    for rest, segments in folds:
+        try:
+            if weighted:
+                rest = rest.weighted(joint_noise(model, rest, base=base))
+            problem = FitProblem.of(model, rest, constraints, base)
+            predicted = _predicted(problem, segments, priors, first)
+        except (InfeasibleError, NotExcitedError, SolverError):
+            found.append(None)
+            continue
+        first = next_first([one.weight for one in predicted])
+        found.append(predicted)
+    return _pooled(model, folds, found, torque, rows, len(priors))
+
+
+class _Predicted(NamedTuple):
+    """What a fit makes of a block that it was not fitted to.
+
+    Parameters
+    ----------
+    squares : sequence of ndarray, each shape (torque joints,)
+        Sum of squared errors of each segment.
+    spread : float
+        `prediction_spread` of the block.
+    """
+
+    squares: Sequence[Vector]
+    weight: float
+    spread: float
+
+
+def _predicted(
+    problem: FitProblem,
+    segments: Sequence[Regression],
+    priors: Sequence[Prior],
+    first: float,
+) -> list[_Predicted]:
+    """Fit with each prior and predict the segments of the block left out."""
+    ((inside, distance, _),) = {(p.inside, p.distance, type(p)) for p in priors}
+    best = best_inside(problem, inside)
+    scaled = best.best.scaled
+    nominal = nominal_distance(problem.model, distance, scaled.unit)
+    block = merged(segments).weighted(problem.free.regression.sigma)
+    found = []
+    for u, weight in _points(best, nominal, priors, first):
+        root = prediction_root(scaled, nominal, weight)
+        spread = prediction_spread(root, scaled, block, problem.free.base)
+        squares = [_squares(segment, u * scaled.unit) for segment in segments]
+        found.append(_Predicted(squares, weight, spread))
+    return found
+
+
+def _points(
+    best: BestInside,
+    distance: NominalDistance,
+    priors: Sequence[Prior],
+    first: float,
+) -> list[NearPoint]:
+    """Return the fit with each prior; all are slacks, or all are weights."""
+    slacks = [best.slack(prior) for prior in priors if isinstance(prior, PointToSet)]
+    if slacks:
+        return nearest_points(best.best, distance, slacks, first=first)
+    weights = [prior.weight for prior in priors if isinstance(prior, Penalty)]
+    fits = [penalised_fit(best.best.scaled, distance, weight) for weight in weights]
+    return [NearPoint(fit.solution.u, fit.weight) for fit in fits]
+
+
+def _pooled(
+    model: TorqueModel,
+    folds: Sequence[LeftOutBlock],
+    found: Sequence[Sequence[_Predicted] | None],
+    torque: Vector,
+    rows: IntArray,
+    fits: int,
+) -> LeftOutErrors:
+    """Return the errors of all folds, relative to the mean squared torque of all."""
+    shares = rows / rows.sum()
+    ends = np.cumsum([len(fold.segments) for fold in folds])
+    errors = np.full((fits, len(rows)), np.inf)
+    logs, spreads = np.zeros(fits), np.zeros(fits)
+    for stop, fold, predicted in zip(ends, folds, found, strict=True):
+        if predicted is None:
+            continue
+        own = slice(stop - len(fold.segments), stop)
+        for k, one in enumerate(predicted):
+            relative = zip(one.squares, shares[own], strict=True)
+            if torque.any():
+                errors[k, own] = [
+                    stacked_of_kinds(model, squares / share, torque)
+                    for squares, share in relative
+                ]
+            logs[k] += np.log(one.weight)
+            spreads[k] += shares[own].sum() * one.spread
+    fitted = sum(predicted is not None for predicted in found)
+    return LeftOutErrors(errors, shares, np.exp(logs / max(fitted, 1)), spreads)
+
+
+def prediction_root(
+    scaled: ScaledFit, distance: NominalDistance, weight: float
+) -> Matrix:
+    """Return the triangular ``R`` with ``R^T R = M^T M + weight G^T G``.
+
+    Its inverse square is the covariance of the parameters, up to a factor, where ``M``
+    are the rows of the data and ``G`` those of the distance at the nominal robot: the
+    prior bounds what the data leave open.
+    """
+    G = distance.local(distance.nominal).G
+    return triangle(np.asfortranarray(np.vstack([scaled.M, np.sqrt(weight) * G])))
+
+
+def prediction_spread(
+    root: Matrix, scaled: ScaledFit, regression: Regression, base: BaseParameters
+) -> float:
+    """Return the mean variance of the predicted rows, up to a factor.
+
+    ``trace(Y (R^T R)^-1 Y^T) / n`` for the ``n`` rows ``Y`` of a regression: small for
+    motion like that of the data, large for motion that the data hardly determine.
+    """
+    from scipy.linalg import solve_triangular
+
+    Y = scaled.with_factor(base_factor(regression, base)).M
+    moved = solve_triangular(root, Y.T, trans="T")
+    return float(np.sum(moved**2)) / sum(regression.counts)
+
+
+def _squares(regression: Regression, x: Vector | None = None) -> Vector:
+    """Return the sum of squared errors of each row; of squared torque without `x`."""
+    rms = regression.torque_rms if x is None else regression.residual_rms(x)
+    return np.asarray(np.array(regression.counts) * rms**2)

@@ -1,0 +1,101 @@
+"""The expected error's range follows the scatter of segments and the new motion."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from experiments import experiment
+
+from consistent_id import ProblemError, build_regression, simulate_torque
+from consistent_id.constraints import PointToSet
+from consistent_id.estimation.constrained import constrained_least_squares
+from consistent_id.estimation.constrained_fit import DEFAULT_CONSTRAINTS
+from consistent_id.estimation.expected_error import (
+    ExpectedError,
+    error_forecast,
+    expected_error,
+)
+from consistent_id.estimation.left_out import (
+    LeftOutErrors,
+    folds_of,
+    left_out_errors,
+)
+from consistent_id.estimation.torque_error import stacked_of_regression
+from consistent_id.regression import base_parameters, segment_regressions
+from consistent_id.regression.segments import merged
+
+
+def of_errors(errors):
+    n = len(errors)
+    return LeftOutErrors([errors], np.full(n, 1 / n), [1.0], [1.0])
+
+
+def test_the_range_is_that_of_one_more_draw_of_student_s_distribution():
+    logs = np.log(0.03) + np.array([-0.3, -0.1, 0.0, 0.1, 0.3])
+    found = expected_error(of_errors(np.exp(logs)))
+    # 90 % quantile with four degrees of freedom: 1.5332, from tables.
+    factor = np.exp(1.5332 * np.sqrt(0.05) * np.sqrt(1.2))
+    assert found.error == pytest.approx(np.sqrt(np.mean(np.exp(logs) ** 2)))
+    assert found.high / found.error == pytest.approx(factor, rel=1e-4)
+    assert found.error / found.low == pytest.approx(factor, rel=1e-4)
+
+
+def test_four_of_five_further_errors_are_in_the_range():
+    rng = np.random.default_rng(0)
+    inside = []
+    for _ in range(2000):
+        *seen, new = np.exp(rng.normal(np.log(0.05), 0.2, 25))
+        inside.append(expected_error(of_errors(np.array(seen))).contains(new))
+    # The pooled error is a root mean square, 4 % above the median of this scatter.
+    assert np.mean(inside) == pytest.approx(0.8, abs=0.03)
+
+
+def test_without_a_block_that_can_be_left_out_nothing_is_expected():
+    assert expected_error(of_errors(np.array([0.1, np.inf]))) is None
+
+
+def test_errors_out_of_order_are_refused():
+    with pytest.raises(ProblemError, match="in order"):
+        ExpectedError(0.03, 0.04, 0.05)
+
+
+@pytest.fixture(scope="module")
+def forecast():
+    model, truth, log = experiment(3, joints=3, noise=0.5, samples=1200)
+    segments, base = segment_regressions(model, log), base_parameters(model)
+    prior = PointToSet()
+    whole = merged(segments)
+    estimate = constrained_least_squares(model, whole, prior=prior, base=base)
+    left_out = left_out_errors(
+        model, folds_of(segments), [prior], constraints=DEFAULT_CONSTRAINTS, base=base
+    )
+    found = error_forecast(
+        model,
+        whole,
+        left_out,
+        fitted=stacked_of_regression(model, whole, estimate.parameters),
+        prior=prior,
+        constraints=DEFAULT_CONSTRAINTS,
+        base=base,
+    )
+    return model, truth, log, found
+
+
+def test_a_motion_like_the_training_motion_has_the_range_of_any(forecast):
+    model, _, log, found = forecast
+    assert found.on(build_regression(model, log)) == found.expected
+
+
+def test_the_range_widens_upwards_with_the_distance_of_the_motion(forecast):
+    model, truth, log, found = forecast
+    widths = []
+    for faster in (1.0, 2.0, 4.0):
+        motion = replace(
+            log,
+            velocity=faster * log.velocity,
+            acceleration=faster**2 * log.acceleration,
+        )
+        there = found.on(build_regression(model, simulate_torque(model, truth, motion)))
+        assert there.low == found.expected.low
+        widths.append(there.high / there.low)
+    assert widths[0] < widths[1] < widths[2]
