@@ -65,7 +65,7 @@ _STAGES = 12  # as many moves as a bar has room for
 _ROOM = 2.0  # samples that are kept, over those that the cut-offs need
 _WORTH = 4  # samples, of which one is kept, from which on leaving out is worth while
 _NARROWINGS = 3  # of the band, at the most
-_SAME_BAND = 0.8  # of a band: a narrower one is taken instead
+_SAME_BAND = 2 / 3  # of a band: an edge above it is no reason to narrow, logs are short
 _FAST = 0.2  # of the sampling rate: a band that wide is cut off by it
 
 
