@@ -97,32 +97,34 @@ def runs_with_load() -> tuple[ci.TorqueModel, ci.Recording, ci.Recording]:
 
 def instruments(kind: str, replicates: int) -> Iterator[np.ndarray]:
     """Yield the same of instrumental variables; the motion has noise as well."""
-    model, truth = arm(3)
-    base = ci.regression.base_parameters(model)
-    exact = ci.simulate_torque(model, truth, motion(model))
-    size = LEVEL * exact.torque.std(axis=0)
     rng = np.random.default_rng(3)
-    for _ in range(replicates):
-        shaken = exact.torque + size * noise(kind, exact.torque.shape, rng)
-        seen = exact.acceleration + 0.05 * exact.acceleration.std(axis=0) * rng.normal(
-            size=exact.acceleration.shape
-        )
-        log = replace(exact, torque=shaken, acceleration=seen)
-        found = ci.estimation.instrumental_variables(model, log, exact, base=base)
-        yield (found.base_values - base.projection @ truth) / found.standard_errors
+
+    def estimate(log: ci.Recording, exact: ci.Recording) -> ci.Estimate:
+        size = 0.05 * exact.acceleration.std(axis=0)
+        seen = exact.acceleration + size * rng.normal(size=exact.acceleration.shape)
+        log = replace(log, acceleration=seen)
+        return ci.estimation.instrumental_variables(arm(3)[0], log, exact)
+
+    return of_base_parameters(kind, replicates, estimate)
 
 
 def hubers(kind: str, replicates: int) -> Iterator[np.ndarray]:
     """Yield the same of Huber's loss."""
+    return of_base_parameters(kind, replicates, lambda log, _: ci.huber(arm(3)[0], log))
+
+
+def of_base_parameters(
+    kind: str,
+    replicates: int,
+    estimate: Callable[[ci.Recording, ci.Recording], ci.Estimate],
+) -> Iterator[np.ndarray]:
+    """Yield errors of base parameters, estimated from a log and the exact motion."""
     model, truth = arm(3)
-    base = ci.regression.base_parameters(model)
+    true = ci.regression.base_parameters(model).projection @ truth
     exact = ci.simulate_torque(model, truth, motion(model))
-    size = LEVEL * exact.torque.std(axis=0)
-    rng = np.random.default_rng(4)
-    for _ in range(replicates):
-        shaken = exact.torque + size * noise(kind, exact.torque.shape, rng)
-        found = ci.huber(model, replace(exact, torque=shaken), base=base)
-        yield (found.base_values - base.projection @ truth) / found.standard_errors
+    for (log,) in noisy([exact], kind, replicates, seed=4):
+        found = estimate(log, exact)
+        yield (found.base_values - true) / found.standard_errors
 
 
 METHODS: dict[str, Callable[[str, int], Iterator[np.ndarray]]] = {

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from logged import URDF, moved, write_arm
+from logged import URDF, moved
 
 from consistent_id import DriveTerms, TorqueModel, draft_problem, simulate_torque
 from consistent_id.problems.selection.band import explained_edge, narrowed
@@ -24,15 +24,7 @@ from consistent_id.problems.selection.forward_search import (
     believable,
     settled,
 )
-from consistent_id.problems.selection.setup import beginning
 from consistent_id.robot import load_urdf
-
-
-@pytest.fixture(scope="module")
-def begun(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("arm")
-    problem = draft_problem(*write_arm(folder), select=False, cutoff=10.0).problem()
-    return beginning(problem, problem.logs("training"), (), 10.0)
 
 
 @pytest.mark.parametrize(

@@ -23,13 +23,6 @@ from consistent_id.problems.selection.setup import beginning
 from tests.helpers.logged import write_arm
 
 
-@pytest.fixture(scope="module")
-def begun(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("arm")
-    problem = draft_problem(*write_arm(folder), select=False, cutoff=10.0).problem()
-    return beginning(problem, problem.logs("training"), (), 10.0)
-
-
 def test_each_number_of_blocks_leaves_every_cell_out_once():
     for number in NUMBERS:
         left = sorted(c for n, out in folds() if n == number for c in out)
