@@ -9,7 +9,6 @@ from consistent_id._support.tables import Table
 from consistent_id.estimation.estimate import ERRORS, Estimate
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.uncertainties.block_scatter import RecordingScatter
-from consistent_id.estimation.uncertainties.parameter_scatter import FEW
 from consistent_id.estimation.uncertainties.parameter_uncertainty import (
     ParameterUncertainty,
     Uncertainty,
@@ -258,9 +257,7 @@ def scatter_text(found: RecordingScatter) -> str:
     return (
         f"between recordings: standard deviation from one of {found.recordings} "
         "recordings to another, beyond noise (a random effect); standard errors and "
-        "intervals contain it, the bootstrap does not. It has "
-        f"{found.freedom:.0f} degrees of freedom"
-        + ("; they are few, so it is inaccurate" if found.freedom < FEW else "")
+        f"intervals contain it, the bootstrap does not. By kind {found.sentence}"
     )
 
 
