@@ -201,8 +201,10 @@ class ResidualNoise:
         """Return the degrees of freedom of each functional's standard error.
 
         Those of noise and of scatter between recordings, combined [Satterthwaite1946]_.
+        For noise they are those of one joint, on average: a parameter depends mostly on
+        the noise of a joint or two, which is estimated from their own residuals.
         """
-        own = max(self.freedom, 1.0)
+        own = max(self.freedom / len(self.sigma), 1.0)
         if not self.between:
             return np.full(len(functionals), own)
         G = functionals @ self.steps
