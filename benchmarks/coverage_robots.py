@@ -168,7 +168,7 @@ def halves(
             own = [part.weighted(sigma) for part in own]
             whole = merged(own)
             noise = unconstrained_fit(whole, base).noise
-            scatter = recording_scatter(own, base) if random_effect else None
+            scatter = recording_scatter(model, own, base) if random_effect else None
             noise = noise if scatter is None else scatter.added_to(noise, own, base)
             estimate = ci.least_squares(model, whole, base=base)
             t = stats.t.ppf(0.975, noise.freedoms(np.eye(len(base))))

@@ -42,7 +42,14 @@ that is known to explain less than a tenth of the torque is known well enough fo
 use, even if its relative error is above one.
 """
 
+SMALL = (
+    "small: the data show that it is small beside the torque, but not its value; half "
+    "its 95 % interval is given relative to the value"
+)
+"""The meaning of this word in tables; see `origin_text`."""
+
 _WIDTH = 2 * 1.96  # of a 95 % interval, in standard errors
+_UNCOUNTED = 10.0  # half an interval over the value, above which it is not stated
 _NULL = 1e-9  # singular value of equalities, relative to the largest, that is zero
 
 
@@ -153,6 +160,27 @@ def determined(
     errors = linear_errors(free.base, free.noise, known)
     origins = determinations(model, free, errors, x, elsewhere=elsewhere)
     return Determined(origins, stated_errors(errors.values, origins, shift))
+
+
+def origin_text(origin: str, value: float, error: float) -> str:
+    """Return what determines a parameter, for people; relative to its own value.
+
+    A parameter that the data determine may be small: its interval is narrow beside what
+    matters in use (`USED`), but contains zero.  Then half the 95 % interval over the
+    value is stated with the word.
+
+    Examples
+    --------
+    >>> origin_text("data", 2.0, 0.1), origin_text("data", 0.1, 0.15)
+    ('data', 'small (± 294 %)')
+    """
+    half = 0.5 * _WIDTH * error
+    if origin != "data" or not half > abs(value):
+        return origin
+    relative = half / max(abs(value), np.finfo(np.float64).tiny)
+    if relative > _UNCOUNTED:
+        return f"small (± more than {100.0 * _UNCOUNTED:.0f} %)"
+    return f"small (± {100.0 * relative:.0f} %)"
 
 
 def stated_errors(

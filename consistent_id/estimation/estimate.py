@@ -15,6 +15,7 @@ from consistent_id._support.tables import Table
 from consistent_id.constraints.cones.certificate import Certificate, OptimumVerdict
 from consistent_id.constraints.links import link_conditions
 from consistent_id.errors import ProblemError
+from consistent_id.estimation.determination import SMALL, origin_text
 from consistent_id.estimation.estimate_file import (
     FORMAT,
     finite_or_none,
@@ -215,6 +216,21 @@ class Estimate:
         return tuple(f"{e:.2g}" if np.isfinite(e) else "-" for e in errors)
 
     @property
+    def origin_texts(self) -> tuple[str, ...]:
+        """`origins` for people: small where the data do not determine the value."""
+        errors = self.parameter_errors
+        if errors is None:
+            return self.origins
+        each = zip(self.origins, self.parameters, errors, strict=True)
+        return tuple(origin_text(o, x, e) for o, x, e in each)
+
+    @property
+    def error_notes(self) -> tuple[str, ...]:
+        """The meaning of `error_texts` and of the words in `origin_texts`."""
+        small = any(text.startswith("small") for text in self.origin_texts)
+        return (ERRORS, SMALL) if small else (ERRORS,)
+
+    @property
     def links(self) -> Array:
         """Inertial parameters, shape (links, 10)."""
         return self.parameters[: self.model.layout.inertial_size].reshape(-1, 10)
@@ -382,11 +398,13 @@ class Estimate:
                         self.parameters,
                         self.error_texts,
                         units,
-                        self.origins,
+                        self.origin_texts,
                         strict=True,
                     )
                 ),
-                (*notes, ERRORS) if self.parameter_errors is not None else notes,
+                (*notes, *self.error_notes)
+                if self.parameter_errors is not None
+                else notes,
             )
         return Table(
             title,

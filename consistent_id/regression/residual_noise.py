@@ -6,6 +6,7 @@ a regression is compared with.
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -107,6 +108,13 @@ def _solved(R: Matrix) -> Vector:
     return np.asarray(solve_triangular(R[:n, :n], R[:n, n]))
 
 
+class Scatter(NamedTuple):
+    """A covariance, shape (rank, rank), and its degrees of freedom."""
+
+    covariance: Matrix
+    freedom: float
+
+
 @dataclass(frozen=True, eq=False)
 class ResidualNoise:
     """Noise of each joint, and the covariance of least squares under it.
@@ -131,11 +139,9 @@ class ResidualNoise:
     inflation : ndarray, shape (rank, rank)
     root : ndarray, shape (rank, rank)
         Triangular, ``root^T root = inflation``: keeps eigenvalues that squares lose.
-    between : ndarray, shape (rank, rank), optional
-        What scatter between recordings adds to the covariance of ``y``; see
-        `RecordingScatter`.
-    between_freedom : float
-        Degrees of freedom of that.
+    between : tuple of Scatter
+        What scatter between recordings adds to the covariance of ``y``, by kind of
+        parameter; see `RecordingScatter`.
     """
 
     sigma: Vector
@@ -145,8 +151,7 @@ class ResidualNoise:
     steps: Matrix
     inflation: Matrix
     root: Matrix
-    between: Matrix | None = None
-    between_freedom: float = np.inf
+    between: tuple[Scatter, ...] = ()
 
     @property
     def rank(self) -> int:
@@ -189,24 +194,27 @@ class ResidualNoise:
     @property
     def scatter(self) -> Matrix:
         """Covariance of ``y`` by noise and between recordings, shape (rank, rank)."""
-        return self.inflation if self.between is None else self.inflation + self.between
+        added = (part.covariance for part in self.between)
+        return np.asarray(sum(added, self.inflation))
 
     def freedoms(self, functionals: Matrix) -> Vector:
         """Return the degrees of freedom of each functional's standard error.
 
         Those of noise and of scatter between recordings, combined [Satterthwaite1946]_.
+        For noise they are those of one joint, on average: a parameter depends mostly on
+        the noise of a joint or two, which is estimated from their own residuals.
         """
-        own = max(self.freedom, 1.0)
-        if self.between is None:
+        own = max(self.freedom / len(self.sigma), 1.0)
+        if not self.between:
             return np.full(len(functionals), own)
         G = functionals @ self.steps
-        noise, between = (
-            np.einsum("ij,jk,ik->i", G, part, G)
-            for part in (self.inflation, self.between)
-        )
-        squares = noise**2 / own + between**2 / self.between_freedom
+        total, squares = np.zeros(len(G)), np.zeros(len(G))
+        for covariance, freedom in (Scatter(self.inflation, own), *self.between):
+            variance = np.einsum("ij,jk,ik->i", G, covariance, G)
+            total += variance
+            squares += variance**2 / freedom
         touched = squares > np.finfo(np.float64).tiny
-        combined = (noise + between) ** 2 / np.where(touched, squares, 1.0)
+        combined = total**2 / np.where(touched, squares, 1.0)
         return np.asarray(np.where(touched, np.maximum(combined, 1.0), own))
 
     def squared_misfit(self, functionals: Matrix) -> Vector:

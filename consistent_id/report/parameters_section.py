@@ -6,10 +6,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from consistent_id._support.tables import Table
-from consistent_id.estimation.estimate import ERRORS, Estimate
+from consistent_id.estimation.determination import SMALL
+from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.uncertainties.block_scatter import RecordingScatter
-from consistent_id.estimation.uncertainties.parameter_scatter import FEW
 from consistent_id.estimation.uncertainties.parameter_uncertainty import (
     ParameterUncertainty,
     Uncertainty,
@@ -115,7 +115,7 @@ def _row(p: ParameterUncertainty) -> list[object]:
         _ends(p.consistent),
         _drawn(p),
         p.unit,
-        tag("b", p.verdict, class_=f"origin {p.verdict}"),
+        tag("b", p.source, class_=f"origin {p.verdict}"),
     ]
 
 
@@ -166,15 +166,17 @@ def _origins(estimate: Estimate) -> list[Html]:
         estimate.parameters,
         estimate.error_texts,
         layout.units,
-        estimate.origins,
+        zip(estimate.origins, estimate.origin_texts, strict=True),
         strict=True,
     )
     rows = [
-        (name, f"{value:.4g}", error, unit, tag("b", origin, class_=f"origin {origin}"))
-        for name, value, error, unit, origin in entries
+        (name, f"{value:.4g}", error, unit, tag("b", text, class_=f"origin {origin}"))
+        for name, value, error, unit, (origin, text) in entries
     ]
     header = ("parameter", "value", "standard error", "unit", "determined by")
-    note = paragraphs(f"{ERRORS}.".capitalize(), class_="notes")
+    note = paragraphs(
+        f"{'; '.join(estimate.error_notes)}.".capitalize(), class_="notes"
+    )
     return [folded(f"All {len(rows)} parameters", grid(header, rows), note, open_=True)]
 
 
@@ -233,7 +235,7 @@ def uncertainty_table(found: Uncertainty) -> Table:
                 _interval(p.resampled),
                 _interval(p.consistent),
                 p.unit,
-                p.verdict,
+                p.source,
             )
             for p in found.parameters
         ),
@@ -244,6 +246,7 @@ def uncertainty_table(found: Uncertainty) -> Table:
             f"any consistent robot: {found.intervals.meaning}",
             found.scatter,
             *([scatter_text(found.recordings)] if found.recordings else []),
+            *([SMALL] if any(p.source != p.verdict for p in found.parameters) else []),
             "full standard error: it contains scatter along active constraints and "
             "between recordings, and the prior's bias; a parameter that a prior "
             "determines has none: only its interval shows its uncertainty",
@@ -258,9 +261,7 @@ def scatter_text(found: RecordingScatter) -> str:
     return (
         f"between recordings: standard deviation from one of {found.recordings} "
         "recordings to another, beyond noise (a random effect); standard errors and "
-        "intervals contain it, the bootstrap does not. It has "
-        f"{found.freedom:.0f} degrees of freedom"
-        + ("; they are few, so it is inaccurate" if found.freedom < FEW else "")
+        f"intervals contain it, the bootstrap does not. By kind {found.sentence}"
     )
 
 

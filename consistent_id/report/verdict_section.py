@@ -1,7 +1,6 @@
 """Sections: which estimate to use, why, what is delivered, what is certified."""
 
 from consistent_id.comparison.comparison import EstimateReport, counted
-from consistent_id.estimation.estimate import ERRORS
 from consistent_id.report.markup import (
     Html,
     folded,
@@ -106,13 +105,15 @@ def delivery_section(content: ReportContent) -> Section | None:
             delivered.parameters,
             delivered.error_texts,
             layout.units,
-            delivered.origins,
+            delivered.origin_texts,
             strict=True,
         )
     ]
     header = ["parameter", "judged", "delivered", "standard error", "unit"]
     table = grid([*header, "determined by"], rows)
-    note = paragraphs(f"{ERRORS}.".capitalize(), class_="notes")
+    note = paragraphs(
+        f"{'; '.join(delivered.error_notes)}.".capitalize(), class_="notes"
+    )
     return Section("delivered", "Delivered", joined((tag("p", text), table, note)))
 
 

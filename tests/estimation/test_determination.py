@@ -26,6 +26,7 @@ from consistent_id.estimation.determination import (
     LinearErrors,
     determinations,
     linear_errors,
+    origin_text,
     parameter_sizes,
     pinned,
     stated_errors,
@@ -77,6 +78,35 @@ def test_a_size_is_the_value_or_a_tenth_of_the_torque():
     assert sizes[k] == pytest.approx(0.1 * torque / column)
     x[k] = -100.0
     assert parameter_sizes(model, regression, x)[k] == 100.0
+
+
+def test_a_small_value_is_called_small_with_its_relative_error():
+    assert origin_text("data", -2.0, 1.0) == "data"
+    # 1.96 standard errors are 2.94 times the value.
+    assert origin_text("data", -0.1, 0.15) == "small (± 294 %)"
+    assert origin_text("data", 0.0, 0.15) == "small (± more than 1000 %)"
+    assert origin_text("data", 0.0, 0.0) == "data"
+    assert origin_text("data", 0.1, np.nan) == "data"
+    assert origin_text("loose", 0.1, 9.0) == "loose"
+
+
+def test_tables_call_small_what_the_data_determine_to_be_small():
+    model, truth, log = pendulum()
+    friction = model.layout.index("joint1.viscous")
+    truth = truth.copy()
+    truth[friction] = 1e-4
+    rng = np.random.default_rng(1)
+    log = simulate_torque(model, truth, log, noise=0.5, rng=rng)
+    segments = segment_regressions(model, log, count=8)
+    regression = merged(segments)
+    estimate = constrained_least_squares(model, regression, constraints=BODIES)
+    assert estimate.origins[friction] == "data"
+    row = estimate.table().rows[friction]
+    assert row[-1].startswith("small (± ") and row[-1].endswith(" %)")
+    assert any(note.startswith("small: ") for note in estimate.table().notes)
+    found = uncertainty(model, segments, constraints=BODIES, replicates=4)
+    p = found["joint1.viscous"]
+    assert p.verdict == "data" and p.source.startswith("small (± ")
 
 
 @pytest.mark.parametrize("noise", [0.05, 3.0])

@@ -8,6 +8,7 @@ from experiments import experiment
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
+from scipy.special import stdtrit
 
 from consistent_id import (
     PhysicalConsistency,
@@ -20,7 +21,11 @@ from consistent_id import (
 from consistent_id.estimation import weighted_least_squares
 from consistent_id.estimation.best_fit import best_fit
 from consistent_id.regression import base_parameters
-from consistent_id.regression.residual_noise import ResidualNoise, unconstrained_fit
+from consistent_id.regression.residual_noise import (
+    ResidualNoise,
+    Scatter,
+    unconstrained_fit,
+)
 
 
 def slow_motion(joints, duration, rng):
@@ -155,11 +160,36 @@ def test_degrees_of_freedom_of_two_variances_are_those_of_satterthwaite(noise, b
         steps=one,
         inflation=noise * one,
         root=np.sqrt(noise) * one,
-        between=between * one,
-        between_freedom=5.0,
+        between=(Scatter(between * one, 5.0),),
     )
     # (a + b)^2 / (a^2 / 40 + b^2 / 5), of any functional of the one parameter.
     expected = (noise + between) ** 2 / (noise**2 / 40.0 + between**2 / 5.0)
     freedoms = found.freedoms(np.array([[1.0], [-3.0], [0.0]]))
     assert freedoms == pytest.approx([expected, expected, 40.0])
-    assert replace(found, between=None).freedoms(one) == pytest.approx([40.0])
+    assert replace(found, between=()).freedoms(one) == pytest.approx([40.0])
+
+
+@pytest.mark.slow
+def test_few_effective_samples_widen_intervals_by_students_quantile():
+    rng = np.random.default_rng(0)
+    model, truth, log = experiment(2, joints=3, samples=10)
+    clean = simulate_torque(
+        model, truth, Recording(log.joints, *slow_motion(3, 10.0, rng))
+    )
+    base, size = base_parameters(model), 0.05 * clean.torque.std(axis=0)
+    normal, student = [], []
+    for _ in range(120):
+        white = rng.normal(size=(len(clean) + 600, 3))
+        slow = signal.lfilter([np.sqrt(1.0 - 0.98**2)], [1.0, -0.98], white, axis=0)
+        noisy = replace(clean, torque=clean.torque + size * slow[600:])
+        regression = build_regression(model, noisy)
+        estimate = weighted_least_squares(model, regression, base=base)
+        noise = unconstrained_fit(regression.weighted(estimate.sigma), base).noise
+        z = estimate.base_values - base.projection @ truth
+        z = abs(z) / estimate.standard_errors
+        normal.append(np.mean(z <= 1.96))
+        student.append(np.mean(z <= stdtrit(noise.freedoms(np.eye(len(base))), 0.975)))
+    # The mean over 120 sets is uncertain by 0.8 %.  The spectrum of ten seconds is
+    # rough; 95 % would need still fewer degrees of freedom.
+    assert np.mean(student) > np.mean(normal) + 0.007
+    assert 0.915 < np.mean(student) < 0.97

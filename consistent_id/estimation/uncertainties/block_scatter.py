@@ -15,7 +15,7 @@ strongly if these are similar [Smyth2004]_.
 standard parameters and blocks of one recording, under equalities.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -29,17 +29,28 @@ from consistent_id.estimation.equalities import FreeParameters, least_squares
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import ResidualNoise, unconstrained_fit
+from consistent_id.regression.residual_noise import (
+    ResidualNoise,
+    Scatter,
+    unconstrained_fit,
+)
 from consistent_id.regression.segments import merged
 
 BLOCKS = 6
 """Blocks of a training motion; for chirps of 15 s, each contains several reversals."""
+
+ENOUGH = 6
+"""Recordings from which intervals contain the truth nearly as often as they state."""
 
 _LEVEL = 0.975  # quantile of intervals of 95 %
 _NORMAL = 1.96
 _FREE = 1e-9  # free part of a parameter that counts as zero
 _LEAST = 1e-12  # ratio of variances below which its logarithm is cut off
 _ALIKE = 1e3  # degrees of freedom above which all parameters have the same ratio
+# Squared correlation between parameters where it cannot be known: many parameters have
+# two degrees of freedom, so intervals contain the truth in 85 % of cases if all change
+# together, and in 98 % if each changes on its own.
+_TOGETHER = 0.5
 _SINGLE = 3  # least number of parameters for a common ratio
 
 
@@ -201,13 +212,29 @@ class RecordingScatter:
     deviations : ndarray, shape (base,)
         Standard deviation of each base parameter between recordings; zero where noise
         explains the differences.
-    freedom : float
-        Degrees of freedom of these.
+    kinds : tuple of str, length base
+        Kind of each base parameter, see `kinds_of`.
+    freedom : dict of str to float
+        Degrees of freedom of the deviations, by kind.
     """
 
     recordings: int
     deviations: Vector
-    freedom: float
+    kinds: tuple[str, ...]
+    freedom: Mapping[str, float]
+
+    @property
+    def sentence(self) -> str:
+        """The number of degrees of freedom by kind, and what is missing if few."""
+        each = ", ".join(f"{n:.0f} for {kind}" for kind, n in self.freedom.items())
+        few = (
+            f"; {self.recordings} recordings hardly show whether these change "
+            "together, so intervals may contain the truth in 85 % of cases only: "
+            f"record at least {ENOUGH}"
+            if self.recordings < ENOUGH
+            else ""
+        )
+        return f"it has degrees of freedom: {each}{few}"
 
     def added_to(
         self, noise: ResidualNoise, parts: Sequence[Regression], base: BaseParameters
@@ -217,16 +244,37 @@ class RecordingScatter:
         A recording whose parameters are shifted by ``b`` moves the estimate of all by
         ``(A^T A)^-1 A_k^T A_k b``.
         """
-        rows = []
-        for part in parts:
-            A = part.stacked()[:, list(base.independent)]
-            rows.append(self.deviations[:, None] * (A.T @ (A @ noise.steps)))
-        moves = np.vstack(rows)
-        return replace(noise, between=moves.T @ moves, between_freedom=self.freedom)
+        between = []
+        for kind, freedom in self.freedom.items():
+            own = np.array([each == kind for each in self.kinds])
+            rows = []
+            for part in parts:
+                A = part.stacked()[:, list(base.independent)]
+                moves = A[:, own].T @ (A @ noise.steps)
+                rows.append(self.deviations[own, None] * moves)
+            moves = np.vstack(rows)
+            between.append(Scatter(moves.T @ moves, freedom))
+        return replace(noise, between=tuple(between))
+
+
+def kinds_of(model: TorqueModel, base: BaseParameters) -> tuple[str, ...]:
+    """Return the kind of each base parameter: inertial, friction or other drive.
+
+    It is that of the leading parameter.
+    """
+    start, terms = model.layout.inertial_size, model.column_terms
+    return tuple(
+        "inertial"
+        if i < start
+        else "friction"
+        if terms[i - start].friction
+        else "other drive terms"
+        for i in base.independent
+    )
 
 
 def recording_scatter(
-    parts: Sequence[Regression], base: BaseParameters
+    model: TorqueModel, parts: Sequence[Regression], base: BaseParameters
 ) -> RecordingScatter | None:
     """Return the scatter between recordings; None if fewer than two determine it.
 
@@ -246,9 +294,14 @@ def recording_scatter(
     if len(values) < 2:
         return None
     x, w = np.array(values), 1.0 / np.array(variances)
-    spread = excess(x, w)
-    tau2 = np.maximum(spread.ratio - 1.0, 0.0) * spread.unit
-    return RecordingScatter(len(x), np.sqrt(tau2), spread.freedom)
+    kinds, freedom = kinds_of(model, base), {}
+    deviations = np.zeros(len(base))
+    for kind in dict.fromkeys(kinds):
+        own = np.array([each == kind for each in kinds])
+        spread = excess(x[:, own], w[:, own])
+        tau2 = np.maximum(spread.ratio - 1.0, 0.0) * spread.unit
+        deviations[own], freedom[kind] = np.sqrt(tau2), spread.freedom
+    return RecordingScatter(len(x), deviations, kinds, freedom)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -263,6 +316,9 @@ class Spread:
 def excess(x: Array, w: Array) -> Spread:
     """Return the scatter of values beyond their noise.
 
+    The parameters' ratios are shrunk towards a common one.  Together they cannot have
+    more degrees of freedom than `_independent` of them, each with its own.
+
     Parameters
     ----------
     x : ndarray, shape (groups, parameters)
@@ -271,15 +327,42 @@ def excess(x: Array, w: Array) -> Spread:
     """
     count = len(x) - 1
     total = w.sum(axis=0)
-    mean = (w * x).sum(axis=0) / total
-    ratio = (w * (x - mean) ** 2).sum(axis=0) / count
+    off = np.sqrt(w) * (x - (w * x).sum(axis=0) / total)
+    ratio = (off**2).sum(axis=0) / count
     unit = count / (total - (w**2).sum(axis=0) / total)
     common = _common(ratio, count)
+    most = count * _independent(off)
     if np.isinf(common.freedom):
-        return Spread(np.full(len(ratio), common.ratio), unit, _ALIKE)
+        return Spread(np.full(len(ratio), common.ratio), unit, most)
     freedom = common.freedom + count
     drawn = (common.freedom * common.ratio + count * ratio) / freedom
-    return Spread(drawn, unit, freedom)
+    return Spread(drawn, unit, min(freedom, most))
+
+
+def _independent(off: Array) -> float:
+    """Return the number of independent parameters that scatter as much as all.
+
+    The mean of ``n`` squares with correlations ``r`` has the degrees of freedom of
+    ``n / (1 + (n - 1) r^2)`` independent ones, ``r^2`` their mean.  Of two groups every
+    ``r^2`` is one, by chance or not; `_TOGETHER` is assumed.
+
+    Parameters
+    ----------
+    off : ndarray, shape (groups, parameters)
+        Differences from the mean, over noise.
+    """
+    n, count = off.shape[1], len(off) - 1
+    norms = np.linalg.norm(off, axis=0)
+    if n < 2 or not norms.all():
+        return float(n)
+    if count == 1:
+        squared = _TOGETHER
+    else:
+        r = (off / norms).T @ (off / norms)
+        mean = float((np.sum(r**2) - n) / (n * (n - 1)))
+        # Independent parameters have 1 / count by chance.
+        squared = max((mean * count - 1.0) / (count - 1.0), 0.0)
+    return float(n / (1.0 + (n - 1.0) * squared))
 
 
 @dataclass(frozen=True, slots=True)
@@ -300,7 +383,7 @@ def _common(ratios: Vector, count: int) -> _Common:
     z = np.log(np.maximum(ratios, _LEAST)) - digamma(half) + np.log(half)
     left = float(z.var(ddof=1) - polygamma(1, half))
     if left <= float(polygamma(1, _ALIKE / 2.0)):
-        return _Common(float(np.exp(z.mean())), np.inf)
+        return _Common(float(ratios.mean()), np.inf)
     prior = _inverse_trigamma(left)
     return _Common(
         float(np.exp(z.mean() + digamma(prior) - np.log(prior))), 2.0 * prior

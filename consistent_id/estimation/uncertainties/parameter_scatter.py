@@ -166,7 +166,7 @@ def parameter_scatter(
     scores = _scores(fitted, long, whole, base, noise)
     variance = np.diag(covariance(fitted, scores.rows))
     between = np.full(len(variance), np.nan)
-    recordings = recording_scatter(parts, base)
+    recordings = recording_scatter(model, parts, base)
     if recordings is not None:
         noise = recordings.added_to(noise, parts, base)
         variance = variance + _moved(fitted, parts, base, recordings)

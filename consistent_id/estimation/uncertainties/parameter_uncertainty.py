@@ -35,6 +35,7 @@ from consistent_id.estimation.constrained_fit import (
 from consistent_id.estimation.determination import (
     determinations,
     linear_errors,
+    origin_text,
     parameter_sizes,
     pinned,
 )
@@ -154,6 +155,11 @@ class ParameterUncertainty:
     consistent: tuple[float, float]
     verdict: str
     between_recordings: float = np.nan
+
+    @property
+    def source(self) -> str:
+        """`verdict` for people: small where the data do not determine the value."""
+        return origin_text(self.verdict, self.value, self.standard_error)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
