@@ -16,6 +16,7 @@ from consistent_id.comparison.feasibility import (
 )
 from consistent_id.constraints.links import LinkCondition, link_conditions
 from consistent_id.constraints.priors import pullback_distance
+from consistent_id.constraints.robot_size import robot_size
 from consistent_id.errors import ProblemError, SolverError
 from consistent_id.estimation.estimate import Estimate, torque_errors
 from consistent_id.estimation.judgement import Evidence, judge
@@ -102,6 +103,7 @@ class EstimateReport:
             undetermined=own.undetermined,
             accepted=own.accepted,
             loose_trunk=own.loose_trunk,
+            size=robot_size(own.model, own.parameters),
         )
 
     @property

@@ -16,7 +16,8 @@ from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import is_uniform
 from consistent_id.recordings.signals.derivatives import noise_gain
-from consistent_id.recordings.signals.masks import saturated, standstill
+from consistent_id.recordings.signals.drive_limits import saturated
+from consistent_id.recordings.signals.masks import standstill
 from consistent_id.recordings.signals.smoother import ORDERS, motion_noise
 from consistent_id.regression.base import BaseParameters, excitation_of
 from consistent_id.regression.linear import solve_linear

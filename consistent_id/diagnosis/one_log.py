@@ -47,6 +47,7 @@ from consistent_id.diagnosis.torque_channel import (
 from consistent_id.diagnosis.wrong_units import (
     effort_findings,
     placeholders,
+    speed_findings,
     travel_findings,
 )
 from consistent_id.errors import InfeasibleError, SolverError
@@ -114,6 +115,7 @@ def findings_of(
     torque = log.of(model.torque_joints)
     found += spike_findings(torque, besides) + noise_findings(torque, besides)
     found += effort_findings(model.robot, torque)
+    found += speed_findings(model.robot, whole)
     coarse = resolution_findings(log, torque)
     stepped = {f.where for f in coarse}
     found += coarse + hold_findings(torque)

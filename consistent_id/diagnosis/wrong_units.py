@@ -1,10 +1,14 @@
-"""Values in other units: travel and torque far beyond limits, impossible models."""
+"""Values beyond what a model states: travel, speed and torque; impossible models.
+
+Far beyond its limits, they are in other units.
+"""
 
 import numpy as np
 
 from consistent_id._support.arrays import BoolArray, Vector
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.drive_limits import beyond_speed
 from consistent_id.robot.model import RobotModel
 
 _TRAVEL = 2.0  # times the range of a joint's limits: more than careless limits err
@@ -122,6 +126,47 @@ def _torques_of_all(shares: Vector) -> LogFinding:
         f"check unit and gain (times {1.0 / typical:.1g}?), or correct the limits",
         typical / _TORQUE,
     )
+
+
+_SPEED = 1.05  # times the speed limit: limits are rounded
+_FAST = 0.01  # of the samples
+
+
+def speed_findings(robot: RobotModel, prepared: Recording) -> list[LogFinding]:
+    """Find joints that are faster than their speed limits for a part of the log.
+
+    Limits that are equal for all joints may be placeholders: that is only a note.
+
+    Parameters
+    ----------
+    prepared : Recording
+        With the robot's joints and velocity, filtered.
+    """
+    joints = [joint for joint in robot.driven if joint.name in prepared.joints]
+    limits = np.array([joint.limits.velocity for joint in joints])
+    names = tuple(joint.name for joint in joints)
+    log = prepared.of(names)
+    shares = beyond_speed(log, _SPEED * limits).mean(axis=0)
+    fast = np.flatnonzero(shares >= _FAST)
+    if not len(fast):
+        return []
+    most = abs(np.asarray(log.velocity)).max(axis=0)[fast] / limits[fast]
+    said = ", ".join(
+        f"{names[j]} up to {times:.3g} times, in {shares[j]:.0%} of the samples"
+        for j, times in zip(fast, most, strict=True)
+    )
+    alike = len(limits) > 1 and float(np.ptp(limits)) == 0.0
+    return [
+        LogFinding(
+            "speed limit",
+            "note" if alike else "warning",
+            ", ".join(names[j] for j in fast),
+            f"joints are faster than the model's speed limits: {said}",
+            "check the unit of the clock, and the limits; if both are right, leave "
+            "these samples out (signals.beyond_speed): drives lack voltage there",
+            float(shares.max()) / _FAST,
+        )
+    ]
 
 
 _FAR = 50.0  # m between neighbouring joints: more than any robot has

@@ -14,6 +14,7 @@ from consistent_id._support.files import write_json
 from consistent_id._support.tables import Table
 from consistent_id.constraints.cones.certificate import Certificate, OptimumVerdict
 from consistent_id.constraints.links import link_conditions
+from consistent_id.constraints.robot_size import robot_size
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.determination import SMALL, origin_text
 from consistent_id.estimation.estimate_file import (
@@ -181,6 +182,7 @@ class Estimate:
             undetermined=self.undetermined,
             accepted=self.accepted,
             loose_trunk=self.loose_trunk,
+            size=robot_size(model, x),
         )
 
     @property

@@ -65,6 +65,7 @@ _AIM = 0.98  # share of the slack to use up, unless the proof needs more
 _HALF = 0.5  # share of the allowed gap for the slack's unused rest
 _LEAST = 1e-6  # share of the slack below which differences are rounding
 _APART = 1e-6  # shares closer than that, in logarithms, show no curvature
+_ROUNDING = float(np.finfo(float).eps)  # relative, of a squared misfit
 _SMALL = 0.01  # squared distance that counts as zero
 
 DISTANCE_GAP = 0.01
@@ -321,7 +322,10 @@ def nearest_within(
     """
     scaled = best.scaled
     least = scaled.excess(best.solution.u)
-    allowed = ((1.0 + slack) ** 2 - 1.0) * max(least + scaled.residual**2, 1.0)
+    # (1 + slack)^2 - 1 in a form that keeps the digits of a small slack.  What is less
+    # than rounding of the misfit cannot be used up.
+    increase = max(slack * (2.0 + slack), _ROUNDING)
+    allowed = increase * max(least + scaled.residual**2, 1.0)
     # The proof's ball must contain the best fit.
     reach = 2.0 * float(np.linalg.norm(best.solution.u - distance.nominal))
     search = _WeightSearch(float(np.log(allowed) + _FIRST))

@@ -18,6 +18,7 @@ from consistent_id.recordings.column_words import (
     CHANNELS,
     channel_of,
     is_current,
+    states,
     unit_of,
 )
 from consistent_id.recordings.log_formats import log_format
@@ -262,15 +263,17 @@ def _patterns(
     channel: str, names: Sequence[str], joints: Sequence[str], held: Sequence[str] = ()
 ) -> list[_NamePattern]:
     """Return all patterns of a channel's columns, the best first."""
+    observed = states(names)
 
     def fits(text: str) -> bool:
         if channel == "current":
             return is_current(text) and not channel_of(text)
-        return channel_of(text, names) == channel
+        return channel_of(text, observed) == channel
 
     found: dict[str, _NamePattern] = {}
+    known = frozenset(names)
     for name in names:
-        for pattern in _by_name(name, names, joints):
+        for pattern in _by_name(name, known, joints):
             found.setdefault(pattern.text, pattern)
     for run in _numbered_columns(names):
         for every in (joints, held):
@@ -316,12 +319,12 @@ def _expanded(pattern: _NamePattern) -> list[str]:
 
 
 def _by_name(
-    name: str, names: Sequence[str], joints: Sequence[str]
+    name: str, known: frozenset[str], joints: Sequence[str]
 ) -> list[_NamePattern]:
     text = _with_joint(name, joints)
     if text == name:
         return []
-    present = tuple(j for j in joints if text.replace("{joint}", j) in names)
+    present = tuple(j for j in joints if text.replace("{joint}", j) in known)
     return [_NamePattern(text, present)] if present else []
 
 
@@ -400,11 +403,11 @@ def _numbered_columns(names: Sequence[str]) -> tuple[_NumberedColumns, ...]:
     >>> [str(run) for run in _numbered_columns(["t", "q1", "q2", "q3", "tau_0_Nm"])]
     ['q{1..3}']
     """
-    return tuple(dict.fromkeys(run for name in names for run in _runs(name, names)))
+    known = frozenset(names)
+    return tuple(dict.fromkeys(run for name in names for run in _runs(name, known)))
 
 
-def _runs(name: str, names: Sequence[str]) -> Iterator[_NumberedColumns]:
-    known = set(names)
+def _runs(name: str, known: frozenset[str]) -> Iterator[_NumberedColumns]:
     for found in re.finditer(r"\d+", name):
         before, after = name[: found.start()], name[found.end() :]
         first = int(found[0])

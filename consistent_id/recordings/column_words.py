@@ -109,6 +109,18 @@ def words(pattern: str) -> set[str]:
     return whole | set(re.findall(r"[a-z]+", parts.lower()))
 
 
+def states(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the names of observed states, which `channel_of` looks for in a log.
+
+    Examples
+    --------
+    >>> states(["time", "observation.state", "action"])
+    ('observation.state',)
+    """
+    likely = (name for name in names if "state" in name.lower())
+    return tuple(name for name in likely if _STATE <= words(name))
+
+
 def channel_of(pattern: str, names: Iterable[str] = ()) -> str:
     """Return the channel of a pattern; empty for none.
 

@@ -1,4 +1,4 @@
-"""Positions in degrees, seen by the limits of the joints."""
+"""Positions in degrees and high speeds, seen by the limits of the joints."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import pytest
 from faulty_logs import arm
 
 from consistent_id import Recording
-from consistent_id.diagnosis.wrong_units import travel_findings
+from consistent_id.diagnosis.wrong_units import speed_findings, travel_findings
 from consistent_id.robot.model import JointLimits
 
 
@@ -48,3 +48,27 @@ def test_one_joint_of_four_in_another_unit_is_not_all_of_them(factor):
     one = replace(log, position=log.position * [1.0, factor, 1.0, 1.0])
     (finding,) = travel_findings(_robot(JointLimits(-2.0, 2.0)), one)
     assert (finding.kind, finding.where) == ("encoder scale", log.joints[1])
+
+
+@pytest.mark.parametrize(
+    ("rated", "severity"),
+    [
+        ([1.3, 2.0, 3.0, 4.0], "warning"),  # the joints reach 1.5 rad/s
+        ([1.3] * 4, "note"),  # equal limits may be placeholders
+        ([1.5, 2.0, 3.0, 4.0], None),
+        ([0.0, np.inf, 3.0, 4.0], None),  # not known
+    ],
+)
+def test_joints_beyond_their_speed_limits_are_reported(rated, severity):
+    log = _swing(1.0)
+    speed = 1.5 * np.cos(log.time)[:, None] * np.ones(4)
+    limits = [JointLimits(-2.0, 2.0, velocity=v) for v in rated]
+    robot = arm().robot
+    joints = zip(robot.joints, limits, strict=True)
+    robot = replace(robot, joints=tuple(replace(j, limits=one) for j, one in joints))
+    found = speed_findings(robot, replace(log, velocity=speed))
+    assert [f.severity for f in found] == ([severity] if severity else [])
+    if severity == "warning":
+        assert found[0].where == log.joints[0]
+        # |cos t| > 1.365 / 1.5 for 30 % of the time.
+        assert "up to 1.15 times, in 30%" in found[0].statement

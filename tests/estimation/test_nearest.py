@@ -1,9 +1,22 @@
 """The search for the weight that uses up the slack, on laws written by hand."""
 
+import re
+
 import numpy as np
 import pytest
+from logged import DRIVE, URDF, moved
 
+from consistent_id import (
+    FixedMasses,
+    PhysicalConsistency,
+    TorqueModel,
+    build_regression,
+    constrained_least_squares,
+    differentiated,
+)
+from consistent_id.constraints import PointToSet
 from consistent_id.estimation.penalised import _WeightSearch
+from consistent_id.robot import load_urdf
 
 
 def tries(law, start=0.0, most=30, share=0.95, **options):
@@ -53,3 +66,44 @@ def test_a_misfit_that_never_uses_up_the_slack_raises_the_weight_without_end():
         raised = search.narrowed(0.0)
         assert raised.log_weight > search.log_weight + 1.0
         search = raised
+
+
+@pytest.mark.parametrize("slack", [None, 1e-17, 1e-300])
+@pytest.mark.parametrize("scale", [1.0, 1e4])
+def test_a_slack_below_rounding_gives_the_best_fit_and_no_foreign_error(
+    tmp_path, slack, scale
+):
+    """Lengths in other units, and torque without noise, leave hardly any slack."""
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(_lengthened(scale))
+    model = TorqueModel(load_urdf(urdf), DRIVE)
+    log = differentiated(moved(model) if scale == 1.0 else _moved_elsewhere(tmp_path))
+    estimate = constrained_least_squares(
+        model,
+        build_regression(model, log),
+        constraints=[PhysicalConsistency(), FixedMasses({"upper": 4.0, "fore": 2.0})],
+        prior=PointToSet(slack=slack),
+    )
+    assert np.isfinite(estimate.parameters).all()
+
+
+def _lengthened(scale):
+    """Return the arm with lengths in another unit, inertias too."""
+    text = re.sub(
+        r'origin xyz="([^"]*)"',
+        lambda found: 'origin xyz="{}"'.format(
+            " ".join(str(scale * float(x)) for x in found[1].split())
+        ),
+        URDF,
+    )
+    return re.sub(
+        r'(i[xyz][xyz])="([^"]*)"',
+        lambda found: f'{found[1]}="{scale**2 * float(found[2])}"',
+        text,
+    )
+
+
+def _moved_elsewhere(folder):
+    """Return a log of the arm in metres."""
+    (folder / "metres.urdf").write_text(URDF)
+    return moved(TorqueModel(load_urdf(folder / "metres.urdf"), DRIVE))

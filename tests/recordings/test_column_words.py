@@ -1,5 +1,8 @@
 """Names of other tools' logs are understood, and their units."""
 
+from pathlib import Path
+from time import perf_counter
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -247,3 +250,18 @@ def test_of_a_robot_with_branches_what_is_not_of_the_chain_is_proposed(tmp_path)
         guessed(tmp_path, names, chains={4: arm})
     with pytest.raises(RecordingError, match=r"the joints at rest: --lock JOINT"):
         guessed(tmp_path, names, chains={})
+
+
+@pytest.mark.parametrize("other", ["sensor_{}", "x{}_torque_extra", "action_{0}_{0}"])
+def test_the_time_for_many_columns_grows_with_their_number(other):
+    def seconds(count):
+        others = [other.format(k) for k in range(count)]
+        names = ["time", *numbered("q{}", "tau{}"), *others]
+        start = perf_counter()
+        found = guess_columns(Path("log.csv"), SIX, names=names)
+        assert found.columns.position == "q{number}"
+        return perf_counter() - start
+
+    # Eight times as many: 64 times as long, if every name is compared with every other.
+    few = min(seconds(1000) for _ in range(3))
+    assert min(seconds(8000) for _ in range(2)) < 25.0 * few

@@ -8,6 +8,7 @@ from consistent_id.recordings.signals.derivatives import (
     differentiated,
     savitzky_golay_differentiated,
 )
+from consistent_id.recordings.signals.drive_limits import beyond_speed, saturated
 from consistent_id.recordings.signals.drive_torque import (
     DriveCalibration,
     PDGains,
@@ -28,7 +29,6 @@ from consistent_id.recordings.signals.masks import (
     mask_onto,
     rest_guard,
     row_weights,
-    saturated,
     speed_share,
     standstill,
     without_impacts,
@@ -72,6 +72,7 @@ __all__ = [
     "altered",
     "base_from_imu",
     "base_from_pose",
+    "beyond_speed",
     "blocked_folds",
     "calibrated",
     "commanded",

@@ -1,4 +1,4 @@
-"""Samples with little or wrong information: at rest, at a torque limit, held readings.
+"""Samples with little or wrong information: at rest, at touch-down, held readings.
 
 Around touch-down, lift-off and stops, a filter mixes samples before and after; those
 are left out by `without_impacts` and `without_rests`.
@@ -10,15 +10,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector, frozen
+from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.beside import away_from_changes
 from consistent_id.recordings.recording import Recording, velocities
 from consistent_id.recordings.signals.filtered_rows import altered
 
-_AT_LIMIT = 1e-3  # share of the limit within which a torque is at it
 STILL = 0.01  # share of the fastest joint's largest speed
-_RUN, _PILE = 3, 10.0  # consecutive readings at the extreme; their number over others'
 
 SPEED_WINDOW = 0.25  # s, for which a joint that turns back is not at rest
 
@@ -106,37 +104,6 @@ def speed_reach(step: float, window: float = SPEED_WINDOW) -> int:
     (125, 125)
     """
     return int(0.5 * window / step + 1e-6)
-
-
-def saturated(recording: Recording, limit: ArrayLike | None = None) -> BoolArray:
-    """Return where each joint's torque is at its limit, shape (samples, joints).
-
-    Parameters
-    ----------
-    recording : Recording
-        With torque, as recorded: filters round a plateau off.
-    limit : array_like, shape () or (joints,), optional, [N m or N]
-        Largest torque either way.  By default the largest and the smallest torque of a
-        joint count as limits if they occur repeatedly: in runs of at least three
-        readings, and ten times as often as neighbouring values, unlike the top of a
-        smooth curve.  Noise on top of a limit hides it.  A reading that a slower
-        channel holds for several samples is counted once.
-
-    Raises
-    ------
-    RecordingError
-        If there is no torque, or a limit is not positive.
-    """
-    torque = recording.torque
-    if torque is None:
-        raise RecordingError(f"{recording.name} has no torque")
-    if limit is not None:
-        shape = (len(recording.joints),) if np.ndim(limit) else ()
-        bounds = frozen(limit, shape, "limit", RecordingError)
-        if not (bounds > 0.0).all():
-            raise RecordingError(f"limit is {bounds}, expected positive numbers")
-        return np.asarray(abs(torque) >= (1.0 - _AT_LIMIT) * bounds)
-    return np.column_stack([_top(tau) | _top(-tau) for tau in torque.T])
 
 
 def row_weights(
@@ -420,20 +387,6 @@ def held_samples(values: Vector) -> int:
     usual = int(np.median(runs))
     alike = abs(runs - usual) <= max(_NEARLY * usual, 1.0)
     return usual if usual > 1 and alike.mean() >= _ALIKE else 1
-
-
-def _top(tau: Vector) -> BoolArray:
-    """Return where a torque is at its largest value, if this value is a limit."""
-    span = float(np.ptp(tau))
-    step = quantum(tau) or 1e-9 * span
-    at = tau >= tau.max() - 0.5 * step
-    edges = tau.max() - step * np.array([5.5, 0.5])
-    others = int(((tau >= edges[0]) & (tau < edges[1])).sum())
-    ends = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(int), [0]])))
-    longest = int((ends[1::2] - ends[::2]).max())
-    is_run = longest >= _RUN * held_samples(tau)
-    is_limit = span > 0.0 and is_run and at.sum() >= _PILE * others / 5.0
-    return at if is_limit else np.zeros(len(tau), dtype=np.bool_)
 
 
 def _turning(recording: Recording) -> BoolArray:

@@ -1,0 +1,108 @@
+"""Delivered bodies beside the geometry: a wrong clock and an absurd centre show."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from logged import FRICTION, URDF, moved
+
+from consistent_id import (
+    DriveTerms,
+    FixedMasses,
+    PhysicalConsistency,
+    Recording,
+    TorqueModel,
+    build_regression,
+    constrained_least_squares,
+    differentiated,
+    low_passed,
+)
+from consistent_id.constraints.robot_size import robot_size
+from consistent_id.robot import load_urdf
+from consistent_id.robot.inertia import InertialParameters
+
+DRIVE = DriveTerms(
+    viscous=True,
+    coulomb="tanh",
+    velocity_scale=0.02,
+    offset=True,
+    rotor_inertia=True,
+)
+
+
+@pytest.fixture(name="model")
+def _model(tmp_path):
+    file = tmp_path / "arm.urdf"
+    file.write_text(URDF)
+    return TorqueModel(load_urdf(file), DRIVE)
+
+
+def _parameters(model, bodies):
+    rest = np.zeros(len(model.layout) - model.layout.inertial_size)
+    return np.concatenate([*(body.vector for body in bodies), rest])
+
+
+def _estimate(model, factor):
+    """Fit a log of the nominal robot whose clock runs slower by a factor."""
+    plain = TorqueModel(model.robot, replace(DRIVE, rotor_inertia=False))
+    raw = moved(plain)
+    slow = Recording(raw.joints, factor * raw.time, raw.position, torque=raw.torque)
+    cut = 10.0 / factor
+    log = differentiated(low_passed(slow, motion_cutoff=cut, torque_cutoff=cut))
+    return constrained_least_squares(
+        model,
+        build_regression(model, log),
+        constraints=[PhysicalConsistency(), FixedMasses({"upper": 4.0, "fore": 2.0})],
+    )
+
+
+@pytest.mark.parametrize(("factor", "found"), [(1.0, False), (2.0, True)])
+def test_a_clock_at_half_speed_makes_bodies_larger_than_the_robot(model, factor, found):
+    estimate = _estimate(model, factor)
+    assert estimate.fit.misfit < 0.1  # no residual shows the clock
+    kinds = [reason.kind for reason in estimate.verdict.reasons]
+    assert ("robot's size" in kinds) == found
+    assert (estimate.verdict.word == "use") == (not found)
+
+
+def test_a_rod_along_its_link_has_a_third_of_the_most_inertia(model):
+    # A rod of 0.4 m, as long as the link, turns about its end; the other is empty.
+    rod = InertialParameters.from_central(
+        4.0, [0.2, 0.0, 0.0], np.diag([0.0, 1.0, 1.0]) * 4.0 * 0.4**2 / 12.0
+    )
+    empty = InertialParameters(np.zeros(10))
+    size = robot_size(model, _parameters(model, [rod, empty]))
+    assert size.size[0] == pytest.approx(0.4)
+    assert size.inertia[0] == pytest.approx(1.0 / 3.0)
+    assert size.centre[0] == pytest.approx(0.2)
+    assert size.radius[0] == pytest.approx(0.4 / np.sqrt(12.0))
+
+
+def test_an_absurd_centre_of_mass_does_not_make_a_link_long(model):
+    nominal = [link.nominal for link in model.robot.links]
+    before = robot_size(model, _parameters(model, nominal))
+    far = InertialParameters.from_central(
+        4.0, [5.0, 0.0, 0.0], nominal[0].central_inertia
+    )
+    after = robot_size(model, _parameters(model, [far, nominal[1]]))
+    np.testing.assert_array_equal(after.size, before.size)
+    assert after.centre[0] == pytest.approx(5.0)
+    assert after.inertia[0] > 10.0 > 1.0 > before.inertia.max()
+
+
+def test_an_inertia_that_may_be_the_motors_is_not_judged(model):
+    plain = TorqueModel(model.robot, replace(DRIVE, rotor_inertia=False))
+    x = np.concatenate([model.robot.nominal, FRICTION])
+    size = robot_size(plain, x)
+    assert np.isnan(size.inertia).all() and np.isnan(size.radius).all()
+    assert np.isfinite(size.centre).all()
+
+
+def test_a_link_of_unknown_body_may_be_long(model):
+    robot = model.robot
+    links = (robot.links[0], replace(robot.links[1], nominal=None))
+    unknown = replace(model, robot=replace(robot, links=links))
+    nominal = [link.nominal for link in robot.links]
+    size = robot_size(unknown, _parameters(unknown, nominal))
+    assert size.size[1] == np.inf
+    assert (size.inertia == 0.0).all()
