@@ -142,11 +142,11 @@ def _most_inertia(robot: RobotModel, q: Array, masses: Vector, size: Vector) -> 
     """Return the most inertia about each joint, shape (poses, links), [kg m^2]."""
     places = link_places(robot, q)
     most = np.zeros((len(q), len(robot.joints)))
-    for i in range(len(robot.links)):
+    for i in np.flatnonzero(masses > 0.0).tolist():
         for j in ancestors(robot, i):
             arm = places.translation[:, i] - places.translation[:, j]
             away = np.linalg.norm(np.cross(places.axis[:, j], arm), axis=1)
-            most[:, j] += max(float(masses[i]), 0.0) * (away + size[i]) ** 2
+            most[:, j] += float(masses[i]) * (away + size[i]) ** 2
     return most
 
 

@@ -106,3 +106,13 @@ def test_a_link_of_unknown_body_may_be_long(model):
     size = robot_size(unknown, _parameters(unknown, nominal))
     assert size.size[1] == np.inf
     assert (size.inertia == 0.0).all()
+
+
+def test_a_link_without_mass_and_of_unknown_size_adds_nothing(model):
+    links = list(model.robot.links)
+    links[-1] = replace(links[-1], nominal=None)
+    bare = replace(model, robot=replace(model.robot, links=tuple(links)))
+    parameters = np.zeros(len(bare.layout))
+    size = robot_size(bare, parameters)
+    assert np.isinf(size.size[-1])
+    assert np.isnan(size.inertia).all() and np.isnan(size.radius).all()
