@@ -20,7 +20,7 @@ from consistent_id.problems.file import (
     RecordingTable,
 )
 from consistent_id.problems.floating.floating_draft import StandingDraft
-from consistent_id.problems.kept_text import problem_name, toml_text
+from consistent_id.problems.kept_text import one_line, problem_name, toml_text
 from consistent_id.problems.loading import problem_of
 from consistent_id.problems.log_entries import gains_table
 from consistent_id.problems.parameter_tables import ConstraintsTable
@@ -230,8 +230,9 @@ class Draft:
         accepted : sequence of str
             Kinds of findings that the user accepted; a comment says so.
         """
+        names = f"{self.model.name} and {self.log_names}"
         head = (
-            f"# Drafted from {self.model.name} and {self.log_names}. A comment that\n"
+            f"# Drafted from {one_line(names)}. A comment that\n"
             "# begins with GUESS marks a setting that neither states: check it.\n\n"
         )
         if accepted:

@@ -224,7 +224,9 @@ def _lines(table: FileTable, path: str, comments: Mapping[str, str]) -> Iterator
             yield f"{key} = 0"  # none, where a key that is missing means another's
         elif value is not None and (value != default or inner in comments):
             beside = comments.get(inner)
-            yield f"{key} = {_value(value)}" + (f"  # {beside}" if beside else "")
+            yield f"{key} = {_value(value)}" + (
+                f"  # {one_line(beside)}" if beside else ""
+            )
     for inner, members, header in sorted(tables, key=lambda t: t[2].startswith("[[")):
         for member in members:
             lines = list(_lines(member, inner, comments))
@@ -233,11 +235,22 @@ def _lines(table: FileTable, path: str, comments: Mapping[str, str]) -> Iterator
                 yield from ["", *above, header, *lines]
 
 
+def one_line(text: str) -> str:
+    r"""Return a text for a comment: a line break in a file's name would end it.
+
+    Examples
+    --------
+    >>> one_line("log\na = 1.csv")
+    'log a = 1.csv'
+    """
+    return "".join(c if c.isprintable() else " " for c in text)
+
+
 def _comment_lines(text: str) -> Iterator[str]:
     """Yield a comment's lines, each folded where it is too long."""
     for line in text.splitlines():
         folded = wrap(line, _WIDTH, break_long_words=False, break_on_hyphens=False)
-        yield from (f"# {part}" for part in folded)
+        yield from (f"# {one_line(part)}" for part in folded)
 
 
 def _has_tables(value: Mapping[str, Any]) -> bool:
