@@ -23,8 +23,6 @@ from consistent_id.problems.file import (
 )
 from consistent_id.problems.selection.choice import (
     Choice,
-    Superset,
-    superset,
     velocity_scale,
 )
 from consistent_id.problems.selection.fits import (
@@ -47,6 +45,7 @@ from consistent_id.problems.selection.samples import (
     folds,
     samples_of,
 )
+from consistent_id.problems.selection.superset import Superset, superset
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.linear import smallest_solution
 from consistent_id.regression.regression import triangle

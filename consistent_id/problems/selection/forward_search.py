@@ -8,7 +8,6 @@ from consistent_id.problems.selection.choice import (
     REMOVABLE,
     ModelMove,
     coupling_moves,
-    couplings_between,
     has_term,
     mass_move,
     removals,
@@ -26,6 +25,7 @@ from consistent_id.problems.selection.evaluation import (
     torque_delay,
 )
 from consistent_id.problems.selection.fits import Gain, HeldOut, gain, joint_gains
+from consistent_id.problems.selection.superset import couplings_between
 
 LEAST_HELP = 0.025
 """Share of a joint's own squared error that a term takes away where it helps."""

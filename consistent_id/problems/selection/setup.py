@@ -15,8 +15,6 @@ from consistent_id.problems.selection.choice import (
     TERMS,
     Choice,
     data_of,
-    loaded_joints,
-    sloped_joints,
 )
 from consistent_id.problems.selection.evaluation import Evaluated, Evaluator, Setting
 from consistent_id.problems.selection.forward_search import Scope
@@ -27,6 +25,7 @@ from consistent_id.problems.selection.samples import (
     motion_period,
     velocity_scales,
 )
+from consistent_id.problems.selection.superset import loaded_joints, sloped_joints
 from consistent_id.problems.stated_model import DEFAULT_DRIVE
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import own_rate

@@ -1,0 +1,128 @@
+"""All drive terms and couplings that a model of a robot may have, and on which joints.
+
+Load friction needs a load that is known, a slope of friction limits of the joint, and a
+coupling two neighbours of a kind.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import msgspec
+import numpy as np
+
+from consistent_id.problems.file import CouplingTable, DriveTable
+from consistent_id.problems.selection.choice import stribeck_velocities
+from consistent_id.problems.selection.samples import Samples
+from consistent_id.problems.stated_model import coupling_of
+from consistent_id.regression.drive.gear_coupling import GearCoupling
+from consistent_id.regression.drive.term import DriveTerm
+from consistent_id.regression.loads import unloaded_joints
+from consistent_id.regression.regressor import TorqueModel
+
+LEAST_LOAD = 0.05
+"""Share of a joint's torque that its load has to be: gears lose 3 to 20 % of the load,
+and of less than this that is less than 1 % of the torque."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Superset:
+    """Drive terms of each of the robot's joints, and couplings of neighbours."""
+
+    terms: tuple[tuple[DriveTerm, ...], ...]
+    couplings: tuple[GearCoupling, ...]
+
+
+def superset(
+    bodies: TorqueModel, scale: float, loaded: tuple[str, ...], sloped: tuple[str, ...]
+) -> Superset:
+    """Return all terms that joints with torque may have.
+
+    Parameters
+    ----------
+    bodies : TorqueModel
+        Without drive terms.
+    scale : float, [rad/s or m/s]
+        Width of friction's change of sign.
+    loaded, sloped : tuple of str
+        See `loaded_joints` and `sloped_joints`.
+    """
+    terms: list[tuple[DriveTerm, ...]] = []
+    for name in bodies.robot.joint_names:
+        measured = name in bodies.torque_joints
+        own = (name in loaded, name in sloped)
+        tables = _drive_tables(scale, *own) if measured else ()
+        every = (term for table in tables for term in table.terms.terms)
+        terms.append(tuple(dict.fromkeys(every)))
+    pairs = couplings_between(bodies, scale)
+    return Superset(tuple(terms), tuple(coupling_of(pair) for pair in pairs))
+
+
+def _drive_tables(scale: float, loaded: bool, sloped: bool) -> tuple[DriveTable, ...]:
+    """Return drive tables that together have every term that a joint may have."""
+    whole = DriveTable(
+        viscous=True,
+        coulomb="tanh",
+        velocity_scale=scale,
+        offset=True,
+        rotor_inertia=True,
+        spring=True,
+        drag=True,
+        load_friction=loaded,
+        friction_slope=sloped,
+    )
+    change = msgspec.structs.replace
+    return (
+        whole,
+        change(whole, asymmetric=True, offset=False, friction_slope=False),
+        *(change(whole, stribeck_velocity=v) for v in stribeck_velocities(scale)),
+    )
+
+
+def sloped_joints(bodies: TorqueModel) -> tuple[str, ...]:
+    """Return the torque joints with limits, between which friction can be a slope."""
+    limited = {
+        joint.name: joint.kind != "continuous"
+        and bool(np.isfinite([joint.limits.lower, joint.limits.upper]).all())
+        for joint in bodies.robot.driven
+    }
+    return tuple(name for name in bodies.torque_joints if limited[name])
+
+
+def couplings_between(bodies: TorqueModel, scale: float) -> tuple[CouplingTable, ...]:
+    """Return the couplings that drives of neighbouring joints may have."""
+    kinds = {joint.name: joint.kind == "prismatic" for joint in bodies.robot.driven}
+    return tuple(
+        CouplingTable(
+            first=first,
+            second=second,
+            viscous=True,
+            coulomb="tanh",
+            velocity_scale=scale,
+            rotor_inertia=True,
+        )
+        for first, second in pairwise(bodies.torque_joints)
+        if kinds[first] == kinds[second]
+    )
+
+
+def loaded_joints(bodies: TorqueModel, samples: Samples) -> tuple[str, ...]:
+    """Return the torque joints whose nominal load is a part of their torque.
+
+    Parameters
+    ----------
+    bodies : TorqueModel
+        Without drive terms.
+    samples : Samples
+        Rows of the log.
+    """
+    nominal = bodies.robot.nominal
+    if nominal is None:
+        return ()
+    idle = unloaded_joints(bodies.robot, nominal)
+    found = []
+    for row, name in enumerate(bodies.torque_joints):
+        load = np.linalg.norm(nominal @ samples.inertial[row])
+        torque = np.linalg.norm(samples.torque[:, row])
+        if name not in idle and load >= LEAST_LOAD * torque:
+            found.append(name)
+    return tuple(found)
