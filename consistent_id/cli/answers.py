@@ -7,7 +7,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, NamedTuple, TextIO
@@ -95,17 +95,27 @@ def answered(
 
 
 def show(options: argparse.Namespace, answer: Answer) -> int:
-    """Print an answer as the options ask, then write its files; return its code."""
+    """Print an answer as the options ask, then write its files; return its code.
+
+    The code is the same if the reader, such as ``head``, has gone.
+    """
+    shown = True
     try:
         if options.json:
             print(json.dumps(answer.record, indent=1, allow_nan=False), flush=True)
         else:
             print_text(options, _shown(options, answer))
     except BrokenPipeError:
-        _write(options, answer, shown=False)
-        raise
-    _write(options, answer)
+        shown = False
+        nobody_reads()
+    _write(options, answer, shown=shown)
     return answer.code
+
+
+def nobody_reads() -> None:
+    """Let what is printed from now on vanish, also what is flushed at the end."""
+    with suppress(OSError, ValueError):  # some streams have no file
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _write(options: argparse.Namespace, answer: Answer, *, shown: bool = True) -> None:

@@ -35,6 +35,7 @@ def run_to_its_end(
     work : callable
         From the options to an exit code.
     """
+    _open_streams()
     faults = list[tuple[str, Exception]]()
     run = Run(
         faults=faults,
@@ -47,6 +48,13 @@ def run_to_its_end(
     for part, fault in faults:
         _bug(fault, f"{part} could not be made, all else was: ")
     return 70 if faults and code in (0, 1) else code
+
+
+def _open_streams() -> None:
+    """Let print write to nowhere where the shell has closed a stream."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
 
 
 def _ended(

@@ -1,6 +1,10 @@
 """An answer is printed first; its files are written after it, whoever reads."""
 
 import argparse
+import os
+import shlex
+import subprocess
+import sys
 
 import pytest
 
@@ -33,9 +37,36 @@ def test_files_are_written_even_if_the_reader_has_gone(monkeypatch):
         return written
 
     monkeypatch.setattr("builtins.print", closed)
-    with pytest.raises(BrokenPipeError):
-        show(argparse.Namespace(json=False, quiet=False), Answer(0, "", None, write))
+    monkeypatch.setattr("consistent_id.cli.answers.nobody_reads", lambda: None)
+    options = argparse.Namespace(json=False, quiet=False)
+    assert show(options, Answer(1, "", None, write)) == 1  # not 0: do not use
     assert written == ["figure.png"]
+
+
+TOOL = [sys.executable, "-m", "consistent_id", "lint"]
+BROKEN = """<robot name="arm"><link name="base"/><link name="rod"><inertial>
+<mass value="-1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+</link><joint name="j" type="continuous">
+<parent link="base"/><child link="rod"/></joint></robot>
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a shell of Unix closes the streams")
+@pytest.mark.parametrize(
+    "closing", ["{} >&-", "{} 2>&-", "{} >&- 2>&-", "({}; echo $? >code) | true"]
+)
+def test_the_exit_code_does_not_depend_on_who_reads(tmp_path, closing):
+    (tmp_path / "arm.urdf").write_text(BROKEN)
+    command = shlex.join([*TOOL, "arm.urdf"])
+    # Until the reader has gone, nothing is written.
+    script = closing.format(command if "|" not in closing else f"sleep 0.2; {command}")
+    run = subprocess.run(
+        ["sh", "-c", script], cwd=tmp_path, stderr=subprocess.PIPE, timeout=60
+    )
+    code = tmp_path / "code"
+    found = int(code.read_text()) if code.exists() else run.returncode
+    assert found == 1
+    assert b"bug" not in run.stderr and b"BrokenPipe" not in run.stderr
 
 
 def test_control_characters_of_files_do_not_reach_the_terminal(capsys):
