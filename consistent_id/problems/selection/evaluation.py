@@ -27,6 +27,7 @@ from consistent_id.problems.selection.choice import (
 )
 from consistent_id.problems.selection.fits import (
     RATES,
+    UNSEEN,
     CandidateModel,
     Factors,
     FoldFits,
@@ -354,7 +355,8 @@ def _drive(A: Array, b: Matrix, nonnegative: BoolArray) -> Matrix:
 
     n = A.shape[2]
     norms = np.linalg.norm(A, axis=1)
-    unit = np.where(norms > 0.0, norms, 1.0)
+    seen = norms > UNSEEN * np.linalg.norm(b, axis=1)[:, None]
+    A, unit = A * seen[:, None], np.where(seen, norms, 1.0)
     both = np.concatenate([A / unit[:, None], b[:, :, None]], axis=2)
     R = np.asarray(np.linalg.qr(both, mode="r"))
     y = np.zeros((len(A), n))

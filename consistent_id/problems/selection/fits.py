@@ -45,6 +45,10 @@ It settles what data leave open and moves nothing else."""
 RATES = (-3, -2)
 """Columns of `candidate_columns`: the rates of Coulomb friction and of the torque."""
 
+UNSEEN = 1e-12
+"""Size of a drive column over that of the torque, below which it counts as zero: a
+Stribeck term of a joint that is never slow.  No drive has a parameter of 1e12."""
+
 _TIED = 1e-5
 """Share of the squared error by which a block has to differ to be won or lost: less is
 the solver's rounding, or the block has no rows."""
@@ -308,7 +312,8 @@ def _units(candidate: CandidateModel, factors: Factors, sigma: Vector) -> Vector
             torque += float(norms[-1])
             squares += [norms[place] if place >= 0 else 0.0 for place in own]
     norms = np.sqrt(squares)
-    drive = np.where(norms > 0.0, np.sqrt(torque) / np.where(norms > 0, norms, 1), 1.0)
+    seen = norms > UNSEEN * np.sqrt(torque)
+    drive = np.where(seen, np.sqrt(torque) / np.where(seen, norms, 1.0), 1.0)
     return np.concatenate([link_scales(candidate.model.robot).units, drive])
 
 

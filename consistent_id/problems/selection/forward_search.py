@@ -46,6 +46,10 @@ predicted."""
 LEAST_COUPLING_GAIN = 0.10
 """Minimum gain of a coupling.  It says how the robot is built, and adds three terms."""
 
+LEAST_DELAY_GAIN = 0.05
+"""Minimum gain of a delay of the torque, which has to exceed `SURE` standard errors as
+well.  It is a statement on the log, and stands in for friction in slow motion."""
+
 LEAST_WON = 0.6
 """Share of the blocks on which a move has to lower the error."""
 
@@ -60,7 +64,11 @@ are knowledge, unlike a friction law, and free ones stand in for springs and zer
 LEAST_COST = 0.0125
 """Share of the squared error that a term has to be worth to stay, beside later ones."""
 
-_LEAST = {"least_speed": LEAST_ROW_GAIN, "coupling": LEAST_COUPLING_GAIN}
+_LEAST = {
+    "least_speed": LEAST_ROW_GAIN,
+    "coupling": LEAST_COUPLING_GAIN,
+    "delay": LEAST_DELAY_GAIN,
+}
 
 _TRIED = 4  # moves, of those that screening ranks first, that are fitted in full
 _HOPELESS = 0.3  # of the gain that is needed: what screening promises less is not tried
@@ -248,6 +256,8 @@ def _enough(move: ModelMove, brought: Gain) -> bool:
     least = max(least, min(brought.error, SMALL_GAIN))
     if move.kind == "masses":
         least = max(least, CONTRADICTION * brought.error)
+    if move.kind == "delay":
+        least = max(least, SURE * brought.error)
     won = LEAST_WON_BY_VALUES if move.kind in _VALUES else LEAST_WON
     return brought.share >= least and brought.won >= won
 
@@ -340,6 +350,23 @@ def settled(
         if cost.share > -LEAST_COST:
             label = f"without {kind} of {', '.join(names[j] for j in needless)}"
             move = ModelMove(kind, label, state.current.choice, choice)
+            taken = Step(move, cost, after.error, {})
+            state = State(after, (*state.steps, taken))
+            yield state
+    if "delay" not in scope.fixed:
+        state = yield from _without_delay(evaluator, start, state)
+    return state
+
+
+def _without_delay(evaluator: Evaluator, start: Evaluated, state: State) -> _Search:
+    """Yield the state without a delay that later terms have made needless."""
+    choice = replace(state.current.choice, delay=start.choice.delay)
+    if choice != state.current.choice:
+        after = evaluator.evaluated(choice)
+        made = ModelMove("delay", "torque late", choice, state.current.choice)
+        if not _enough(made, gain(after.errors, state.current.errors)):
+            cost = gain(state.current.errors, after.errors)
+            move = ModelMove("delay", "torque not late", state.current.choice, choice)
             taken = Step(move, cost, after.error, {})
             state = State(after, (*state.steps, taken))
             yield state

@@ -9,6 +9,7 @@ from logged import URDF, moved
 from consistent_id import DriveTerms, TorqueModel, draft_problem, simulate_torque
 from consistent_id.problems.selection.band import explained_edge, narrowed
 from consistent_id.problems.selection.choice import (
+    ModelMove,
     nearest_stribeck,
     stribeck_moves,
     stribeck_velocities,
@@ -16,11 +17,13 @@ from consistent_id.problems.selection.choice import (
     with_drive,
     without,
 )
+from consistent_id.problems.selection.evaluation import _drive
 from consistent_id.problems.selection.fits import Gain, HeldOut, gain, joint_gains
 from consistent_id.problems.selection.forward_search import (
     LEAST_HELP,
     PLAIN,
     State,
+    _enough,
     believable,
     settled,
 )
@@ -39,6 +42,36 @@ from consistent_id.robot import load_urdf
 )
 def test_a_term_is_believed_by_size_blocks_and_standard_error(share, error, won, said):
     assert believable(Gain(share, error, won)) is said
+
+
+@pytest.mark.parametrize(
+    ("share", "error", "said"),
+    [(0.07, 0.006, True), (0.04, 0.001, False), (0.08, 0.05, False)],
+)
+def test_a_delay_has_to_bring_twice_its_error_and_five_per_cent(
+    begun, share, error, said
+):
+    choice = begun.plain.choice
+    late = ModelMove("delay", "late", choice, replace(choice, delay=0.01))
+    assert _enough(late, Gain(share, error, 1.0)) is said
+
+
+def test_a_delay_that_later_terms_make_needless_is_taken_back(begun):
+    evaluator, plain = begun.evaluator, begun.plain
+    late = evaluator.evaluated(replace(plain.choice, delay=0.01))
+    states = list(settled(evaluator, plain, State(late), begun.scope))
+    assert states[-1].current.choice.delay == 0.0
+
+
+def test_a_column_that_is_nothing_beside_the_torque_gets_no_coefficient():
+    rng = np.random.default_rng(1)
+    A, b = rng.normal(size=(2, 9, 3)), rng.normal(size=(2, 9))
+    A[:, :, 1] *= 1e-200  # as of a Stribeck term far from rest
+    y = _drive(A, b, np.array([True, False, True]))
+    assert np.isfinite(y).all()
+    assert (y[:, 1] == 0.0).all()
+    alone = _drive(A[:, :, [0, 2]], b, np.array([True, True]))
+    np.testing.assert_allclose(y[:, [0, 2]], alone, rtol=1e-9)
 
 
 def test_gains_of_joints_are_those_of_their_own_errors():
