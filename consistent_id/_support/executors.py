@@ -350,6 +350,23 @@ class _HandedTask:
         self._tries += 1
 
 
+_pool_sizes: list[int] = []  # of the reusable pool so far
+
+
+def _reusable_pool(workers: int) -> Any:
+    """Return the processes that are there, or new ones if their number is another.
+
+    A pool is not resized: that waits for ever if a worker is killed meanwhile.
+    """
+    from loky import get_reusable_executor
+
+    same = _pool_sizes[-1:] == [workers]
+    _pool_sizes[:] = [workers]
+    return get_reusable_executor(
+        max_workers=workers, initializer=_deaf, reuse="auto" if same else False
+    )
+
+
 @contextmanager
 def processes(call: Call, workers: int) -> Iterator[Workers]:
     """Yield how to hand tasks to processes; what is left at the end is killed.
@@ -360,8 +377,6 @@ def processes(call: Call, workers: int) -> Iterator[Workers]:
     """
     from concurrent.futures.process import BrokenProcessPool
 
-    from loky import get_reusable_executor
-
     pool: Any = None
 
     def submit(task: Any) -> Any:
@@ -369,7 +384,7 @@ def processes(call: Call, workers: int) -> Iterator[Workers]:
         name = _spooled((call, task), Path(folder) / f"{next(numbers)}.task")
         with interrupts_ignored():
             while True:  # a broken pool is replaced by a new one
-                pool = get_reusable_executor(max_workers=workers, initializer=_deaf)
+                pool = _reusable_pool(workers)
                 with suppress(BrokenProcessPool):  # since a moment ago
                     return _SpooledFuture(pool.submit(_called, name), name)
 

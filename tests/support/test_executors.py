@@ -196,3 +196,21 @@ def test_a_worker_killed_while_it_hands_over_a_large_result_stops_nothing(tmp_pa
         tasks = [(n, 0.02 * k, str(tmp_path / f"{k}")) for n in range(4)]
         found = list(Executor.named("processes:2").map(_large_and_killed, tasks))
         assert [array[0] for array in found] == [0.0, 1.0, 2.0, 3.0]
+
+
+@pytest.mark.slow
+def test_a_pool_of_another_size_is_replaced_and_not_resized(monkeypatch):
+    # A worker killed while the pool is resized makes loky wait for ever.
+    from loky.reusable_executor import _ReusablePoolExecutor
+
+    def resized(pool, workers):
+        assert workers == pool._max_workers
+
+    monkeypatch.setattr(_ReusablePoolExecutor, "_resize", resized)
+    pids = []
+    for workers in (2, 3, 3, 2):
+        executor = Executor.named(f"processes:{workers}")
+        assert list(executor.map(abs, [-1, -2, -3])) == [1, 2, 3]
+        pids.append(frozenset(loky_workers()))
+    assert pids[1] == pids[2]
+    assert [len(found) for found in pids] == [2, 3, 3, 2]
