@@ -18,10 +18,18 @@ mean variance of predicted rows (`prediction_spread`), of the new rows after a f
 all data, and of the rows left out (``D_0^2``) after the fits without them.  What the
 rows left out cost beyond the fit itself (error ``F`` on the data fitted) grows with it:
 
-    E_new^2 = E^2 + max(E^2 - F^2, 0) max(D^2 / D_0^2 - 1, 0),    high = E_new exp(h)
+    E_new^2 = E^2 + max(E^2 - F^2, 0) max(D^2 / D_0^2 - 1, 0)
 
 So the range widens upwards, and only for a motion farther from the training rows than
 the blocks that were left out: a nearer one was tested already.
+
+The torque of the new motion is predicted, too.  ``r`` is the root mean square torque of
+the training data over that of the new motion.  Noise does not depend on torque: its
+relative error is ``r`` times as large there.  Errors of friction and bodies grow with
+the torque: their relative error stays.  Data do not separate the two well, so the
+expected error is in the middle, ``sqrt(r) E_new``, and the range covers both:
+
+    low = min(1, r) E exp(-h),    high = max(1, r) E_new exp(h)
 """
 
 from collections.abc import Sequence
@@ -30,7 +38,7 @@ from typing import Any
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix
+from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import Prior, nominal_distance
@@ -40,6 +48,10 @@ from consistent_id.estimation.left_out import (
     LeftOutErrors,
     prediction_root,
     prediction_spread,
+)
+from consistent_id.estimation.torque_error import (
+    stacked_of_kinds,
+    stacked_of_regression,
 )
 from consistent_id.estimation.verdict import percent
 from consistent_id.regression.base import BaseParameters
@@ -134,6 +146,7 @@ class ErrorForecast:
 
     Parameters
     ----------
+    model : TorqueModel
     expected : ExpectedError
         On a motion of which nothing is known.
     excess : float
@@ -146,8 +159,11 @@ class ErrorForecast:
         See `prediction_root`.
     regression : Regression
         All data, with the weights of the fit.
+    parameters : ndarray, shape (parameters,)
+        The estimate, which predicts the torque.
     """
 
+    model: TorqueModel
     expected: ExpectedError
     excess: float
     tested: float
@@ -155,16 +171,29 @@ class ErrorForecast:
     root: Matrix
     regression: Regression
     base: BaseParameters
+    parameters: Vector
 
     def on(self, motion: Regression) -> ExpectedError:
         """Return the error to expect on a known motion; its torque is not used."""
         rows = motion.weighted(self.regression.sigma)
         spread = prediction_spread(self.root, self.scaled, rows, self.base)
         farther = max(spread / self.tested - 1.0, 0.0) if self.tested > 0.0 else 0.0
-        known = self.expected
+        known, less = self.expected, self._less_torque(motion)
         error = float(np.sqrt(known.error**2 + self.excess * farther))
         factor = known.high / known.error if known.error > 0.0 else 1.0
-        return ExpectedError(error, known.low, error * factor)
+        return ExpectedError(
+            error * np.sqrt(less),
+            known.low * min(less, 1.0),
+            error * factor * max(less, 1.0),
+        )
+
+    def _less_torque(self, motion: Regression) -> float:
+        """Return ``r``, the torque of the data over that of a motion, as predicted."""
+        x = self.parameters
+        here, there = (one.predicted_rms(x) ** 2 for one in (self.regression, motion))
+        if not there.any():
+            return 1.0
+        return stacked_of_kinds(self.model, here, there)
 
 
 @single_threaded
@@ -173,7 +202,7 @@ def error_forecast(
     regression: Regression,
     left_out: LeftOutErrors,
     *,
-    fitted: float,
+    parameters: Vector,
     prior: Prior,
     constraints: Sequence[Constraint],
     base: BaseParameters,
@@ -186,8 +215,8 @@ def error_forecast(
         All training data, with the weights of the fit.
     left_out : LeftOutErrors
         Of the same fit without each block.
-    fitted : float
-        Relative error of all joints on the training data.
+    parameters : ndarray, shape (parameters,)
+        The estimate.
 
     Returns
     -------
@@ -199,7 +228,9 @@ def error_forecast(
         return None
     scaled = scaled_fit(model, regression, base, constraints)
     distance = nominal_distance(model, prior.distance, scaled.unit)
+    fitted = stacked_of_regression(model, regression, parameters)
     return ErrorForecast(
+        model=model,
         expected=expected,
         excess=max(expected.error**2 - fitted**2, 0.0),
         tested=float(left_out.spreads[0]),
@@ -207,4 +238,5 @@ def error_forecast(
         root=prediction_root(scaled, distance, float(left_out.weights[0])),
         regression=regression,
         base=base,
+        parameters=parameters,
     )

@@ -41,7 +41,6 @@ from consistent_id.estimation.left_out import (
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.recommendation import Recommendation, recommend
 from consistent_id.estimation.slack import SlackChoice
-from consistent_id.estimation.torque_error import stacked_of_regression
 from consistent_id.estimation.uncertainties.parameter_uncertainty import (
     Uncertainty,
     uncertainty,
@@ -221,7 +220,7 @@ class Study:
             model,
             self.regression.weighted(under.weights),
             self.left_out[method],
-            fitted=stacked_of_regression(model, self.regression, estimate.parameters),
+            parameters=estimate.parameters,
             prior=self.priors[Method(method)],
             constraints=under.constraints,
             base=self.base,

@@ -151,6 +151,12 @@ class Regression:
         norms = np.array([np.linalg.norm(factor @ z) for factor in self.factors])
         return np.asarray(norms / np.sqrt(self.counts))
 
+    def predicted_rms(self, x: ArrayLike) -> Vector:
+        """Root-mean-square torque of parameters along the motion, [N m or N]."""
+        z = np.append(frozen(x, (len(self.layout),), "parameters"), 0.0)
+        norms = np.array([np.linalg.norm(factor @ z) for factor in self.factors])
+        return np.asarray(norms / np.sqrt(self.counts))
+
     @property
     def torque_rms(self) -> Vector:
         """Root-mean-square torque of each joint, [N m or N]."""

@@ -20,7 +20,6 @@ from consistent_id.estimation.left_out import (
     folds_of,
     left_out_errors,
 )
-from consistent_id.estimation.torque_error import stacked_of_regression
 from consistent_id.regression import base_parameters, segment_regressions
 from consistent_id.regression.segments import merged
 
@@ -73,7 +72,7 @@ def forecast():
         model,
         whole,
         left_out,
-        fitted=stacked_of_regression(model, whole, estimate.parameters),
+        parameters=estimate.parameters,
         prior=prior,
         constraints=DEFAULT_CONSTRAINTS,
         base=base,
@@ -83,7 +82,26 @@ def forecast():
 
 def test_a_motion_like_the_training_motion_has_the_range_of_any(forecast):
     model, _, log, found = forecast
-    assert found.on(build_regression(model, log)) == found.expected
+    there = found.on(build_regression(model, log))
+    assert there.to_dict() == pytest.approx(found.expected.to_dict(), rel=1e-12)
+
+
+def test_with_less_torque_the_range_holds_noise_and_errors_that_grow_with_it(forecast):
+    model, truth, log, found = forecast
+    quiet = log.samples(abs(log.torque).sum(axis=1) < np.median(abs(log.torque)))
+    rows = build_regression(model, quiet)
+    here, there = (
+        np.linalg.norm(one.predicted_rms(truth)) for one in (found.regression, rows)
+    )
+    assert here > 1.5 * there
+    expected = found.on(rows)
+    # White noise has the same size everywhere.
+    noise = found.expected.error * here / there
+    assert expected.contains(noise)
+    assert expected.contains(found.expected.error)
+    assert expected.error == pytest.approx(
+        np.sqrt(noise * found.expected.error), rel=0.1
+    )
 
 
 def test_the_range_widens_upwards_with_the_distance_of_the_motion(forecast):
@@ -96,6 +114,6 @@ def test_the_range_widens_upwards_with_the_distance_of_the_motion(forecast):
             acceleration=faster**2 * log.acceleration,
         )
         there = found.on(build_regression(model, simulate_torque(model, truth, motion)))
-        assert there.low == found.expected.low
+        assert there.low <= found.expected.low
         widths.append(there.high / there.low)
     assert widths[0] < widths[1] < widths[2]
