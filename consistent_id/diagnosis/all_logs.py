@@ -12,7 +12,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
 from consistent_id._support.executors import single_threaded
-from consistent_id.constraints import Constraint
+from consistent_id.constraints import Constraint, FixedMasses
 from consistent_id.constraints.priors import nominal_distance
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
 from consistent_id.diagnosis.coverage import saturation_findings
@@ -32,7 +32,12 @@ from consistent_id.diagnosis.small_shifts import (
     moved_channels,
     shift_findings,
 )
-from consistent_id.diagnosis.wrong_units import model_findings, travel_findings
+from consistent_id.diagnosis.whole_robot import whole_robot_findings
+from consistent_id.diagnosis.wrong_units import (
+    model_findings,
+    placeholders,
+    travel_findings,
+)
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.penalised import penalised_fit
 from consistent_id.recordings.recording import Recording, positions_at
@@ -183,6 +188,11 @@ def _of_all(open_: Sequence[OpenLog]) -> list[LogFinding]:
     for one in open_:
         alike.setdefault(one.as_is.factors.model.torque_joints, []).append(one.as_is)
     shifts = [finding for logs in alike.values() for finding in _shifts(logs)]
+    if not any(f.severity == "fault" for f in shifts):
+        more = [f for logs in alike.values() for f in _of_whole_robot(logs)]
+        # Where joints never turn back, friction looks like gravity.
+        short = any(f.kind == "short" for one in open_ for f in one.signals)
+        shifts += [replace(f, severity="warning") for f in more] if short else more
     shown = any(f.severity == "fault" for f in shifts)
     lost = not shown and any(f.severity == "fault" for o in open_ for f in o.odd)
     found = [f for f in shifts if not (lost and f.severity == "warning")]
@@ -216,6 +226,20 @@ def _shifts(logs: Sequence[FittedLog]) -> list[LogFinding]:
     if found and _explained(logs, moved.sizes) < _WORTH:
         found = [_unsure(f) for f in found]
     return [*found, *hidden_zeros(model, moved), *lags]
+
+
+def _of_whole_robot(logs: Sequence[FittedLog]) -> list[LogFinding]:
+    """Test clock, gain, zeros and base beside nominal bodies, if these are known.
+
+    With one torque, or with other sensors' rows, too little is known of the bodies.
+    """
+    model = logs[0].factors.model
+    robot = model.robot
+    if robot.nominal is None or placeholders(robot) or len(model.torque_joints) < 2:
+        return []
+    known = any(isinstance(c, FixedMasses) for c in logs[0].constraints)
+    recordings = [log.recording for log in logs]
+    return whole_robot_findings(model, recordings, masses_known=known)
 
 
 def _explained(logs: Sequence[FittedLog], sizes: Vector) -> float:

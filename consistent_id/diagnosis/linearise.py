@@ -217,11 +217,11 @@ def linearised(
     predicted = np.einsum("jps,p->js", columns, x)
     lag = -np.gradient(predicted, 1.0 / rate, axis=1)
     speed = np.asarray(driven.velocity).T
-    friction = _of_own_row(frictions(speed, predicted))
+    friction = of_own_row(frictions(speed, predicted))
     known = [columns[:, list(base.independent)], friction]
-    late = _of_own_row(np.gradient(frictions(speed, predicted), axis=2))
-    unknown = [late, lag[:, None], _by_position(model, x, *states)]
-    gains = _of_own_row(predicted[:, None])
+    late = of_own_row(np.gradient(frictions(speed, predicted), axis=2))
+    unknown = [late, lag[:, None], slopes_by_position(model, x, *states)]
+    gains = of_own_row(predicted[:, None])
     rows = np.concatenate([*known, *unknown, gains, torque[:, None]], axis=1)
     cutoff = _BAND * _bandwidth(states[1], rate)
     rows = np.swapaxes(_smooth(rows, cutoff, rate), 1, 2)
@@ -255,7 +255,7 @@ def frictions(speed: Matrix, torque: Matrix) -> Array:
     return np.stack([*shapes, abs(torque) * shapes[0]], axis=1)
 
 
-def _of_own_row(columns: Array) -> Array:
+def of_own_row(columns: Array) -> Array:
     """Return columns that are zero in other joints' rows, (joints, all, samples)."""
     joints, shapes, samples = columns.shape
     rows = np.zeros((joints, joints, shapes, samples))
@@ -268,7 +268,7 @@ def _states(recording: Recording) -> tuple[Array, Array, Array]:
     return recording.position, np.asarray(dq), np.asarray(ddq)
 
 
-def _by_position(
+def slopes_by_position(
     model: TorqueModel, x: Vector, q: Array, dq: Array, ddq: Array
 ) -> Array:
     """Return slopes over positions, shape (torque joints, joints, samples)."""

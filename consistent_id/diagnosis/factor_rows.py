@@ -1,0 +1,274 @@
+"""Rows of logs beside nominal bodies, and how factors of a whole robot change them.
+
+A factor is one number: the clock's speed, a gain of all torques, a zero, the angle of a
+leaning base.  The rows of a log are those of all parameters, of the factors, and of the
+nominal bodies, which pull as far as bodies are usually known.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id.diagnosis.linearise import (
+    Jackknife,
+    frictions,
+    jackknife,
+    of_own_row,
+    slopes_by_position,
+)
+from consistent_id.recordings.recording import Recording
+from consistent_id.regression.correlated_noise import correlation_lengths
+from consistent_id.regression.linear import smallest_solution
+from consistent_id.regression.regression import triangle
+from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.scaling import link_scales, reference_bodies
+
+LEAN = float(np.radians(5.0))
+"""Least angle of a leaning base that is reported."""
+
+_RANK = 1e-7  # of the largest singular value of unit columns
+_STEP = 1e-4  # of the direction of gravity, for its derivative
+_EXACT = 1e-3  # of the torque: least residual that weights a joint's rows
+
+
+@dataclass(frozen=True, slots=True)
+class Factor:
+    """A fault of which one number is unknown.
+
+    Parameters
+    ----------
+    kind : {"clock", "masses or gain", "offset zero", "gravity"}
+    where : str
+    least : float
+        Least size that is reported: log of the clock's speed or of the gain, [rad or
+        m] for zeros and [rad] for the base.
+    joint : int
+        Of a zero.
+    axis : tuple of float
+        Level unit vector about which the base may lean.
+    """
+
+    kind: str
+    where: str
+    least: float
+    joint: int = 0
+    axis: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FactorLogs:
+    """Logs, perhaps with a factor taken out, and the model that belongs to them.
+
+    `widths` are those to which masses, centres of mass and second moments are known.
+    """
+
+    model: TorqueModel
+    logs: Sequence[Recording]
+    widths: Vector
+
+    def without(self, factor: Factor, size: float) -> "FactorLogs":
+        """Take a factor out."""
+        if factor.kind == "gravity":
+            return replace(self, model=leaning(self.model, factor.axis, size))
+        return replace(self, logs=[_without(log, factor, size) for log in self.logs])
+
+
+def _without(log: Recording, factor: Factor, size: float) -> Recording:
+    if factor.kind == "clock":
+        speed = np.exp(size)
+        velocity, acceleration = np.asarray(log.velocity), np.asarray(log.acceleration)
+        return replace(
+            log, velocity=speed * velocity, acceleration=speed**2 * acceleration
+        )
+    if factor.kind == "masses or gain":
+        return replace(log, torque=np.asarray(log.torque) * np.exp(-size))
+    zeros = size * (np.arange(log.position.shape[1]) == factor.joint)
+    return replace(log, position=log.position + zeros)
+
+
+def leaning(model: TorqueModel, axis: Sequence[float], angle: float) -> TorqueModel:
+    """Return a model whose gravity is turned about a level axis."""
+    gravity = np.asarray(model.robot.gravity)
+    turned = np.cos(angle) * gravity + np.sin(angle) * np.cross(axis, gravity)
+    return replace(model, robot=replace(model.robot, gravity=turned))
+
+
+def factors_of(model: TorqueModel) -> list[Factor]:
+    """Return the factors that a robot with a fixed base may have."""
+    joints = model.robot.driven
+    found = [
+        Factor("clock", "time", float(np.log(1.15))),
+        Factor("masses or gain", "all joints", float(np.log(1.15))),
+    ]
+    for k, joint in enumerate(joints):
+        least = 0.05 if joint.kind == "prismatic" else float(np.radians(6.0))
+        found.append(Factor("offset zero", joint.name, least, joint=k))
+    gravity = np.asarray(model.robot.gravity)
+    if gravity.any():
+        level = np.linalg.svd(gravity[None])[2][1:]
+        found += [Factor("gravity", "base", LEAN, axis=tuple(k)) for k in level]
+    return found
+
+
+def factor_system(
+    state: FactorLogs,
+    factors: Sequence[Factor],
+    noise: Vector,
+    *,
+    nominal: bool = True,
+) -> Jackknife:
+    """Return rows of the factors, with bodies and drives eliminated."""
+    model = state.model
+    rows = [_Rows.of(model, log) for log in state.logs]
+    A = np.concatenate([r.columns for r in rows], axis=2)
+    torque = np.concatenate([r.torque for r in rows], axis=1)
+    weights = 1.0 / (noise * _size(torque))
+    pull, pulled_to = _pull(model, A.shape[1], state.widths)
+    if not nominal:
+        pull, pulled_to = pull[:0], pulled_to[:0]
+    c = np.zeros((len(A), 0, A.shape[2]))
+    if factors:
+        x = _solution(A, torque, weights, pull, pulled_to)
+        pairs = zip(rows, state.logs, strict=True)
+        slopes = [r.slopes(model, x, log, factors) for r, log in pairs]
+        c = np.concatenate(slopes, axis=2)
+    every = np.concatenate([A, c], axis=1).transpose(0, 2, 1) * weights[:, None, None]
+    free = jackknife(every, torque * weights[:, None])
+    prior = np.column_stack([pull, np.zeros((len(pull), len(factors))), pulled_to])
+    whole, *others = (
+        triangle(np.asfortranarray(np.vstack([F, prior])))
+        for F in (free.whole, *free.others)
+    )
+    return Jackknife(whole, tuple(others)).without(A.shape[1])
+
+
+def _size(torque: Matrix) -> Vector:
+    """Return the root mean square of each joint's torque."""
+    return np.asarray(np.maximum(np.sqrt(np.mean(torque**2, axis=1)), 1e-300))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rows:
+    """Rows of one log.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (torque joints, columns, samples)
+        The model's, then rotor inertias and friction that it may lack.
+    at_rest : ndarray, shape (torque joints, inertial, samples)
+        Inertial columns without motion.
+    torque : ndarray, shape (torque joints, samples)
+    """
+
+    columns: Array
+    at_rest: Array
+    torque: Matrix
+
+    @classmethod
+    def of(cls, model: TorqueModel, log: Recording) -> "_Rows":
+        q, dq, ddq = (
+            log.position,
+            np.asarray(log.velocity),
+            np.asarray(log.acceleration),
+        )
+        driven = log.of(model.torque_joints)
+        torque = np.asarray(driven.torque).T
+        speed, change = np.asarray(driven.velocity).T, np.asarray(driven.acceleration).T
+        own = np.concatenate([change[:, None], frictions(speed, torque)], axis=1)
+        columns = [model.regressor(q, dq, ddq), of_own_row(own)]
+        rest = model.regressor(q, 0.0 * dq, 0.0 * ddq)
+        inertial = model.layout.inertial_size
+        return cls(np.concatenate(columns, axis=1), rest[:, :inertial], torque)
+
+    def slopes(
+        self, model: TorqueModel, x: Vector, log: Recording, factors: Sequence[Factor]
+    ) -> Array:
+        """Return what a unit of each factor adds, (torque joints, factors, samples).
+
+        Torque is changed by a clock ``exp(f)`` times too slow, by a gain ``exp(f)``, by
+        positions that are ``f`` too small, by gravity that leans.
+        """
+        inertial = model.layout.inertial_size
+        bodies = np.zeros(len(model.layout))
+        bodies[:inertial] = x[:inertial]
+        moving = self.columns[:, :inertial] - self.at_rest
+        q, dq, ddq = (
+            log.position,
+            np.asarray(log.velocity),
+            np.asarray(log.acceleration),
+        )
+        zeros = np.zeros((0, 0, 0))
+        if any(factor.kind == "offset zero" for factor in factors):
+            zeros = slopes_by_position(model, bodies, q, dq, ddq)
+        found = []
+        for factor in factors:
+            if factor.kind == "clock":
+                part = 2.0 * np.einsum("jps,p->js", moving, x[:inertial])
+            elif factor.kind == "masses or gain":
+                part = np.einsum("jps,p->js", self.columns, x)
+            elif factor.kind == "offset zero":
+                part = zeros[:, factor.joint]
+            else:
+                part = _by_gravity(model, bodies, q, factor.axis)
+            found.append(part)
+        return np.stack(found, axis=1)
+
+
+def _by_gravity(
+    model: TorqueModel, bodies: Vector, q: Array, axis: Sequence[float]
+) -> Matrix:
+    """Return the slope of the torque over the angle by which the base leans."""
+    ahead, behind = (
+        leaning(model, axis, step).predict(bodies, q, 0.0 * q, 0.0 * q)
+        for step in (_STEP, -_STEP)
+    )
+    return np.asarray((ahead - behind).T / (2.0 * _STEP))
+
+
+def _pull(model: TorqueModel, columns: int, widths: Vector) -> tuple[Matrix, Vector]:
+    """Return the rows and values that pull bodies to nominal ones."""
+    scales = link_scales(model.robot)
+    m, d = scales.mass, scales.length
+    mass, centre, moment = widths
+    width = np.column_stack(
+        [mass * m, *[centre * m * d] * 3, *[moment * m * d**2] * 6]
+    ).ravel()
+    rows = np.zeros((len(width), columns))
+    rows[:, : len(width)] = np.diag(1.0 / width)
+    return rows, reference_bodies(model.robot).ravel() / width
+
+
+def relative_noise(state: FactorLogs) -> Vector:
+    """Return each joint's noise over its torque, as if samples were independent.
+
+    It is the residual of least squares, joints weighted by their residuals in turn,
+    times the root of the number of samples over which it is correlated.
+    """
+    rows = [_Rows.of(state.model, log) for log in state.logs]
+    A = np.concatenate([r.columns for r in rows], axis=2)
+    torque = np.concatenate([r.torque for r in rows], axis=1)
+    size = _size(torque)
+    sigma = size
+    empty = np.zeros((0, A.shape[1])), np.zeros(0)
+    for _ in range(3):
+        x = _solution(A, torque, 1.0 / sigma, *empty)
+        rest = torque - np.einsum("jps,p->js", A, x)
+        sigma = np.maximum(_size(rest), _EXACT * size)
+    ends = np.cumsum([r.torque.shape[1] for r in rows])[:-1]
+    lengths = correlation_lengths(np.split(rest.T, ends))
+    return np.asarray(sigma / size * np.sqrt(lengths))
+
+
+def _solution(
+    A: Array, torque: Matrix, weights: Vector, pull: Matrix, nominal: Vector
+) -> Vector:
+    rows = [
+        np.column_stack([Y.T, tau]) * w
+        for Y, tau, w in zip(A, torque, weights, strict=True)
+    ]
+    R = triangle(
+        np.asfortranarray(np.vstack([*rows, np.column_stack([pull, nominal])]))
+    )
+    return smallest_solution(R[:, :-1], R[:, -1], _RANK)

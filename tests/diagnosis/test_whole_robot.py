@@ -1,0 +1,175 @@
+"""Clock, gain, zeros and base beside nominal bodies, on logs whose fault is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from consistent_id import (
+    DHRow,
+    DriveTerms,
+    InertialParameters,
+    Recording,
+    TorqueModel,
+    from_modified_dh,
+    simulate_torque,
+)
+from consistent_id.diagnosis.factor_rows import factors_of, leaning
+from consistent_id.diagnosis.whole_robot import (
+    whole_robot_factors,
+    whole_robot_findings,
+)
+from consistent_id.robot.model import Link
+
+_DRIVE = DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.05, offset=True)
+_ROWS = [
+    DHRow(0, 0, 0.4),
+    DHRow(-np.pi / 2, 0.1),
+    DHRow(0, 0.5, 0.1),
+    DHRow(np.pi / 2, 0.05, 0.4),
+]
+_MASSES = (8.0, 6.0, 4.0, 2.0)
+_CENTRES = ([0, 0.05, -0.1], [0.2, 0, 0.1], [0.03, -0.1, 0.05], [0.05, 0, 0.1])
+
+
+def arm():
+    """Return an arm of four links, whose bodies are known."""
+    robot = from_modified_dh("arm", _ROWS)
+    links = tuple(
+        Link(
+            link.name,
+            InertialParameters.from_central(m, c, np.diag([0.02, 0.03, 0.025]) * m),
+        )
+        for link, m, c in zip(robot.links, _MASSES, _CENTRES, strict=True)
+    )
+    return TorqueModel(replace(robot, links=links), _DRIVE)
+
+
+def logged(seed, *, spread=0.0, noise=0.02):
+    """Return the model and a smooth log of a robot whose bodies may differ."""
+    model, rng = arm(), np.random.default_rng(seed)
+    time = np.arange(600) / 30.0
+    w = 2 * np.pi * rng.uniform(0.1, 0.5, (4, 3))[..., None]
+    angle = w * time + rng.uniform(0, 6, (4, 3))[..., None]
+    q = 0.4 * np.sin(angle).sum(axis=1).T + rng.uniform(-0.5, 0.5, 4)
+    dq = 0.4 * (w * np.cos(angle)).sum(axis=1).T
+    ddq = -0.4 * (w**2 * np.sin(angle)).sum(axis=1).T
+    bodies = []
+    for link in model.robot.links:
+        nominal = link.nominal
+        moved = nominal.com + spread * 0.05 * rng.normal(size=3)
+        central = nominal.central_inertia * np.exp(spread * 0.3 * rng.normal())
+        mass = nominal.mass * (1.0 + min(spread, 1.0) * 0.05 * rng.normal())
+        bodies.append(InertialParameters.from_central(mass, moved, central).vector)
+    truth = np.append(np.concatenate(bodies), np.tile([1.0, 2.0, 0.3], 4))
+    motion = Recording(model.robot.joint_names, time, q, dq, ddq)
+    return model, simulate_torque(model, truth, motion, noise=noise, rng=rng)
+
+
+def faulty(log, model, kind, place, size):
+    """Return a log from which a factor of that size has to be taken out."""
+    if kind == "clock":
+        speed = np.exp(-size)
+        log = replace(
+            log,
+            velocity=speed * log.velocity,
+            acceleration=speed**2 * log.acceleration,
+        )
+    elif kind == "masses or gain":
+        log = replace(log, torque=np.exp(size) * log.torque)
+    elif kind == "offset zero":
+        log = replace(log, position=log.position - size * (np.arange(4) == place))
+    else:
+        axis = [f.axis for f in factors_of(model) if f.kind == "gravity"][place]
+        model = leaning(model, axis, -size)
+    return model, log
+
+
+_GAIN = ("masses or gain", 0, np.log(1.4))
+FAULTS = [
+    ("clock", 0, np.log(2.0)),
+    ("clock", 0, np.log(0.7)),
+    _GAIN,
+    ("masses or gain", 0, np.log(0.6)),
+    ("offset zero", 1, np.radians(15.0)),
+    ("offset zero", 2, np.radians(-20.0)),
+    ("gravity", 0, np.radians(12.0)),
+    ("gravity", 1, np.radians(-12.0)),
+]
+
+
+@pytest.mark.parametrize(("kind", "place", "size"), FAULTS)
+def test_a_fault_of_a_robot_as_drawn_is_measured_exactly(kind, place, size):
+    model, log = logged(0, noise=0.0)
+    found = whole_robot_factors(*_with_logs(faulty(log, model, kind, place, size)))
+    best = found[0]
+    assert _is(best.factor, kind, place)
+    found_size = abs(best.size) if kind == "gravity" else best.size
+    assert found_size == pytest.approx(abs(size) if kind == "gravity" else size, 0.02)
+
+
+@pytest.mark.parametrize(("kind", "place", "size"), FAULTS)
+def test_the_fault_explains_most_where_bodies_differ_from_the_drawing(
+    kind, place, size
+):
+    model, log = logged(1, spread=0.5)
+    best = whole_robot_factors(*_with_logs(faulty(log, model, kind, place, size)))[0]
+    assert _is(best.factor, kind, place)
+    if kind == "gravity":
+        best, size = replace(best, size=abs(best.size)), abs(size)
+    assert abs(best.size - size) <= 3.0 * best.error
+    (finding,) = whole_robot_findings(
+        *_with_logs(faulty(log, model, kind, place, size))
+    )
+    assert finding.kind == kind
+
+
+def _is(factor, kind, place):
+    """Return whether a factor is a fault; an axis may be its opposite."""
+    return factor.kind == kind and (kind != "offset zero" or factor.joint == place)
+
+
+def _with_logs(case):
+    model, log = case
+    return model, [log]
+
+
+def test_errors_are_those_of_robots_drawn_as_the_widths_say():
+    """Of factors of clean logs, size over error has a root mean square of about one."""
+    ratios = {}
+    for seed in range(8):
+        model, log = logged(100 + seed, spread=1.0)
+        for found in whole_robot_factors(model, [log]):
+            if np.isfinite(found.error):
+                ratios.setdefault(found.factor.kind, []).append(found.ratio)
+    assert {"clock", "masses or gain", "offset zero"} <= set(ratios)
+    every = np.concatenate(list(ratios.values()))
+    assert 0.5 < np.sqrt(np.mean(every**2)) < 1.3
+    assert np.mean(every > 3.0) < 0.02
+
+
+def test_a_clean_log_has_no_finding():
+    model, log = logged(2, spread=0.7)
+    assert whole_robot_findings(model, [log]) == []
+
+
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_bodies_known_half_as_well_are_no_fault_of_the_log(seed):
+    model, log = logged(seed, spread=2.0)
+    assert whole_robot_findings(model, [log]) == []
+
+
+def test_free_masses_take_up_a_gain():
+    model, log = logged(4, spread=0.5)
+    _, log = faulty(log, model, "masses or gain", 0, np.log(1.4))
+    (finding,) = whole_robot_findings(model, [log])
+    assert finding.kind == "masses or gain"
+    assert whole_robot_findings(model, [log], masses_known=False) == []
+
+
+def test_what_is_no_factor_of_a_robot_is_left_out():
+    model = arm()
+    weightless = replace(model, robot=replace(model.robot, gravity=np.zeros(3)))
+    kinds = [factor.kind for factor in factors_of(weightless)]
+    assert "gravity" not in kinds
+    assert len([k for k in kinds if k == "offset zero"]) == 4
