@@ -72,15 +72,23 @@ def least_squares(
     base = base_parameters(model) if base is None else base
     require_match(model, regression, base)
     free = unconstrained_fit(regression, base)
-    estimate = unconstrained_estimate(model, free, method=method)
+    estimate = unconstrained_estimate(model, free, data=free, method=method)
     return replace(estimate, seconds=perf_counter() - started)
 
 
 @single_threaded
 def unconstrained_estimate(
-    model: TorqueModel, free: UnconstrainedFit, *, method: str
+    model: TorqueModel, free: UnconstrainedFit, *, data: UnconstrainedFit, method: str
 ) -> Estimate:
-    """Return the estimate of `least_squares` of a fit made before."""
+    """Return the estimate of `least_squares` of a fit made before.
+
+    Parameters
+    ----------
+    free : UnconstrainedFit
+    data : UnconstrainedFit
+        Least squares on the rows in which errors are measured: those of `free`, unless
+        a method weighs single samples.
+    """
     started = perf_counter()
     regression, base, solution = free.regression, free.base, free.solution
     R, parameters = regression.stacked(), free.parameters
@@ -100,7 +108,7 @@ def unconstrained_estimate(
         certificate=stationarity_certificate(A, b, solution),
         notes=_notes(model, free),
         seconds=perf_counter() - started,
-        fit=fit_of(model, free, parameters),
+        fit=fit_of(model, data, parameters),
         parameter_errors=found_by.errors if redundant else None,
     )
 

@@ -20,7 +20,11 @@ from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.fitted_to import FittedUnder
 from consistent_id.estimation.method import Method
-from consistent_id.regression.base import BaseParameters, open_combinations
+from consistent_id.regression.base import (
+    BaseParameters,
+    base_parameters,
+    open_combinations,
+)
 from consistent_id.regression.mass_matrix import (
     POSES,
     least_mass_eigenvalue,
@@ -99,6 +103,7 @@ def constrained_least_squares(
         If no solver returns a usable point.
     """
     started = perf_counter()
+    base = base_parameters(model) if base is None else base
     problem = FitProblem.of(model, regression, constraints, base)
     estimate = constrained_estimate(problem, prior, method=method)
     return replace(estimate, seconds=perf_counter() - started)
