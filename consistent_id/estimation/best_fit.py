@@ -141,7 +141,10 @@ class ScaledFit:
 
 def base_factor(regression: Regression, base: BaseParameters) -> Matrix:
     """Return the triangular factor of base columns and torque, weights applied."""
-    R = regression.stacked()
+    return _base_factor(regression.stacked(), base)
+
+
+def _base_factor(R: Matrix, base: BaseParameters) -> Matrix:
     return triangle(np.asfortranarray(R[:, [*base.independent, -1]]))
 
 
@@ -153,7 +156,7 @@ def scaled_fit(
 ) -> ScaledFit:
     """Make a fit dimensionless; model, regression and base match (`require_match`)."""
     R = regression.stacked()
-    factor = base_factor(regression, base)
+    factor = _base_factor(R, base)
     torque = float(np.linalg.norm(R[:, -1]))
     residual = float(abs(factor[-1, -1])) if len(factor) > len(base) else 0.0
     norms = _drive_columns(model, R)

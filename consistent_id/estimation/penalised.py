@@ -30,7 +30,6 @@ from consistent_id.constraints.cones.least_norm import (
     LeastNorm,
     solve_least_norm,
 )
-from consistent_id.constraints.cones.sets import equalities
 from consistent_id.constraints.priors import (
     EntropicDistance,
     LocalRows,
@@ -271,7 +270,7 @@ def certify_penalised(
         )
 
     rest, _ = unexplained(problem, u, solution.multipliers)
-    E = equalities(fit.domain).steps
+    E = fit.domain.equalities.steps
     steep = np.linalg.lstsq((rows.G @ E).T, E.T @ rest, rcond=0.0)[0]
     if np.linalg.norm(steep) > weight / 2:
         return certified_with(fit.M)

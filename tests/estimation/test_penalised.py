@@ -23,7 +23,6 @@ from consistent_id import (
 from consistent_id.constraints.cones.certificate import certify, unexplained
 from consistent_id.constraints.cones.least_norm import solve_least_norm
 from consistent_id.constraints.cones.programmes import Multipliers
-from consistent_id.constraints.cones.sets import equalities
 from consistent_id.constraints.priors import Distance, nominal_distance
 from consistent_id.estimation.best_fit import REFERENCE, scaled_fit
 from consistent_id.estimation.penalised import (
@@ -235,7 +234,7 @@ def test_of_a_rest_as_long_as_half_the_weight_the_distances_curvature_is_no_proo
     u = solution.u
     rows = distance.local(u)
     problem = _stacked(fit, rows, weight)
-    E = equalities(fit.domain).steps
+    E = fit.domain.equalities.steps
     root = np.linalg.pinv(rows.G @ E, rcond=1e-14).T  # of the Hessian's inverse
 
     def shares_of_half_the_weight(duals):
