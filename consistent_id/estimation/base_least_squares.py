@@ -32,7 +32,6 @@ from consistent_id.regression.residual_noise import (
     joint_noise,
     unconstrained_fit,
 )
-from consistent_id.regression.row_names import in_newton
 
 _STATIONARITY = 1e-9
 
@@ -145,7 +144,8 @@ def _notes(model: TorqueModel, free: UnconstrainedFit) -> tuple[str, ...]:
     notes = ["no more rows than parameters: noise and standard errors are unknown"]
     if sum(regression.counts) > solution.rank:
         notes = [free.noise.sentence]
-        if _of_two_kinds(model) and np.ptp(regression.sigma) == 0.0:
+        of_two_kinds = len(set(model.forces.tolist())) > 1
+        if of_two_kinds and np.ptp(regression.sigma) == 0.0:
             notes.append(
                 "rows in N m and in N have equal weight, regardless of their sizes; "
                 "weighted_least_squares divides each joint's rows by its noise"
@@ -157,12 +157,6 @@ def _notes(model: TorqueModel, free: UnconstrainedFit) -> tuple[str, ...]:
             "is the smallest of all vectors that fit best"
         )
     return tuple(notes)
-
-
-def _of_two_kinds(model: TorqueModel) -> bool:
-    """Return whether there are rows in N m and rows in N."""
-    kinds = {in_newton(model.robot, name) for name in model.torque_joints}
-    return len(kinds) > 1
 
 
 def _covariance(noise: ResidualNoise, solution: LinearSolution) -> Matrix:
