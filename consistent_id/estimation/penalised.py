@@ -142,17 +142,19 @@ def penalised_fit(
     )
 
 
-class _Near(NamedTuple):
+class _NearProblem(NamedTuple):
     """The compromise near a point: the distance's rows there, and the problem."""
 
     rows: LocalRows
     problem: LeastNorm
 
 
-def _near(fit: ScaledFit, distance: NominalDistance, weight: float, u: Vector) -> _Near:
+def _near(
+    fit: ScaledFit, distance: NominalDistance, weight: float, u: Vector
+) -> _NearProblem:
     rows, root = distance.local(u), np.sqrt(weight)
     G = np.vstack([fit.M, root * rows.G])
-    return _Near(rows, LeastNorm(G, np.append(fit.z, root * rows.g), fit.domain))
+    return _NearProblem(rows, LeastNorm(G, np.append(fit.z, root * rows.g), fit.domain))
 
 
 def _newton(
