@@ -54,9 +54,8 @@ def measure() -> Blocks:
         scale, model = chosen(problem.model, fold.training)
         scales.append(scale)
         tested.append(ci.build_regression(model, fold.held_out))
-        for estimate in ci.problems.identify(
-            replace(problem, model=model), fold.training
-        ):
+        shaped = replace(problem, model=model)
+        for estimate in ci.Study(shaped, recordings=(fold.training, ())).estimates:
             x, method = estimate.parameters, estimate.method
             fits.setdefault(method, []).append(x)
             good = sum(

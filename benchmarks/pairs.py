@@ -52,13 +52,13 @@ class Pairs:
 def measure() -> Pairs:
     """Learn from each recording by every method and predict the others."""
     problem = ci.load_problem("problems/ur10e")
-    model, base = problem.model, ci.regression.base_parameters(problem.model)
+    model = problem.model
     recordings = [in_motion(problem.prepare(problem.read(f))) for f in files()]
     regressions = [ci.build_regression(model, r) for r in recordings]
     errors: dict[str, list[list[float]]] = {}
     bodies: dict[str, int] = {}
     for i, recording in enumerate(recordings):
-        for estimate in ci.problems.identify(problem, [recording], base=base):
+        for estimate in ci.Study(problem, recordings=((recording,), ())).estimates:
             x, method = estimate.parameters, estimate.method
             row = [stacked_error([r], [x]) for r in regressions]
             row[i] = float("nan")

@@ -13,7 +13,6 @@ import numpy as np
 
 import consistent_id as ci
 from consistent_id.export.urdf_export import rpy_of
-from consistent_id.regression.base import column_kinds
 from consistent_id.regression.linear import (
     STRUCTURAL_TOLERANCE,
     independent_columns,
@@ -92,7 +91,7 @@ def pair(robot: ci.RobotModel) -> tuple[int, int]:
     model = ci.TorqueModel(robot)
     W = np.concatenate(list(random_regressor(model)), axis=1).T
     plain = independent_columns(W, STRUCTURAL_TOLERANCE)
-    judged = split_at_gap(W, column_kinds(model.layout)).split
+    judged = split_at_gap(W, model.layout.kinds).split
     return len(plain.independent), len(judged.independent)
 
 

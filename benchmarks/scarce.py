@@ -70,10 +70,9 @@ def parts(log: ci.Recording, share: float) -> list[ci.Recording]:
 def cells(problem: ci.Problem, share: float) -> dict[str, Cell]:
     """Return what each method makes of the parts."""
     (log,) = problem.training
-    base = ci.regression.base_parameters(problem.model)
     reports: dict[str, list[EstimateReport]] = {}
     for part in parts(log, share):
-        estimates = ci.problems.identify(problem, [part], base=base)
+        estimates = ci.Study(problem, recordings=((part,), ())).estimates
         for report in ci.compare(estimates, problem.validation).reports:
             reports.setdefault(report.estimate.method, []).append(report)
     return {

@@ -74,7 +74,23 @@ class NotExcitedError(ConsistentIdError):
 
 
 class InfeasibleError(ConsistentIdError):
-    """No parameters satisfy the stated constraints."""
+    """No parameters satisfy the stated constraints.
+
+    Parameters
+    ----------
+    reason : str
+    members : tuple of int
+        Constraints that contradict each other, counted as in `ConicSet.labels` of those
+        stated; empty where they were not searched for.
+    """
+
+    def __init__(self, reason: str = "", members: tuple[int, ...] = ()) -> None:
+        super().__init__(reason)
+        self.members = members
+
+    def __reduce__(self) -> tuple[Callable[..., "InfeasibleError"], tuple[object, ...]]:
+        """Let it come back from another process with its members."""
+        return InfeasibleError, (str(self), self.members)
 
 
 class SolverError(ConsistentIdError):

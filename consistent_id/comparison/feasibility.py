@@ -36,7 +36,7 @@ from consistent_id.constraints.cones.certificate import OptimumVerdict, solve_ce
 from consistent_id.constraints.cones.interior import Interior, find_interior
 from consistent_id.constraints.cones.least_norm import LeastNorm, solve_least_norm
 from consistent_id.constraints.cones.programmes import COARSE
-from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock, block_rows
+from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
 from consistent_id.constraints.priors import nominal_point
 from consistent_id.errors import ProblemError, SolverError
 from consistent_id.estimation.best_fit import BestFit, best_fit
@@ -231,7 +231,7 @@ def _witnessed(domain: ConicSet, u: Vector) -> Interior | None:
     """Return a point as the answer if it satisfies everything, up to rounding."""
     if _relative_miss(domain, u) > _UNDECIDED or domain.violation(u) > _UNDECIDED:
         return None
-    margin = float(block_rows(domain).margins(u).min(initial=1.0))
+    margin = float(domain.block_rows.margins(u).min(initial=1.0))
     return Interior(margin, np.inf, u, (), ())
 
 

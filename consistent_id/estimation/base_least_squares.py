@@ -32,7 +32,6 @@ from consistent_id.regression.residual_noise import (
     joint_noise,
     unconstrained_fit,
 )
-from consistent_id.regression.row_names import in_newton
 
 _STATIONARITY = 1e-9
 
@@ -72,15 +71,23 @@ def least_squares(
     base = base_parameters(model) if base is None else base
     require_match(model, regression, base)
     free = unconstrained_fit(regression, base)
-    estimate = unconstrained_estimate(model, free, method=method)
+    estimate = unconstrained_estimate(model, free, data=free, method=method)
     return replace(estimate, seconds=perf_counter() - started)
 
 
 @single_threaded
 def unconstrained_estimate(
-    model: TorqueModel, free: UnconstrainedFit, *, method: str
+    model: TorqueModel, free: UnconstrainedFit, *, data: UnconstrainedFit, method: str
 ) -> Estimate:
-    """Return the estimate of `least_squares` of a fit made before."""
+    """Return the estimate of `least_squares` of a fit made before.
+
+    Parameters
+    ----------
+    free : UnconstrainedFit
+    data : UnconstrainedFit
+        Least squares on the rows in which errors are measured: those of `free`, unless
+        a method weighs single samples.
+    """
     started = perf_counter()
     regression, base, solution = free.regression, free.base, free.solution
     R, parameters = regression.stacked(), free.parameters
@@ -100,7 +107,7 @@ def unconstrained_estimate(
         certificate=stationarity_certificate(A, b, solution),
         notes=_notes(model, free),
         seconds=perf_counter() - started,
-        fit=fit_of(model, free, parameters),
+        fit=fit_of(model, data, parameters),
         parameter_errors=found_by.errors if redundant else None,
     )
 
@@ -137,7 +144,8 @@ def _notes(model: TorqueModel, free: UnconstrainedFit) -> tuple[str, ...]:
     notes = ["no more rows than parameters: noise and standard errors are unknown"]
     if sum(regression.counts) > solution.rank:
         notes = [free.noise.sentence]
-        if _of_two_kinds(model) and np.ptp(regression.sigma) == 0.0:
+        of_two_kinds = len(set(model.forces.tolist())) > 1
+        if of_two_kinds and np.ptp(regression.sigma) == 0.0:
             notes.append(
                 "rows in N m and in N have equal weight, regardless of their sizes; "
                 "weighted_least_squares divides each joint's rows by its noise"
@@ -149,12 +157,6 @@ def _notes(model: TorqueModel, free: UnconstrainedFit) -> tuple[str, ...]:
             "is the smallest of all vectors that fit best"
         )
     return tuple(notes)
-
-
-def _of_two_kinds(model: TorqueModel) -> bool:
-    """Return whether there are rows in N m and rows in N."""
-    kinds = {in_newton(model.robot, name) for name in model.torque_joints}
-    return len(kinds) > 1
 
 
 def _covariance(noise: ResidualNoise, solution: LinearSolution) -> Matrix:

@@ -40,11 +40,7 @@ from consistent_id.constraints.cones.least_norm import ConeSolution, LeastNorm
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.constraints.priors import nominal_point
 from consistent_id.errors import InfeasibleError, SolverError
-from consistent_id.regression.base import (
-    BaseParameters,
-    base_parameters,
-    require_match,
-)
+from consistent_id.regression.base import BaseParameters, require_match
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import UnconstrainedFit, unconstrained_fit
@@ -145,7 +141,10 @@ class ScaledFit:
 
 def base_factor(regression: Regression, base: BaseParameters) -> Matrix:
     """Return the triangular factor of base columns and torque, weights applied."""
-    R = regression.stacked()
+    return _base_factor(regression.stacked(), base)
+
+
+def _base_factor(R: Matrix, base: BaseParameters) -> Matrix:
     return triangle(np.asfortranarray(R[:, [*base.independent, -1]]))
 
 
@@ -155,16 +154,9 @@ def scaled_fit(
     base: BaseParameters,
     constraints: Sequence[Constraint],
 ) -> ScaledFit:
-    """Make a fit dimensionless.
-
-    Raises
-    ------
-    ProblemError, NotExcitedError
-        See `require_match`.
-    """
-    require_match(model, regression, base)
+    """Make a fit dimensionless; model, regression and base match (`require_match`)."""
     R = regression.stacked()
-    factor = base_factor(regression, base)
+    factor = _base_factor(R, base)
     torque = float(np.linalg.norm(R[:, -1]))
     residual = float(abs(factor[-1, -1])) if len(factor) > len(base) else 0.0
     norms = _drive_columns(model, R)
@@ -235,7 +227,11 @@ def best_fit(
     InfeasibleError, NotExcitedError, SolverError
         See `constrained_least_squares`.
     """
-    scaled = scaled_fit(model, regression, base, constraints)
+    require_match(model, regression, base)
+    return _least_misfit(scaled_fit(model, regression, base, constraints), gap)
+
+
+def _least_misfit(scaled: ScaledFit, gap: float = GAP_TOLERANCE) -> BestFit:
     return BestFit(scaled, *solved(scaled.problem, scaled.centre, gap=gap))
 
 
@@ -263,7 +259,8 @@ def solved(
         labels = "; ".join(problem.domain.labels[m] for m in members)
         raise InfeasibleError(
             f"no parameters satisfy these together: {labels}. Loosen one of them, or "
-            "check the datasheet values and the margin"
+            "check the datasheet values and the margin",
+            members,
         )
     if found is not None and found[1].violation <= _USABLE:
         return found
@@ -294,18 +291,22 @@ class FitProblem:
         model: TorqueModel,
         regression: Regression,
         constraints: Sequence[Constraint],
-        base: BaseParameters | None = None,
+        base: BaseParameters,
     ) -> "FitProblem":
-        """Return the problem of a regression; by default with all base parameters.
+        """Return the problem of a regression, after a check that all is of one model.
 
         Raises
         ------
         ProblemError, NotExcitedError
             See `require_match`.
         """
-        base = base_parameters(model) if base is None else base
         require_match(model, regression, base)
         return FitProblem(model, unconstrained_fit(regression, base), constraints)
+
+    def scaled(self) -> ScaledFit:
+        """Return the fit under the constraints, dimensionless."""
+        free = self.free
+        return scaled_fit(self.model, free.regression, free.base, self.constraints)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -338,18 +339,18 @@ def attained_fit(problem: FitProblem) -> AttainedFit:
         See `constrained_least_squares`.
     """
     model, given = problem.model, tuple(problem.constraints)
-    regression, base = problem.free.regression, problem.free.base
     consistent = any(isinstance(c, PhysicalConsistency) for c in given)
     if not consistent or _bounded(model, given).all():
-        return AttainedFit(best_fit(model, regression, given, base=base), given)
+        return AttainedFit(_least_misfit(problem.scaled()), given)
     noise = problem.free.noise
     allowed = _SIGNIFICANT * float(np.trace(noise.inflation)) / noise.rank
     typical = float(link_scales(model.robot).mass.sum())
     found: AttainedFit | None = None
     for times in BOUNDS:
         total = TotalMass(0.0, times * typical)
+        bounded = replace(problem, constraints=(*given, total))
         try:
-            best = best_fit(model, regression, (*given, total), base=base)
+            best = _least_misfit(bounded.scaled())
         except InfeasibleError:
             continue
         note = _note(model, best, total, times)
@@ -358,7 +359,7 @@ def attained_fit(problem: FitProblem) -> AttainedFit:
             return found
     if found is not None:
         return found
-    return AttainedFit(best_fit(model, regression, given, base=base), given)
+    return AttainedFit(_least_misfit(problem.scaled()), given)
 
 
 def _bounded(model: TorqueModel, constraints: Sequence[Constraint]) -> np.ndarray:

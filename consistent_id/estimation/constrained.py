@@ -20,7 +20,11 @@ from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.fitted_to import FittedUnder
 from consistent_id.estimation.method import Method
-from consistent_id.regression.base import BaseParameters, open_combinations
+from consistent_id.regression.base import (
+    BaseParameters,
+    base_parameters,
+    open_combinations,
+)
 from consistent_id.regression.mass_matrix import (
     POSES,
     least_mass_eigenvalue,
@@ -99,6 +103,7 @@ def constrained_least_squares(
         If no solver returns a usable point.
     """
     started = perf_counter()
+    base = base_parameters(model) if base is None else base
     problem = FitProblem.of(model, regression, constraints, base)
     estimate = constrained_estimate(problem, prior, method=method)
     return replace(estimate, seconds=perf_counter() - started)
@@ -133,15 +138,11 @@ def audited(
     constraints, each link's pseudo-inertia, and the mass matrix over random poses.
     """
     model, free = problem.model, problem.free
-    regression, base = free.regression, free.base
-    x, proof, shift = found.parameters, found.proof, found.shift
-    links = link_conditions(model, x)
-    least = least_mass_eigenvalue(model, x, random_poses(model, POSES, _SEED))
-    figures = _figures(problem, found, least, links)
-    consistent = any(isinstance(c, PhysicalConsistency) for c in problem.constraints)
+    base, x, shift = free.base, found.parameters, found.shift
     known = found.scaled.constraints.A_eq
     moved = 0.0 if shift is None else shift
     found_by = determined(model, free, known, x, elsewhere="prior", shift=moved)
+    links = link_conditions(model, x)
     return Estimate(
         method=method,
         model=model,
@@ -150,13 +151,45 @@ def audited(
         base_covariance=None,
         origins=found_by.origins,
         undetermined=open_combinations(free.solution, base.names),
-        sigma=residual_sigma(regression, x, len(base)),
-        certificate=_certificate(proof, least if consistent else None, figures),
+        sigma=residual_sigma(free.regression, x, len(base)),
+        certificate=_certificate(problem, found, links),
         notes=(found.note, *_edges(links)),
         seconds=perf_counter() - started,
         fit=fit_of(model, free, x, known=known),
         parameter_errors=None if shift is None else found_by.errors,
     )
+
+
+def _edges(links: Sequence[LinkCondition]) -> tuple[str, ...]:
+    """Name the links on the boundary of the consistency cone, and its kind."""
+    return tuple(
+        f"{link.link} is on the boundary of the consistency cone: {link.edge}"
+        for link in links
+        if link.edge
+    )
+
+
+def _certificate(
+    problem: FitProblem, found: FoundOptimum, links: Sequence[LinkCondition]
+) -> Certificate:
+    """Return the certificate; bodies need positive eigenvalues of the mass matrix."""
+    model, x, proof = problem.model, found.parameters, found.proof
+    least = least_mass_eigenvalue(model, x, random_poses(model, POSES, _SEED))
+    figures = _figures(problem, found, least, links)
+    consistent = any(isinstance(c, PhysicalConsistency) for c in problem.constraints)
+    if consistent and least <= 0.0:
+        reason = (
+            f"{proof.statement}; but the mass matrix has an eigenvalue of {least:.3g}: "
+            "constrain rotor inertia with NonNegativeDrive"
+        )
+        return Certificate("uncertified", reason, figures)
+    if proof.certified:
+        return Certificate("certified", proof.statement, figures)
+    reason = (
+        f"{proof.statement} (allowed: {proof.allowed}); its optimality is known only "
+        f"to these figures"
+    )
+    return Certificate("uncertified", reason, figures)
 
 
 def _figures(
@@ -180,31 +213,3 @@ def _figures(
             for link in links
         },
     }
-
-
-def _edges(links: Sequence[LinkCondition]) -> tuple[str, ...]:
-    """Name the links on the boundary of the consistency cone, and its kind."""
-    return tuple(
-        f"{link.link} is on the boundary of the consistency cone: {link.edge}"
-        for link in links
-        if link.edge
-    )
-
-
-def _certificate(
-    proof: OptimumProof, least: float | None, figures: dict[str, float]
-) -> Certificate:
-    """Return the certificate; `least`, of the mass matrix, must be positive."""
-    if least is not None and least <= 0.0:
-        reason = (
-            f"{proof.statement}; but the mass matrix has an eigenvalue of {least:.3g}: "
-            "constrain rotor inertia with NonNegativeDrive"
-        )
-        return Certificate("uncertified", reason, figures)
-    if proof.certified:
-        return Certificate("certified", proof.statement, figures)
-    reason = (
-        f"{proof.statement} (allowed: {proof.allowed}); its optimality is known only "
-        f"to these figures"
-    )
-    return Certificate("uncertified", reason, figures)

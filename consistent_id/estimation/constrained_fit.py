@@ -47,7 +47,6 @@ from consistent_id.estimation.best_fit import (
     ScaledFit,
     attained_fit,
     inner_fit,
-    scaled_fit,
 )
 from consistent_id.estimation.penalised import (
     DISTANCE_GAP,
@@ -206,19 +205,16 @@ def best_inside(problem: FitProblem, inside: float) -> BestInside:
     InfeasibleError, NotExcitedError, SolverError
         See `constrained_least_squares`.
     """
-    model, free = problem.model, problem.free
     try:
         attained = attained_fit(problem)
-    except InfeasibleError:
-        found = contradiction(
-            model, free.regression, problem.constraints, base=free.base
-        )
-        if found is None:
+    except InfeasibleError as refused:
+        if not refused.members:
             raise
-        raise InfeasibleError(found.sentence) from None
+        found = _resolved(problem, refused.members)
+        raise InfeasibleError(found.sentence, refused.members) from None
     attained_problem = replace(problem, constraints=attained.constraints)
     inner = inner_fit(attained_problem, attained.best, share=inside)
-    left = free.noise.one_error * (1.0 - inner.move) ** 2
+    left = problem.free.noise.one_error * (1.0 - inner.move) ** 2
     notes = tuple(filter(None, (inner.note, attained.note)))
     return BestInside(inner.best, left, notes)
 
@@ -357,12 +353,17 @@ def contradiction(
         If the regression does not fit the model, or is empty.
     """
     base = base_parameters(model) if base is None else base
-    scaled = scaled_fit(model, regression, base, constraints)
-    members = irreducible_conflict(scaled.domain)
-    if not members:
-        return None
-    to_rms = scaled.size / np.sqrt(sum(regression.counts))
-    found = [_without(scaled, m, to_rms, model.layout.names) for m in members]
+    problem = FitProblem.of(model, regression, constraints, base)
+    members = irreducible_conflict(problem.scaled().domain)
+    return _resolved(problem, members) if members else None
+
+
+def _resolved(problem: FitProblem, members: Sequence[int]) -> Contradiction:
+    """Return the best fit without each member of an irreducible conflict."""
+    scaled = problem.scaled()
+    to_rms = scaled.size / np.sqrt(sum(problem.free.regression.counts))
+    names = problem.model.layout.names
+    found = [_without(scaled, m, to_rms, names) for m in members]
     return Contradiction(
         tuple(sorted(found, key=lambda r: np.nan_to_num(r.rms, nan=np.inf))),
         scaled.residual * float(to_rms),

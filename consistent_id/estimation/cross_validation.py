@@ -33,7 +33,7 @@ from consistent_id.constraints.priors import (
     nominal_distance,
 )
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.best_fit import ScaledFit, base_factor, scaled_fit
+from consistent_id.estimation.best_fit import FitProblem, ScaledFit, base_factor
 from consistent_id.estimation.constrained_fit import (
     DEFAULT_CONSTRAINTS,
 )
@@ -161,7 +161,7 @@ def cross_validated(
     if len(first) == 0 or first.min() <= 0.0:
         raise ProblemError("weights must be positive numbers, one or more")
     base = base_parameters(model) if base is None else base
-    scaled = scaled_fit(model, merged(segments), base, constraints)
+    scaled = FitProblem.of(model, merged(segments), constraints, base).scaled()
     to_nominal = nominal_distance(model, distance, scaled.unit)
     folded = _Folds.of(scaled, segments, folds, base)
     along = partial(_along, distance=to_nominal)

@@ -39,7 +39,7 @@ from consistent_id.estimation.constrained_fit import (
 )
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.penalised import certify_penalised
-from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.inertia import PSEUDO_INERTIA_BASIS
@@ -183,6 +183,7 @@ def to_cvxpy(
     """
     import cvxpy as cp
 
+    base = base_parameters(model) if base is None else base
     source = FitProblem.of(model, regression, tuple(constraints), base)
     fitted = constrained_fit(source, prior)
     scaled, distance, layout = fitted.best.scaled, fitted.distance, model.layout

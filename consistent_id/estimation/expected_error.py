@@ -43,7 +43,7 @@ from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import Prior, nominal_distance
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.best_fit import ScaledFit, scaled_fit
+from consistent_id.estimation.best_fit import FitProblem, ScaledFit
 from consistent_id.estimation.left_out import (
     LeftOutErrors,
     prediction_root,
@@ -226,7 +226,7 @@ def error_forecast(
     expected = expected_error(left_out)
     if expected is None:
         return None
-    scaled = scaled_fit(model, regression, base, constraints)
+    scaled = FitProblem.of(model, regression, constraints, base).scaled()
     distance = nominal_distance(model, prior.distance, scaled.unit)
     fitted = stacked_of_regression(model, regression, parameters)
     return ErrorForecast(

@@ -27,7 +27,6 @@ from consistent_id.regression.linear import (
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import UnconstrainedFit
-from consistent_id.regression.row_names import rows_in_newton
 from consistent_id.regression.row_structure import random_rows
 
 _ALONE = ("misfit", "floor", "excess", "drive_share", "correlation", "spare", "guessed")
@@ -248,9 +247,8 @@ def _on_nominal(model: TorqueModel, regression: Regression) -> dict[str, Array]:
 
 def _shares(model: TorqueModel, torque: Vector) -> Vector:
     """Return each row's torque over the largest of its unit; zero if all are zero."""
-    forces = rows_in_newton(model.robot, model.torque_joints)
     shares = np.zeros(len(torque))
-    for kind in (forces, ~forces):
+    for kind in (model.forces, ~model.forces):
         largest = torque[kind].max(initial=0.0)
         if largest > 0.0:
             shares[kind] = torque[kind] / largest

@@ -37,10 +37,10 @@ from consistent_id.estimation.nearest_points import (
 )
 from consistent_id.estimation.penalised import penalised_fit
 from consistent_id.estimation.torque_error import stacked_of_kinds
-from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.base import BaseParameters, require_match
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import joint_noise
+from consistent_id.regression.residual_noise import noise_levels, unconstrained_fit
 from consistent_id.regression.segments import merged
 
 FOLDS = 6
@@ -162,9 +162,10 @@ def left_out_errors(
     first = 1.0  # weight of the distance that is tried first: similar in all folds
     for rest, segments in folds:
         try:
+            require_match(model, rest, base)
             if weighted:
-                rest = rest.weighted(joint_noise(model, rest, base=base))
-            problem = FitProblem.of(model, rest, constraints, base)
+                rest = rest.weighted(noise_levels(rest, base))
+            problem = FitProblem(model, unconstrained_fit(rest, base), constraints)
             predicted = _predicted(problem, segments, priors, first)
         except (InfeasibleError, NotExcitedError, SolverError):
             found.append(None)

@@ -15,7 +15,7 @@ from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
 from consistent_id.errors import ModelError, NotExcitedError
 from consistent_id.recordings.recording import Recording
-from consistent_id.regression.base import BaseParameters, column_kinds
+from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.linear import split_at_gap
 from consistent_id.regression.regression import Regression, build_regression
@@ -249,7 +249,7 @@ def _base(robot: LoadedRobot) -> BaseParameters:
             wide[:, robot.load_slice] = W[:, carrier]
         parts.append(wide)
     layout = robot.model.layout
-    split = split_at_gap(np.vstack(parts), column_kinds(layout)).split
+    split = split_at_gap(np.vstack(parts), layout.kinds).split
     return BaseParameters(
         robot.model.layout, *split, fingerprint=robot.model.fingerprint
     )

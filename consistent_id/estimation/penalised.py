@@ -30,7 +30,6 @@ from consistent_id.constraints.cones.least_norm import (
     LeastNorm,
     solve_least_norm,
 )
-from consistent_id.constraints.cones.sets import equalities
 from consistent_id.constraints.priors import (
     EntropicDistance,
     LocalRows,
@@ -125,7 +124,7 @@ def penalised_fit(
     """
     centre = distance.nominal
     if isinstance(distance, QuadraticDistance):
-        problem = _stacked(fit, distance.local(centre), weight)
+        problem = _near(fit, distance, weight, centre).problem
         solution, optimality = solved(problem, centre, reach=reach, gap=gap)
     else:
         solution = _newton(fit, distance, weight, centre if start is None else start)
@@ -143,10 +142,19 @@ def penalised_fit(
     )
 
 
-def _stacked(fit: ScaledFit, rows: LocalRows, weight: float) -> LeastNorm:
-    root = np.sqrt(weight)
+class _NearProblem(NamedTuple):
+    """The compromise near a point: the distance's rows there, and the problem."""
+
+    rows: LocalRows
+    problem: LeastNorm
+
+
+def _near(
+    fit: ScaledFit, distance: NominalDistance, weight: float, u: Vector
+) -> _NearProblem:
+    rows, root = distance.local(u), np.sqrt(weight)
     G = np.vstack([fit.M, root * rows.G])
-    return LeastNorm(G, np.append(fit.z, root * rows.g), fit.domain)
+    return _NearProblem(rows, LeastNorm(G, np.append(fit.z, root * rows.g), fit.domain))
 
 
 def _newton(
@@ -156,8 +164,7 @@ def _newton(
     u = start if np.isfinite(distance.squared(start)) else distance.nominal
     shortest, idle = np.inf, 0
     for _ in range(_STEPS):
-        rows = distance.local(u)
-        problem = _stacked(fit, rows, weight)
+        rows, problem = _near(fit, distance, weight, u)
         try:
             solution = solve_least_norm(problem, origin=u)
         except SolverError:
@@ -222,7 +229,7 @@ def _proven(
         u, optimality = best[0].u, best[1]
         if optimality.verdict == "certified" or not np.isfinite(distance.squared(u)):
             break
-        problem = _stacked(fit, distance.local(u), weight)
+        problem = _near(fit, distance, weight, u).problem
         try:
             finer = solve_least_norm(problem, tolerance=tolerance, origin=u)
         except SolverError:
@@ -250,13 +257,12 @@ def certify_penalised(
     """
     u, centre = solution.u, distance.nominal
     if isinstance(distance, QuadraticDistance):
-        problem = _stacked(fit, distance.local(u), weight)
+        problem = _near(fit, distance, weight, u).problem
         return certify(problem, solution, centre, reference=REFERENCE, reach=reach)
     squared = distance.squared(u)
     if not np.isfinite(squared):
         return Optimality(np.inf, np.inf, fit.domain.violation(u), np.inf)
-    rows = distance.local(u)
-    problem = _stacked(fit, rows, weight)
+    rows, problem = _near(fit, distance, weight, u)
     objective = (fit.excess(u) + weight * squared) / 2
 
     def certified_with(curvature: Matrix) -> Optimality:
@@ -271,7 +277,7 @@ def certify_penalised(
         )
 
     rest, _ = unexplained(problem, u, solution.multipliers)
-    E = equalities(fit.domain).steps
+    E = fit.domain.equalities.steps
     steep = np.linalg.lstsq((rows.G @ E).T, E.T @ rest, rcond=0.0)[0]
     if np.linalg.norm(steep) > weight / 2:
         return certified_with(fit.M)

@@ -13,7 +13,6 @@ from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.base_least_squares import unconstrained_estimate
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.method import Method
 from consistent_id.recordings.recording import Recording, several
 from consistent_id.regression.base import BaseParameters, base_parameters
@@ -131,7 +130,7 @@ def huber_estimate(
     scale, bound = reached.scale, rules.k * reached.scale
     final = reweighted(model, motions, reached.weights, noise=True).weighted(scale)
     fit = unconstrained_fit(final, base)
-    estimate = unconstrained_estimate(model, fit, method=Method.HUBER)
+    estimate = unconstrained_estimate(model, fit, data=plain, method=Method.HUBER)
     return replace(
         estimate,
         sigma=scale,
@@ -140,7 +139,6 @@ def huber_estimate(
         certificate=_certificate(reached.change, rules.tolerance),
         notes=(f"Huber's loss, k = {rules.k:g}", *estimate.notes),
         seconds=perf_counter() - started,
-        fit=fit_of(model, plain, estimate.parameters),
     )
 
 

@@ -18,7 +18,6 @@ from consistent_id.regression.drive.term import DriveTerm, JointSamples
 from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.row_names import rows_in_newton
 
 AT_REST = 0.05
 """Share of samples in motion below which a joint's friction is hardly identifiable:
@@ -166,8 +165,8 @@ def stacked_of_kinds(model: TorqueModel, error: Vector, torque: Vector) -> float
     Forces in N and torques in N m cannot be added.  `error` and `torque` are sums of
     squares, of each row.
     """
-    slides = rows_in_newton(model.robot, model.torque_joints)
-    kinds = [kind for kind in (slides, ~slides) if torque[kind].any()]
+    sides = (model.forces, ~model.forces)
+    kinds = [kind for kind in sides if torque[kind].any()]
     squares = [error[kind].sum() / torque[kind].sum() for kind in kinds]
     return float(np.sqrt(np.mean(squares)))
 

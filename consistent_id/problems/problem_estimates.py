@@ -21,30 +21,31 @@ from consistent_id.estimation.cross_validation import (
 )
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fitted_to import fitted_spans
-from consistent_id.estimation.left_out import LeftOutBlock, folds_of
+from consistent_id.estimation.left_out import LeftOutBlock
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.robust import HuberRules, huber_estimate
 from consistent_id.estimation.slack import SlackChoice, chosen_slack
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.published import PublishedReport, check_published
-from consistent_id.problems.robot_preparation import regression_of, segments_of_problem
+from consistent_id.problems.robot_preparation import regression_of
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regression import Regression, build_regression
-from consistent_id.regression.residual_noise import joint_noise, unconstrained_fit
-from consistent_id.regression.rows.contact_free import base_of_recordings
-from consistent_id.regression.segments import merged
+from consistent_id.regression.residual_noise import (
+    UnconstrainedFit,
+    noise_levels,
+    unconstrained_fit,
+)
 from consistent_id.regression.torque_along import simulate_torque
 
 
 def identify(
     problem: Problem,
-    training: Sequence[Recording] | None = None,
+    training: Sequence[Recording],
+    equal: UnconstrainedFit,
     *,
-    base: BaseParameters | None = None,
-    path: RegularisationPath | None = None,
-    slacks: Mapping[Method, SlackChoice] | None = None,
-    regression: Regression | None = None,
+    path: RegularisationPath,
+    slacks: Mapping[Method, SlackChoice],
 ) -> tuple[Estimate, ...]:
     """Estimate a problem's parameters by every method there is.
 
@@ -58,36 +59,37 @@ def identify(
     estimates, unless the problem states it; the quadratic programme has that of the
     constrained estimate.
 
+    A `Study` makes the values that this takes, each once.  To estimate from recordings
+    other than the problem's own: ``Study(problem, recordings=...).estimates``.
+
     Parameters
     ----------
     problem : Problem
-    training : sequence of Recording, optional
-        By default the problem's own.
-    base : BaseParameters, optional
-    path : RegularisationPath, optional
-        By default `regularisation_path` of the problem.
-    slacks : mapping of Method to SlackChoice, optional
-        By default `slack_choices` of the problem.
-    regression : Regression, optional
-        The regression of the training recordings.
+    training : sequence of Recording
+        Prepared.
+    equal : UnconstrainedFit
+        Least squares on the training recordings, with equal weights; see `Study.free`.
+    path : RegularisationPath
+        See `regularisation_path`.
+    slacks : mapping of Method to SlackChoice
+        See `slack_choices`.
     """
     model, constraints = problem.model, problem.constraints
-    training = problem.training if training is None else training
-    base = base_of_recordings(model, training) if base is None else base
-    if regression is None or path is None or slacks is None:
-        segments = segments_of_problem(problem.table, model, training)
-        regression = merged(segments) if regression is None else regression
-        path = path or regularisation_path(problem, segments, base=base)
-        slacks = slacks or slack_choices(problem, folds_of(segments), base=base)
+    regression, base = equal.regression, equal.base
+    weighted = unconstrained_fit(
+        regression.weighted(noise_levels(regression, base)), base
+    )
     choice, own = slacks[Method.CONSTRAINED], slacks[Method.WEIGHTED_CONSTRAINED]
     penalty = penalty_of(problem, path)
-    sigma = joint_noise(model, regression, base=base)
-    equal = unconstrained_fit(regression, base)
-    weighted = unconstrained_fit(regression.weighted(sigma), base)
     linear = [c for c in constraints if not isinstance(c, PhysicalConsistency)]
     estimates = (
-        unconstrained_estimate(model, equal, method=Method.LEAST_SQUARES),
-        unconstrained_estimate(model, weighted, method=Method.WEIGHTED_LEAST_SQUARES),
+        *(
+            unconstrained_estimate(model, free, data=free, method=method)
+            for method, free in (
+                (Method.LEAST_SQUARES, equal),
+                (Method.WEIGHTED_LEAST_SQUARES, weighted),
+            )
+        ),
         huber_estimate(model, training, equal, weighted.solution.x, HuberRules()),
         *(
             constrained_estimate(FitProblem(model, free, kept), chosen, method=method)
@@ -145,7 +147,7 @@ def regularisation_path(
     problem: Problem,
     segments: Sequence[Regression],
     *,
-    base: BaseParameters | None = None,
+    base: BaseParameters,
 ) -> RegularisationPath:
     """Cross-validate the weight of the problem's distance on its training data."""
     return cross_validated(
@@ -177,7 +179,7 @@ def refitted(
     model, base = problem.model, judged.base
     regression = regression_of(problem.table, model, recordings)
     if judged.method == Method.WEIGHTED_CONSTRAINED:
-        regression = regression.weighted(joint_noise(model, regression, base=base))
+        regression = regression.weighted(noise_levels(regression, base))
     estimate = constrained_least_squares(
         model,
         regression,

@@ -19,9 +19,8 @@ from consistent_id.comparison.constraint_prices import (
 from consistent_id.constraints import lowered
 from consistent_id.constraints.priors import Prior
 from consistent_id.diagnosis import Diagnosis
-from consistent_id.estimation.constrained import (
-    constrained_least_squares,
-)
+from consistent_id.estimation.best_fit import FitProblem
+from consistent_id.estimation.constrained import constrained_least_squares
 from consistent_id.estimation.cross_validation import RegularisationPath
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.expected_error import (
@@ -67,7 +66,7 @@ from consistent_id.problems.robot_preparation import segments_of_problem
 from consistent_id.recordings.recording import LogFinding, Recording
 from consistent_id.regression.base import BaseParameters, Excitation, excitation_of
 from consistent_id.regression.regression import Regression, build_regression
-from consistent_id.regression.residual_noise import unconstrained_fit
+from consistent_id.regression.residual_noise import UnconstrainedFit
 from consistent_id.regression.rows.contact_free import base_of_recordings
 from consistent_id.regression.segments import (
     merged,
@@ -141,6 +140,12 @@ class Study:
         return excitation_of(self.regression, self.base)
 
     @cached_property
+    def free(self) -> UnconstrainedFit:
+        """Least squares on the training data, with equal weights for all joints."""
+        model = self.problem.model
+        return FitProblem.of(model, self.regression, (), self.base).free
+
+    @cached_property
     def path(self) -> RegularisationPath:
         """The search for the weight of the cross-validated estimate's prior."""
         return regularisation_path(self.problem, self.segments, base=self.base)
@@ -164,14 +169,8 @@ class Study:
     @cached_property
     def estimates(self) -> tuple[Estimate, ...]:
         """Estimates by every method, the paper's first."""
-        own = identify(
-            self.problem,
-            self.training,
-            base=self.base,
-            path=self.path,
-            slacks=self.slacks,
-            regression=self.regression,
-        )
+        problem, training = self.problem, self.training
+        own = identify(problem, training, self.free, path=self.path, slacks=self.slacks)
         if self.published is not None:
             recording = self.training[0]
             first = published_least_squares(self.problem, recording, base=self.base)
@@ -333,8 +332,7 @@ class Study:
         model = self.problem.model
         known = lowered(self.problem.constraints, model).A_eq
         x, own = estimate.parameters, estimate.fit
-        free = unconstrained_fit(self.regression, self.base)
-        fit = fit_of(model, free, x, known=known)
+        fit = fit_of(model, self.free, x, known=known)
         # Its own optimum shows whether constraints contradict its data.
         return fit if own is None else replace(fit, excess=own.excess)
 

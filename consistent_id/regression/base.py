@@ -119,7 +119,7 @@ def base_parameters(
         parameters hold none of the others.
     """
     columns = random_rows(model, seed=seed).stacked()
-    kinds = column_kinds(model.layout)
+    kinds = model.layout.kinds
     order = [*(i for i in range(len(kinds)) if i not in set(last)), *last]
     found = split_at_gap(columns[:, order], [kinds[i] for i in order])
     split = _in_places(found.split, np.array(order))
@@ -152,14 +152,6 @@ def _near_sentence(base: BaseParameters, place: int, part: float) -> str:
         f"{name} {like} but for {part:.1g} of what such a parameter can do, as a "
         "rounded number in the robot's geometry makes it; that is taken for zero"
     )
-
-
-def column_kinds(layout: ParameterLayout) -> tuple[str, ...]:
-    """Return the kind of each parameter: its unit, and of drive terms the name too."""
-    inertial = layout.inertial_size
-    drive = (name.rpartition(".")[2] for name in layout.names[inertial:])
-    units = zip(layout.units[inertial:], drive, strict=True)
-    return (*layout.units[:inertial], *(" ".join(pair) for pair in units))
 
 
 def require_match(

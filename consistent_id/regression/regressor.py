@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import (
     Array,
+    BoolArray,
     IntArray,
     Matrix,
     Vector,
@@ -42,6 +43,7 @@ from consistent_id.regression.row_names import (
     BASE_ROWS,
     BASE_UNITS,
     CONTACT_FREE,
+    in_newton,
     rows_in_order,
 )
 from consistent_id.robot.model import RobotModel
@@ -226,6 +228,12 @@ class TorqueModel:
         coordinates = (*self.robot.joint_names, *BASE_ROWS)
         places = [coordinates.index(name) for name in self.torque_joints]
         return {j: row for row, j in enumerate(places)}
+
+    @property
+    def forces(self) -> BoolArray:
+        """Which rows are forces, in N; the others are torques, in N m."""
+        names = self.torque_joints
+        return np.array([in_newton(self.robot, name) for name in names], dtype=bool)
 
     @property
     def biased_rows(self) -> tuple[str, ...]:

@@ -44,6 +44,14 @@ def joint_noise(
     """
     base = base_parameters(model) if base is None else base
     require_match(model, regression, base)
+    return noise_levels(regression, base, iterations=iterations)
+
+
+@single_threaded
+def noise_levels(
+    regression: Regression, base: BaseParameters, *, iterations: int = 10
+) -> Vector:
+    """Return the noise of `joint_noise` for base parameters of the same model."""
     if iterations < 1:
         raise ProblemError(f"iterations is {iterations}, expected 1 or more")
     floor = 1e-6 * np.maximum(regression.torque_rms, 1e-12)

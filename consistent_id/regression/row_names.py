@@ -2,9 +2,6 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
-from consistent_id._support.arrays import BoolArray
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import require_known
 
@@ -41,11 +38,6 @@ def rows_in_order(names: Sequence[str], robot: RobotModel) -> tuple[str, ...]:
         return tuple(names)  # of one body alone, whose rows somebody else gives
     require_known(names, known, "torque_joints: no joint")
     return tuple(j for j in known if j in names) or known
-
-
-def rows_in_newton(robot: RobotModel, names: Sequence[str]) -> BoolArray:
-    """Return which rows are forces, in N; the others are torques, in N m."""
-    return np.array([in_newton(robot, name) for name in names], dtype=bool)
 
 
 def in_newton(robot: RobotModel, name: str) -> bool:

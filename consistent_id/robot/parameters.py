@@ -59,6 +59,14 @@ class ParameterLayout:
         """Number of inertial parameters, ten per link."""
         return 10 * len(self.links)
 
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """The kind of each parameter: its unit, and of drive terms the name too."""
+        inertial = self.inertial_size
+        drive = (name.rpartition(".")[2] for name in self.names[inertial:])
+        units = zip(self.units[inertial:], drive, strict=True)
+        return (*self.units[:inertial], *(" ".join(pair) for pair in units))
+
     def link_slice(self, link: int) -> slice:
         """Entries of the ten parameters of the link with this index."""
         return slice(10 * link, 10 * link + 10)

@@ -23,12 +23,11 @@ from consistent_id import (
 from consistent_id.constraints.cones.certificate import certify, unexplained
 from consistent_id.constraints.cones.least_norm import solve_least_norm
 from consistent_id.constraints.cones.programmes import Multipliers
-from consistent_id.constraints.cones.sets import equalities
 from consistent_id.constraints.priors import Distance, nominal_distance
 from consistent_id.estimation.best_fit import REFERENCE, scaled_fit
 from consistent_id.estimation.penalised import (
+    _near,
     _proven,
-    _stacked,
     _step_length,
     certify_penalised,
     penalised_fit,
@@ -135,8 +134,8 @@ def test_of_a_long_newton_step_so_much_is_taken_as_lowers_the_objective_most(
     else:
         others = np.concatenate([random_body(rng).vector for _ in range(2)])
         u[:20] = others / fit.unit[:20]
-    rows = distance.local(u)
-    step = solve_least_norm(_stacked(fit, rows, weight), origin=u).u - u
+    rows, problem = _near(fit, distance, weight, u)
+    step = solve_least_norm(problem, origin=u).u - u
     length = np.linalg.norm(rows.G @ step)
     taken = _step_length(fit, distance, weight, u, step, length)
     least = 1.0 / (1.0 + length)
@@ -233,9 +232,8 @@ def test_of_a_rest_as_long_as_half_the_weight_the_distances_curvature_is_no_proo
     weight = 1e-3
     solution = penalised_fit(fit, distance, weight).solution
     u = solution.u
-    rows = distance.local(u)
-    problem = _stacked(fit, rows, weight)
-    E = equalities(fit.domain).steps
+    rows, problem = _near(fit, distance, weight, u)
+    E = fit.domain.equalities.steps
     root = np.linalg.pinv(rows.G @ E, rcond=1e-14).T  # of the Hessian's inverse
 
     def shares_of_half_the_weight(duals):

@@ -46,8 +46,6 @@ from consistent_id.constraints.cones.programmes import (
 )
 from consistent_id.constraints.cones.sets import (
     ConicSet,
-    block_rows,
-    equalities,
     lengths,
     stacked,
 )
@@ -194,7 +192,7 @@ def certify(
     moved = abs(_half_square(problem, solution.u) - _half_square(problem, u))
     objective = _half_square(problem, u) if objective is None else objective
     rest, duals = unexplained(problem, u, solution.multipliers)
-    E = equalities(domain).steps
+    E = domain.equalities.steps
     away = float(np.linalg.norm(u - centre))
     radius = max(ball_about(centre, reach).radius, RADIUS * away)
     gap = moved + _complementarity(domain, u, duals)
@@ -202,7 +200,7 @@ def certify(
     slopes, to_centre = E.T @ rest, E.T @ (centre - u)
     if triangle is None:
         curvature = problem.G if curvature is None else curvature
-        triangle = _rows_of(equalities(domain).along(curvature))
+        triangle = _rows_of(domain.equalities.along(curvature))
     gap += _cost_of_rest(triangle, slopes, to_centre, radius, _NO_COST * scale)
     gap = min(gap, objective)  # the optimum is not below 0
     figures = (
@@ -221,14 +219,14 @@ def _half_square(problem: LeastNorm, u: Vector) -> float:
 
 
 def _onto_equalities(domain: ConicSet, u: Vector) -> Vector:
-    return u + equalities(domain).inverse @ (domain.b_eq - domain.A_eq @ u)
+    return u + domain.equalities.inverse @ (domain.b_eq - domain.A_eq @ u)
 
 
 def _complementarity(domain: ConicSet, u: Vector, duals: Multipliers) -> float:
     """Return the complementarity: multipliers times slacks, zero at the optimum."""
     paid = float(abs(duals.equal @ (domain.b_eq - domain.A_eq @ u)))
     paid += float(duals.at_most @ np.maximum(domain.b_in - domain.A_in @ u, 0.0))
-    products = block_rows(domain).products(u, stacked(duals.blocks))
+    products = domain.block_rows.products(u, stacked(duals.blocks))
     return paid + float(np.maximum(products, 0.0).sum())
 
 
@@ -397,8 +395,8 @@ def unexplained(
     domain = problem.domain
     rest = problem.G.T @ (problem.G @ u - problem.g)
     rest = rest + domain.A_in.T @ duals.at_most
-    rest = rest - block_rows(domain).A.T @ stacked(duals.blocks)
-    equal = -equalities(domain).inverse.T @ rest
+    rest = rest - domain.block_rows.A.T @ stacked(duals.blocks)
+    equal = -domain.equalities.inverse.T @ rest
     refined = Multipliers(equal, duals.at_most, duals.blocks)
     return rest + domain.A_eq.T @ equal, refined
 

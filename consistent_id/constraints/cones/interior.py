@@ -20,7 +20,7 @@ from consistent_id.constraints.cones.programmes import (
     set_rows,
     solve_cones,
 )
-from consistent_id.constraints.cones.sets import ConicSet, block_rows, stacked
+from consistent_id.constraints.cones.sets import ConicSet, stacked
 from consistent_id.errors import SolverError
 
 _REACH = 1e3  # least radius of the ball of proofs
@@ -198,7 +198,7 @@ def _contradiction(domain: ConicSet) -> tuple[Interior | None, float]:
 
 
 def _margin(domain: ConicSet, u: Vector) -> float:
-    margins = block_rows(domain).margins(u).tolist()
+    margins = domain.block_rows.margins(u).tolist()
     if len(domain.b_in):
         margins.append(float((domain.b_in - domain.A_in @ u).min()))
     return min(margins, default=1.0)
@@ -223,7 +223,7 @@ def _bound(
         return 1.0, taken
     value = float(y @ (domain.b_in - domain.A_in @ u)) if len(y) else 0.0
     slope = -domain.A_in.T @ y if len(y) else np.zeros(len(u))
-    blocks, z = block_rows(domain), stacked(Z)
+    blocks, z = domain.block_rows, stacked(Z)
     value += float(z @ (blocks.A @ u + blocks.b))
     slope = slope + blocks.A.T @ z
     if len(domain.b_eq):

@@ -44,8 +44,6 @@ from consistent_id.constraints.cones.programmes import (
 )
 from consistent_id.constraints.cones.sets import (
     ConicSet,
-    block_rows,
-    equalities,
     least_eigenvalues,
     lengths,
     stacked,
@@ -251,7 +249,7 @@ def _all_multipliers(
     others = set_multipliers(domain, (equal, duals[1], z)).times(size)
     pinned = ~found.free
     left = slope + domain.A_eq.T @ others.equal + domain.A_in.T @ others.at_most
-    left -= block_rows(domain).A.T @ stacked(others.blocks)
+    left -= domain.block_rows.A.T @ stacked(others.blocks)
     of_pins = -left[pinned] / domain.A_eq[found.pins, pinned]
     equal = others.equal.copy()
     equal[found.pins] = of_pins
@@ -287,7 +285,7 @@ def free_optimum(problem: LeastNorm, centre: Vector) -> FreeOptimum:
     Certificates check the result.
     """
     started = perf_counter()
-    domain, known = problem.domain, equalities(problem.domain)
+    domain, known = problem.domain, problem.domain.equalities
     start = centre + known.inverse @ (domain.b_eq - domain.A_eq @ centre)
     A, C = known.along(problem.G), known.along(domain.A_in)
     R, z = _triangle(A, problem.g - problem.G @ start)
@@ -300,7 +298,7 @@ def free_optimum(problem: LeastNorm, centre: Vector) -> FreeOptimum:
     if found is None or not np.isfinite(found.d).all():
         return nothing
     u = domain.snapped(start + known.steps @ found.d)
-    if domain.blocks and block_rows(domain).margins(u).min() < -_ROUNDING:
+    if domain.blocks and domain.block_rows.margins(u).min() < -_ROUNDING:
         return nothing
     none = tuple(np.zeros_like(block.constant) for block in domain.blocks)
     slope = problem.G.T @ (problem.G @ u - problem.g) + domain.A_in.T @ found.prices

@@ -19,7 +19,6 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.run import Terminated
 from consistent_id.constraints.cones.sets import (
     ConicSet,
-    block_rows,
     least_eigenvalues,
     matrices,
     positive_part,
@@ -232,7 +231,7 @@ def set_rows(
     With `margin`, the first of the others is the slack of inequalities and blocks:
     ``b_in - A_in u >= t`` and ``F(u) >= t 1``.
     """
-    blocks = block_rows(domain)
+    blocks = domain.block_rows
     rows = [
         ConeRows("zero", domain.A_eq, domain.b_eq),
         ConeRows("nonnegative", domain.A_in, domain.b_in),
@@ -254,7 +253,7 @@ def set_rows(
 def set_multipliers(domain: ConicSet, duals: Sequence[Vector]) -> Multipliers:
     """Return the duals of `set_rows`, made feasible: rounding may leave the cones."""
     equal, at_most, z = duals
-    orders = block_rows(domain).orders
+    orders = domain.block_rows.orders
     blocks = matrices(positive_part(z, orders), orders)
     return Multipliers(equal, np.maximum(at_most, 0.0), blocks)
 

@@ -10,7 +10,7 @@ matrices of one order at once.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, reduce
+from functools import cached_property, lru_cache, reduce
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -63,7 +63,7 @@ class SemidefiniteBlock:
         return self.value(x) / np.outer(self.scale, self.scale)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class ConicSet:
     """``A_eq x = b_eq``, ``A_in x <= b_in``, and semidefinite blocks.
 
@@ -129,6 +129,28 @@ class ConicSet:
         """Labels of all members: equalities, inequalities, blocks."""
         blocks = tuple(block.description for block in self.blocks)
         return self.eq_labels + self.in_labels + blocks
+
+    @cached_property
+    def equalities(self) -> "Equalities":
+        """Pseudo-inverse and null space of the equalities."""
+        return row_spaces(self.A_eq)
+
+    @cached_property
+    def block_rows(self) -> "BlockRows":
+        """The semidefinite blocks under each other."""
+        orders = tuple(len(block.scale) for block in self.blocks)
+        scales = [_outer(block.scale) for block in self.blocks]
+        A = [
+            svec(block.coefficients / scale).T
+            for block, scale in zip(self.blocks, scales, strict=True)
+        ]
+        b = [
+            svec(block.constant / scale)
+            for block, scale in zip(self.blocks, scales, strict=True)
+        ]
+        none = np.zeros((0, self.A_eq.shape[1]))
+        values = np.concatenate([np.zeros(0), *b])
+        return BlockRows(np.vstack([none, *A]), values, orders)
 
     def only(self, members: Iterable[int]) -> "ConicSet":
         """Return the set of only these members, counted as in `labels`."""
@@ -217,7 +239,7 @@ class ConicSet:
         if len(self.b_in):
             worst.append(float((self.A_in @ x - self.b_in).max()))
         if self.blocks:
-            worst.append(-float(block_rows(self).margins(x).min()))
+            worst.append(-float(self.block_rows.margins(x).min()))
         return float(np.max(worst)) if np.isfinite(worst).all() else np.inf
 
 
@@ -247,12 +269,6 @@ class Equalities(NamedTuple):
     def along(self, rows: Matrix) -> Matrix:
         """Return ``rows @ steps``."""
         return rows @ self.steps if self.kept is None else rows[:, self.kept]
-
-
-@lru_cache(maxsize=16)
-def equalities(domain: ConicSet) -> Equalities:
-    """Return pseudo-inverse and null space of a set's equalities."""
-    return row_spaces(domain.A_eq)
 
 
 def row_spaces(A: Matrix, tolerance: float = _NULL) -> Equalities:
@@ -296,23 +312,6 @@ class BlockRows:
         ends = np.cumsum(lengths(self.orders), dtype=np.intp)
         sums = np.cumsum(z * (self.A @ x + self.b))[ends - 1]
         return np.diff(sums, prepend=0.0)
-
-
-@lru_cache(maxsize=16)
-def block_rows(domain: ConicSet) -> BlockRows:
-    """Return the semidefinite blocks of a set under each other."""
-    orders = tuple(len(block.scale) for block in domain.blocks)
-    scales = [np.outer(block.scale, block.scale) for block in domain.blocks]
-    A = [
-        svec(block.coefficients / scale).T
-        for block, scale in zip(domain.blocks, scales, strict=True)
-    ]
-    b = [
-        svec(block.constant / scale)
-        for block, scale in zip(domain.blocks, scales, strict=True)
-    ]
-    none = np.zeros((0, domain.A_eq.shape[1]))
-    return BlockRows(np.vstack([none, *A]), np.concatenate([np.zeros(0), *b]), orders)
 
 
 def svec(F: Array) -> Array:

@@ -27,7 +27,7 @@ from consistent_id._support.executors import single_threaded, worker_threads
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recordings.beside import ContactFlags
 from consistent_id.recordings.recording import Recording, several
-from consistent_id.regression.base import BaseParameters, base_parameters, column_kinds
+from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.linear import split_at_gap
 from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import Regression, triangle
@@ -264,7 +264,7 @@ def contact_free_base(
         (found.maps @ Y[found.samples]).reshape(-1, Y.shape[2])
         for found in contact_maps(whole.robot, q, flags, levels, turned, rows=there)
     ]
-    split, _ = split_at_gap(np.vstack(rows), column_kinds(model.layout))
+    split, _ = split_at_gap(np.vstack(rows), model.layout.kinds)
     return BaseParameters(model.layout, *split, fingerprint=model.fingerprint)
 
 

@@ -13,7 +13,7 @@ from consistent_id.recordings.beside import Wrench
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_names import CONTACT_FREE, row_names
-from consistent_id.robot.kinematics import frame_motion
+from consistent_id.robot.kinematics import FrameMotion, frame_motion
 from consistent_id.robot.model import RobotModel
 
 
@@ -43,9 +43,13 @@ def contact_jacobian(
     -------
     ndarray, shape (samples, 6, 6 + joints)
     """
-    moved = frame_motion(robot, q, frame=frame, point=point)
-    n = len(moved.position)
-    J = np.zeros((n, 6, 6 + len(robot)))
+    return _of_base_and_joints(frame_motion(robot, q, frame=frame, point=point))
+
+
+def _of_base_and_joints(moved: FrameMotion) -> Array:
+    """Return the Jacobian of `contact_jacobian`, given the motion with the joints."""
+    n, _, joints = moved.jacobian.shape
+    J = np.zeros((n, 6, 6 + joints))
     J[:, :3, :3] = J[:, 3:, 3:6] = np.eye(3)
     x, y, z = moved.position.T
     # v = v_base + w_base x p
@@ -92,9 +96,9 @@ def measured_forces(model: TorqueModel, recording: Recording) -> Matrix | None:
 
 def _of_wrench(robot: RobotModel, recording: Recording, wrench: Wrench) -> Matrix:
     q = joint_positions(robot, recording)
-    J = contact_jacobian(robot, q, frame=wrench.frame, point=wrench.point)
-    acting = in_base_axes(robot, recording, wrench)
-    return np.asarray(np.einsum("nir,ni->nr", J, acting))
+    moved = frame_motion(robot, q, frame=wrench.frame, point=wrench.point)
+    acting = _in_base_axes(wrench, recording, moved.rotation)
+    return np.asarray(np.einsum("nir,ni->nr", _of_base_and_joints(moved), acting))
 
 
 def joint_positions(robot: RobotModel, recording: Recording) -> Matrix:
@@ -104,8 +108,13 @@ def joint_positions(robot: RobotModel, recording: Recording) -> Matrix:
     return recording.of(robot.joint_names).position
 
 
-def in_base_axes(robot: RobotModel, recording: Recording, wrench: Wrench) -> Matrix:
+def _in_base_axes(wrench: Wrench, recording: Recording, frame: Array) -> Matrix:
     """Return a wrench in base axes, shape (samples, 6).
+
+    Parameters
+    ----------
+    frame : ndarray, shape (samples, 3, 3)
+        Rotation of the wrench's frame in the base.
 
     Raises
     ------
@@ -115,8 +124,7 @@ def in_base_axes(robot: RobotModel, recording: Recording, wrench: Wrench) -> Mat
     if wrench.axes == "base":
         return wrench.values
     if wrench.axes == "frame":
-        q = joint_positions(robot, recording)
-        turn = frame_motion(robot, q, frame=wrench.frame).rotation
+        turn = frame
     elif recording.base is None or recording.base.rotation is None:
         raise RecordingError(
             f"{recording.name}: the wrench at {wrench.frame!r} is in world axes, but "
