@@ -118,6 +118,26 @@ def milliseconds(log: Log, _: str) -> Log:
     return replace(log, columns=columns)
 
 
+def slower(factor: float) -> Spoil:
+    """Stretch the time by a factor; velocities, which a log has beside it, are lost."""
+
+    def spoil(log: Log, _: str) -> Log:
+        columns = {k: v for k, v in log.columns.items() if not k.startswith("dq")}
+        return replace(log, columns={**columns, "time": factor * columns["time"]})
+
+    return spoil
+
+
+def zero_off(joint: int, degrees: float) -> Spoil:
+    """Add a zero offset to the position of a joint."""
+
+    def spoil(log: Log, _: str) -> Log:
+        moved = log.columns[f"q{joint}"] + np.radians(degrees)
+        return replace(log, columns={**log.columns, f"q{joint}": moved})
+
+    return spoil
+
+
 def paused(log: Log, _: str) -> Log:
     """Stop three times for two seconds, friction holding what it held."""
     time = log.columns["time"]
@@ -185,6 +205,13 @@ SPOILS: dict[str, tuple[tuple[str, ...], Spoil]] = {
     "pauses": (("standstill", "frozen channel", "clock"), paused),
     "two robots joined": (("model does not explain", "contact", "drift"), joined),
     "wrong gear ratio": (GAIN, scaled(1, 1.25)),
+    "torques 1.3 times": (GAIN, of_torque(lambda tau, _: 1.3 * tau)),
+    "torques 0.7 times": (GAIN, of_torque(lambda tau, _: 0.7 * tau)),
+    "time 2 times": (("clock", "robot's size"), slower(2.0)),
+    "time 1.3 times": (("clock", "robot's size"), slower(1.3)),
+    "time 0.7 times": (("clock", "robot's size"), slower(0.7)),
+    "zero of joint 2 off by 15 degrees": (("offset zero", "gravity"), zero_off(2, 15)),
+    "zero of joint 3 off by 15 degrees": (("offset zero",), zero_off(3, 15)),
     "torque at the motor": (GAIN, of_torque(lambda tau, _: tau / 100.0)),
     "torque reversed": (("torque sign",), scaled(1, -1.0)),
     "torque in coarse steps": (("torque resolution",), of_torque(stepped)),
@@ -258,8 +285,12 @@ def outcome(robot: Robot, folder: Path, label: str, *, quick: bool = False) -> O
         pd.DataFrame(spoilt.columns).to_parquet(file)
         (into / "read").mkdir()
         read = completed(robot, file, into, into / "read")
+        spoilt_robot = robot
+        if not any(name.startswith("dq") for name in spoilt.columns):
+            columns = {k: v for k, v in robot.columns.items() if k != "velocity"}
+            spoilt_robot = replace(robot, columns=columns)
         try:
-            problem = draft_of(robot, into, read).problem()
+            problem = draft_of(spoilt_robot, into, read).problem()
             found = check_problem(problem)
             if quick and found.faults:
                 kinds = _kinds(found.findings)
