@@ -9,6 +9,7 @@ from robots import random_body
 
 from consistent_id import InertialParameters, SolverError
 from consistent_id.comparison import base_feasibility
+from consistent_id.constraints import FixedParameters
 from consistent_id.constraints.cones import certificate
 from consistent_id.constraints.cones.certificate import certify, solve_certified
 from consistent_id.constraints.cones.interior import find_interior
@@ -209,6 +210,24 @@ def test_the_proof_of_impossibility_counts_the_same_for_every_candidate():
         x = base.lift(values) + null @ rng.normal(size=null.shape[1])
         J = pseudo_inertia(x[:10]) / np.outer(root, root)
         assert np.sum(proof.multipliers[0] * J) < -1e-3
+
+
+def test_what_contradicts_base_parameters_is_named_beside_them_and_nothing_else():
+    model, truth, _ = pendulum()
+    base = base_parameters(model)
+    values = base.projection @ truth
+    # The mass is no base parameter and may be any; the moment h_x is one, 0.6 kg m.
+    stated = FixedParameters({"link1.m": 1.0, "link1.hx": 0.9})
+    answer = base_feasibility(model, base, values, constraints=[stated])
+    assert answer.answer == "impossible" and not answer.violations
+    assert set(answer.proof.to_blame) == {"link1.hx", "link1.hx = 0.9 kg m"}
+    first, second = answer.proof.to_blame
+    assert answer.summary.startswith(
+        f"impossible: {first}, {second} contradict each other (proven among"
+    )
+    stated = FixedParameters({"link1.m": 1.0, "link1.hx": 0.6})
+    agreed = base_feasibility(model, base, values, constraints=[stated])
+    assert agreed.answer == "consistent"
 
 
 def test_an_empty_set_is_proven_empty_and_a_full_one_is_not():

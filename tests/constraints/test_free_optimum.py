@@ -107,6 +107,7 @@ def test_rows_of_one_parameter_each_have_their_pseudo_inverse_and_null_space(see
     found = row_spaces(A)
     np.testing.assert_allclose(found.inverse, np.linalg.pinv(A), rtol=0, atol=1e-13)
     assert found.steps.shape == (N, N - 3) and not (A @ found.steps).any()
+    np.testing.assert_array_equal(found.kept, np.flatnonzero(~A.any(axis=0)))
     np.testing.assert_array_equal(found.steps.T @ found.steps, np.eye(N - 3))
     rows = rng.normal(size=(2, N))
     np.testing.assert_array_equal(found.along(rows), rows @ found.steps)

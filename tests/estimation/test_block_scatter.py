@@ -6,7 +6,10 @@ from robots import random_robot
 
 from consistent_id import DriveTerms, NotExcitedError, Recording, TorqueModel
 from consistent_id.constraints import FixedParameters
-from consistent_id.estimation.uncertainties.block_scatter import block_scatter
+from consistent_id.estimation.uncertainties.block_scatter import (
+    BlockScatter,
+    block_scatter,
+)
 from consistent_id.regression.regression import build_regression
 
 RATE, BLOCKS = 100.0, 24
@@ -76,6 +79,33 @@ def test_intervals_hold_other_blocks_as_often_as_they_say():
     # 40 values: 95 % less three standard errors of a share is 85 %.
     assert np.mean(held) >= 0.85
     assert np.mean(by_noise) < 0.6
+
+
+def one(value, noise, between, blocks):
+    return BlockScatter(("a",), *np.array([[value], [noise], [between]]), blocks)
+
+
+def test_errors_of_a_mean_are_noise_and_the_scatter_over_the_blocks():
+    assert one(0.0, 3.0, 8.0, 4).standard_errors == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize(
+    ("blocks", "between", "width"),
+    [
+        # Variances: of both noises 3^2 + 4^2; of a new block's deviation and of the
+        # known blocks' mean 2^2 (1 + 1/4).  Student's 97.5 % for 3 degrees of freedom
+        # is 3.1824 in tables, a normal's 1.960.
+        (4, True, 3.1824 * np.sqrt(30.0)),
+        (4, False, 1.960 * 5.0),
+        (1, True, 1.960 * np.sqrt(25.0 + 4.0 * 2.0)),
+    ],
+)
+def test_another_motion_is_within_an_interval_of_both_errors(blocks, between, width):
+    known = one(10.0, 3.0, 2.0, blocks)
+    for side in (-1.0, 1.0):
+        for share, inside in ((0.999, True), (1.001, False)):
+            other = one(10.0 + side * share * width, 4.0, 7.0, 1)
+            assert known.holds(other, between=between).tolist() == [inside]
 
 
 def test_a_block_that_leaves_a_parameter_open_is_refused():

@@ -75,6 +75,21 @@ def test_what_is_not_known_well_enough_is_named():
     assert "10 % or better" not in found.verdict
 
 
+def test_a_gain_is_known_if_its_relative_error_is_below_the_accuracy():
+    found = _found(0.3)
+    errors = found.standard_errors / found.gains
+    assert found.relative_errors == pytest.approx(errors)
+    worst = int(errors.argmax())
+    for share, known in ((1.001, True), (0.999, False)):
+        judged = replace(found, accuracy=share * errors[worst])
+        assert judged.identifiable == judged.identified[worst] == known
+        others = np.delete(judged.identified, worst)
+        assert others.all()
+        assert (
+            f"{found.joints[worst]} ({errors[worst]:.0%})" in judged.verdict
+        ) != known
+
+
 def test_gains_refuse_what_does_not_fit():
     model, unloaded, loaded = runs(0.02, gains=GAINS)
     with pytest.raises(ProblemError, match="no parameter named"):

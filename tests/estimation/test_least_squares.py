@@ -83,6 +83,16 @@ def test_rank_does_not_depend_on_units():
     assert solve_linear(A * units, A[:, 0]).rank == 3
 
 
+@pytest.mark.parametrize("rows", [2, 4, 7])
+def test_each_column_has_a_singular_value_of_unit_columns(rows):
+    A = np.random.default_rng(rows).normal(size=(rows, 4)) * [1e-3, 1.0, 20.0, 1e3]
+    unit = A / np.linalg.norm(A, axis=0)
+    found = solve_linear(A, A[:, 0]).singular_values
+    assert found.shape == (4,)
+    # Squares are the Gram matrix's eigenvalues, zero beyond the number of rows.
+    assert np.allclose(found**2, np.linalg.eigvalsh(unit.T @ unit)[::-1], atol=1e-14)
+
+
 def test_open_directions_are_named_and_the_smallest_solution_is_taken():
     # Columns 0 and 1 stand only as a sum; 2 alone.
     A = np.array([[1.0, 1.0, 0.0], [2.0, 2.0, 1.0], [0.0, 0.0, 3.0], [1.0, 1.0, 1.0]])

@@ -23,8 +23,9 @@ from consistent_id import (
 from consistent_id.excitation.accuracy import path_regressor, predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.design import design_trajectory
-from consistent_id.excitation.verification import Demands
-from consistent_id.motion.proofs.margins import motion_margins
+from consistent_id.excitation.stages import _allowed_peaks
+from consistent_id.excitation.verification import Demands, PathProof
+from consistent_id.motion.proofs.margins import Margin, MotionMargins, motion_margins
 from consistent_id.recordings.joint_paths import FourierTrajectory
 from consistent_id.regression import base_parameters
 
@@ -378,3 +379,24 @@ def test_a_path_that_cannot_be_proven_never_leaves(monkeypatch):
     monkeypatch.setattr(Demands, "proof", refusing)
     with pytest.raises(InfeasibleError, match="is not kept"):
         designed(arm(2), Aim(refine=None), time_limit=0.1)
+
+
+def test_a_torque_that_is_too_much_over_time_lowers_its_peak_in_proportion():
+    def peaks(*margins):
+        known = [
+            Margin(f"joint{joint}", quantity, limit, bound, bound, 0.0, limit)
+            for joint, quantity, limit, bound in margins
+        ]
+        return _allowed_peaks(PathProof(MotionMargins(tuple(known)), None))
+
+    # A motion whose torque is scaled so that its extremes fall from bound to limit.
+    peak, rms, rate = (1, "torque", 20.0, 12.0), "torque RMS", "torque rate"
+    assert peaks(peak, (1, rms, 3.0, 4.0)) == {"joint1": pytest.approx(9.0)}
+    # Of two limits that are violated, the one that needs less torque counts.
+    both = (1, rms, 3.0, 4.0), (1, rate, 50.0, 100.0)
+    assert peaks(peak, *both) == {"joint1": pytest.approx(6.0)}
+    assert peaks(peak, *both[::-1]) == {"joint1": pytest.approx(6.0)}
+    # A peak without a limit is guessed: twice the root mean square that is allowed.
+    assert peaks(peak, (2, rms, 3.0, 4.0)) == {"joint2": pytest.approx(4.5)}
+    kept = [(1, rms, 3.0, 3.0), (1, rate, 50.0, 49.0), (1, "torque", 20.0, 21.0)]
+    assert peaks(*kept, (1, "velocity", 1.0, 2.0)) == {}

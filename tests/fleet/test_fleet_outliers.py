@@ -47,3 +47,19 @@ def test_of_a_few_robots_none_is_named():
     rng = np.random.default_rng(8)
     factors = [_factor(rng, np.full(4, float(k)), 4) for k in range(3)]
     assert not find_outliers(factors).named.any()
+
+
+@pytest.mark.parametrize(
+    ("robots", "far", "named"), [(24, 12, 11), (25, 12, 12), (26, 13, 12), (27, 13, 13)]
+)
+def test_most_robots_stay_by_which_the_others_are_judged(robots, far, named):
+    """Robots in pairs on both sides, each pair twenty times as far as the next."""
+    rng = np.random.default_rng(9)
+    x, factors = rng.normal(size=6), []
+    for k in range(robots):
+        A = np.linalg.qr(rng.normal(size=(200, 6)))[0]  # all see all directions alike
+        shift = (-1.0) ** k * 20.0 ** ((far - k + 1) // 2) * (k < far)
+        rows = np.column_stack([A, A @ (x + shift) + rng.normal(size=200)])
+        factors.append(np.asarray(np.linalg.qr(rows, "r")))
+    found = find_outliers(factors).named
+    assert found.sum() == named and not found[far:].any()

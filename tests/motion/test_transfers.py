@@ -177,3 +177,16 @@ def test_what_is_no_polynomial_path_is_refused(change, says):
     values = {"joints": ("a",), "control": np.ones((3, 1)), "duration": 1.0} | change
     with pytest.raises(ProblemError, match=says):
         PolynomialPath(**values)
+
+
+@pytest.mark.parametrize("share", [0.5, 1.0, -1.0])
+def test_a_state_at_its_limit_can_be_left_and_reached(share):
+    moving = MotionState(("j0",), [[0.0], [2.0 * share], [0.0], [0.0]])
+    still = at_rest(1.5 * np.sign(share))
+    for begin, end in ((moving, still), (at_rest(-1.5 * np.sign(share)), moving)):
+        path = transfer(begin, end, limits())
+        reached = ends(path)
+        assert np.allclose(reached[:3, 0], begin.values[:3], atol=1e-9)
+        assert np.allclose(reached[:3, 1], end.values[:3], atol=1e-9)
+        time = path.start + np.linspace(0.0, path.duration, 400)
+        assert abs(path.evaluate(time, 1)[1]).max() <= 2.0 * (1.0 + 2e-9)

@@ -10,7 +10,7 @@ from some_fast import some_fast
 from consistent_id import ProblemError, RecordingError, load_problem
 from consistent_id.problems import preparation as preparation_module
 from consistent_id.problems.draft_rows import Clock, _training, split_logs
-from consistent_id.problems.drafting import draft_problem
+from consistent_id.problems.drafting import _CUTOFFS, _LOW, draft_problem
 from consistent_id.problems.file import ModelTable, ProblemTable, problem_table
 from consistent_id.problems.kept_text import toml_text
 from consistent_id.problems.parameter_tables import ConstraintsTable, RelationTable
@@ -34,6 +34,13 @@ def arm(tmp_path_factory):
     folder = tmp_path_factory.mktemp("arm")
     urdf, log = write_arm(folder)
     return folder, draft_problem(urdf, log)
+
+
+def test_cut_offs_that_are_tried_rise_by_at_most_five_thirds():
+    tried = np.array(_CUTOFFS)
+    steps = tried[1:] / tried[:-1]
+    assert (steps > 1.0).all() and (steps <= 5.0 / 3.0 + 1e-12).all()
+    assert _LOW in tried
 
 
 def test_a_draft_finds_the_motion_and_keeps_its_last_part_to_judge_by(arm):

@@ -9,7 +9,13 @@ from logged import write_arm
 
 import consistent_id as ci
 from consistent_id.problems.draft import draft_table
-from consistent_id.problems.file import JointTable, ProblemTable, problem_table
+from consistent_id.problems.file import (
+    ColumnsTable,
+    JointTable,
+    ProblemTable,
+    RecordingTable,
+    problem_table,
+)
 from consistent_id.problems.kept_text import toml_text
 from consistent_id.problems.overrides import overridden
 from consistent_id.problems.robot_logs import robot_logs
@@ -116,6 +122,20 @@ def test_what_is_stated_beside_a_file_takes_its_place_or_is_refused(name, proble
     assert now != was
     # It can be written and read again.
     assert problem_table(toml_text(new, {}), file) == new
+
+
+def test_columns_that_are_not_stated_keep_the_names_of_their_format(problem):
+    table, file = problem
+    bag = RecordingTable(file="log.mcap", role="training")
+    data = msgspec.structs.replace(table.data, recordings=[bag], columns=None)
+    table = msgspec.structs.replace(table, data=data)
+    new = overridden(table, Statement(torque="current"), file).table
+    # Of sensor_msgs/JointState, but for the torque.
+    assert new.data.columns == ColumnsTable(
+        time="header.stamp", position="position", velocity="velocity", torque="current"
+    )
+    again = overridden(new, Statement(time="stamp"), file).table
+    assert (again.data.columns.time, again.data.columns.torque) == ("stamp", "current")
 
 
 def test_other_joints_keep_their_motors_where_drive_terms_are_stated(problem):

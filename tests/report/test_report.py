@@ -1,6 +1,7 @@
 """The report: whole, self-contained, escaped, and with the study's own figures."""
 
 import base64
+import json
 import re
 import shutil
 import subprocess
@@ -37,6 +38,11 @@ from consistent_id.cli import main
 from consistent_id.diagnosis import Diagnosis
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.estimation.verdict import percent
+from consistent_id.problems.published import (
+    PublishedReport,
+    PublishedVector,
+    RankReport,
+)
 from consistent_id.report import advise, comparison_html, report_html
 from consistent_id.report.links_section import (
     InertiaEllipsoid,
@@ -216,6 +222,51 @@ def test_the_slack_chosen_is_in_the_table_the_record_and_the_notes(study):
         assert found.slacks[found.best] in shown and " <" in shown
         assert study_record(study)["slacks"][method] == found.to_dict()
         assert found.statement in study.estimate(method).notes
+
+
+def test_the_record_of_a_paper_s_report_has_each_number_for_json(study, monkeypatch):
+    first = study.comparison.reports[0]
+    rank = RankReport(("a", "b"), 1, np.array([1.0, 0.0]), ("a - b",))
+    vector = PublishedVector(
+        "mean", first.base_feasibility, study.recommended.estimate, np.array([0.5, 2.0])
+    )
+    paper = PublishedReport(
+        SimpleNamespace(names=("a", "b")),
+        study.training[0],
+        all_columns=rank,
+        free_columns=replace(rank, columns=("a",), null_directions=()),
+        mean=np.array([3.0, 4.0]),
+        standard_deviation=np.array([0.1, 0.2]),
+        largest_differences={"mean": 1e-3},
+        mean_links={},
+        central_inertia={"fore": np.arange(6.0)},
+        vectors=(vector,),
+    )
+    monkeypatch.setitem(study.__dict__, "published", paper)
+    record = json.loads(json.dumps(study_record(study)))["published"]
+    assert record.pop("vectors") == [
+        {
+            "name": "mean",
+            "answer": first.base_feasibility.answer,
+            "summary": first.base_feasibility.summary,
+            "depth": first.base_feasibility.proof.margin,
+            "bound": first.base_feasibility.proof.bound,
+            "nearest": json.loads(json.dumps(study.recommended.estimate.to_dict())),
+            "torque_change": [0.5, 2.0],
+        }
+    ]
+    values = {"rank": 1, "singular_values": [1.0, 0.0]}
+    assert record == {
+        "parameters": ["a", "b"],
+        "mean": [3.0, 4.0],
+        "standard_deviation": [0.1, 0.2],
+        "largest_differences": {"mean": 1e-3},
+        "central_inertia": {"fore": [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]},
+        "ranks": [
+            {"columns": ["a", "b"], **values, "null_directions": ["a - b"]},
+            {"columns": ["a"], **values, "null_directions": []},
+        ],
+    }
 
 
 def test_parameters_have_their_intervals_and_verdicts(sure, html):

@@ -57,6 +57,15 @@ def test_rules_that_make_no_sense_are_refused(numbers):
         Mimic("a", *numbers)
 
 
+def test_a_joint_follows_as_it_is_by_default_as_in_urdf():
+    """http://wiki.ros.org/urdf/XML/joint: multiplier defaults to 1, offset to 0."""
+    assert [Mimic("a").position(leader) for leader in (-0.7, 0.0, 1.3)] == [
+        -0.7,
+        0,
+        1.3,
+    ]
+
+
 def test_jacobians_are_the_slopes_of_places():
     robot, step = _robot(1), 1e-6
     rng = np.random.default_rng(0)
