@@ -300,7 +300,7 @@ def outcome(robot: Robot, folder: Path, label: str, *, quick: bool = False) -> O
             return Outcome(name, "refused", [], [], [str(refusal)[:200]], np.nan)
         other = completed(robot, predict, folder, into / "read")
         hidden = draft_of(robot, into, other, select=False).problem()
-        logs = [study.problem.prepare(log) for log in hidden.logs("training")]
+        logs = _prepared(hidden, study.problem)
         errors = [study.recommended.estimate.score(log).stacked for log in logs]
     return Outcome(
         name,
@@ -309,6 +309,18 @@ def outcome(robot: Robot, folder: Path, label: str, *, quick: bool = False) -> O
         list(dict.fromkeys(r.kind for r in study.verdict.grounds)),
         float(np.sqrt(np.mean(np.square(errors)))),
     )
+
+
+def _prepared(hidden: ci.Problem, problem: ci.Problem) -> list[ci.Recording]:
+    """Return hidden recordings as a problem prepares its own, if it can.
+
+    A preparation for another clock does not fit their rate; then their own is used.
+    """
+    logs = hidden.logs("training")
+    try:
+        return [problem.prepare(log) for log in logs]
+    except ci.errors.RecordingError:
+        return [hidden.prepare(log) for log in logs]
 
 
 def _kinds(findings: Sequence[LogFinding]) -> tuple[list[str], list[str]]:

@@ -16,7 +16,13 @@ from consistent_id.constraints import Constraint, FixedMasses
 from consistent_id.constraints.priors import nominal_distance
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
 from consistent_id.diagnosis.coverage import saturation_findings
-from consistent_id.diagnosis.explain import FittedLog, datasheet_constraints, fitted_log
+from consistent_id.diagnosis.explain import (
+    SAMPLES,
+    FittedLog,
+    datasheet_constraints,
+    fitted_log,
+    thinned,
+)
 from consistent_id.diagnosis.findings import Diagnosis, LogFinding
 from consistent_id.diagnosis.linearise import Linearised, linearised
 from consistent_id.diagnosis.one_log import OpenLog, Prepare, findings_of
@@ -32,7 +38,7 @@ from consistent_id.diagnosis.small_shifts import (
     moved_channels,
     shift_findings,
 )
-from consistent_id.diagnosis.whole_robot import whole_robot_findings
+from consistent_id.diagnosis.whole_robot import other_robot, whole_robot_findings
 from consistent_id.diagnosis.wrong_units import (
     model_findings,
     placeholders,
@@ -53,6 +59,16 @@ _WORTH = 0.008
 _LARGE = 2.0  # score from which on a gain is large
 _OF_FITS = ("rank", "motion noise")  # findings that matter only where a log is fitted
 _ABOVE = 2.0  # cut-off of the motion over the torque's: beyond, its noise alone is left
+# Faults that the log of another robot shows.
+_OF_OTHER_ROBOTS = {
+    "clock",
+    "torque gain",
+    "masses or gain",
+    "gravity",
+    "load",
+    "offset zero",
+    "model does not explain",
+}
 _PULL = 1e-4  # weight of the squared distance to the nominal robot
 
 
@@ -120,6 +136,14 @@ def diagnose(
         else:
             found += [replace(f, recording=log.name) for f in of_one]
     found += _of_all(open_) if open_ else []
+    signs = [f for f in found if f.severity != "note" and f.kind in _OF_OTHER_ROBOTS]
+    if signs:
+        logs = [ready(log).of(model.robot.joint_names) for log in training]
+        others = _of_another_robot(model, logs, constraints)
+        # What follows from it comes after, and it is no graver than its effects.
+        first = max(f.score for f in found)
+        severity = min((f.severity for f in signs), key=["fault", "warning"].index)
+        found += [replace(f, severity=severity, score=first + f.score) for f in others]
     return Diagnosis(tuple(found), tuple(log.name for log in looked_at))
 
 
@@ -190,9 +214,14 @@ def _of_all(open_: Sequence[OpenLog]) -> list[LogFinding]:
     shifts = [finding for logs in alike.values() for finding in _shifts(logs)]
     if not any(f.severity == "fault" for f in shifts):
         more = [f for logs in alike.values() for f in _of_whole_robot(logs)]
-        # Where joints never turn back, friction looks like gravity.
+        # Where joints never turn back, friction looks like weight.
         short = any(f.kind == "short" for one in open_ for f in one.signals)
-        shifts += [replace(f, severity="warning") for f in more] if short else more
+        shifts += [
+            replace(f, severity="warning")
+            if short and f.kind == "masses or gain"
+            else f
+            for f in more
+        ]
     shown = any(f.severity == "fault" for f in shifts)
     lost = not shown and any(f.severity == "fault" for o in open_ for f in o.odd)
     found = [f for f in shifts if not (lost and f.severity == "warning")]
@@ -229,17 +258,31 @@ def _shifts(logs: Sequence[FittedLog]) -> list[LogFinding]:
 
 
 def _of_whole_robot(logs: Sequence[FittedLog]) -> list[LogFinding]:
-    """Test clock, gain, zeros and base beside nominal bodies, if these are known.
-
-    With one torque, or with other sensors' rows, too little is known of the bodies.
-    """
+    """Test clock, gain, zeros and base beside nominal bodies, if these are known."""
     model = logs[0].factors.model
-    robot = model.robot
-    if robot.nominal is None or placeholders(robot) or len(model.torque_joints) < 2:
+    if not _bodies_known(model):
         return []
     known = any(isinstance(c, FixedMasses) for c in logs[0].constraints)
     recordings = [log.recording for log in logs]
     return whole_robot_findings(model, recordings, masses_known=known)
+
+
+def _of_another_robot(
+    model: TorqueModel, logs: Sequence[Recording], constraints: Sequence[Constraint]
+) -> list[LogFinding]:
+    """Say that logs may be another robot's, before what they would be faulty for."""
+    if not _bodies_known(model):
+        return []
+    few = [thinned(log, SAMPLES) for log in logs]
+    known = any(isinstance(c, FixedMasses) for c in constraints)
+    return other_robot(model, few, masses_known=known)
+
+
+def _bodies_known(model: TorqueModel) -> bool:
+    """Return whether nominal bodies tell something: there are torques enough."""
+    robot = model.robot
+    some = robot.nominal is not None and not placeholders(robot)
+    return some and len(model.torque_joints) > 1
 
 
 def _explained(logs: Sequence[FittedLog], sizes: Vector) -> float:

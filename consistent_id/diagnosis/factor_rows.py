@@ -100,7 +100,7 @@ def factors_of(model: TorqueModel) -> list[Factor]:
     joints = model.robot.driven
     found = [
         Factor("clock", "time", float(np.log(1.15))),
-        Factor("masses or gain", "all joints", float(np.log(1.15))),
+        Factor("masses or gain", "all joints", float(np.log(1.2))),
     ]
     for k, joint in enumerate(joints):
         least = 0.05 if joint.kind == "prismatic" else float(np.radians(6.0))
@@ -243,22 +243,38 @@ def _pull(model: TorqueModel, columns: int, widths: Vector) -> tuple[Matrix, Vec
 def relative_noise(state: FactorLogs) -> Vector:
     """Return each joint's noise over its torque, as if samples were independent.
 
-    It is the residual of least squares, joints weighted by their residuals in turn,
-    times the root of the number of samples over which it is correlated.
+    It is the residual of least squares times the root of the number of samples over
+    which it is correlated.
+    """
+    rest, size = _residual(state)
+    ends = np.cumsum([len(log) for log in state.logs])[:-1]
+    lengths = correlation_lengths(np.split(rest.T, ends))
+    sigma = np.maximum(_size(rest), _EXACT * size)
+    return np.asarray(sigma / size * np.sqrt(lengths))
+
+
+def least_misfit(state: FactorLogs) -> float:
+    """Return the residual of least squares over the torque, joints counting alike."""
+    rest, size = _residual(state)
+    return float(np.sqrt(np.mean((_size(rest) / size) ** 2)))
+
+
+def _residual(state: FactorLogs) -> tuple[Matrix, Vector]:
+    """Return the residual of least squares, and the size of each joint's torque.
+
+    Joints are weighted by their residuals in turn.
     """
     rows = [_Rows.of(state.model, log) for log in state.logs]
     A = np.concatenate([r.columns for r in rows], axis=2)
     torque = np.concatenate([r.torque for r in rows], axis=1)
     size = _size(torque)
-    sigma = size
+    sigma, rest = size, torque
     empty = np.zeros((0, A.shape[1])), np.zeros(0)
     for _ in range(3):
         x = _solution(A, torque, 1.0 / sigma, *empty)
         rest = torque - np.einsum("jps,p->js", A, x)
         sigma = np.maximum(_size(rest), _EXACT * size)
-    ends = np.cumsum([r.torque.shape[1] for r in rows])[:-1]
-    lengths = correlation_lengths(np.split(rest.T, ends))
-    return np.asarray(sigma / size * np.sqrt(lengths))
+    return rest, size
 
 
 def _solution(

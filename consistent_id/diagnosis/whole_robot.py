@@ -33,6 +33,7 @@ from consistent_id.diagnosis.factor_rows import (
     factor_system,
     factors_of,
     leaning,
+    least_misfit,
     relative_noise,
 )
 from consistent_id.diagnosis.findings import LogFinding, Severity
@@ -56,6 +57,11 @@ _ALIKE = 0.8  # share of the best explanation that rivals reach
 # five real arms, the largest are 2.6 for the clock and for gains, 2.9 for zeros and 2.3
 # for the base.
 _LIKELY, _SURE = 3.0, 5.0
+_LIKELY_ONE = 2.5  # the same for clock and gain: there is one of each, not one a joint
+# What nominal bodies cost for each base parameter, and what least squares leaves of the
+# torque, at which one alone is enough.  Of right logs of five real arms, up to 6.1 and
+# 0.12; of 36 simulated logs of other arms, 2 to 310 and 0.03 to 0.34.
+_OTHER, _UNEXPLAINED = 10.0, 0.2
 _LARGE = 2.0  # times the least size that is reported: a fault
 _FARTHEST = np.radians(45.0)  # or m: a larger zero is no small error
 
@@ -105,9 +111,7 @@ def whole_robot_factors(
     list of FoundFactor
         Those that the logs determine.
     """
-    widths = np.array([_MASS if masses_known else _FREE_MASS, _CENTRE, _MOMENT])
-    as_is = FactorLogs(model, logs, widths)
-    noise = relative_noise(as_is)
+    as_is, noise = _begun(model, logs, masses_known)
     factors = factors_of(model)
     system = factor_system(as_is, factors, noise)
     level = [k for k, f in enumerate(factors) if f.kind == "gravity"]
@@ -116,7 +120,7 @@ def whole_robot_factors(
         turn = _turn(system, factors, level)
         if float(np.linalg.norm(turn)) >= LEAN:
             first += _estimated(as_is, [_lean(as_is, turn, noise)], noise)
-    likely = [f for f in first if f.ratio >= _LIKELY]
+    likely = [f for f in first if f.ratio >= _gate(f.factor)]
     likely = sorted(likely, key=lambda f: -f.explained)[:_TRIED]
     settled = [_settled(as_is, found.factor, noise) for found in likely]
     rest = [f for f in first if f not in likely]
@@ -155,8 +159,7 @@ def _settled(as_is: FactorLogs, factor: Factor, noise: Vector) -> FoundFactor:
     without = as_is.without(factor, size)
     left = _cost(without, noise)
     bodies = left - _cost(without, noise, nominal=False)
-    base = base_parameters(as_is.model).independent
-    inertial = sum(k < as_is.model.layout.inertial_size for k in base)
+    inertial = _inertial(as_is.model)
     explained = _cost(as_is, noise) - left
     if bodies > inertial:
         wider = replace(as_is, widths=as_is.widths * np.sqrt(bodies / inertial))
@@ -238,7 +241,7 @@ def whole_robot_findings(
             "(standard errors); without that, bodies would be "
             f"{_WITHOUT[best.factor.kind]}",
             _ADVICE[best.factor.kind],
-            min(best.ratio / _LIKELY, abs(best.size) / best.factor.least),
+            min(best.ratio / _gate(best.factor), abs(best.size) / best.factor.least),
         )
     ]
 
@@ -251,18 +254,101 @@ _WITHOUT = {
 }
 _ADVICE = {
     "clock": "find out the unit of time, or the rate of the log",
-    "masses or gain": "check the gain of all torques, a load, and the model's masses; "
+    "masses or gain": "check the gain of all torques, a load, a counterbalance, and "
+    "the model's masses; "
     'if these are not known, masses = "free" (--masses free)',
     "offset zero": "check the zero of this joint; check again afterwards",
     "gravity": "turn the base or gravity in the model as the robot is mounted",
 }
 
 
+def other_robot(
+    model: TorqueModel, logs: Sequence[Recording], *, masses_known: bool = True
+) -> list[LogFinding]:
+    """Say that logs may be another robot's: no factor makes their bodies nominal ones.
+
+    Two signs count together.  With all factors free, the nominal bodies still cost far
+    more than in a right robot's log.  And least squares leaves much of the torque
+    unexplained, whatever the bodies: then lengths or axes are not the model's.
+
+    Parameters
+    ----------
+    model : TorqueModel
+        Of a robot with nominal bodies and a fixed base.
+    logs : sequence of Recording
+        Prepared, with the robot's joints; few samples suffice.
+    masses_known : bool
+        Whether masses are those of the datasheet.
+    """
+    as_is, noise = _begun(model, logs, masses_known)
+    unexplained = least_misfit(as_is)
+    distance = _distance(as_is, noise)
+    score = max(distance, 0.0) / _OTHER + unexplained / _UNEXPLAINED
+    if score <= 1.0:
+        return []
+    return [
+        LogFinding(
+            "another robot",
+            "fault",
+            "model",
+            "the log does not look like this robot's: with clock, gain, zeros and base "
+            f"free, bodies are {np.sqrt(max(distance, 0.0)):.2g} times as far from the "
+            "nominal ones as usual, and bodies of any kind leave "
+            f"{unexplained:.1%} of each joint's torque unexplained",
+            "check that model and log belong together, and the order of columns",
+            score,
+        )
+    ]
+
+
+def _distance(as_is: FactorLogs, noise: Vector) -> float:
+    """Return what nominal bodies cost for each base parameter, all factors free.
+
+    The squared distance in units of the widths; the better of all factors, linearised,
+    and of the best one, settled.
+    """
+    factors = factors_of(as_is.model)
+    costs = []
+    for nominal in (True, False):
+        system = factor_system(as_is, factors, noise, nominal=nominal)
+        seen = np.flatnonzero(np.linalg.norm(system.whole[:, :-1], axis=0) > 0.0)
+        costs.append(system.fitted(seen.tolist()).misfit ** 2)
+    linear = costs[0] - costs[1]
+    first = [f for f in _estimated(as_is, factors, noise) if np.isfinite(f.error)]
+    best = max(first, key=lambda f: f.explained, default=None)
+    if best is not None:
+        size, _ = _converged(as_is, best.factor, noise)
+        without = as_is.without(best.factor, size)
+        settled = _cost(without, noise) - _cost(without, noise, nominal=False)
+        linear = min(linear, settled)
+    return linear / _inertial(as_is.model)
+
+
+def _inertial(model: TorqueModel) -> int:
+    """Return the number of base parameters of bodies."""
+    size = model.layout.inertial_size
+    return sum(k < size for k in base_parameters(model).independent)
+
+
+def _begun(
+    model: TorqueModel, logs: Sequence[Recording], masses_known: bool
+) -> tuple[FactorLogs, Vector]:
+    """Return logs with the widths of their bodies, and the noise of each joint."""
+    widths = np.array([_MASS if masses_known else _FREE_MASS, _CENTRE, _MOMENT])
+    as_is = FactorLogs(model, logs, widths)
+    return as_is, relative_noise(as_is)
+
+
+def _gate(factor: Factor) -> float:
+    """Return the standard errors from which on a factor is reported."""
+    return _LIKELY_ONE if factor.where in ("time", "all joints") else _LIKELY
+
+
 def _shown(found: FoundFactor) -> bool:
     far = found.factor.kind == "offset zero" and abs(found.size) > _FARTHEST
     return (
         not far
-        and found.ratio >= _LIKELY
+        and found.ratio >= _gate(found.factor)
         and abs(found.size) >= found.factor.least
         and found.explained > 0.0
     )

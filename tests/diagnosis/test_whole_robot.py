@@ -14,8 +14,10 @@ from consistent_id import (
     from_modified_dh,
     simulate_torque,
 )
+from consistent_id.diagnosis import diagnose
 from consistent_id.diagnosis.factor_rows import factors_of, leaning
 from consistent_id.diagnosis.whole_robot import (
+    other_robot,
     whole_robot_factors,
     whole_robot_findings,
 )
@@ -32,9 +34,17 @@ _MASSES = (8.0, 6.0, 4.0, 2.0)
 _CENTRES = ([0, 0.05, -0.1], [0.2, 0, 0.1], [0.03, -0.1, 0.05], [0.05, 0, 0.1])
 
 
-def arm():
+_OTHER_ROWS = [
+    DHRow(0, 0, 0.2),
+    DHRow(np.pi / 2, 0),
+    DHRow(np.pi / 2, 0.1, 0.5),
+    DHRow(-np.pi / 2, 0.3, 0.1),
+]
+
+
+def arm(rows=_ROWS):
     """Return an arm of four links, whose bodies are known."""
-    robot = from_modified_dh("arm", _ROWS)
+    robot = from_modified_dh("arm", rows)
     links = tuple(
         Link(
             link.name,
@@ -45,7 +55,7 @@ def arm():
     return TorqueModel(replace(robot, links=links), _DRIVE)
 
 
-def logged(seed, *, spread=0.0, noise=0.02):
+def logged(seed, *, spread=0.0, noise=0.02, friction=(1.0, 2.0, 0.3)):
     """Return the model and a smooth log of a robot whose bodies may differ."""
     model, rng = arm(), np.random.default_rng(seed)
     time = np.arange(600) / 30.0
@@ -61,7 +71,7 @@ def logged(seed, *, spread=0.0, noise=0.02):
         central = nominal.central_inertia * np.exp(spread * 0.3 * rng.normal())
         mass = nominal.mass * (1.0 + min(spread, 1.0) * 0.05 * rng.normal())
         bodies.append(InertialParameters.from_central(mass, moved, central).vector)
-    truth = np.append(np.concatenate(bodies), np.tile([1.0, 2.0, 0.3], 4))
+    truth = np.append(np.concatenate(bodies), np.tile(friction, 4))
     motion = Recording(model.robot.joint_names, time, q, dq, ddq)
     return model, simulate_torque(model, truth, motion, noise=noise, rng=rng)
 
@@ -85,6 +95,7 @@ def faulty(log, model, kind, place, size):
     return model, log
 
 
+_LITTLE = (0.2, 0.2, 0.0)
 _GAIN = ("masses or gain", 0, np.log(1.4))
 FAULTS = [
     ("clock", 0, np.log(2.0)),
@@ -137,7 +148,7 @@ def _with_logs(case):
 def test_errors_are_those_of_robots_drawn_as_the_widths_say():
     """Of factors of clean logs, size over error has a root mean square of about one."""
     ratios = {}
-    for seed in range(8):
+    for seed in range(6):
         model, log = logged(100 + seed, spread=1.0)
         for found in whole_robot_factors(model, [log]):
             if np.isfinite(found.error):
@@ -173,3 +184,21 @@ def test_what_is_no_factor_of_a_robot_is_left_out():
     kinds = [factor.kind for factor in factors_of(weightless)]
     assert "gravity" not in kinds
     assert len([k for k in kinds if k == "offset zero"]) == 4
+
+
+def test_the_log_of_a_robot_with_other_axes_is_another_robot_s():
+    model, log = logged(5, spread=0.5, friction=_LITTLE)
+    assert other_robot(model, [log]) == []
+    (finding,) = other_robot(arm(_OTHER_ROWS), [log])
+    assert (finding.kind, finding.severity) == ("another robot", "fault")
+
+
+@pytest.mark.parametrize(("kind", "place", "size"), FAULTS)
+def test_one_fault_makes_no_other_robot(kind, place, size):
+    model, log = logged(6, spread=0.5)
+    assert other_robot(*_with_logs(faulty(log, model, kind, place, size))) == []
+
+
+def test_a_diagnosis_names_another_robot_before_its_effects():
+    _, log = logged(5, spread=0.5, friction=_LITTLE)
+    assert diagnose(arm(_OTHER_ROWS), [log]).findings[0].kind == "another robot"
