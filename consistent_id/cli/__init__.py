@@ -7,13 +7,16 @@ returns the exit code; `tool` lists the commands.
 import os
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
 
 __all__ = ["main"]
 
-_ENDS = {
+_Handler = Callable[[int, FrameType | None], Any] | signal.Handlers
+
+_ENDS: dict[int, tuple[_Handler, int, bytes]] = {
     signal.SIGINT: (signal.default_int_handler, 130, b"consistent-id: interrupted\n"),
     signal.SIGTERM: (signal.SIG_DFL, 143, b"consistent-id: terminated\n"),
 }  # signal: its handler at the start of Python, exit code, message
@@ -53,7 +56,7 @@ def _ended_by_signals() -> Iterator[None]:
 
 
 def _end(number: int, frame: FrameType | None) -> None:
-    _, code, message = _ENDS[signal.Signals(number)]
+    _, code, message = _ENDS[number]
     try:
         os.write(2, message)
     finally:
