@@ -20,8 +20,8 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 import consistent_id as ci
-from consistent_id.errors import ConsistentIdError
 from consistent_id.constraints.cones.least_norm import LeastNorm
+from consistent_id.errors import ConsistentIdError
 from consistent_id.estimation.best_fit import FitProblem
 from consistent_id.estimation.constrained_fit import constrained_fit
 
@@ -93,10 +93,8 @@ def _outcome(problem: Case, kind: str, recording: ci.Recording) -> Outcome:
     if certificate.verdict == "certified":
         return Outcome(problem.seed, kind, "certified")
     agrees = agreement(problem, regression, base)
-    reason = certificate.statement if hasattr(certificate, "statement") else ""
-    return Outcome(
-        problem.seed, kind, certificate.verdict, agrees=agrees, detail=str(reason)[:300]
-    )
+    reason = certificate.reason[:220]
+    return Outcome(problem.seed, kind, certificate.verdict, (), agrees, reason)
 
 
 def agreement(
@@ -143,11 +141,14 @@ def page(outcomes: list[Outcome], command: str) -> str:
         "# Odd torque",
         "",
         f"Measured by `{command}`: the robots and motions of",
-        "[robustness](robustness.md) with torque that they do not have. Every twentieth",
-        "datasheet is contradictory. *Needless* counts optima that are not proven",
-        "although another solver, in both stages, finds the same least value to 1e-5.",
+        "[robustness](robustness.md) with torque that they do not have. Every",
+        "twentieth datasheet is contradictory. *Needless* counts optima that are not",
+        "proven although another solver, in both stages, finds the same least value to",
+        "1e-5.",
         "",
-        "| torque | problems | " + " | ".join(columns) + " | other | warned | needless |",
+        "| torque | problems | "
+        + " | ".join(columns)
+        + " | other | warned | needless |",
         "|---|" + "---:|" * (len(columns) + 4),
     ]
     for kind in (*KINDS, "all"):
