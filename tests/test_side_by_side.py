@@ -20,7 +20,7 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id._support.run import Run, running
-from consistent_id.cli.tool import main
+from consistent_id.cli import main
 from consistent_id.comparison import bootstrap
 from consistent_id.comparison.feasibility import consistency_test
 from consistent_id.estimation import cross_validated, fit_shapes

@@ -3,7 +3,6 @@
 import json
 import os
 import platform
-import re
 import shutil
 import stat
 import tempfile
@@ -11,34 +10,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from consistent_id._support.ownership import foreign, note_written, sealed
 from consistent_id._support.run import current_run, is_input
 from consistent_id.errors import ProblemError
 
-# How files of this package say so, each as its format allows: in a comment, in the
-# header of a page, a figure or a table, or by the key "format".  NPZ has UTF-32.
-_MARK = re.compile(
-    rb'(?:<!--|#|//|/\*|"""|content="|Software\0)\s*consistent-id: '
-    rb'|"format": "consistent_id [a-z]+ \d'
-    rb"|consistent-id: samples of a trajectory"  # in a Parquet file's metadata
-    rb"|" + re.escape("consistent_id trajectory ".encode("utf-32-le"))
-)
-# Samples of trajectories and CasADi's functions have no place for a mark, but a form
-# that is their own; CasADi writes a byte as two letters, here those of "dynamics".
-_FORM = re.compile(
-    rb"jhpnnagi\w{,200}egjhogbgngjgdgdh"
-    rb"|time,q_[^\n]*,dq_[^\n]*,ddq_(?:(?!,(?:tau|torque|effort|current))[^\n])*\n"
-    rb'|\{"header": \{"stamp": \{"sec": 0, "nanosec": 0\}, "frame_id": ""\},\n'
-    rb'"joint_names": '
-)
-_LOOKED_AT = 65536  # bytes at both ends in which a mark is looked for
-_EDITED = (".toml",)  # files that people go on writing: over them only as written
-_DIGEST = re.compile(r"(?m)^# consistent-id: digest [0-9a-f]{16} .*(?:\n|\Z)")
-_LARGEST_EDITED = 2**20  # characters; longer ones were not written here
-_UNMARKED = "is there already, and nothing in it says that consistent-id wrote it"
 _STAGED = ".consistent-id-staged."
 
 
@@ -66,7 +44,7 @@ def write_atomically(path: str | Path, content: str | bytes) -> Path:
         `require_replaceable`.
     """
     path = Path(path)
-    data = content.encode() if isinstance(content, str) else content
+    data = sealed(path, content.encode() if isinstance(content, str) else content)
     require_replaceable(path, data)
     waiting = _waiting.get()
     if waiting is None:
@@ -125,20 +103,6 @@ def when_written(act: Callable[[], None]) -> None:
         waiting.then.append(act)
 
 
-def marked(text: str) -> str:
-    """Return text of a file that people may edit, and a line that shows if they do.
-
-    The last line has a digest of the others.  Ends of lines and blank lines at the end
-    do not count: editors and git change them unasked, and no work is lost with them.
-    """
-    text = _DIGEST.sub("", text.replace("\r\n", "\n")).rstrip() + "\n"
-    digest = sha256(text.encode()).hexdigest()[:16]
-    return (
-        f"{text}\n# consistent-id: digest {digest} of the lines above; once edited, "
-        "this file is not overwritten.\n"
-    )
-
-
 def require_replaceable(path: Path, content: bytes | None = None) -> None:
     """Refuse to write over an input of the run, or over a file that others wrote.
 
@@ -167,7 +131,7 @@ def require_replaceable(path: Path, content: bytes | None = None) -> None:
         )
     if content is not None and _holds(path, content):
         return
-    if fault := _foreign(path):
+    if fault := foreign(path):
         raise ProblemError(f"{path} {fault}; name another place, or say --force")
 
 
@@ -196,29 +160,6 @@ def _holds(path: Path, content: bytes) -> bool:
         return path.stat().st_size == len(content) and path.read_bytes() == content
     except OSError:
         return False
-
-
-def _foreign(path: Path) -> str:
-    """Return why a file is not ours to replace, or nothing if it is."""
-    try:
-        if path.suffix.lower() not in _EDITED:
-            return "" if _is_marked(path) else _UNMARKED
-        with path.open(encoding="utf-8", errors="replace") as file:
-            text = file.read(_LARGEST_EDITED)
-    except OSError:
-        return _UNMARKED
-    if len(text) == _LARGEST_EDITED or not _DIGEST.search(text):
-        return _UNMARKED
-    line = marked(text).splitlines()[-1]
-    return "" if line in text else "was edited since consistent-id wrote it"
-
-
-def _is_marked(path: Path) -> bool:
-    with path.open("rb") as file:
-        head = file.read(_LOOKED_AT)
-        file.seek(max(0, os.fstat(file.fileno()).st_size - _LOOKED_AT))
-        tail = file.read(_LOOKED_AT)
-    return bool(_MARK.search(head) or _MARK.search(tail) or _FORM.match(head))
 
 
 def _place(files: Mapping[Path, bytes]) -> None:
@@ -251,6 +192,7 @@ def _place(files: Mapping[Path, bytes]) -> None:
     finally:
         for staging in staged:
             shutil.rmtree(staging, ignore_errors=True)
+    note_written(files)
 
 
 def _rename(moves: list[tuple[Path, Path]]) -> None:

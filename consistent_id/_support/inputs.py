@@ -18,9 +18,10 @@ LARGEST_PROBLEM = MEBIBYTE  # bytes; the longest of this repository has 8 kB
 LARGEST_TREE = 1000  # joints and bodies; a humanoid with two hands has about 150
 MOST_KEYS = 10_000  # of a TOML file; the longest of this repository has 300
 MOST_DOTS = 32  # before a line's "="; TOML's tables in tables take quadratic time
-# Measured signals have noise, and no compression makes them 64 times smaller; small
-# files may be made of zeros, and 256 MiB fit into any computer.
-_RATIO = 64
+# Measured signals have noise, and no compression makes them 16 times smaller; small
+# files may be made of zeros, and 256 MiB fit into any computer.  A recording takes
+# three to four times the memory of its numbers while it is read.
+_RATIO = 16
 _UNPACKED = 256 * MEBIBYTE
 _RAISE = (
     "say --large-files (in Python: with consistent_id.large_files()) if it is meant"

@@ -56,6 +56,9 @@ class Run:
     faults : list of tuple of str and Exception, optional
         Parts of the result that could not be made, and why, if somebody says so at the
         end; see `kept_going`.
+    signals : list of int
+        Signals that were raised as exceptions.  What is raised in an import, or in a
+        library that calls Python, can come out as another exception.
     """
 
     force: bool = True
@@ -65,6 +68,7 @@ class Run:
     inputs: set[tuple[int, int]] = field(default_factory=set)
     stopped: Stop = ""
     faults: list[tuple[str, Exception]] | None = None
+    signals: list[int] = field(default_factory=list)
 
 
 _current: ContextVar[Run | None] = ContextVar("run", default=None)
@@ -147,7 +151,7 @@ def note_stop(cause: KeyboardInterrupt) -> None:
 def noted_interrupts() -> Iterator[Interrupted]:
     """Note the first interrupt of the user; the second one is raised.
 
-    So is a SIGTERM that `terminations_raised` would raise: solvers that call Python,
+    So is a SIGTERM that `signals_raised` would raise: solvers that call Python,
     such as CasADi's, swallow what is raised in them.  What they have swallowed is
     raised when the work is over.
 
@@ -184,20 +188,28 @@ def noted_interrupts() -> Iterator[Interrupted]:
 
 
 @contextmanager
-def terminations_raised() -> Iterator[None]:
-    """Let SIGTERM unwind the work, so that nothing half-made is left behind."""
+def signals_raised(run: Run) -> Iterator[None]:
+    """Let SIGINT and SIGTERM unwind the work: nothing half-made is left behind.
+
+    An interrupt that the process was told to ignore, as in the background, stays so.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
 
     def end(number: int, frame: FrameType | None) -> None:
-        raise Terminated
+        run.signals.append(number)
+        raise Terminated if number == signal.SIGTERM else KeyboardInterrupt
 
-    before = signal.signal(signal.SIGTERM, end)
+    heard = [signal.SIGTERM]
+    if callable(signal.getsignal(signal.SIGINT)):
+        heard.append(signal.SIGINT)
+    before = {number: signal.signal(number, end) for number in heard}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextmanager

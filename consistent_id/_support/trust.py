@@ -19,7 +19,12 @@ _NAME = re.compile("[0-9a-f]{64}")
 _log = logging.getLogger(__name__)
 
 
-def record(digests: Collection[str], what: object) -> None:
+def record(
+    digests: Collection[str],
+    what: object,
+    *,
+    otherwise: str = "opening it needs --trust",
+) -> None:
     """Add SHA-256 digests to the record, for good.
 
     Parameters
@@ -29,6 +34,8 @@ def record(digests: Collection[str], what: object) -> None:
     what : object
         The object that they are of, for the warning that is logged where the state
         folder cannot be used.
+    otherwise : str
+        The consequence for the user if it is not recorded.
     """
     if not digests:
         return
@@ -41,9 +48,9 @@ def record(digests: Collection[str], what: object) -> None:
         _forget_oldest(folder)
     except OSError as cause:
         _log.warning(
-            "%s is not recorded as a file of your own, and opening it needs --trust: "
-            "%s",
+            "%s is not recorded as a file of your own, and %s: %s",
             what,
+            otherwise,
             cause,
         )
 

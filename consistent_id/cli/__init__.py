@@ -4,6 +4,60 @@
 returns the exit code; `tool` lists the commands.
 """
 
-from consistent_id.cli.tool import main
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
 
 __all__ = ["main"]
+
+_Handler = Callable[[int, FrameType | None], Any] | signal.Handlers
+
+_ENDS: dict[int, tuple[_Handler, int, bytes]] = {
+    signal.SIGINT: (signal.default_int_handler, 130, b"consistent-id: interrupted\n"),
+    signal.SIGTERM: (signal.SIG_DFL, 143, b"consistent-id: terminated\n"),
+}  # signal: its handler at the start of Python, exit code, message
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the tool; return its exit code.
+
+    Signals are heard before anything else is imported.
+    """
+    with _ended_by_signals():
+        from consistent_id.cli.tool import run_tool, tool_parser
+
+        words = sys.argv[1:] if arguments is None else arguments
+        wanted = next((word for word in words if not word.startswith("-")), "")
+        options = tool_parser(wanted).parse_args(words)
+        return run_tool(options)
+
+
+@contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """End at once while nothing is begun; `run_to_its_end` listens in its own way.
+
+    What is raised in an import can come out as another error, or not at all.
+    """
+    try:
+        heard = [n for n, end in _ENDS.items() if signal.getsignal(n) is end[0]]
+        for number in heard:
+            signal.signal(number, _end)
+    except ValueError:  # outside of the main thread nobody may listen
+        heard = []
+    try:
+        yield
+    finally:
+        for number in heard:
+            signal.signal(number, _ENDS[number][0])
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    _, code, message = _ENDS[number]
+    try:
+        os.write(2, message)
+    finally:
+        os._exit(code)

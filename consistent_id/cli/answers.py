@@ -107,15 +107,15 @@ def show(options: argparse.Namespace, answer: Answer) -> int:
             print_text(options, _shown(options, answer))
     except BrokenPipeError:
         shown = False
-        nobody_reads()
+        lead_nowhere(sys.stdout)
     _write(options, answer, shown=shown)
     return answer.code
 
 
-def nobody_reads() -> None:
-    """Let what is printed from now on vanish, also what is flushed at the end."""
+def lead_nowhere(stream: TextIO) -> None:
+    """Let what is written to a stream vanish, also what is flushed at the end."""
     with suppress(OSError, ValueError):  # some streams have no file
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _write(options: argparse.Namespace, answer: Answer, *, shown: bool = True) -> None:
@@ -157,7 +157,7 @@ def warnings_unless(quiet: bool) -> Iterator[None]:
     logger = logging.getLogger("consistent_id")
     before, said = logger.level, set[str]()
     handler = logging.StreamHandler()
-    handler.addFilter(lambda record: _is_new(record.getMessage(), said))
+    handler.addFilter(lambda record: _is_new(_without_folders(record), said))
     logger.addHandler(handler)
     if quiet:
         logger.setLevel(logging.ERROR)
@@ -166,6 +166,22 @@ def warnings_unless(quiet: bool) -> Iterator[None]:
     finally:
         logger.setLevel(before)
         logger.removeHandler(handler)
+
+
+def _without_folders(record: logging.LogRecord) -> str:
+    """Return a warning in which files are called by their names alone.
+
+    Many problems of one robot have copies of its file, or spell its path differently.
+    """
+    if not isinstance(record.args, tuple):
+        return record.getMessage()
+    called = tuple(
+        Path(value).name
+        if isinstance(value, Path) or (isinstance(value, str) and os.sep in value)
+        else value
+        for value in record.args
+    )
+    return str(record.msg) % called
 
 
 def _is_new(sentence: str, said: set[str]) -> bool:

@@ -9,16 +9,18 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
+from typing import Any, TextIO
 
 from consistent_id._support.run import (
     OutOfTime,
     Run,
     Terminated,
+    current_run,
     note_input,
     running,
-    terminations_raised,
+    signals_raised,
 )
-from consistent_id.cli.answers import print_error
+from consistent_id.cli.answers import lead_nowhere, print_error
 from consistent_id.errors import ConsistentIdError, ProblemError
 
 _TERMINATED = 143  # as a shell says of a process that SIGTERM has ended
@@ -35,7 +37,13 @@ def run_to_its_end(
     work : callable
         From the options to an exit code.
     """
-    _open_streams()
+    with _streams_that_never_break():
+        return _run_to_its_end(options, work)
+
+
+def _run_to_its_end(
+    options: argparse.Namespace, work: Callable[[argparse.Namespace], int]
+) -> int:
     faults = list[tuple[str, Exception]]()
     run = Run(
         faults=faults,
@@ -50,11 +58,47 @@ def run_to_its_end(
     return 70 if faults and code in (0, 1) else code
 
 
-def _open_streams() -> None:
-    """Let print write to nowhere where the shell has closed a stream."""
+class _Stream:
+    """A stream that goes on, to nowhere, when its reader, such as ``head``, has gone.
+
+    The exit code says what came of the work, whoever has read how much of it.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        try:
+            return self._stream.write(text)
+        except BrokenPipeError:
+            lead_nowhere(self._stream)
+            return len(text)
+
+    def flush(self) -> None:
+        try:
+            self._stream.flush()
+        except BrokenPipeError:
+            lead_nowhere(self._stream)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+@contextmanager
+def _streams_that_never_break() -> Iterator[None]:
+    """Let nothing fail because a stream is closed, or nobody reads it."""
+    before = sys.stdout, sys.stderr
     for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:
+        if getattr(sys, name) is None:  # the shell has closed it
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
+        setattr(sys, name, _Stream(getattr(sys, name)))
+    try:
+        yield
+    finally:
+        with suppress(OSError, ValueError):  # a full disk has been reported
+            sys.stdout.flush()
+            sys.stderr.flush()
+        sys.stdout, sys.stderr = before
 
 
 def _ended(
@@ -62,33 +106,46 @@ def _ended(
 ) -> int:
     """Run a command; say what ended it, and return the exit code."""
     try:
-        with terminations_raised(), running(run):
+        with signals_raised(run), running(run):
             _note_inputs(options)
             code = int(work(options))
-    except ConsistentIdError as error:
-        return print_error(error)
     except OutOfTime:
-        limit = getattr(options, "give_up_after", None)
-        return _said(3, f"not done within {limit:g} s, given up")
+        return _ended_by(signal.SIGALRM, options)
     except KeyboardInterrupt:
-        return _said(130, "interrupted")
+        return _ended_by(signal.SIGINT, options)
     except Terminated:
-        return _said(_TERMINATED, "terminated")
-    except BrokenPipeError:
-        sys.stderr.close()  # the reader, such as `head`, has gone
-        return 0
-    except MemoryError:
-        return _said(3, "not enough memory")
-    except OSError as cause:
-        where = f"{cause.filename}: " if cause.filename is not None else ""
-        return _said(2, f"{where}{cause.strerror or cause}")
-    except Exception as bug:  # the last net: a foreign error is a fault of ours
-        return _bug(bug)
+        return _ended_by(signal.SIGTERM, options)
+    except Exception as cause:
+        if run.signals:  # a library, or an import, made another error of it
+            return _ended_by(run.signals[-1], options)
+        return _failed(cause)
     if run.stopped == "interrupted":
         return _said(130, "interrupted: this is the best so far")
     if run.stopped == "out of time":
         return _said(3, "out of time: this is the best so far")
     return code
+
+
+def _ended_by(number: int, options: argparse.Namespace) -> int:
+    """Say which signal ended the command, and return the exit code."""
+    if number == signal.SIGINT:
+        return _said(130, "interrupted")
+    if number == signal.SIGTERM:
+        return _said(_TERMINATED, "terminated")
+    limit = getattr(options, "give_up_after", None)
+    return _said(3, f"not done within {limit:g} s, given up")
+
+
+def _failed(cause: Exception) -> int:
+    """Say what went wrong, and return the exit code."""
+    if isinstance(cause, ConsistentIdError):
+        return print_error(cause)
+    if isinstance(cause, MemoryError):
+        return _said(3, "not enough memory")
+    if isinstance(cause, OSError):
+        where = f"{cause.filename}: " if cause.filename is not None else ""
+        return _said(2, f"{where}{cause.strerror or cause}")
+    return _bug(cause)  # the last net: a foreign error is a fault of ours
 
 
 def _note_inputs(options: argparse.Namespace) -> None:
@@ -150,4 +207,5 @@ def within(seconds: float | None) -> Iterator[None]:
 
 
 def _ring(signum: int, frame: FrameType | None) -> None:
+    current_run().signals.append(signum)
     raise OutOfTime

@@ -5,8 +5,6 @@ input, 3 solver failure or out of time, 70 a bug, 130 interrupted, 143 terminate
 """
 
 import argparse
-import sys
-from collections.abc import Sequence
 from importlib import import_module
 
 from consistent_id.cli.answers import warnings_unless
@@ -55,11 +53,8 @@ estimate, or a faulty log), 2 wrong usage or input, 3 solver failure or out of t
 """
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the tool; return its exit code."""
-    words = sys.argv[1:] if arguments is None else arguments
-    wanted = next((word for word in words if not word.startswith("-")), "")
-    options = tool_parser(wanted).parse_args(words)
+def run_tool(options: argparse.Namespace) -> int:
+    """Run the command that options of `tool_parser` name; return the exit code."""
     return run_to_its_end(options, _run)
 
 

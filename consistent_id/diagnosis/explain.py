@@ -363,27 +363,32 @@ def explanation_finding(explanation: Explanation) -> LogFinding:
     )
 
 
+def _better(explanation: Explanation) -> str:
+    return f"{explanation.cause.statement} the misfit would be {explanation.misfit:.1%}"
+
+
 def unexplained_findings(as_is: FittedLog, found: Explanations) -> list[LogFinding]:
     """Report a log that no robot with the datasheet's values explains."""
     usual = found.usual
     rivals = any(e.misfit <= found.floor and e.cause.excuse != 2 for e in found.tried)
     if not rivals and (as_is.misfit <= usual or as_is.least_likely <= usual):
         return []
-    better = [
-        f"{e.cause.statement} the misfit would be {e.misfit:.1%}"
-        for e in found.tried[:_SHOWN]
-    ]
+    best, *others = found.tried[:_SHOWN] or (None,)
+    said = "" if best is None else f"{_better(best)} instead of {as_is.misfit:.1%}; "
+    better = [_better(e) for e in others if e is not None]
     return [
         LogFinding(
             "model does not explain",
             "fault" if as_is.misfit > _BAD else "warning",
             "all joints",
-            "no robot with the datasheet's values explains the log: "
+            f"{said}no robot with the datasheet's values explains the log as it is: "
             f"misfit {as_is.misfit:.1%} of each joint's torque (root mean square over "
             f"joints), {as_is.factors.least_misfit():.1%} by least squares without "
             "constraints"
-            + (f"; {'; '.join(better)}; the cause is not proven" if better else ""),
-            "check that model and log belong together: load, springs and couplings, "
+            + "".join(f"; {text}" for text in better)
+            + ("" if best is None else "; the cause is not proven"),
+            ("" if best is None else f"try this first: {best.cause.advice}. Else ")
+            + "check that model and log belong together: load, springs and couplings, "
             "base, units, delays, masses; look at the residuals of each joint",
             max(1.0, as_is.misfit / usual),
         )

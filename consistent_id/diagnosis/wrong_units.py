@@ -8,7 +8,7 @@ import numpy as np
 from consistent_id._support.arrays import BoolArray, Vector
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals.drive_limits import beyond_speed
+from consistent_id.recordings.signals.drive_limits import SPEED_ROUNDING, beyond_speed
 from consistent_id.robot.model import RobotModel
 
 _TRAVEL = 2.0  # times the range of a joint's limits: more than careless limits err
@@ -128,7 +128,6 @@ def _torques_of_all(shares: Vector) -> LogFinding:
     )
 
 
-_SPEED = 1.05  # times the speed limit: limits are rounded
 _FAST = 0.01  # of the samples
 
 
@@ -146,7 +145,7 @@ def speed_findings(robot: RobotModel, prepared: Recording) -> list[LogFinding]:
     limits = np.array([joint.limits.velocity for joint in joints])
     names = tuple(joint.name for joint in joints)
     log = prepared.of(names)
-    shares = beyond_speed(log, _SPEED * limits).mean(axis=0)
+    shares = beyond_speed(log, SPEED_ROUNDING * limits).mean(axis=0)
     fast = np.flatnonzero(shares >= _FAST)
     if not len(fast):
         return []
@@ -163,7 +162,8 @@ def speed_findings(robot: RobotModel, prepared: Recording) -> list[LogFinding]:
             ", ".join(names[j] for j in fast),
             f"joints are faster than the model's speed limits: {said}",
             "check the unit of the clock, and the limits; if both are right, leave "
-            "these samples out (signals.beyond_speed): drives lack voltage there",
+            "these samples out, as drives lack voltage there: --most-joint-speed model "
+            '(most_joint_speed = "model" in [data.preparation])',
             float(shares.max()) / _FAST,
         )
     ]

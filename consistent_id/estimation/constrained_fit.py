@@ -62,6 +62,14 @@ from consistent_id.regression.regressor import TorqueModel
 SLACK_GAP = 0.01
 """Largest uncertainty of the least misfit, as a share of the slack."""
 
+_EQUAL = 10.0 * GAP_TOLERANCE
+"""Relative increase of the squared misfit within which estimates fit equally well.
+
+The proof of the best fit leaves a tenth of it open.  Where the constraints cost much
+more than one standard error, as with torque of another robot or of the wrong sign, that
+error is less, and no solver could use it up.
+"""
+
 _ALLOWED = (
     f"{GAP_TOLERANCE:.0e} of the final estimate, {DISTANCE_GAP:.0e}, {SLACK_GAP:.0e} "
     f"and {FEASIBILITY_TOLERANCE:.0e}"
@@ -176,7 +184,7 @@ class BestInside:
         """Return the relative increase of the misfit that a prior allows."""
         # A misfit below a millionth of the torque counts as that: see `ScaledFit`.
         least = max(self.best.misfit, self.best.scaled.size) ** 2
-        return prior.relative_slack(self.one_error, least)
+        return prior.relative_slack(max(self.one_error, _EQUAL * least), least)
 
 
 def constrained_fit(problem: FitProblem, prior: Prior | None) -> ConstrainedFit:

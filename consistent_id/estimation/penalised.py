@@ -360,10 +360,43 @@ def nearest_within(
         aim = max(_AIM, 1.0 - _HALF * DISTANCE_GAP * worth)
         search = search.narrowed(excess / allowed, aim)
     if kept is not None:
-        return kept
+        return _finer(scaled, distance, kept, least, reach)
     if closest is None:
         raise SolverError("no weight of the prior was tried")
     return NearestFit(closest, slack, np.inf, allowed)
+
+
+def _finer(
+    scaled: ScaledFit,
+    distance: NominalDistance,
+    kept: NearestFit,
+    least: float,
+    reach: float,
+) -> NearestFit:
+    """Return the point solved once more, if a smaller gap would prove its distance.
+
+    A certified optimum is a small part of the misfit away from the least; of the
+    distance, which has a small weight, that may be a large part.
+    """
+    if kept.distance_gap <= DISTANCE_GAP:
+        return kept
+    fit = kept.fit
+    objective = max(fit.optimality.objective, REFERENCE)
+    worth = fit.weight * max(fit.squared_distance, _SMALL)
+    gap = _HALF * DISTANCE_GAP * worth / (2.0 * objective)
+    found = penalised_fit(
+        scaled, distance, fit.weight, start=fit.solution.u, reach=reach, gap=gap
+    )
+    excess = found.excess - least
+    if excess > kept.allowed:
+        return kept
+    short = (kept.allowed - excess) / found.weight + found.distance_gap
+    now = replace(
+        kept,
+        fit=found,
+        distance_gap=short / max(found.squared_distance, _SMALL),
+    )
+    return min(kept, now, key=lambda near: near.distance_gap)
 
 
 class _WeightedPoint(NamedTuple):

@@ -75,8 +75,9 @@ def stream_regression(
 
     A log that cannot be read piece by piece is read as a whole, if it fits into memory,
     one after another, and a warning says why: NPZ and older MATLAB files, tracks,
-    gains, bases that float, wrench sensors, ``least_joint_speed``, delays that are
-    estimated, the methods ``smoother`` and ``fourier``.
+    gains, bases that float, wrench sensors, ``least_joint_speed``,
+    ``most_joint_speed``, delays that are estimated, the methods ``smoother`` and
+    ``fourier``.
 
     Parameters
     ----------
@@ -498,6 +499,8 @@ def _of_preparation(table: PreparationTable) -> str:
             f"{where}: least_joint_speed needs a whole recording at once; "
             "least_speed does not"
         )
+    if table.most_joint_speed is not None:
+        return f"{where}: most_joint_speed needs a whole recording at once"
     if "estimated" in table.delays.values():
         return f"{where}: a delay is estimated from a whole recording; seconds are not"
     return ""

@@ -202,6 +202,7 @@ class Draft:
             motion_cutoff=self.cutoff,
             torque_cutoff=self.cutoff,
             delays={"position": -self.early} if self.early else {},
+            most_joint_speed=self.stated.most_joint_speed,
             **(standing.preparation if standing else {}),
         )
 
@@ -320,6 +321,7 @@ def _of_preparation(draft: "Draft") -> dict[str, str]:
         "data.preparation.resample": "Hz; the time stamps jitter",
         "data.preparation.motion_cutoff": "Hz",
         "data.preparation.torque_cutoff": "Hz",
+        "data.preparation.most_joint_speed": "rows of faster joints are left out",
     }
 
 

@@ -134,6 +134,7 @@ class PreparationTable(FileTable, frozen=True, kw_only=True):
     trim_standstill: bool | Positive = False
     least_speed: Annotated[float, Meta(gt=0.0, lt=1.0)] | None = None
     least_joint_speed: Positive | Literal["estimated"] | None = None
+    most_joint_speed: Positive | Literal["model"] | None = None
     contact_radius: Literal["estimated"] | None = None
     most_slip: Positive | None = None
 

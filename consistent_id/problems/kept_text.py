@@ -12,7 +12,8 @@ from typing import Any
 
 import msgspec
 
-from consistent_id._support.files import marked, when_written, write_atomically
+from consistent_id._support.files import when_written, write_atomically
+from consistent_id._support.ownership import marked
 from consistent_id.errors import ProblemError
 from consistent_id.problems.file import ProblemTable, problem_table
 from consistent_id.problems.parameter_tables import FileTable

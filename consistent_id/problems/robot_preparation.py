@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, reduce
+from typing import Literal
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from consistent_id.problems.file import PreparationTable, ProblemTable
 from consistent_id.problems.preparation import rest_reach
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import without_rests
+from consistent_id.recordings.signals.drive_limits import SPEED_ROUNDING, within_speed
 from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.regression.elastic_joints import as_rigid
 from consistent_id.regression.regression import Regression, build_regression
@@ -118,10 +120,13 @@ def with_robot(
     arm: RobotModel | None,
     compliance: Vector | None,
 ) -> Callable[[Recording], Recording] | None:
-    """Return the steps for a part: springs, the motion of a sensor, slip."""
+    """Return the steps for a part: speed, springs, the motion of a sensor, slip."""
     sensor = table.wrist_sensor
     slip = None if table.data is None else table.data.preparation.most_slip
     steps: list[Callable[[Recording], Recording]] = []
+    if table.data is not None and (most := table.data.preparation.most_joint_speed):
+        reach = rest_reach(table.data.preparation)
+        steps.append(lambda log: _not_too_fast(robot, log, most, reach))
     if compliance is not None:
         steps.append(lambda log: as_rigid(robot, log, compliance))
     if sensor is not None and arm is not None:
@@ -131,6 +136,17 @@ def with_robot(
     if not steps:
         return None
     return lambda log: reduce(lambda part, step: step(part), steps, log)
+
+
+def _not_too_fast(
+    robot: RobotModel, log: Recording, most: float | Literal["model"], reach: float
+) -> Recording:
+    """Leave out the rows of joints beyond a speed, or beyond the model's limits."""
+    if most != "model":
+        return within_speed(log, most, reach=reach)
+    limits = {joint.name: joint.limits.velocity for joint in robot.joints}
+    of_joints = [SPEED_ROUNDING * limits.get(name, np.inf) for name in log.joints]
+    return within_speed(log, of_joints, reach=reach)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -215,6 +215,14 @@ class Statement:
         "data.preparation.max_gap",
         read=words.positive("--max-gap"),
     )
+    most_joint_speed: "float | Literal['model'] | None" = _said(
+        "log",
+        "--most-joint-speed SPEED",
+        "leave out the rows of a joint that is faster, rad/s or m/s; model: than the "
+        "model's speed limit of each joint (default: all rows count)",
+        "data.preparation.most_joint_speed",
+        read=words.speed,
+    )
     duplicates: Literal["refuse", "first", "last"] | None = _said(
         "log",
         "--duplicates",

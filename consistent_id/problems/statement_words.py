@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from consistent_id.errors import ProblemError
 
@@ -25,6 +25,13 @@ def positive(usage: str) -> Callable[[str], float]:
         raise ProblemError(f"{usage} {word}: expected a positive number")
 
     return read
+
+
+def speed(word: str) -> float | Literal["model"]:
+    """Read the speed beyond which rows are left out."""
+    if word == "model":
+        return "model"
+    return positive("--most-joint-speed SPEED (or model)")(word)
 
 
 def numbers(words: Sequence[str]) -> tuple[float, ...]:

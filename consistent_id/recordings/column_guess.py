@@ -407,11 +407,16 @@ def _numbered_columns(names: Sequence[str]) -> tuple[_NumberedColumns, ...]:
     return tuple(dict.fromkeys(run for name in names for run in _runs(name, known)))
 
 
+_DIGITS = re.compile(r"\d+")
+
+
 def _runs(name: str, known: frozenset[str]) -> Iterator[_NumberedColumns]:
-    for found in re.finditer(r"\d+", name):
+    for found in _DIGITS.finditer(name):
+        if found[0] not in ("0", "1"):
+            continue
         before, after = name[: found.start()], name[found.end() :]
         first = int(found[0])
-        if found[0] not in ("0", "1") or f"{before}{first - 1}{after}" in known:
+        if f"{before}{first - 1}{after}" in known:
             continue
         last = first
         while f"{before}{last + 1}{after}" in known:

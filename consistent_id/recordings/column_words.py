@@ -11,6 +11,7 @@ force or moment and an axis, and are equal otherwise, such as ``fx`` to ``tz`` o
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 from consistent_id.recordings.readers.units import unit_of_a_name
@@ -95,6 +96,11 @@ _NOT_OF_A_SENSOR = {"target", "desired", "des", "cmd", "command", "ref"}
 _NOT_OF_A_SENSOR |= {"joint", "contact"}
 
 
+_JOINT = re.compile(r"\{\w+\}")
+_LETTERS = re.compile(r"[a-z]+")
+_HUMP = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
+
+
 def words(pattern: str) -> set[str]:
     """Return the words of a pattern without the joint, in lower case.
 
@@ -103,10 +109,11 @@ def words(pattern: str) -> set[str]:
     >>> sorted(words("axisQMsr_{joint}"))
     ['axis', 'axisqmsr', 'msr', 'q']
     """
-    rest = re.sub(r"\{\w+\}", " ", pattern)
-    whole = set(re.findall(r"[a-z]+", rest.lower()))
-    parts = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", rest)
-    return whole | set(re.findall(r"[a-z]+", parts.lower()))
+    rest = _JOINT.sub(" ", pattern)
+    whole = set(_LETTERS.findall(lower := rest.lower()))
+    if lower == rest:
+        return whole
+    return whole | set(_LETTERS.findall(_HUMP.sub(" ", rest).lower()))
 
 
 def states(names: Iterable[str]) -> tuple[str, ...]:
@@ -119,6 +126,12 @@ def states(names: Iterable[str]) -> tuple[str, ...]:
     """
     likely = (name for name in names if "state" in name.lower())
     return tuple(name for name in likely if _STATE <= words(name))
+
+
+@lru_cache
+def _fitting(said: frozenset[str]) -> list[str]:
+    """Return the channels that have a phrase of the words; many names have the same."""
+    return [c for c in CHANNELS if any(phrase <= said for phrase in _WORDS[c])]
 
 
 def channel_of(pattern: str, names: Iterable[str] = ()) -> str:
@@ -146,11 +159,11 @@ def channel_of(pattern: str, names: Iterable[str] = ()) -> str:
     if said == {"action"} and any(_STATE <= words(name) for name in names):
         return "position_command"
     if "action" in said and not said & _MEASURED:  # LeRobot, of its followers
-        fits = [c for c in CHANNELS if any(phrase <= said for phrase in _WORDS[c])]
+        fits = _fitting(frozenset(said))
         return "position_command" if fits == ["position"] else ""
     if said & _OTHER:
         return ""
-    fits = [c for c in CHANNELS if any(phrase <= said for phrase in _WORDS[c])]
+    fits = _fitting(frozenset(said))
     if said & _COMMANDS or (said & _COMMANDED and fits == ["position"]):
         return "position_command"
     if said & _COMMANDED:

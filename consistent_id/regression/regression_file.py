@@ -41,6 +41,7 @@ class _RegressionRecord(msgspec.Struct, forbid_unknown_fields=True):
     peaks: list[float]
     factors: list[_Rows]
     noise: _NoiseRecord | None
+    digest: str = ""  # of the file's mark
 
 
 def save_regression(regression: Regression, path: str | Path) -> Path:

@@ -27,6 +27,7 @@ from consistent_id.repair.lint_rules import (
     probable_mistakes,
 )
 from consistent_id.robot.loaders.mjcf import compiled_body, load_mjcf, quaternion_matrix
+from consistent_id.robot.loaders.mjcf_files import mjcf_elements
 from consistent_id.robot.loaders.mjcf_spec import stand_in
 from consistent_id.robot.loaders.urdf import load_urdf
 from consistent_id.robot.loaders.urdf_inertial import inertia_matrix, numbers
@@ -206,6 +207,7 @@ def described_mjcf(path: Path, root: Element) -> tuple[DescribedRobot, FileEvide
         If MuJoCo is not installed, or refuses the file.
     """
     mujoco = needed("mujoco", "mjcf", f"{path}: reading MJCF", ModelError)
+    mjcf_elements(path)  # refuses pipes, which MuJoCo would wait for
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         unseen = set(stand_in(spec, path, mujoco))

@@ -37,7 +37,7 @@ def test_files_are_written_even_if_the_reader_has_gone(monkeypatch):
         return written
 
     monkeypatch.setattr("builtins.print", closed)
-    monkeypatch.setattr("consistent_id.cli.answers.nobody_reads", lambda: None)
+    monkeypatch.setattr("consistent_id.cli.answers.lead_nowhere", lambda _: None)
     options = argparse.Namespace(json=False, quiet=False)
     assert show(options, Answer(1, "", None, write)) == 1  # not 0: do not use
     assert written == ["figure.png"]

@@ -33,6 +33,7 @@ WORDS = {
     "rows": ["10,900"],
     "omit": ["3,7"],
     "max-gap": ["0.5"],
+    "most-joint-speed": ["model"],
     "duplicates": ["first"],
     "quaternion": ["wxyz"],
     "contact": ["foot=always"],

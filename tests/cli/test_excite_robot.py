@@ -7,7 +7,7 @@ import pytest
 from estimates import estimate_of
 
 from consistent_id import load_problem
-from consistent_id.cli.tool import main
+from consistent_id.cli import main
 from consistent_id.excitation.output import require_places
 from consistent_id.motion import read_trajectory
 

@@ -13,7 +13,7 @@ import pytest
 from logged import write_arm
 
 from consistent_id import load_problem, uncertainty
-from consistent_id._support.files import marked
+from consistent_id._support.ownership import marked
 from consistent_id.cli import main
 from consistent_id.cli.answers import coloured, wants_colour, warnings_unless
 from consistent_id.cli.endings import OutOfTime, within
@@ -113,6 +113,21 @@ def test_a_warning_is_said_once_for_a_command(capsys):
         "the second",
         "the first",
         "",
+    ]
+
+
+def test_a_warning_of_copies_of_one_file_is_said_once(capsys, tmp_path):
+    logger = logging.getLogger("consistent_id.somewhere")
+    with warnings_unless(False):
+        for k in range(16):
+            logger.warning("%s, line %d: odd", tmp_path / str(k) / "arm.urdf", 9)
+        logger.warning("%s, line %d: odd", tmp_path / "other.urdf", 9)
+        logger.warning("%s, line %d: odd", tmp_path / "arm.urdf", 10)
+    said = capsys.readouterr().err.splitlines()
+    assert said == [
+        f"{tmp_path / '0' / 'arm.urdf'}, line 9: odd",
+        f"{tmp_path / 'other.urdf'}, line 9: odd",
+        f"{tmp_path / 'arm.urdf'}, line 10: odd",
     ]
 
 

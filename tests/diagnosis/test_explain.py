@@ -1,6 +1,7 @@
 """What a log leaves unexplained, beside what laws of friction always leave."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,11 +16,14 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.diagnosis import diagnose
-from consistent_id.diagnosis.corrections import LOOKS_ALIKE, corrections
+from consistent_id.diagnosis.corrections import LOOKS_ALIKE, Cause, corrections
 from consistent_id.diagnosis.explain import (
+    Explanation,
+    Explanations,
     corrected,
     datasheet_constraints,
     fitted_log,
+    unexplained_findings,
 )
 from consistent_id.regression.base import base_parameters
 from consistent_id.robot.model import Link
@@ -99,3 +103,35 @@ def test_a_misfit_is_as_sure_as_stretches_of_the_log_agree_on_it():
     once = np.where(np.arange(len(log)) < len(log) // 20, steady, 0.0)[:, None]
     rare = replace(motion, recording=replace(log, torque=truth + once))
     assert rare.least_likely == 0.0
+
+
+def test_what_helps_most_is_said_first_with_its_option():
+    def tried(statement, advice, misfit):
+        cause = Cause("kind", "all joints", statement, advice, 3.0, of_residual=True)
+        return Explanation(cause, misfit, 0.876)
+
+    found = Explanations(
+        (
+            tried(
+                "with the torque of all joints reversed", "say --torque-gain -1", 0.113
+            ),
+            tried("with joint_1 in degrees", "say --units deg", 0.6),
+        ),
+        floor=0.05,
+        usual=0.1,
+    )
+    as_is = SimpleNamespace(
+        misfit=0.876,
+        least_likely=0.8,
+        factors=SimpleNamespace(least_misfit=lambda: 0.09),
+    )
+    (finding,) = unexplained_findings(as_is, found)
+    assert finding.statement.startswith(
+        "with the torque of all joints reversed the misfit would be 11.3% instead of "
+        "87.6%; no robot with the datasheet's values"
+    )
+    assert "with joint_1 in degrees the misfit would be 60.0%" in finding.statement
+    assert finding.advice.startswith("try this first: say --torque-gain -1. Else check")
+    (alone,) = unexplained_findings(as_is, replace(found, tried=()))
+    assert alone.statement.startswith("no robot with the datasheet's values")
+    assert alone.advice.startswith("check that model and log")

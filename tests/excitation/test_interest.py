@@ -9,7 +9,7 @@ from estimates import estimate_of
 from excited import FRICTION, arm, arm_limits, arm_problem
 
 from consistent_id import InertialParameters, ProblemError, TorqueModel
-from consistent_id.cli.tool import main
+from consistent_id.cli import main
 from consistent_id.excitation.accuracy import predicted_accuracy, relative_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.design import design_trajectory

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import consistent_id as ci
-from consistent_id.cli.tool import main
+from consistent_id.cli import main
 from consistent_id.excitation.interest import base_for
 from consistent_id.excitation.playable import what_moves, with_load
 from consistent_id.excitation.search_problem import search_problem

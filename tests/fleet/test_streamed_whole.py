@@ -80,6 +80,7 @@ WHOLE = {
     "least_joint_speed": {
         "preparation": f"{FILTERED}\nleast_joint_speed = 0.1\ntorque_cutoff = 8.0"
     },
+    "most_joint_speed": {"preparation": f"{FILTERED}\nmost_joint_speed = 0.5"},
     "delay is estimated": {
         "preparation": f'{FILTERED}\ndelays = {{velocity = "estimated"}}',
         "columns": MEASURED,

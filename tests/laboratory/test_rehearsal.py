@@ -10,7 +10,7 @@ from estimates import estimate_of
 from excited import arm, arm_limits
 
 from consistent_id import DriveTerms, ModelError, ProblemError, TorqueModel
-from consistent_id.cli.tool import main
+from consistent_id.cli import main
 from consistent_id.excitation.accuracy import predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.search_problem import search_problem

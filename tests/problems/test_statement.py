@@ -48,6 +48,7 @@ WORDS = {
     "rows": ["120,2000"],
     "omit": ["3,7"],
     "max_gap": "0.5",
+    "most_joint_speed": "model",
     "duplicates": "first",
     "angular_velocity": "gx,gy,gz",
     "acceleration": "ax,ay,az",

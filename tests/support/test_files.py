@@ -8,19 +8,20 @@ import pytest
 
 from consistent_id._support import files
 from consistent_id._support.files import (
-    marked,
     require_replaceable,
     require_writable,
     together,
     when_written,
     write_atomically,
 )
+from consistent_id._support.ownership import marked
 from consistent_id._support.run import Run, note_input, running
 from consistent_id.errors import ProblemError
 
 
 @pytest.fixture
-def run():
+def run(tmp_path_factory, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
     with running(Run(force=False)) as run:
         yield run
 
@@ -44,20 +45,66 @@ def test_the_content_that_is_there_already_may_be_written_again(tmp_path, run):
     write_atomically(tmp_path / "x.csv", "a,b\n")
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        '{\n "format": "consistent_id estimate 1"}',
-        "<!-- consistent-id: robot x, method y -->",
-        "/* consistent-id: robot x",
-        '"""consistent-id: robot x',
-        "time,q_a,q_b,dq_a,dq_b,ddq_a,ddq_b\n0,1,2,3,4,5,6\n",
-    ],
-)
-def test_a_file_with_our_mark_is_replaced(tmp_path, run, content):
-    (tmp_path / "x").write_text(content)
+OURS = [
+    '{\n "format": "consistent_id estimate 1",\n "mass": 1.0\n}',
+    '{\n "format": "consistent_id estimate 1"\n}',
+    "<!-- consistent-id: robot x, method y -->\n<robot/>",
+    "/* consistent-id: robot x */\nint x;",
+    '"""consistent-id: robot x."""\nmass = 1.0\n',
+    "# consistent-id: motion; x\n1 2 3\n",
+    '<html><meta name="generator" content="consistent-id: report"><p>x</p></html>',
+    "time,q_a,q_b,dq_a,dq_b,ddq_a,ddq_b\n0,1,2,3,4,5,6\n",  # no place for a mark
+    b"\x89PNG\r\n\x1a\n\x00\xff",
+]
+
+
+@pytest.mark.parametrize("content", OURS)
+def test_a_file_that_was_written_here_is_replaced(tmp_path, run, content):
+    write_atomically(tmp_path / "x", content)
+    write_atomically(tmp_path / "x", content)
     write_atomically(tmp_path / "x", "new")
     assert (tmp_path / "x").read_text() == "new"
+
+
+@pytest.mark.parametrize("content", OURS)
+def test_once_edited_a_file_that_was_written_here_is_its_editors(
+    tmp_path, run, content
+):
+    write_atomically(tmp_path / "x", content)
+    written = (tmp_path / "x").read_bytes()
+    (tmp_path / "x").write_bytes(edited := written[:-3] + b" " + written[-3:])
+    with pytest.raises(ProblemError, match=r"was edited since|nothing in it says"):
+        write_atomically(tmp_path / "x", "new")
+    assert (tmp_path / "x").read_bytes() == edited
+
+
+@pytest.mark.parametrize("content", [c for c in OURS if isinstance(c, str)])
+def test_the_form_of_a_file_alone_does_not_make_it_ours(tmp_path, run, content):
+    (tmp_path / "x").write_text(content)
+    with pytest.raises(ProblemError, match="nothing in it says that"):
+        write_atomically(tmp_path / "x", "new")
+
+
+@pytest.mark.parametrize("content", [c for c in OURS if isinstance(c, str)])
+def test_other_ends_of_lines_are_no_edit(tmp_path, run, content):
+    write_atomically(tmp_path / "x", content)
+    saved = (tmp_path / "x").read_bytes().replace(b"\n", b"\r\n") + b"\r\n"
+    (tmp_path / "x").write_bytes(saved)
+    write_atomically(tmp_path / "x", "new")
+
+
+def test_a_content_that_is_written_again_keeps_one_digest(tmp_path, run):
+    write_atomically(tmp_path / "x", OURS[0])
+    again = write_atomically(tmp_path / "y", (tmp_path / "x").read_bytes())
+    assert again.read_bytes() == (tmp_path / "x").read_bytes()
+    assert again.read_bytes().count(b'"digest"') == 1
+
+
+def test_a_users_table_of_a_motion_and_currents_is_not_replaced(tmp_path, run):
+    """Its columns begin as those of `write_trajectory`."""
+    (tmp_path / "x.csv").write_text("time,q_a,dq_a,ddq_a,i_a\n0,1,2,3,4\n")
+    with pytest.raises(ProblemError, match="is there already"):
+        write_atomically(tmp_path / "x.csv", "new")
 
 
 def test_a_log_with_torque_is_not_taken_for_samples_of_a_trajectory(tmp_path, run):

@@ -22,6 +22,8 @@ from consistent_id import (
     load_problem,
     read_recording,
 )
+from consistent_id.motion import read_trajectory
+from consistent_id.repair import lint_robot as lint
 from consistent_id.robot import lint_urdf, load_mjcf, load_urdf
 
 LARGE = "--large-files"
@@ -177,6 +179,85 @@ def test_a_pipe_is_no_log(tmp_path):
     os.mkfifo(tmp_path / "log.csv")
     with pytest.raises(RecordingError, match="regular file"):
         read(tmp_path / "log.csv")
+
+
+def piped(folder, text, pipe):
+    """Write an MJCF file, and a pipe that it names."""
+    (folder / pipe).parent.mkdir(exist_ok=True)
+    os.mkfifo(folder / pipe)
+    (folder / "robot.xml").write_text(f"<mujoco>{text}</mujoco>")
+    return folder / "robot.xml"
+
+
+MESH = '<asset><mesh name="m" file="m.stl"/></asset>'
+
+
+@pytest.mark.parametrize(
+    ("text", "pipe"),
+    [
+        ('<include file="part.xml"/>', "part.xml"),
+        ('<include file="parts/a.xml"/>', "parts/b.xml"),
+        (MESH, "m.stl"),
+        (f'<compiler meshdir="meshes"/>{MESH}', "meshes/m.stl"),
+        ('<asset><texture type="cube" fileright="t.png"/></asset>', "t.png"),
+    ],
+)
+@pytest.mark.parametrize("load", [load_mjcf, lint])
+def test_pipes_that_an_mjcf_file_names_are_not_read(tmp_path, load, text, pipe):
+    robot = piped(tmp_path, text, pipe)
+    if pipe == "parts/b.xml":
+        included = '<mujoco><include file="b.xml"/></mujoco>'
+        (tmp_path / "parts" / "a.xml").write_text(included)
+    with pytest.raises(ModelError, match="regular file"):
+        load(robot)
+
+
+def test_files_that_include_one_another_are_mujocos_to_refuse(tmp_path):
+    (tmp_path / "a.xml").write_text('<mujoco><include file="a.xml"/></mujoco>')
+    with pytest.raises(ModelError, match="MuJoCo refuses it"):
+        load_mjcf(tmp_path / "a.xml")
+
+
+def test_a_pipe_is_no_trajectory_and_no_part_of_a_bag(tmp_path):
+    for name in ("x.npz", "x.json", "x.csv"):
+        os.mkfifo(tmp_path / name)
+        with pytest.raises((ProblemError, RecordingError), match="regular file"):
+            read_trajectory(tmp_path / name)
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "metadata.yaml").write_text("rosbag2_bagfile_information: {}")
+    os.mkfifo(tmp_path / "bag" / "bag_0.db3")
+    with pytest.raises(RecordingError, match="regular file"):
+        read_recording(tmp_path / "bag", ["a"])
+
+
+def test_lists_in_parquet_count_with_all_their_values(tmp_path):
+    lists = pa.FixedSizeListArray.from_arrays(pa.array(np.zeros(40_000_000)), 400)
+    table = pa.table({"time": np.arange(100_000.0), "q": lists})
+    pq.write_table(table, tmp_path / "log.parquet")
+    assert (tmp_path / "log.parquet").stat().st_size < 2**20
+    columns = Columns(position="q[0:1]", array_joints=("a",))
+    with pytest.raises(RecordingError, match=f"306 MiB of data.*{LARGE}"):
+        read_recording(tmp_path / "log.parquet", ["a"], columns)
+
+
+def test_arrow_never_has_a_whole_log_in_memory(tmp_path):
+    """Columns are filled batch by batch; those that nobody asked for are not read."""
+    rows = 400_000
+    table = {f"q_{k}": np.random.default_rng(k).normal(size=rows) for k in range(20)}
+    pq.write_table(
+        pa.table({"time": np.arange(rows)} | table), tmp_path / "log.parquet"
+    )
+    pool, before = (
+        pa.proxy_memory_pool(pa.default_memory_pool()),
+        pa.default_memory_pool(),
+    )
+    pa.set_memory_pool(pool)
+    try:
+        recording = read_recording(tmp_path / "log.parquet", ["0", "19"])
+    finally:
+        pa.set_memory_pool(before)
+    assert pool.max_memory() < 3 * 8 * rows  # the three columns as a whole
+    np.testing.assert_array_equal(recording.position[:, 1], table["q_19"])
 
 
 def test_a_model_of_more_than_32_mib_is_refused(tmp_path):

@@ -81,6 +81,7 @@ class _TrajectoryRecord(msgspec.Struct, forbid_unknown_fields=True):
     format: str
     kind: Literal["fourier", "polynomial", "move"]
     pieces: list[_Fourier | _Polynomial]
+    digest: str = ""  # of the file's mark
 
 
 def json_of(path: ExactPath) -> str:
@@ -127,6 +128,7 @@ def path_of_npz(where: Path) -> ExactPath:
     RecordingError
         If the file, or an array in it, cannot be read.
     """
+    require_regular(where, ProblemError)
     names = [name for name in _members(where) if name.startswith("piece")]
     arrays = read_arrays(where, ["format", "kind", *names])
     _check_format(str(arrays["format"]), where)

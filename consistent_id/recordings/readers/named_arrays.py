@@ -91,7 +91,8 @@ def recording_of(
     keep = _kept(len(time), omit, where)
     keep[keep] = _distinct(time[keep], duplicates)
     beside = {n: _by_sample(arrays[n], len(time))[keep] for n in want.beside.names}
-    channels = {channel: values[keep] for channel, values in channels.items()}
+    if not keep.all():
+        channels = {name: values[keep] for name, values in channels.items()}
     try:
         recording = gained(
             want.joints,
@@ -221,16 +222,21 @@ def gained(
         )
     time = time * factors(units, "time", joints[:1])
     channels = {
-        channel: values * factors(units, channel, joints)
+        channel: _times(values, factors(units, channel, joints))
         for channel, values in channels.items()
     }
     if "torque" in channels:
-        torque = channels["torque"].copy()
-        torque[:, list(without_torque)] = 0.0
         shape = (len(joints),) if np.ndim(torque_gain) else ()
         gain = frozen(torque_gain, shape, "torque_gain", RecordingError)
-        channels = channels | {"torque": torque * gain}
+        torque = channels["torque"] * gain
+        torque[:, list(without_torque)] = 0.0
+        channels = channels | {"torque": torque}
     return Recording(joints, time, name=name, **cast(dict[str, Any], channels))
+
+
+def _times(values: Matrix, factor: Vector) -> Matrix:
+    """Return values times a factor for each joint; no copy where all are 1."""
+    return values if (factor == 1.0).all() else values * factor
 
 
 def _kept(rows: int, omit: Sequence[int], where: str) -> BoolArray:
@@ -254,7 +260,7 @@ def _numbers(arrays: Arrays, name: str, where: str) -> Array:
         raise RecordingError(
             f"{where}: column {name!r} holds {kind}, expected numbers in SI units{hint}"
         )
-    return raw.astype(np.float64)
+    return raw.astype(np.float64, copy=False)  # a recording has its own copy
 
 
 def vector_of(arrays: Arrays, name: str, where: str) -> Vector:

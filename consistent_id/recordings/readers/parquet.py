@@ -28,13 +28,54 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
 
     require(str(path), names, array_names(path))
     try:
-        file = pq.ParquetFile(path)
-        unpacked = 8 * file.metadata.num_rows * len(names)
-        require_unpacked(path, unpacked, path.stat().st_size, RecordingError)
-        table = file.read(columns=list(names))
+        with pq.ParquetFile(path, buffer_size=_BUFFER, pre_buffer=False) as file:
+            values = _values(file.metadata, names)
+            unpacked = 8 * sum(values.values())
+            require_unpacked(path, unpacked, path.stat().st_size, RecordingError)
+            return _whole(file, names, path, max(values.values(), default=0))
     except (pa.ArrowException, OSError, UnicodeDecodeError) as cause:
         raise RecordingError(f"{path}: not readable as Parquet: {cause}") from None
-    return {name: numbers_of(table[name], f"{path}: column {name!r}") for name in names}
+
+
+def _values(metadata: Any, names: Sequence[str]) -> dict[str, int]:
+    """Return how many values the named columns have, those in lists included."""
+    counts = dict.fromkeys(names, 0)
+    for g in range(metadata.num_row_groups):
+        group = metadata.row_group(g)
+        for c in range(group.num_columns):
+            column = group.column(c)
+            name = column.path_in_schema.partition(".")[0]
+            for known in {name, column.path_in_schema} & counts.keys():
+                counts[known] += column.num_values
+    return counts
+
+
+def _whole(file: Any, names: Sequence[str], path: Path, most: int) -> Arrays:
+    """Return whole columns, filled batch by batch: Arrow's copy is never complete.
+
+    Parameters
+    ----------
+    most : int
+        Values of the longest column; with lists, batches have fewer rows.
+    """
+    rows = file.metadata.num_rows
+    whole: dict[str, np.ndarray] = {}
+    if not rows:
+        empty = file.schema_arrow.empty_table()
+        return {n: numbers_of(empty[n], f"{path}: column {n!r}") for n in names}
+    batch_rows = max(1, min(_ROWS, _ROWS * rows // max(most, rows)))
+    at = 0
+    for batch in file.iter_batches(batch_rows, columns=list(names), use_threads=False):
+        for name, values in columns_of(batch, names, path).items():
+            if name not in whole:
+                whole[name] = np.empty((rows, *values.shape[1:]), values.dtype)
+            if values.shape[1:] != whole[name].shape[1:]:
+                raise _uneven(f"{path}: column {name!r}")
+            if values.dtype != whole[name].dtype:  # flags of which some are missing
+                whole[name] = whole[name].astype(np.float64)
+            whole[name][at : at + len(values)] = values
+        at += len(batch)
+    return whole
 
 
 def read_batches(path: Path, names: Sequence[str], first: int) -> Iterator[Arrays]:
@@ -125,9 +166,13 @@ def _rows_of(column: Any, where: str) -> np.ndarray:
     else:
         lengths = set(np.diff(np.from_dlpack(lists.offsets)).tolist())
     if lists.null_count or len(lengths) != 1:
-        raise RecordingError(
-            f"{where} holds lists of different lengths, or none in some rows; expected "
-            "one value for each joint in every row"
-        )
+        raise _uneven(where)
     flat = numbers_of(pa.chunked_array([lists.flatten()]), where)
     return flat.reshape(len(lists), *lengths)
+
+
+def _uneven(where: str) -> RecordingError:
+    return RecordingError(
+        f"{where} holds lists of different lengths, or none in some rows; expected "
+        "one value for each joint in every row"
+    )

@@ -313,8 +313,9 @@ def reader_of(path: Path) -> Any:
     known = log_format(path)
     if not path.exists():
         raise RecordingError(f"{path}: no such file")
-    if not path.is_dir():
-        require_regular(path, RecordingError)
+    for file in path.iterdir() if path.is_dir() else [path]:
+        if not file.is_dir():
+            require_regular(file, RecordingError)
     return known.reader(path)
 
 

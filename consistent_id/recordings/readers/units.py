@@ -209,6 +209,9 @@ def is_other_unit(text: str) -> bool:
     return _UNIT.fullmatch(text.strip()) is not None
 
 
+_UNIT_OF_TIME = re.compile(r"[\s_]*[\[(]?\b(ms|us|ns|s|sec|seconds)[\])]?$")
+
+
 def is_time(name: str) -> bool:
     """Return whether a name, without its unit, is that of the clock.
 
@@ -217,7 +220,6 @@ def is_time(name: str) -> bool:
     >>> is_time("Time [ms]"), is_time("state.time"), is_time("time_left")
     (True, True, False)
     """
-    last = re.split(r"[./]", name.strip().lower())[-1].lstrip("_")
-    unit = re.compile(r"[\s_]*[\[(]?\b(ms|us|ns|s|sec|seconds)[\])]?$")
-    bare = unit.sub("", last.replace("_", " ")).replace(" ", "_")
+    last = name.strip().lower().replace("/", ".").rpartition(".")[2].lstrip("_")
+    bare = _UNIT_OF_TIME.sub("", last.replace("_", " ")).replace(" ", "_")
     return last in _CLOCKS or bare in _CLOCKS

@@ -1,12 +1,23 @@
 """Samples at or beyond the limits of drives: largest torque, rated speed."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import BoolArray, Vector, frozen
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording, velocities
-from consistent_id.recordings.signals.masks import held_samples, quantum, standstill
+from consistent_id.recordings.signals.filtered_rows import altered
+from consistent_id.recordings.signals.masks import (
+    held_samples,
+    mask_onto,
+    quantum,
+    standstill,
+)
+
+SPEED_ROUNDING = 1.05
+"""Times a model's speed limit beyond which a joint is too fast: limits are rounded."""
 
 _AT_LIMIT = 1e-3  # share of the limit within which a torque is at it
 _NEAR_PEAK = 0.95  # of a joint's largest |torque|: a limit is as far out
@@ -86,6 +97,43 @@ def beyond_speed(recording: Recording, limit: ArrayLike) -> BoolArray:
         raise RecordingError(f"limit is {bounds}, expected positive numbers")
     speed = abs(velocities(recording))
     return np.asarray(speed > np.where(bounds > 0.0, bounds, np.inf))
+
+
+def within_speed(
+    recording: Recording, limit: ArrayLike, *, reach: float = 0.0
+) -> Recording:
+    """Return a recording in which the torque of joints beyond a speed is unknown.
+
+    Parameters
+    ----------
+    recording : Recording
+        With velocity.
+    limit : array_like, shape () or (joints,), [rad/s or m/s]
+        See `beyond_speed`.
+    reach : float, [s]
+        Time before and after for which torque is not known, either.
+
+    Raises
+    ------
+    RecordingError
+        As `beyond_speed`.
+
+    Examples
+    --------
+    >>> time = np.arange(5) / 10.0
+    >>> log = Recording(("elbow",), time, time[:, None] ** 2)
+    >>> within_speed(log, 0.5).torque_known[:, 0].tolist()
+    [True, True, True, False, False]
+    """
+
+    def change(whole: Recording) -> Recording:
+        fast = beyond_speed(whole, limit)
+        known = ~mask_onto(whole, fast, whole, reach=reach)
+        if whole.torque_known is not None:
+            known &= whole.torque_known
+        return replace(whole, torque_known=known)
+
+    return altered(recording, change)
 
 
 def _robot_moves(recording: Recording) -> BoolArray:

@@ -17,13 +17,12 @@ from consistent_id.errors import ModelError
 from consistent_id.robot.chains import Selection, selected
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.kinematics import FixedPlace, snapped, turn
+from consistent_id.robot.loaders.mjcf_files import mjcf_elements
 from consistent_id.robot.loaders.mjcf_spec import (
     joint_name,
     read_spec,
     refuse_unsupported,
 )
-from consistent_id.robot.loaders.urdf_lint import read_bytes
-from consistent_id.robot.loaders.xml import XmlFault, parse
 from consistent_id.robot.model import (
     Datasheet,
     FixedFrame,
@@ -177,18 +176,13 @@ def _reference(model: Any, j: int) -> float:
 
 def _check(path: Path) -> None:
     """Refuse unsafe files; MuJoCo itself reports text that is not XML."""
-    try:
-        root = parse(read_bytes(path))
-    except XmlFault as fault:
-        if fault.refused:
-            raise ModelError(f"{path}, {fault}") from None
-        return
+    elements = mjcf_elements(path)
     copies = 1
-    for element in root.below():
+    for element in elements:
         count = element.attributes.get("count", "")
         if element.tag == "replicate" and count.strip().isdigit():
             copies *= max(1, int(count))
-    bodies = sum(element.tag in ("body", "joint") for element in root.below())
+    bodies = sum(element.tag in ("body", "joint") for element in elements)
     require_count(path, bodies * copies, LARGEST_TREE, "bodies and joints", ModelError)
 
 

@@ -11,7 +11,7 @@ from consistent_id import (
     load_problem,
     simulate_torque,
 )
-from consistent_id.cli.tool import main
+from consistent_id.cli import main
 from consistent_id.problems import select_model
 from consistent_id.problems.file import problem_table
 from consistent_id.problems.selection import select as select_module
