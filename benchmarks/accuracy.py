@@ -11,6 +11,7 @@ from time import perf_counter
 import blocks
 import numpy as np
 import pairs
+from pages import measured
 
 import consistent_id as ci
 from consistent_id.estimation.method import Method
@@ -124,9 +125,11 @@ def measure() -> tuple[str, str]:
         [
             "# Accuracy on real robots",
             "",
-            "Measured by `python benchmarks/accuracy.py`: each method is trained on",
-            "the training recordings of the problem folders. Its error on the",
-            "validation recordings is `||tau - prediction|| / ||tau||`, all joints.",
+            f"{measured(PROBLEMS, script='accuracy.py')}.",
+            "",
+            "Each method is trained on the training recordings of the problem",
+            "folders. Its error on the validation recordings is",
+            "`||tau - prediction|| / ||tau||`, all joints.",
             "Settings are those of the problem files, chosen on training data. The",
             "row `expected from training` is the error on blocks of the training",
             "data that were left out, for the estimates that can be recommended.",

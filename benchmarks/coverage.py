@@ -1,11 +1,11 @@
 """How often intervals hold the truth: simulated noise of five kinds, and real robots.
 
-``python benchmarks/coverage.py [--replicates N] [--write docs/coverage.md]``; real
+``python benchmarks/coverage.py [--replicates N] [--write docs/coverage.md]`` makes the
+whole page, the tables of `coverage_methods` and `coverage_robots` included; real
 recordings are read from ``CONSISTENT_ID_DATASETS``.
 """
 
 import argparse
-import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +15,8 @@ import numpy as np
 from scipy import signal, stats
 
 sys.path.insert(0, str(Path(__file__).parent))
-from coverage_robots import SPLITS, real_robots
+from coverage_robots import HELD, PROBLEMS, SPLITS, WIDEST, real_robots
+from pages import measured
 
 import consistent_id as ci
 from consistent_id.estimation.estimate import Estimate
@@ -127,22 +128,30 @@ def _share(estimate: Estimate, truth: np.ndarray) -> float:
     return float(np.mean(error <= stats.norm.ppf(0.975) * estimate.standard_errors))
 
 
-def page(replicates: int, few: int, methods: str) -> str:
-    """Measure everything but the other methods; return the page."""
+def page(replicates: int, few: int, others: int) -> str:
+    """Measure everything; return the page."""
+    from coverage_methods import table
+
     started = process_time()
     rows, missed = simulated(replicates, few)
-    found, halved = real_robots()
-    missed += [line for robot in found for line in robot.missed]
+    found, methods = real_robots(), table(others)
+    missed += found.missed
     said = "\n".join(f"- {line}" for line in missed) or "Every target is met."
+    script = f"coverage.py --replicates {replicates} --few {few} --others {others}"
     return TEMPLATE.format(
+        measured=measured(PROBLEMS if found.agreements else (), script=script),
         replicates=replicates,
         few=few,
-        methods=methods,
+        others=others,
+        methods=f"{BEGIN}\n\n{methods}\n\n{END}",
         simulated="\n".join(rows),
-        real="\n".join(r.row for r in found) or "| not measured | | | | | |",
+        real="\n".join(r.row for r in found.agreements) or "| not measured | | | | | |",
+        parts="\n".join(p.row for p in found.parts) or "| not measured | | | | | | |",
         missed=said,
-        halved="\n".join(halved) or "| not measured | | |",
+        halved="\n".join(found.halves) or "| not measured | | |",
         splits=SPLITS,
+        held=f"{HELD:.0%}",
+        widest=WIDEST,
         level=f"{LEVEL:.0%}",
         duration=f"{DURATION:.0f}",
         seconds=f"{process_time() - started:.0f}",
@@ -178,8 +187,8 @@ def _missed(where: str, shares: dict[str, tuple[float, float]]) -> list[str]:
 
 TEMPLATE = """# How often intervals contain the truth
 
-Measured by `python benchmarks/coverage.py --replicates {replicates} --few {few}`, in
-{seconds} CPU seconds.
+{measured}.
+The run took {seconds} CPU seconds.
 
 ## Simulated noise
 
@@ -207,7 +216,8 @@ intervals for noise cannot cover the error of a wrong model.
 The same arm of three joints. A payload of 2 kg has its ten parameters, instruments are
 the exact motion beside one whose acceleration is noisy, and all base parameters count.
 Both columns should be 93 to 97 %; the last one is the parameter that is farthest off.
-Measured by `python benchmarks/coverage_methods.py --write docs/coverage.md`.
+There are {others} data sets for each row. This table alone is measured by
+`python benchmarks/coverage_methods.py --write docs/coverage.md`.
 
 {methods}
 
@@ -224,6 +234,20 @@ Targets: 88 % or more within 1.96; 1 % or less disjoint.
 | robot | recordings | differences | within 1.96, white noise | within 1.96 | disjoint |
 |---|---:|---:|---:|---:|---:|
 {real}
+
+## Parts of one recording
+
+Each recording is cut into two halves or four quarters of equal length, each of which is
+fitted by itself. Differences of base parameters between two parts of one recording are
+divided by their standard errors, by noise alone and with the
+[scatter between blocks](uncertainty.md). The last column is the width of intervals over
+the width that would hold 95 % of the differences.
+
+Targets: {held} or more within 1.96; the UR10e's width {widest} or less.
+
+| robot | recordings | parts | differences | within 1.96, noise | within 1.96 | width |
+|---|---:|---:|---:|---:|---:|---:|
+{parts}
 
 ## Halves of ten recordings
 
@@ -252,19 +276,13 @@ def main() -> None:
     parser.add_argument("--replicates", type=int, default=200)
     parser.add_argument("--few", type=int, default=20)
     parser.add_argument("--write", type=Path)
+    parser.add_argument("--others", type=int, default=200)
     options = parser.parse_args()
-    before = options.write.read_text() if options.write else ""
-    text = page(options.replicates, options.few, other_methods(before))
+    text = page(options.replicates, options.few, options.others)
     if options.write is None:
         print(text)
     else:
         options.write.write_text(text)
-
-
-def other_methods(page: str) -> str:
-    """Return what `coverage_methods.py` wrote on a page, with its marks."""
-    found = re.search(f"{re.escape(BEGIN)}.*{re.escape(END)}", page, re.DOTALL)
-    return found[0] if found else f"{BEGIN}\n{END}"
 
 
 if __name__ == "__main__":

@@ -152,13 +152,23 @@ def main() -> None:
     parser.add_argument("--methods", nargs="*", default=list(METHODS))
     parser.add_argument("--write", type=Path)
     options = parser.parse_args()
+    lines = table(options.replicates, options.methods)
+    if options.write:
+        page = options.write.read_text()
+        before, _, rest = page.partition(BEGIN)
+        _, _, after = rest.partition(END)
+        options.write.write_text(f"{before}{BEGIN}\n\n{lines}\n\n{END}{after}")
+
+
+def table(replicates: int, methods: Sequence[str] = tuple(METHODS)) -> str:
+    """Measure the table; its rows are printed as they are found."""
     lines = [
         "| estimate | noise | 95 % intervals hold | worst parameter |",
         "|---|---|--:|--:|",
     ]
-    for name in options.methods:
+    for name in methods:
         for kind in KINDS:
-            z = np.array(list(METHODS[name](kind, options.replicates)))
+            z = np.array(list(METHODS[name](kind, replicates)))
             held, error = share(z)
             each = np.mean(abs(z) <= stats.norm.ppf(0.975), axis=0)
             worst = each[np.argmax(abs(each - 0.95))]
@@ -166,12 +176,7 @@ def main() -> None:
                 f"| {name} | {kind} | {held:.1%} ± {error:.1%} | {worst:.1%} |"
             )
             print(lines[-1], flush=True)
-    if options.write:
-        page = options.write.read_text()
-        before, _, rest = page.partition(BEGIN)
-        _, _, after = rest.partition(END)
-        table = "\n".join(lines)
-        options.write.write_text(f"{before}{BEGIN}\n\n{table}\n\n{END}{after}")
+    return "\n".join(lines)
 
 
 if __name__ == "__main__":

@@ -83,7 +83,7 @@ def errors(
         size, bare = (
             stats.t.ppf(0.975, n.freedoms(each))
             * np.sqrt(np.diag(n.steps @ n.scatter @ n.steps.T))
-            for n in (full, alone.noise)
+            for n in (full, replace(alone.noise, between=()))
         )
         yield off / size, size / bare
 

@@ -32,6 +32,11 @@ KUKA = ("FF_A.parquet", "FF_B.parquet")
 KUKA_SPAN = (1.8, 8.2)  # s: the rest is standstill
 TX40 = "identification/seg_0.0-4.5s.parquet"
 TX40_BLOCKS = 2
+TIAGO = ("identification/first60.parquet", "validation/last40.parquet")
+PROBLEMS = ("ur10e", "kuka_kr300", "staubli_tx40", "tiago")
+PARTS = (2, 4)  # of one recording
+HELD = 0.88  # share of differences within 1.96 that is asked for
+WIDEST = 1.3  # of the UR10e's intervals, over the width that holds 95 %
 SPLITS = 5  # of the UR10e's recordings into two halves
 MOVING = 0.02  # rad/s: slower than this at both ends is standstill
 
@@ -61,7 +66,7 @@ class Agreement:
     def missed(self) -> list[str]:
         """The targets that the recordings miss."""
         lines, within = [], _within(self.z)
-        if within < 0.88:
+        if within < HELD:
             lines.append(f"{self.robot}: {within:.1%}, target 88 % or more")
         if self.disjoint > 0.01 * self.pairs:
             share = self.disjoint / self.pairs
@@ -77,26 +82,108 @@ def _within(z: tuple[float, ...]) -> float:
     return float(np.mean(np.abs(z) <= stats.norm.ppf(0.975)))
 
 
-def real_robots() -> tuple[list[Agreement], list[str]]:
-    """Return how recordings of real robots agree, and halves of the UR10e's."""
+@dataclass(frozen=True)
+class Parts:
+    """How halves or quarters of single recordings agree.
+
+    Parameters
+    ----------
+    z, noise_z : tuple of float
+        Differences over their standard errors: all of them, and those by noise alone.
+    """
+
+    robot: str
+    recordings: int
+    count: int
+    z: tuple[float, ...]
+    noise_z: tuple[float, ...]
+
+    @property
+    def width(self) -> float:
+        """Width of intervals over the width that would hold 95 %."""
+        needed = np.quantile(np.abs(self.z), 0.95)
+        return float(stats.norm.ppf(0.975) / needed)
+
+    @property
+    def row(self) -> str:
+        """A row of the page's table."""
+        return (
+            f"| {self.robot} | {self.recordings} | {self.count} | {len(self.z)} | "
+            f"{_within(self.noise_z):.1%} | {_within(self.z):.1%} | {self.width:.2f} |"
+        )
+
+    @property
+    def missed(self) -> list[str]:
+        """The targets that the parts miss."""
+        where, lines = f"{self.robot}, {self.count} parts", []
+        if _within(self.z) < HELD:
+            lines.append(f"{where}: {_within(self.z):.1%}, target {HELD:.0%} or more")
+        if self.robot == "ur10e" and self.width > WIDEST:
+            lines.append(f"{where}: {self.width:.2f} times as wide as needed")
+        return lines
+
+
+@dataclass(frozen=True)
+class RealRobots:
+    """What recordings of real robots show; nothing without them."""
+
+    agreements: tuple[Agreement, ...] = ()
+    halves: tuple[str, ...] = ()
+    parts: tuple[Parts, ...] = ()
+
+    @property
+    def missed(self) -> list[str]:
+        """All targets that are missed."""
+        return [m for found in (*self.agreements, *self.parts) for m in found.missed]
+
+
+def real_robots() -> RealRobots:
+    """Return how recordings of real robots, halves and quarters of them agree."""
     if "CONSISTENT_ID_DATASETS" not in os.environ:
-        return [], []
-    ur10e, kuka, tx40 = (
-        ci.load_problem(f"problems/{name}")
-        for name in ("ur10e", "kuka_kr300", "staubli_tx40")
-    )
+        return RealRobots()
+    ur10e, kuka, tx40, tiago = (ci.load_problem(f"problems/{n}") for n in PROBLEMS)
     arm_logs = [_moving(ur10e.prepare(ur10e.read(file))) for file in UR10E]
     both = [kuka.prepare(kuka.read(file)) for file in KUKA]
     start, stop = KUKA_SPAN
     spans = [r.samples((r.time >= start) & (r.time <= stop)) for r in both]
     one = tx40.prepare(tx40.read(TX40))
-    ends = np.linspace(0, len(one), TX40_BLOCKS + 1).astype(int).tolist()
-    blocks = [one.samples(slice(a, b)) for a, b in pairwise(ends)]
-    return [
-        agreement(ur10e, arm_logs),
-        agreement(kuka, spans),
-        agreement(tx40, blocks),
-    ], [halves(ur10e, arm_logs, effect) for effect in (False, True)]
+    whole = (
+        (ur10e, arm_logs),
+        (kuka, spans),
+        (tx40, [one]),
+        (tiago, [tiago.prepare(tiago.read(file)) for file in TIAGO]),
+    )
+    return RealRobots(
+        (
+            agreement(ur10e, arm_logs),
+            agreement(kuka, spans),
+            agreement(tx40, cut(one, TX40_BLOCKS)),
+        ),
+        tuple(halves(ur10e, arm_logs, effect) for effect in (False, True)),
+        tuple(
+            parts(problem, logs, count) for problem, logs in whole for count in PARTS
+        ),
+    )
+
+
+def cut(recording: ci.Recording, count: int) -> list[ci.Recording]:
+    """Return equal parts of a recording, in the order of time."""
+    ends = np.linspace(0, len(recording), count + 1).astype(int).tolist()
+    return [recording.samples(slice(a, b)) for a, b in pairwise(ends)]
+
+
+def parts(problem: ci.Problem, recordings: list[ci.Recording], count: int) -> Parts:
+    """Compare estimates from parts of the same recording, pair by pair."""
+    model, z, by_noise = problem.model, [], []
+    base = ci.regression.base_parameters(model)
+    for recording in recordings:
+        regressions = [ci.build_regression(model, p) for p in cut(recording, count)]
+        bare = [replace(r, noise=replace(r.noise, blocks=1.0)) for r in regressions]
+        for own, found in ((regressions, z), (bare, by_noise)):
+            found += _z(
+                [ci.estimation.weighted_least_squares(model, r, base=base) for r in own]
+            )
+    return Parts(problem.name, len(recordings), count, tuple(z), tuple(by_noise))
 
 
 def _moving(recording: ci.Recording) -> ci.Recording:

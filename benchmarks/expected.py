@@ -151,7 +151,7 @@ def main() -> None:
     for outcome in outcomes():
         groups.setdefault(outcome.group, []).append(outcome)
     moving = [o for g, found in groups.items() if g != WITH_RESTS for o in found]
-    with written_to(page, "expected errors"):
+    with written_to(page, "expected errors", ("ur10e", *BOTH_WAYS)):
         print("\n".join(HEADER))
         for group, found in groups.items():
             print(row(group, found))

@@ -61,7 +61,7 @@ def main() -> None:
     parser.add_argument("--write", type=Path, help="page to write the table to")
     page = parser.parse_args().write
     rows = [row(name) for name in PROBLEMS]
-    with written_to(page, "slack"):
+    with written_to(page, "slack", PROBLEMS):
         print("\n".join([*HEADER, *rows]))
 
 

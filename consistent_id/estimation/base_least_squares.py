@@ -161,7 +161,7 @@ def _notes(model: TorqueModel, free: UnconstrainedFit) -> tuple[str, ...]:
 
 def _covariance(noise: ResidualNoise, solution: LinearSolution) -> Matrix:
     """Covariance of the estimate; infinite where parameters are not identifiable."""
-    covariance = np.asarray(noise.steps @ noise.inflation @ noise.steps.T)
+    covariance = np.asarray(noise.steps @ noise.scatter @ noise.steps.T)
     open_ended = (abs(solution.null_space) > 1e-9).any(axis=1)
     covariance[open_ended, :] = covariance[:, open_ended] = np.nan
     covariance[open_ended, open_ended] = np.inf

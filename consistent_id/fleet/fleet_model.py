@@ -8,7 +8,7 @@ parts are on disk, not in memory.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 
@@ -231,9 +231,7 @@ def robot_share(name: str, fleet: FleetModel, regression: Regression) -> RobotSh
         counts=regression.counts,
         sigma=sigma,
         fingerprint=fleet.shared.fingerprint,
-        noise=None
-        if noise is None
-        else CorrelatedNoise(noise.effective, tuple(scores)),
+        noise=None if noise is None else replace(noise, scores=tuple(scores)),
         peaks=regression.peaks,
     )
     counts = np.array(regression.counts, dtype=np.float64)
@@ -344,6 +342,7 @@ def write_share(path: Path, share: RobotShare) -> None:
     if noise is not None:
         arrays |= {f"scores{j}": N for j, N in enumerate(noise.scores)}
         arrays["effective"] = noise.effective
+        arrays["blocks"] = np.array(noise.blocks)
     np.savez(
         path,
         counts=np.array(regression.counts),
@@ -360,7 +359,7 @@ def read_share(path: Path, fleet: FleetModel) -> Regression:
         noise = None
         if "effective" in file:
             scores = tuple(file[f"scores{j}"] for j in range(len(joints)))
-            noise = CorrelatedNoise(file["effective"], scores)
+            noise = CorrelatedNoise(file["effective"], scores, float(file["blocks"]))
         return Regression(
             layout=fleet.shared.layout,
             joints=joints,

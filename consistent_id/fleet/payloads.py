@@ -166,7 +166,7 @@ def _noise_without(
     if noise is None:
         return None
     scores = tuple(N - N[:, carrier] @ explained for N in noise.scores)
-    return CorrelatedNoise(noise.effective, scores)
+    return replace(noise, scores=scores)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -192,7 +192,7 @@ def load_problem(
     noise = regression.noise
     if noise is not None:
         scores = tuple(N[:, place.columns] for N in noise.scores)
-        noise = CorrelatedNoise(noise.effective, scores)
+        noise = replace(noise, scores=scores)
     own = replace(
         regression,
         layout=model.layout,

@@ -34,7 +34,6 @@ from consistent_id.fleet.payloads import (
     load_fit,
     without_load,
 )
-from consistent_id.regression.correlated_noise import CorrelatedNoise
 from consistent_id.regression.regression import Regression, triangle
 
 _ROUNDS = 30  # of the shared problem, until nothing changes
@@ -177,7 +176,7 @@ def _scaled(regression: Regression, reference: Vector) -> Regression:
     scale, noise = reference / regression.sigma, regression.noise
     if noise is not None:
         scores = zip(noise.scores, scale, strict=True)
-        noise = CorrelatedNoise(noise.effective, tuple(N * c**2 for N, c in scores))
+        noise = replace(noise, scores=tuple(N * c**2 for N, c in scores))
     factors = tuple(F * c for F, c in zip(regression.factors, scale, strict=True))
     return replace(
         regression,

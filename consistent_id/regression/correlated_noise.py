@@ -17,10 +17,19 @@ columns of the regressor change slowly beside the noise.  The sum ends where the
 estimated ``rho`` first falls below zero: what comes later is chance [Sokal1997]_.
 Filtered torque, and friction that is not what the model says, have residuals that go on
 for many samples.
+
+Errors of the model change along the motion.  The fit absorbs much of them, so its
+residuals show less than their effect on parameters.  Therefore a recording is cut into
+`BLOCKS`.  A block has the scores ``y_b`` and the share ``L_b`` of the information.
+Without it, parameters change by ``(1 - L_b)^-1 y_b``; the sum of these squares is the
+variance of a jackknife, which contains shifts of the parameters from block to block
+[Bell2002]_.  `CorrelatedNoise.blocks` is its ratio to the variance by the spectrum,
+the median over parameters.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -45,6 +54,14 @@ frequencies; narrower ones scatter.  `benchmarks/coverage.py` shows what comes o
 _LEFT = 0.05
 """Least share of the power that a fit is taken to leave at any frequency."""
 
+BLOCKS = 10
+"""Blocks of a recording whose scores show errors of the model: fewer scatter, more are
+as short as the noise's correlation."""
+
+_MEDIAN = 0.927
+"""Median of ``chi^2 / n`` for the ``n = BLOCKS - 1`` freedoms of a variance."""
+
+_RANKED = 1e-20  # variance, over the largest, that counts as none
 _ROUNDS = 3  # of weights and solution; joints' levels settle to a few per cent
 _EXACT = 1e-6  # residual, relative to the torque, that counts as none
 
@@ -64,25 +81,31 @@ class CorrelatedNoise:
         parameters as well, on average.
     scores : tuple of ndarray, each shape (rows, parameters)
         ``N_j`` with ``N_j^T N_j`` the covariance of the joint's scores ``Y_j^T e_j``.
+    blocks : float
+        Variance of parameters that blocks of each recording show, over that by noise
+        of these scores; at least one.
     """
 
     effective: Vector
     scores: tuple[Matrix, ...]
+    blocks: float = 1.0
 
     def share(self, part: float) -> "CorrelatedNoise":
         """Return the noise behind a part of the samples, the rest being like it."""
         root = np.sqrt(part)
         return CorrelatedNoise(
-            self.effective * part, tuple(N * root for N in self.scores)
+            self.effective * part, tuple(N * root for N in self.scores), self.blocks
         )
 
 
 def joined_noise(parts: Sequence[CorrelatedNoise]) -> CorrelatedNoise:
     """Return the noise behind several recordings, or parts of them: it adds."""
     of_joints = zip(*(part.scores for part in parts), strict=True)
+    samples = [float(part.effective.sum()) for part in parts]
     return CorrelatedNoise(
         np.sum([part.effective for part in parts], axis=0),
         tuple(_compressed(np.vstack(scores)) for scores in of_joints),
+        float(np.average([part.blocks for part in parts], weights=samples)),
     )
 
 
@@ -200,6 +223,8 @@ def _noise_along(
     """Return the noise that a fit leaves along a motion."""
     counts, found = motion.counts(), []
     whole = motion.noise_lost()
+    size = len(fit.x)
+    gradients, normals = np.zeros((BLOCKS, size)), np.zeros((BLOCKS, size, size))
     for j, (rows, expand) in enumerate(_joint_rows(model, motion)):
         residual = rows[:, -1] - rows[:, :-1] @ (expand @ fit.x)
         steps = expand @ fit.steps / fit.weights[j]
@@ -208,10 +233,72 @@ def _noise_along(
         else:
             noise = spectral_noise(rows[:, :-1], residual, steps)
         found.append((whole[j] * noise.scores @ expand, counts[j] / noise.length))
+        used = np.flatnonzero(expand.any(axis=0))
+        part, E = block_part(rows[:, :-1], residual), expand[:, used] / fit.weights[j]
+        gradients[:, used] += whole[j] / fit.weights[j] * part.gradients @ E
+        normals[:, used[:, None], used] += E.T @ part.normals @ E
+    scores = tuple(scores for scores, _ in found)
     return CorrelatedNoise(
         np.array([max(effective, 1e-3) for _, effective in found]),
-        tuple(scores for scores, _ in found),
+        scores,
+        block_ratio(fit, BlockPart(gradients, normals), scores),
     )
+
+
+class BlockPart(NamedTuple):
+    """Scores and information in `BLOCKS` of a recording.
+
+    Parameters
+    ----------
+    gradients : ndarray, shape (blocks, columns)
+        Scores ``Y^T r`` of each block's residuals.
+    normals : ndarray, shape (blocks, columns, columns)
+        ``Y^T Y`` of each block.
+    """
+
+    gradients: Matrix
+    normals: Array
+
+
+def block_part(rows: Matrix, residual: Vector) -> BlockPart:
+    """Return the scores of one joint's rows, block by block.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (samples, columns)
+    residual : ndarray, shape (samples,), [N m or N]
+    """
+    ends = np.linspace(0, len(rows), BLOCKS + 1).astype(int)
+    runs = [slice(first, last) for first, last in pairwise(ends)]
+    return BlockPart(
+        np.array([rows[run].T @ residual[run] for run in runs]),
+        np.array([rows[run].T @ rows[run] for run in runs]),
+    )
+
+
+def block_ratio(fit: JointFit, sums: BlockPart, scores: Sequence[Matrix]) -> float:
+    """Return the parameters' variance between blocks over that of noise, at least one.
+
+    Parameters
+    ----------
+    fit : JointFit
+    sums : BlockPart
+        Of all joints, each divided by its weight.
+    scores : sequence of ndarray, each shape (rows, parameters)
+        See `CorrelatedNoise`.
+    """
+    steps = fit.steps
+    y = (sums.gradients - sums.gradients.mean(axis=0)) @ steps
+    rest = np.eye(steps.shape[1]) - (1.0 - _LEFT) * (steps.T @ sums.normals @ steps)
+    left = np.linalg.solve(rest, y[:, :, None])[:, :, 0]
+    rows = [N @ steps / s**2 for N, s in zip(scores, fit.weights, strict=True)]
+    by_noise, between = (
+        np.sum(np.square(part @ steps.T), axis=0) for part in (np.vstack(rows), left)
+    )
+    known = by_noise > _RANKED * by_noise.max(initial=0.0)
+    if not known.any():
+        return 1.0
+    return max(float(np.median(between[known] / by_noise[known])) / _MEDIAN, 1.0)
 
 
 def _joint_rows(

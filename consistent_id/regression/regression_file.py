@@ -25,6 +25,7 @@ class _NoiseRecord(msgspec.Struct, forbid_unknown_fields=True):
 
     effective: list[float]
     scores: list[_Rows]
+    blocks: float = 1.0
 
 
 class _RegressionRecord(msgspec.Struct, forbid_unknown_fields=True):
@@ -75,7 +76,9 @@ def save_regression(regression: Regression, path: str | Path) -> Path:
         factors=[factor.tolist() for factor in regression.factors],
         noise=None
         if noise is None
-        else _NoiseRecord(noise.effective.tolist(), [N.tolist() for N in noise.scores]),
+        else _NoiseRecord(
+            noise.effective.tolist(), [N.tolist() for N in noise.scores], noise.blocks
+        ),
     )
     # Formatted, the file has the blank by which those of this package are known.
     content = msgspec.json.format(msgspec.json.encode(record), indent=0)
@@ -151,7 +154,7 @@ def _noise(
             f"positive numbers of {n}"
         )
     scores = tuple(_matrix(rows, width, "scores") for rows in noise.scores)
-    return CorrelatedNoise(effective, scores)
+    return CorrelatedNoise(effective, scores, noise.blocks)
 
 
 def _matrix(rows: _Rows, width: int, what: str) -> Array:

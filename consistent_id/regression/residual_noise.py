@@ -14,6 +14,7 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id.errors import ProblemError
 from consistent_id.regression.base import BaseParameters, base_parameters, require_match
+from consistent_id.regression.correlated_noise import BLOCKS
 from consistent_id.regression.linear import (
     DATA_RANK_TOLERANCE,
     LinearSolution,
@@ -25,6 +26,7 @@ from consistent_id.regression.regressor import TorqueModel
 
 _EXACT = 1e-6  # residual, relative to the torque, that counts as none
 _FEW = 3.0  # spare effective samples for each parameter, below which errors are rough
+_SHOWN = 1.1  # ratio of variances from which scatter between blocks is stated
 WHITE = 1.5  # samples of correlation up to which noise is called white
 
 
@@ -148,8 +150,12 @@ class ResidualNoise:
     root : ndarray, shape (rank, rank)
         Triangular, ``root^T root = inflation``: keeps eigenvalues that squares lose.
     between : tuple of Scatter
-        What scatter between recordings adds to the covariance of ``y``, by kind of
-        parameter; see `RecordingScatter`.
+        What scatter adds to the covariance of ``y``: between blocks of one recording,
+        see `CorrelatedNoise`, or between recordings, by kind of parameter, see
+        `RecordingScatter`.
+    blocks : float
+        Variance between blocks of one recording over that by noise; see
+        `CorrelatedNoise`.  One where scatter between recordings contains it.
     """
 
     sigma: Vector
@@ -160,6 +166,7 @@ class ResidualNoise:
     inflation: Matrix
     root: Matrix
     between: tuple[Scatter, ...] = ()
+    blocks: float = 1.0
 
     @property
     def rank(self) -> int:
@@ -201,7 +208,7 @@ class ResidualNoise:
 
     @property
     def scatter(self) -> Matrix:
-        """Covariance of ``y`` by noise and between recordings, shape (rank, rank)."""
+        """Covariance of ``y`` by noise and other scatter, shape (rank, rank)."""
         added = (part.covariance for part in self.between)
         return np.asarray(sum(added, self.inflation))
 
@@ -254,8 +261,16 @@ class ResidualNoise:
                 "recordings, build_regression finds how noise is correlated"
             )
         least, most = float(self.length.min()), float(self.length.max())
+        more = (
+            f"; they are {np.sqrt(self.blocks):.1f} times as large again, because "
+            "blocks of the recording differ by more than noise"
+            if self.blocks > _SHOWN
+            else ""
+        )
         if most <= WHITE:
-            return "residuals are white: standard errors are those of white noise"
+            return (
+                f"residuals are white: standard errors are those of white noise{more}"
+            )
         lengths = _span(least, most, ".0f")
         factors = _span(np.sqrt(least), np.sqrt(most), ".1f")
         few = (
@@ -266,7 +281,7 @@ class ResidualNoise:
         )
         return (
             f"residuals are correlated over {lengths} samples, depending on the joint: "
-            f"standard errors are {factors} times those of white noise{few}"
+            f"standard errors are {factors} times those of white noise{more}{few}"
         )
 
 
@@ -321,14 +336,21 @@ def unconstrained_fit(regression: Regression, base: BaseParameters) -> Unconstra
             scores = _product(own, steps) / weight**2
         parts += [scores, floor[j] * rows]
     root = triangle(np.asfortranarray(np.vstack(parts)))
+    inflation, between, blocks = root.T @ root, tuple[Scatter, ...](), 1.0
+    if regression.noise is not None and regression.noise.blocks > 1.0:
+        added = (regression.noise.blocks - 1.0) * inflation
+        between = (Scatter(added, BLOCKS - 1.0),)
+        blocks = regression.noise.blocks
     noise = ResidualNoise(
         sigma=np.maximum(sigma, floor),
         length=length,
         effective=float(np.sum(regression.effective)),
         measured=regression.noise is not None,
         steps=steps,
-        inflation=root.T @ root,
+        inflation=inflation,
         root=root,
+        between=between,
+        blocks=blocks,
     )
     return UnconstrainedFit(regression, base, solution, parameters, sigma, noise)
 

@@ -122,6 +122,33 @@ def test_without_residuals_it_says_that_noise_is_taken_to_be_white():
     assert "white" in test.sentence
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("moved", [0.0, 4.0])
+def test_of_constraints_that_are_all_active_five_per_cent_are_contradicted(moved):
+    # Twelve drive terms at their bound, or one of them standard errors beyond it.
+    model, truth, log = experiment(4, joints=4, noise=0.0, samples=400)
+    first = model.layout.inertial_size
+    truth = truth.copy()
+    truth[first:] = 0.0
+    drive = model.layout.names[first:]
+    bounds = [ParameterBounds({name: (0.0, np.inf) for name in drive})]
+    rng, found = np.random.default_rng(0), []
+    clean = simulate_torque(model, truth, log)
+    noise = 0.05 * clean.torque.std(axis=0)
+
+    def shaken():
+        noisy = simulate_torque(model, truth, log, noise=noise, rng=rng)
+        return build_regression(model, noisy, noise=False)
+
+    once = least_squares(model, shaken().weighted(noise))
+    truth[first] = -moved * once.standard_errors[once.base.names.index(drive[0])]
+    for _ in range(200 if moved == 0.0 else 20):
+        test = consistency_test(model, shaken(), constraints=bounds)
+        found.append(test.significant)
+    # 200 tests know a share of 5 % to 1.5 %.
+    assert np.mean(found) > 0.9 if moved else 0.01 < np.mean(found) < 0.08
+
+
 def test_no_draws_are_refused():
     model, _, regression = noisy_pendulum(2)
     with pytest.raises(ProblemError, match="draws is 0"):

@@ -101,7 +101,8 @@ def test_the_guess_is_the_prior_s_share_of_a_posterior_mean():
     x = np.zeros(len(truth))
     x[i] = truth[i]
     free = unconstrained_fit(regression, base)
-    error = linear_errors(base, free.noise, others).values[i]
+    noise = replace(free.noise, between=())  # the share is that beside noise alone
+    error = linear_errors(base, noise, others).values[i]
     # Of the one parameter that makes torque; the mean square is over all parameters.
     prior = x[i] ** 2 / len(x)
     share = guessed_share(model, free, x, others)

@@ -84,7 +84,8 @@ def test_the_share_moves_what_data_determine_by_a_part_of_a_standard_error(seed)
     assert 0.0 < found.share <= 0.1
     assert (shares(model, found.best.parameters) >= found.share - 1e-6).all()
     moved = base.projection @ (found.best.parameters - best.parameters)
-    covariance = least_squares(model, regression, base=base).base_covariance
+    noise = problem.free.noise
+    covariance = noise.steps @ noise.inflation @ noise.steps.T
     whitened = np.linalg.solve(np.linalg.cholesky(covariance), moved)
     assert np.linalg.norm(whitened) == pytest.approx(found.move, rel=1e-2, abs=1e-4)
     assert found.move <= MOVE

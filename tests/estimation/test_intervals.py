@@ -33,6 +33,12 @@ def noisy_pendulum():
     return model, truth, build_regression(model, log).weighted([SIGMA])
 
 
+def freedom_of(regression):
+    """Freedom of noise, and of ten blocks for the variance that they add."""
+    own, more = float(regression.effective[0]) - 4, regression.noise.blocks - 1.0
+    return (1.0 + more) ** 2 / (1.0 / own + more**2 / 9.0)
+
+
 def interval(found, name):
     return found.bounds[found.layout.index(name)]
 
@@ -66,8 +72,7 @@ def test_without_constraints_profile_likelihood_is_students_interval(sigma):
     regression = regression.weighted([sigma])
     found = consistent_intervals(model, regression, constraints=())
     estimate = least_squares(model, regression)
-    effective = float(regression.effective[0])
-    t = stdtrit(effective - 4, 0.975)
+    t = stdtrit(freedom_of(regression), 0.975)
     for name, x, error in zip(
         estimate.base.names, estimate.base_values, estimate.standard_errors, strict=True
     ):
@@ -80,7 +85,7 @@ def test_intervals_of_all_parameters_together_are_those_of_f():
     model, _, regression = noisy_pendulum()
     each = consistent_intervals(model, regression, constraints=())
     every = consistent_intervals(model, regression, constraints=(), joint=True)
-    freedom = float(regression.effective[0]) - 4
+    freedom = freedom_of(regression)
     ratio = np.sqrt(4 * fdtri(4, freedom, 0.95)) / stdtrit(freedom, 0.975)
     for name in SEEN:
         k = model.layout.index(name)

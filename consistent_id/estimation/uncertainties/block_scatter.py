@@ -254,7 +254,7 @@ class RecordingScatter:
                 rows.append(self.deviations[own, None] * moves)
             moves = np.vstack(rows)
             between.append(Scatter(moves.T @ moves, freedom))
-        return replace(noise, between=tuple(between))
+        return replace(noise, between=tuple(between), blocks=1.0)
 
 
 def kinds_of(model: TorqueModel, base: BaseParameters) -> tuple[str, ...]:

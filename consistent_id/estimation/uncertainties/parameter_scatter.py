@@ -171,6 +171,11 @@ def parameter_scatter(
         noise = recordings.added_to(noise, parts, base)
         variance = variance + _moved(fitted, parts, base, recordings)
         between = root(_moved(fitted, [whole], base, recordings))
+    elif noise.blocks > 1.0:
+        own = np.diag(
+            covariance(fitted, white_scores(fitted, whole, base, noise.level))
+        )
+        variance = np.maximum(variance, noise.blocks * own)
     found = ParameterScatter(
         variance, between, noise, scores.sentence, scores.quantile, recordings
     )

@@ -16,8 +16,11 @@ from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.correlated_noise import (
+    BlockPart,
     CorrelatedNoise,
     JointFit,
+    block_part,
+    block_ratio,
     joined_noise,
     joint_fit,
     spectral_noise,
@@ -204,7 +207,7 @@ def _rows_without_drift(
 
 def _noise(rows: Array, fit: JointFit) -> CorrelatedNoise:
     """Return the noise that a fit leaves along a recording."""
-    found = []
+    found, parts = [], []
     for row, weight in zip(rows, fit.weights, strict=True):
         residual: Matrix = row[:, -1] - row[:, :-1] @ fit.x
         exact = np.linalg.norm(residual) <= _EXACT * np.linalg.norm(row[:, -1])
@@ -213,5 +216,8 @@ def _noise(rows: Array, fit: JointFit) -> CorrelatedNoise:
             if exact
             else spectral_noise(row[:, :-1], residual, fit.steps / weight)
         )
+        parts.append(block_part(row[:, :-1] / weight, residual / weight))
     effective = np.array([rows.shape[1] / noise.length for noise in found])
-    return CorrelatedNoise(effective, tuple(noise.scores for noise in found))
+    scores = tuple(noise.scores for noise in found)
+    sums = BlockPart(*(np.sum(each, axis=0) for each in zip(*parts, strict=True)))
+    return CorrelatedNoise(effective, scores, block_ratio(fit, sums, scores))

@@ -1,0 +1,68 @@
+"""Measured pages state the problem files that they were measured with: today's."""
+
+import re
+import sys
+from datetime import date
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).parent.parent
+sys.path.insert(0, str(HERE / "benchmarks"))
+
+from pages import digest, digests_on, measured, written_to  # noqa: E402
+
+REAL = {"ur10e", "kuka_kr300", "staubli_tx40", "tiago"}
+PAGES = {
+    "accuracy.md": REAL | {"ur10e/payload.toml"},
+    "coverage.md": REAL,
+    "model-selection.md": REAL,
+}
+
+
+@pytest.mark.parametrize("page", sorted(p.name for p in (HERE / "docs").glob("*.md")))
+def test_pages_are_of_the_problem_files_beside_them(page):
+    found = digests_on((HERE / "docs" / page).read_text())
+    assert found.keys() >= PAGES.get(page, set())
+    for problem, stated in found.items():
+        assert set(stated) == {digest(problem)}, (
+            f"{problem} has changed since docs/{page} was measured: measure it again"
+        )
+
+
+@pytest.mark.parametrize("page", sorted(PAGES))
+def test_a_page_s_date_stands_with_its_digests(page):
+    text = (HERE / "docs" / page).read_text()
+    dated = re.findall(r"on (\S+)\s+with problem files", text)
+    assert len(dated) == text.count("problem files\n`") > 0
+    assert all(date(2026, 1, 1) < date.fromisoformat(day) for day in dated)
+
+
+def test_a_digest_is_that_of_settings_and_of_the_model(tmp_path):
+    folder = tmp_path / "arm"
+    folder.mkdir()
+    file, model = folder / "problem.toml", folder / "robot.urdf"
+    file.write_text('name = "arm"\n[drive]\nviscous = true\n')
+    model.write_text("<robot/>")
+    first = digest("arm", tmp_path)
+    file.write_text('# A comment.\nname = "other"\n[drive]\nviscous = true\n')
+    assert digest("arm", tmp_path) == first
+    assert digest("arm/problem.toml", tmp_path) == first
+    file.write_text('name = "arm"\n[drive]\nviscous = false\n')
+    second = digest("arm", tmp_path)
+    model.write_text("<robot></robot>")
+    assert len({first, second, digest("arm", tmp_path)}) == 3
+
+
+def test_what_is_written_is_read_back(tmp_path, monkeypatch):
+    page = tmp_path / "page.md"
+    page.write_text("Before.\n\n<!-- table: begin -->\n<!-- table: end -->\n\nAfter.\n")
+    script = str(HERE / "benchmarks" / "slack.py")
+    monkeypatch.setattr(sys, "argv", [script])
+    with written_to(page, "table", sorted(REAL)):
+        print("| a |")
+    text = page.read_text()
+    assert digests_on(text) == {name: [digest(name)] for name in REAL}
+    assert f"`python benchmarks/slack.py` on {date.today()} with" in text
+    assert "| a |" in text
+    assert digests_on(measured(script="slack.py")) == {}
