@@ -1,6 +1,6 @@
 """What is said of a log that belongs to another robot than the model.
 
-``python benchmarks/other_robots.py [--seed 3000] [--write docs/what-the-robot-shows.md]``: logs
+``python benchmarks/other_robots.py [--write docs/what-the-robot-shows.md]``: logs
 of published arms, as `clean_simulations` draws them, are checked with the models of
 arms of as many joints.  Nothing is selected, columns are named by the model's joints.
 """

@@ -34,6 +34,7 @@ from consistent_id import (
     simulate_torque,
     write_report,
 )
+from consistent_id._support.ownership import sealed
 from consistent_id.cli import main
 from consistent_id.diagnosis import Diagnosis
 from consistent_id.diagnosis.findings import LogFinding
@@ -287,9 +288,9 @@ def test_it_says_how_to_get_it_again(study, html):
     assert any(re.fullmatch("[0-9a-f]{64}", part) for part in page.texts)
 
 
-def test_what_is_written_is_what_is_returned(study, tmp_path):
+def test_what_is_written_is_what_is_returned_with_its_digest(study, tmp_path):
     path = write_report(study, tmp_path / "new" / "report.html")
-    assert path.read_text(encoding="utf-8") == report_html(study)
+    assert path.read_bytes() == sealed(path, report_html(study).encode())
 
 
 def test_names_cannot_become_markup(experiment):
