@@ -212,7 +212,9 @@ def _of_all(open_: Sequence[OpenLog]) -> list[LogFinding]:
     for one in open_:
         alike.setdefault(one.as_is.factors.model.torque_joints, []).append(one.as_is)
     shifts = [finding for logs in alike.values() for finding in _shifts(logs)]
-    if not any(f.severity == "fault" for f in shifts):
+    # What has a fault already, or no body explains, needs no other cause.
+    known = any(f.severity == "fault" for one in open_ for f in one.odd)
+    if not known and not any(f.severity == "fault" for f in shifts):
         more = [f for logs in alike.values() for f in _of_whole_robot(logs)]
         # Where joints never turn back, friction looks like weight.
         short = any(f.kind == "short" for one in open_ for f in one.signals)

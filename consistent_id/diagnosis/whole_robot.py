@@ -63,7 +63,12 @@ _LIKELY_ONE = 2.5  # the same for clock and gain: there is one of each, not one 
 # 0.12; of 36 simulated logs of other arms, 2 to 310 and 0.03 to 0.34.
 _OTHER, _UNEXPLAINED = 10.0, 0.2
 _LARGE = 2.0  # times the least size that is reported: a fault
-_FARTHEST = np.radians(45.0)  # or m: a larger zero is no small error
+_FARTHEST = {  # beyond, it is another fault: another unit, another channel
+    "clock": float(np.log(10.0)),
+    "masses or gain": float(np.log(3.0)),
+    "offset zero": float(np.radians(45.0)),  # or m
+    "gravity": float(np.pi),
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -345,9 +350,8 @@ def _gate(factor: Factor) -> float:
 
 
 def _shown(found: FoundFactor) -> bool:
-    far = found.factor.kind == "offset zero" and abs(found.size) > _FARTHEST
     return (
-        not far
+        abs(found.size) <= _FARTHEST[found.factor.kind]
         and found.ratio >= _gate(found.factor)
         and abs(found.size) >= found.factor.least
         and found.explained > 0.0
