@@ -10,6 +10,14 @@ import pytest
 
 from consistent_id.cli.endings import run_to_its_end
 
+@pytest.fixture(autouse=True)
+def interrupts():
+    """Hear interrupts, which a shell's background jobs ignore."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 ENDS = [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
 
 
@@ -37,7 +45,8 @@ def test_an_error_without_a_signal_is_a_bug_all_the_same(capsys):
 
 
 SIGNAL_IN_IMPORT = """
-import os, sys
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
 class Finder:
     def find_spec(self, name, path=None, target=None):
         if name == "{module}":
