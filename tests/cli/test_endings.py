@@ -10,6 +10,7 @@ import pytest
 
 from consistent_id.cli.endings import run_to_its_end
 
+
 @pytest.fixture(autouse=True)
 def interrupts():
     """Hear interrupts, which a shell's background jobs ignore."""
