@@ -22,6 +22,10 @@ _OF_DELAYS = (
 )
 
 
+# What a filter of the drives looks like where its delay is corrected.
+_EFFECTS = ("clock", "masses or gain", "offset zero", "gravity")
+
+
 def check_problem(problem: Problem) -> Diagnosis:
     """Look for faults in a problem's recordings.
 
@@ -31,7 +35,11 @@ def check_problem(problem: Problem) -> Diagnosis:
     found = _checked(problem, problem.prepare)
     if not found.faults and abs(_delay(problem)) >= LONG:
         late = _checked(problem, _without_delay(problem).prepare)
-        found = replace(found, findings=(*found.findings, *_hidden(problem, late)))
+        hidden = _hidden(problem, late)
+        kept = found.findings
+        if any(f.severity == "fault" for f in hidden):
+            kept = tuple(f for f in kept if f.kind not in _EFFECTS)
+        found = replace(found, findings=(*kept, *hidden))
     if problem.gains is None:
         return found
     findings = (
