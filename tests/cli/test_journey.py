@@ -57,7 +57,9 @@ def test_the_road_from_a_robot_and_a_log_needs_no_further_option(place, capsys):
 def said(capsys, *words):
     capsys.readouterr()
     main([*words, "--json", "--quiet"])
-    return json.loads(capsys.readouterr().out)
+    out = capsys.readouterr()
+    assert out.out, out.err
+    return json.loads(out.out)
 
 
 def test_figures_are_equal_on_all_of_the_road(place, capsys):
