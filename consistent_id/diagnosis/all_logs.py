@@ -23,6 +23,7 @@ from consistent_id.diagnosis.explain import (
     fitted_log,
     thinned,
 )
+from consistent_id.diagnosis.factor_rows import FactorLogs
 from consistent_id.diagnosis.findings import Diagnosis, LogFinding
 from consistent_id.diagnosis.linearise import Linearised, linearised
 from consistent_id.diagnosis.one_log import OpenLog, Prepare, findings_of
@@ -264,9 +265,8 @@ def _of_whole_robot(logs: Sequence[FittedLog]) -> list[LogFinding]:
     model = logs[0].factors.model
     if not _bodies_known(model):
         return []
-    known = any(isinstance(c, FixedMasses) for c in logs[0].constraints)
-    recordings = [log.recording for log in logs]
-    return whole_robot_findings(model, recordings, masses_known=known)
+    recordings, known = [log.recording for log in logs], _known(logs[0].constraints)
+    return whole_robot_findings(FactorLogs.of(model, recordings, masses_known=known))
 
 
 def _of_another_robot(
@@ -276,8 +276,12 @@ def _of_another_robot(
     if not _bodies_known(model):
         return []
     few = [thinned(log, SAMPLES) for log in logs]
-    known = any(isinstance(c, FixedMasses) for c in constraints)
-    return other_robot(model, few, masses_known=known)
+    return other_robot(FactorLogs.of(model, few, masses_known=_known(constraints)))
+
+
+def _known(constraints: Sequence[Constraint]) -> bool:
+    """Return whether masses are those of the datasheet."""
+    return any(isinstance(c, FixedMasses) for c in constraints)
 
 
 def _bodies_known(model: TorqueModel) -> bool:

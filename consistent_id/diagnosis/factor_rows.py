@@ -28,6 +28,10 @@ from consistent_id.robot.scaling import link_scales, reference_bodies
 LEAN = float(np.radians(5.0))
 """Least angle of a leaning base that is reported."""
 
+# How well nominal bodies are known, relative to a link's mass and length.
+_MASS, _CENTRE, _MOMENT = 0.05, 0.15, 0.30
+_FREE_MASS = 0.3  # where masses are free to differ from the model's
+
 _RANK = 1e-7  # of the largest singular value of unit columns
 _STEP = 1e-4  # of the direction of gravity, for its derivative
 _EXACT = 1e-3  # of the torque: least residual that weights a joint's rows
@@ -61,12 +65,36 @@ class Factor:
 class FactorLogs:
     """Logs, perhaps with a factor taken out, and the model that belongs to them.
 
-    `widths` are those to which masses, centres of mass and second moments are known.
+    Parameters
+    ----------
+    model : TorqueModel
+        Of a robot with nominal bodies and a fixed base.
+    logs : sequence of Recording
+        Prepared, with the robot's joints; few samples suffice.
+    widths : ndarray, shape (3,)
+        Those to which masses, centres of mass and second moments are known.
+    noise : ndarray, shape (torque joints,)
+        Relative to the torque; of the logs as they are, see `relative_noise`.
     """
 
     model: TorqueModel
     logs: Sequence[Recording]
     widths: Vector
+    noise: Vector
+
+    @classmethod
+    def of(
+        cls, model: TorqueModel, logs: Sequence[Recording], *, masses_known: bool = True
+    ) -> "FactorLogs":
+        """Return logs as they are.
+
+        Parameters
+        ----------
+        masses_known : bool
+            Whether masses are those of the datasheet.
+        """
+        widths = np.array([_MASS if masses_known else _FREE_MASS, _CENTRE, _MOMENT])
+        return cls(model, logs, widths, relative_noise(model, logs))
 
     def without(self, factor: Factor, size: float) -> "FactorLogs":
         """Take a factor out."""
@@ -115,16 +143,16 @@ def factors_of(model: TorqueModel) -> list[Factor]:
 def factor_system(
     state: FactorLogs,
     factors: Sequence[Factor],
-    noise: Vector,
     *,
     nominal: bool = True,
 ) -> Jackknife:
-    """Return rows of the factors, with bodies and drives eliminated."""
+    """Return rows of the factors, with bodies and drives eliminated.
+
+    Without `nominal`, nothing pulls the bodies.
+    """
     model = state.model
-    rows = [_Rows.of(model, log) for log in state.logs]
-    A = np.concatenate([r.columns for r in rows], axis=2)
-    torque = np.concatenate([r.torque for r in rows], axis=1)
-    weights = 1.0 / (noise * _size(torque))
+    rows, A, torque = _rows(model, state.logs)
+    weights = 1.0 / (state.noise * _size(torque))
     pull, pulled_to = _pull(model, A.shape[1], state.widths)
     if not nominal:
         pull, pulled_to = pull[:0], pulled_to[:0]
@@ -142,6 +170,15 @@ def factor_system(
         for F in (free.whole, *free.others)
     )
     return Jackknife(whole, tuple(others)).without(A.shape[1])
+
+
+def _rows(
+    model: TorqueModel, logs: Sequence[Recording]
+) -> tuple[list["_Rows"], Array, Matrix]:
+    """Return the rows of each log, and the columns and torque of all."""
+    rows = [_Rows.of(model, log) for log in logs]
+    A = np.concatenate([r.columns for r in rows], axis=2)
+    return rows, A, np.concatenate([r.torque for r in rows], axis=1)
 
 
 def _size(torque: Matrix) -> Vector:
@@ -240,14 +277,14 @@ def _pull(model: TorqueModel, columns: int, widths: Vector) -> tuple[Matrix, Vec
     return rows, reference_bodies(model.robot).ravel() / width
 
 
-def relative_noise(state: FactorLogs) -> Vector:
+def relative_noise(model: TorqueModel, logs: Sequence[Recording]) -> Vector:
     """Return each joint's noise over its torque, as if samples were independent.
 
     It is the residual of least squares times the root of the number of samples over
     which it is correlated.
     """
-    rest, size = _residual(state)
-    ends = np.cumsum([len(log) for log in state.logs])[:-1]
+    rest, size = _residual(model, logs)
+    ends = np.cumsum([len(log) for log in logs])[:-1]
     lengths = correlation_lengths(np.split(rest.T, ends))
     sigma = np.maximum(_size(rest), _EXACT * size)
     return np.asarray(sigma / size * np.sqrt(lengths))
@@ -255,18 +292,16 @@ def relative_noise(state: FactorLogs) -> Vector:
 
 def least_misfit(state: FactorLogs) -> float:
     """Return the residual of least squares over the torque, joints counting alike."""
-    rest, size = _residual(state)
+    rest, size = _residual(state.model, state.logs)
     return float(np.sqrt(np.mean((_size(rest) / size) ** 2)))
 
 
-def _residual(state: FactorLogs) -> tuple[Matrix, Vector]:
+def _residual(model: TorqueModel, logs: Sequence[Recording]) -> tuple[Matrix, Vector]:
     """Return the residual of least squares, and the size of each joint's torque.
 
     Joints are weighted by their residuals in turn.
     """
-    rows = [_Rows.of(state.model, log) for log in state.logs]
-    A = np.concatenate([r.columns for r in rows], axis=2)
-    torque = np.concatenate([r.torque for r in rows], axis=1)
+    _, A, torque = _rows(model, logs)
     size = _size(torque)
     sigma, rest = size, torque
     empty = np.zeros((0, A.shape[1])), np.zeros(0)

@@ -34,17 +34,11 @@ from consistent_id.diagnosis.factor_rows import (
     factors_of,
     leaning,
     least_misfit,
-    relative_noise,
 )
 from consistent_id.diagnosis.findings import LogFinding, Severity
 from consistent_id.diagnosis.linearise import Jackknife
-from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.regressor import TorqueModel
-
-# How well nominal bodies are known, relative to a link's mass and length.
-_MASS, _CENTRE, _MOMENT = 0.05, 0.15, 0.30
-_FREE_MASS = 0.3  # where masses are free to differ from the model's
 
 _TURNS = 3  # most linearisations until the axis of a leaning base settles
 _ROUNDS = 8  # most linearisations until a factor settles
@@ -94,40 +88,28 @@ class FoundFactor:
         return abs(self.size) / self.error
 
 
-def whole_robot_factors(
-    model: TorqueModel, logs: Sequence[Recording], *, masses_known: bool = True
-) -> list[FoundFactor]:
+def whole_robot_factors(as_is: FactorLogs) -> list[FoundFactor]:
     """Estimate factors beside the nominal bodies, the best explanation first.
 
     Factors that may matter are taken out of the logs, and the logs are linearised
     again, until the factor settles: the effect of large ones is not linear.
-
-    Parameters
-    ----------
-    model : TorqueModel
-        Of a robot with nominal bodies and a fixed base.
-    logs : sequence of Recording
-        Prepared, with the robot's joints; few samples suffice.
-    masses_known : bool
-        Whether masses are those of the datasheet.
 
     Returns
     -------
     list of FoundFactor
         Those that the logs determine.
     """
-    as_is, noise = _begun(model, logs, masses_known)
-    factors = factors_of(model)
-    system = factor_system(as_is, factors, noise)
+    factors = factors_of(as_is.model)
+    system = factor_system(as_is, factors)
     level = [k for k, f in enumerate(factors) if f.kind == "gravity"]
     first = [f for f in _alone(system, factors) if f.factor.kind != "gravity"]
     if level:
         turn = _turn(system, factors, level)
         if float(np.linalg.norm(turn)) >= LEAN:
-            first += _estimated(as_is, [_lean(as_is, turn, noise)], noise)
+            first += _estimated(as_is, [_lean(as_is, turn)])
     likely = [f for f in first if f.ratio >= _gate(f.factor)]
     likely = sorted(likely, key=lambda f: -f.explained)[:_TRIED]
-    settled = [_settled(as_is, found.factor, noise) for found in likely]
+    settled = [_settled(as_is, found.factor) for found in likely]
     rest = [f for f in first if f not in likely]
     return sorted([*settled, *rest], key=lambda f: -f.explained)
 
@@ -138,7 +120,7 @@ def _turn(system: Jackknife, factors: Sequence[Factor], level: list[int]) -> Vec
     return np.asarray(angles @ np.array([factors[k].axis for k in level]))
 
 
-def _lean(as_is: FactorLogs, turn: Vector, noise: Vector) -> Factor:
+def _lean(as_is: FactorLogs, turn: Vector) -> Factor:
     """Return the factor of a base that leans about the axis that explains most.
 
     The axis is that of the turn from the model's gravity to the gravity found.
@@ -153,30 +135,30 @@ def _lean(as_is: FactorLogs, turn: Vector, noise: Vector) -> Factor:
         axis = np.cross(gravity, np.asarray(turned.robot.gravity))
         state = replace(state, model=turned)
         factors = [f for f in factors_of(state.model) if f.kind == "gravity"]
-        turn = _turn(factor_system(state, factors, noise), factors, [0, 1])
+        turn = _turn(factor_system(state, factors), factors, [0, 1])
     axis = axis / np.linalg.norm(axis)
     return Factor("gravity", "base", LEAN, axis=tuple(axis.tolist()))
 
 
-def _settled(as_is: FactorLogs, factor: Factor, noise: Vector) -> FoundFactor:
+def _settled(as_is: FactorLogs, factor: Factor) -> FoundFactor:
     """Estimate a factor anew with the logs without it, until it changes little."""
-    size, error = _converged(as_is, factor, noise)
+    size, error = _converged(as_is, factor)
     without = as_is.without(factor, size)
-    left = _cost(without, noise)
-    bodies = left - _cost(without, noise, nominal=False)
+    left = _cost(without)
+    bodies = left - _cost(without, nominal=False)
     inertial = _inertial(as_is.model)
-    explained = _cost(as_is, noise) - left
+    explained = _cost(as_is) - left
     if bodies > inertial:
         wider = replace(as_is, widths=as_is.widths * np.sqrt(bodies / inertial))
-        size, error = _converged(wider, factor, noise)
+        size, error = _converged(wider, factor)
     return FoundFactor(factor, size, error, explained)
 
 
-def _converged(as_is: FactorLogs, factor: Factor, noise: Vector) -> tuple[float, float]:
+def _converged(as_is: FactorLogs, factor: Factor) -> tuple[float, float]:
     """Return the size and the error with which a factor settles."""
     size, error = 0.0, np.inf
     for _ in range(_ROUNDS):
-        found = _estimated(as_is.without(factor, size), [factor], noise)
+        found = _estimated(as_is.without(factor, size), [factor])
         if not found:
             break
         step = float(np.clip(found[0].size, -_LARGEST, _LARGEST))
@@ -186,17 +168,15 @@ def _converged(as_is: FactorLogs, factor: Factor, noise: Vector) -> tuple[float,
     return size, error
 
 
-def _cost(state: FactorLogs, noise: Vector, *, nominal: bool = True) -> float:
+def _cost(state: FactorLogs, *, nominal: bool = True) -> float:
     """Return the least sum of squares: of the torque, and of the bodies' distance."""
-    z = factor_system(state, (), noise, nominal=nominal).whole[:, -1]
+    z = factor_system(state, (), nominal=nominal).whole[:, -1]
     return float(z @ z)
 
 
-def _estimated(
-    state: FactorLogs, factors: Sequence[Factor], noise: Vector
-) -> list[FoundFactor]:
+def _estimated(state: FactorLogs, factors: Sequence[Factor]) -> list[FoundFactor]:
     """Linearise once, and estimate each factor without the others."""
-    return _alone(factor_system(state, factors, noise), factors)
+    return _alone(factor_system(state, factors), factors)
 
 
 def _alone(system: Jackknife, factors: Sequence[Factor]) -> list[FoundFactor]:
@@ -214,21 +194,9 @@ def _alone(system: Jackknife, factors: Sequence[Factor]) -> list[FoundFactor]:
     return found
 
 
-def whole_robot_findings(
-    model: TorqueModel, logs: Sequence[Recording], *, masses_known: bool = True
-) -> list[LogFinding]:
-    """Report the factor that explains most, and others that explain as much.
-
-    Parameters
-    ----------
-    model : TorqueModel
-        Of a robot with nominal bodies and a fixed base.
-    logs : sequence of Recording
-        Prepared, with the robot's joints; few samples suffice.
-    masses_known : bool
-        Whether masses are those of the datasheet.
-    """
-    found = whole_robot_factors(model, logs, masses_known=masses_known)
+def whole_robot_findings(as_is: FactorLogs) -> list[LogFinding]:
+    """Report the factor that explains most, and others that explain as much."""
+    model, found = as_is.model, whole_robot_factors(as_is)
     shown = [f for f in found if _shown(f)]
     if not shown:
         return []
@@ -267,27 +235,14 @@ _ADVICE = {
 }
 
 
-def other_robot(
-    model: TorqueModel, logs: Sequence[Recording], *, masses_known: bool = True
-) -> list[LogFinding]:
+def other_robot(as_is: FactorLogs) -> list[LogFinding]:
     """Say that logs may be another robot's: no factor makes their bodies nominal ones.
 
     Two signs count together.  With all factors free, the nominal bodies still cost far
     more than in a right robot's log.  And least squares leaves much of the torque
     unexplained, whatever the bodies: then lengths or axes are not the model's.
-
-    Parameters
-    ----------
-    model : TorqueModel
-        Of a robot with nominal bodies and a fixed base.
-    logs : sequence of Recording
-        Prepared, with the robot's joints; few samples suffice.
-    masses_known : bool
-        Whether masses are those of the datasheet.
     """
-    as_is, noise = _begun(model, logs, masses_known)
-    unexplained = least_misfit(as_is)
-    distance = _distance(as_is, noise)
+    unexplained, distance = least_misfit(as_is), _distance(as_is)
     score = max(distance, 0.0) / _OTHER + unexplained / _UNEXPLAINED
     if score <= 1.0:
         return []
@@ -306,7 +261,7 @@ def other_robot(
     ]
 
 
-def _distance(as_is: FactorLogs, noise: Vector) -> float:
+def _distance(as_is: FactorLogs) -> float:
     """Return what nominal bodies cost for each base parameter, all factors free.
 
     The squared distance in units of the widths; the better of all factors, linearised,
@@ -315,16 +270,16 @@ def _distance(as_is: FactorLogs, noise: Vector) -> float:
     factors = factors_of(as_is.model)
     costs = []
     for nominal in (True, False):
-        system = factor_system(as_is, factors, noise, nominal=nominal)
+        system = factor_system(as_is, factors, nominal=nominal)
         seen = np.flatnonzero(np.linalg.norm(system.whole[:, :-1], axis=0) > 0.0)
         costs.append(system.fitted(seen.tolist()).misfit ** 2)
     linear = costs[0] - costs[1]
-    first = [f for f in _estimated(as_is, factors, noise) if np.isfinite(f.error)]
+    first = [f for f in _estimated(as_is, factors) if np.isfinite(f.error)]
     best = max(first, key=lambda f: f.explained, default=None)
     if best is not None:
-        size, _ = _converged(as_is, best.factor, noise)
+        size, _ = _converged(as_is, best.factor)
         without = as_is.without(best.factor, size)
-        settled = _cost(without, noise) - _cost(without, noise, nominal=False)
+        settled = _cost(without) - _cost(without, nominal=False)
         linear = min(linear, settled)
     return linear / _inertial(as_is.model)
 
@@ -333,15 +288,6 @@ def _inertial(model: TorqueModel) -> int:
     """Return the number of base parameters of bodies."""
     size = model.layout.inertial_size
     return sum(k < size for k in base_parameters(model).independent)
-
-
-def _begun(
-    model: TorqueModel, logs: Sequence[Recording], masses_known: bool
-) -> tuple[FactorLogs, Vector]:
-    """Return logs with the widths of their bodies, and the noise of each joint."""
-    widths = np.array([_MASS if masses_known else _FREE_MASS, _CENTRE, _MOMENT])
-    as_is = FactorLogs(model, logs, widths)
-    return as_is, relative_noise(as_is)
 
 
 def _gate(factor: Factor) -> float:

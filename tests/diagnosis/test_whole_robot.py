@@ -15,7 +15,7 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.diagnosis import diagnose
-from consistent_id.diagnosis.factor_rows import factors_of, leaning
+from consistent_id.diagnosis.factor_rows import FactorLogs, factors_of, leaning
 from consistent_id.diagnosis.whole_robot import (
     other_robot,
     whole_robot_factors,
@@ -112,7 +112,7 @@ FAULTS = [
 @pytest.mark.parametrize(("kind", "place", "size"), FAULTS)
 def test_a_fault_of_a_robot_as_drawn_is_measured_exactly(kind, place, size):
     model, log = logged(0, noise=0.0)
-    found = whole_robot_factors(*_with_logs(faulty(log, model, kind, place, size)))
+    found = whole_robot_factors(_as_is(*faulty(log, model, kind, place, size)))
     best = found[0]
     assert _is(best.factor, kind, place)
     found_size = abs(best.size) if kind == "gravity" else best.size
@@ -124,14 +124,12 @@ def test_the_fault_explains_most_where_bodies_differ_from_the_drawing(
     kind, place, size
 ):
     model, log = logged(1, spread=0.5)
-    best = whole_robot_factors(*_with_logs(faulty(log, model, kind, place, size)))[0]
+    best = whole_robot_factors(_as_is(*faulty(log, model, kind, place, size)))[0]
     assert _is(best.factor, kind, place)
     if kind == "gravity":
         best, size = replace(best, size=abs(best.size)), abs(size)
     assert abs(best.size - size) <= 3.0 * best.error
-    (finding,) = whole_robot_findings(
-        *_with_logs(faulty(log, model, kind, place, size))
-    )
+    (finding,) = whole_robot_findings(_as_is(*faulty(log, model, kind, place, size)))
     assert finding.kind == kind
 
 
@@ -140,9 +138,8 @@ def _is(factor, kind, place):
     return factor.kind == kind and (kind != "offset zero" or factor.joint == place)
 
 
-def _with_logs(case):
-    model, log = case
-    return model, [log]
+def _as_is(model, log, *, masses_known=True):
+    return FactorLogs.of(model, [log], masses_known=masses_known)
 
 
 def test_errors_are_those_of_robots_drawn_as_the_widths_say():
@@ -150,7 +147,7 @@ def test_errors_are_those_of_robots_drawn_as_the_widths_say():
     ratios = {}
     for seed in range(6):
         model, log = logged(100 + seed, spread=1.0)
-        for found in whole_robot_factors(model, [log]):
+        for found in whole_robot_factors(_as_is(model, log)):
             if np.isfinite(found.error):
                 ratios.setdefault(found.factor.kind, []).append(found.ratio)
     assert {"clock", "masses or gain", "offset zero"} <= set(ratios)
@@ -161,21 +158,21 @@ def test_errors_are_those_of_robots_drawn_as_the_widths_say():
 
 def test_a_clean_log_has_no_finding():
     model, log = logged(2, spread=0.7)
-    assert whole_robot_findings(model, [log]) == []
+    assert whole_robot_findings(_as_is(model, log)) == []
 
 
 @pytest.mark.parametrize("seed", [3, 4, 5])
 def test_bodies_known_half_as_well_are_no_fault_of_the_log(seed):
     model, log = logged(seed, spread=2.0)
-    assert whole_robot_findings(model, [log]) == []
+    assert whole_robot_findings(_as_is(model, log)) == []
 
 
 def test_free_masses_take_up_a_gain():
     model, log = logged(4, spread=0.5)
     _, log = faulty(log, model, "masses or gain", 0, np.log(1.4))
-    (finding,) = whole_robot_findings(model, [log])
+    (finding,) = whole_robot_findings(_as_is(model, log))
     assert finding.kind == "masses or gain"
-    assert whole_robot_findings(model, [log], masses_known=False) == []
+    assert whole_robot_findings(_as_is(model, log, masses_known=False)) == []
 
 
 def test_what_is_no_factor_of_a_robot_is_left_out():
@@ -188,15 +185,15 @@ def test_what_is_no_factor_of_a_robot_is_left_out():
 
 def test_the_log_of_a_robot_with_other_axes_is_another_robot_s():
     model, log = logged(5, spread=0.5, friction=_LITTLE)
-    assert other_robot(model, [log]) == []
-    (finding,) = other_robot(arm(_OTHER_ROWS), [log])
+    assert other_robot(_as_is(model, log)) == []
+    (finding,) = other_robot(_as_is(arm(_OTHER_ROWS), log))
     assert (finding.kind, finding.severity) == ("another robot", "fault")
 
 
 @pytest.mark.parametrize(("kind", "place", "size"), FAULTS)
 def test_one_fault_makes_no_other_robot(kind, place, size):
     model, log = logged(6, spread=0.5)
-    assert other_robot(*_with_logs(faulty(log, model, kind, place, size))) == []
+    assert other_robot(_as_is(*faulty(log, model, kind, place, size))) == []
 
 
 def test_a_diagnosis_names_another_robot_before_its_effects():
