@@ -291,6 +291,7 @@ def test_the_command_writes_page_tables_and_numbers(tmp_path, capsys, monkeypatc
     assert (tmp_path / "reproduction.html").exists()
     assert (tmp_path / "reproduction.md").exists()
     assert cli.main([*arguments, "--json"]) == 0
+    assert len(record.pop("digest")) == 16  # the file's own, not the study's
     assert json.loads(capsys.readouterr().out) == record
 
 
