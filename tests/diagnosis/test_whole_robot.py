@@ -15,13 +15,19 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.diagnosis import diagnose
-from consistent_id.diagnosis.factor_rows import FactorLogs, factors_of, leaning
+from consistent_id.diagnosis.factor_rows import (
+    FactorLogs,
+    factors_of,
+    leaning,
+    relative_noise,
+)
 from consistent_id.diagnosis.whole_robot import (
     other_robot,
     whole_robot_factors,
     whole_robot_findings,
 )
 from consistent_id.robot.model import Link
+from consistent_id.robot.scaling import link_scales
 
 _DRIVE = DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.05, offset=True)
 _ROWS = [
@@ -199,3 +205,110 @@ def test_one_fault_makes_no_other_robot(kind, place, size):
 def test_a_diagnosis_names_another_robot_before_its_effects():
     _, log = logged(5, spread=0.5, friction=_LITTLE)
     assert diagnose(arm(_OTHER_ROWS), [log]).findings[0].kind == "another robot"
+
+
+def test_bodies_are_known_as_well_as_the_docs_say():
+    as_is = _as_is(*logged(0))
+    assert as_is.widths.tolist() == [0.05, 0.15, 0.30]
+
+
+def pendulum(turned):
+    """Return a pendulum and its log, whose zero is off by an angle [rad]."""
+    robot = from_modified_dh("pendulum", [DHRow(-np.pi / 2, 0.0)])
+    body = InertialParameters.from_central(5.0, [0.3, 0.0, 0.0], 0.05 * np.eye(3))
+    links = (Link(robot.links[0].name, body),)
+    model = TorqueModel(replace(robot, links=links), _DRIVE)
+    time = np.arange(600) / 30.0
+    w = 2 * np.pi * np.array([0.1, 0.23, 0.41])
+    angle = w * time[:, None] + [0.0, 1.0, 2.0]
+    q, dq, ddq = (
+        0.8 * np.sum(x, axis=1, keepdims=True)
+        for x in (np.sin(angle), w * np.cos(angle), -(w**2) * np.sin(angle))
+    )
+    motion = Recording(robot.joint_names, time, q, dq, ddq)
+    truth = np.append(body.vector, [0.5, 1.0, 0.1])
+    rng = np.random.default_rng(0)
+    log = simulate_torque(model, truth, motion, noise=0.02, rng=rng)
+    return model, replace(log, position=log.position - turned)
+
+
+def test_the_zero_of_a_pendulum_is_known_as_well_as_the_way_to_its_centre_of_mass():
+    """A centre of mass beside the arm, by ``w`` of its length ``c``, turns it by w/c.
+
+    Gravity tells the torque exactly, and a base that leans turns it alike.
+    """
+    model, log = pendulum(np.radians(20.0))
+    found = {f.factor.kind: f for f in whole_robot_factors(_as_is(model, log))}
+    (length,) = link_scales(model.robot).length
+    for kind in ("offset zero", "gravity"):
+        assert abs(found[kind].size) == pytest.approx(np.radians(20.0), rel=0.01)
+        assert found[kind].error == pytest.approx(0.15 * length / 0.3, rel=0.01)
+    (finding,) = whole_robot_findings(_as_is(model, log))
+    assert finding.severity == "warning"
+    assert "the base leans by 20 " in finding.statement
+    assert "; or with +20 (" in finding.statement
+
+
+def test_noise_that_stays_for_eight_samples_counts_eight_times():
+    model, log = logged(8, noise=0.0)
+    rng = np.random.default_rng(0)
+    white = rng.normal(size=log.torque.shape)
+    found = []
+    for noise in (white, np.repeat(white[:75], 8, axis=0)):
+        noisy = replace(log, torque=log.torque + 0.05 * noise)
+        size = np.sqrt(np.mean(noisy.torque**2, axis=0))
+        found.append(relative_noise(model, [noisy]) * size)
+    assert found[0] == pytest.approx(np.full(4, 0.05), rel=0.2)
+    assert found[1] == pytest.approx(np.full(4, 0.05 * np.sqrt(8.0)), rel=0.3)
+
+
+def test_one_odd_second_makes_a_factor_doubtful():
+    """The likelihood alone would be surer than that."""
+    model, log = logged(7)
+    odd = np.ones(600)
+    odd[330:360] = 1.5
+    spoilt = replace(log, torque=log.torque * odd[:, None])
+    found = whole_robot_factors(_as_is(model, spoilt))
+    (zero,) = (f for f in found if _is(f.factor, "offset zero", 1))
+    assert abs(zero.size) < zero.error
+
+
+@pytest.mark.parametrize(
+    ("kind", "place", "size"),
+    [("clock", 0, np.log(2.0)), ("offset zero", 1, np.radians(15.0))],
+)
+def test_bodies_known_worse_pull_less(kind, place, size):
+    model, log = logged(3, spread=6.0)
+    found = whole_robot_factors(_as_is(*faulty(log, model, kind, place, size)))
+    (fault,) = (f for f in found if _is(f.factor, kind, place))
+    assert abs(fault.size - size) < 1.5 * fault.error
+
+
+@pytest.mark.parametrize(("gain", "severity"), [(1.5, "warning"), (2.0, "fault")])
+def test_a_fault_is_five_standard_errors_large(gain, severity):
+    model, log = logged(1, spread=0.5)
+    _, log = faulty(log, model, "masses or gain", 0, np.log(gain))
+    (finding,) = whole_robot_findings(_as_is(model, log))
+    assert (finding.kind, finding.severity) == ("masses or gain", severity)
+
+
+@pytest.mark.parametrize(
+    ("kind", "place", "size"),
+    [
+        ("offset zero", 1, np.radians(4.0)),
+        ("clock", 0, np.log(1.1)),
+        ("clock", 0, np.log(14.0)),
+    ],
+)
+def test_a_factor_too_small_or_too_large_is_sure_and_not_reported(kind, place, size):
+    model, log = logged(6, spread=0.1, noise=0.001)
+    as_is = _as_is(*faulty(log, model, kind, place, size))
+    best = whole_robot_factors(as_is)[0]
+    assert _is(best.factor, kind, place)
+    assert best.ratio > 10.0
+    assert whole_robot_findings(as_is) == []
+
+
+def test_a_clock_far_from_the_linear_makes_no_other_robot():
+    model, log = logged(6, spread=0.1, noise=0.001)
+    assert other_robot(_as_is(*faulty(log, model, "clock", 0, np.log(8.0)))) == []
