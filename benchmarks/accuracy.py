@@ -106,6 +106,36 @@ def across_recordings(every: pairs.Pairs, held_out: blocks.Blocks) -> list[str]:
     ]
 
 
+def short(table: str) -> str:
+    """Return README's table: of each recording, least squares and the recommended.
+
+    The recommended estimate is the one whose expected error is bold.
+    """
+    lines = [
+        "| robot, held-out recording | least squares | recommended | consistent links "
+        "| verdict |",
+        "|---|---:|---:|---:|---|",
+    ]
+    found: list[list[str]] = []
+    facts = {"consistent links": [""], "verdict": [""]}
+    for line in table.splitlines()[2:]:
+        label, *cells = (cell.strip() for cell in line.strip("|").split("|"))
+        if label in facts:
+            facts[label] = cells
+        elif label == "expected from training":
+            best = next(i for i, cell in enumerate(cells) if cell.startswith("**"))
+            links, verdict = facts["consistent links"], facts["verdict"]
+            lines += [
+                f"| {name} | {errors[0]} | {errors[best]} "
+                f"| {links[best]} ({links[0].split()[0]}) | {verdict[best]} |"
+                for name, *errors in found
+            ]
+            found = []
+        else:
+            found.append([label, *cells])
+    return "\n".join(lines)
+
+
 def measure() -> tuple[str, str]:
     """Return the summary table, and the page."""
     header = [
@@ -156,7 +186,7 @@ def main() -> None:
         text = options.readme.read_text()
         before, rest = text.split(BEGIN)
         _, after = rest.split(END)
-        options.readme.write_text(f"{before}{BEGIN}\n{table}\n{END}{after}")
+        options.readme.write_text(f"{before}{BEGIN}\n{short(table)}\n{END}{after}")
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
 
 project = "consistent_id"
 version = release = consistent_id.__version__
-author = copyright = "the authors of consistent_id"
+author = copyright = "consistent_id developers"
 
 extensions = [
     "myst_parser",
@@ -38,5 +38,6 @@ html_math_renderer = "mathml"
 html_theme = "furo"
 html_title = "consistent_id"
 html_copy_source = False
+html_extra_path = ["llms.txt"]  # where programmes look for it
 html_static_path = ["_static"]
 html_css_files = ["pages.css"]

@@ -2,6 +2,7 @@
 
 import importlib
 import re
+import sys
 from operator import attrgetter
 from pathlib import Path
 
@@ -11,6 +12,10 @@ import consistent_id
 from consistent_id._support.face import ROOMS, homes
 
 ROOT = Path(__file__).parent.parent
+sys.path.insert(0, str(ROOT / "benchmarks"))
+
+from accuracy import BEGIN, END, short  # noqa: E402
+
 README = (ROOT / "README.md").read_text()
 DOCS = ROOT / "docs"
 PACKAGE = "consistent_id"
@@ -27,30 +32,42 @@ SEARCHED = {"tutorial": 0.5, "excite-my-robot": 3.0}
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]\d+)?")
 
 
-def test_the_python_of_the_readme_runs_and_finds_consistent_links(capsys):
-    names = {}
-    for block in re.findall(r"```python\n(.*?)```", README, re.DOTALL):
-        exec(compile(block, "README.md", "exec"), names)
+@pytest.mark.slow
+def test_the_python_of_the_readme_goes_from_two_files_to_a_consistent_robot(
+    capsys, tmp_path, monkeypatch
+):
+    (block,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    assert len([line for line in block.splitlines() if line]) <= 10
+    (tmp_path / "problems").symlink_to(ROOT / "problems")
+    monkeypatch.chdir(tmp_path)
+    exec(compile(block, "README.md", "exec"), {})
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith("least squares")
-    assert lines[1] == "constrained use (True, True, True)"
-    # Designs: each objective brings what it aims at.
-    least = [[float(n) for n in NUMBER.findall(line)][:2] for line in lines[2:4]]
-    assert [line.split()[0] for line in lines[2:4]] == ["D", "condition"]
-    assert least[0][0] < least[1][0] and least[1][1] < least[0][1]
+    assert any(re.search(r"least squares +do not use +0 of 6", line) for line in lines)
+    assert lines[-1].startswith("use with care: constrained, held-out error 6.1 %")
+    written = consistent_id.load_robot(tmp_path / "identified.urdf")
+    assert all(link.nominal.is_consistent() for link in written.links)
 
 
-def test_there_are_three_commands_to_run_and_one_to_test():
-    commands = re.findall(r"```sh\n(.*?)\n```", README, re.DOTALL)
-    ends = (
-        "consistent-id compare problems/rx60",
-        "consistent-id compare problems/kuka_kr300",
-        "--validate problems/kuka_kr300/FF_B.parquet",
-        "pytest",
-    )
-    assert all("\n" not in command for command in commands)
+def test_the_readme_is_short_and_has_one_picture():
+    assert len(README.splitlines()) <= 120
+    (picture,) = re.findall(r"!\[[^\]]*\]\(([^)]+)\)", README)
+    assert (ROOT / picture).read_bytes().startswith(b"\x89PNG")
+
+
+def test_commands_to_run_and_to_test():
+    blocks = re.findall(r"```sh\n(.*?)\n```", README, re.DOTALL)
+    commands = [line for block in blocks for line in block.splitlines()]
+    ends = ("compare problems/rx60", "compare problems/kuka_kr300", "pytest")
+    assert len(blocks) == 2
     for command, end in zip(commands, ends, strict=True):
         assert command.endswith(end)
+
+
+def test_the_table_is_that_of_the_measured_page():
+    long = re.search(r"(\| held-out recording .*?)\n\n", TEXTS["accuracy"], re.DOTALL)
+    shown = README.split(BEGIN)[1].split(END)[0].strip()
+    assert shown == short(long[1])
+    assert shown.count("\n") == 7  # head and six recordings
 
 
 @pytest.mark.slow

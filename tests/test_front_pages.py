@@ -1,0 +1,122 @@
+"""Pages for people in a hurry, for agents and for publishing say what the code does."""
+
+import re
+import shlex
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import consistent_id
+from consistent_id.cli import tool
+from consistent_id.cli.tool import tool_parser
+
+ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+AGENTS = (DOCS / "for-agents.md").read_text()
+LLMS = (DOCS / "llms.txt").read_text()
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+FACES = ["README.md", "CODE_OF_CONDUCT.md", "CONTRIBUTING.md", "SECURITY.md"]
+WITH_COMMANDS = ["README.md", "docs/start.md", "docs/faq.md", "docs/for-agents.md"]
+COMMAND = re.compile(r"(?:^\$ |^    |`)(consistent-id [a-z]+ [^`\n]+)", re.MULTILINE)
+CODE = re.compile(r"^\| (\d+) \| ([^|]+?) \|", re.MULTILINE)
+
+
+def commands():
+    """Return every whole command that these pages show, with its page."""
+    return [
+        (page, command)
+        for page in WITH_COMMANDS
+        for command in COMMAND.findall((ROOT / page).read_text())
+    ]
+
+
+@pytest.mark.parametrize(("page", "command"), commands())
+def test_a_command_that_is_shown_is_understood(page, command):
+    words = shlex.split(command)[1:]
+    assert tool_parser(words[0]).parse_args(words).command == words[0]
+
+
+def test_commands_were_found_on_each_page():
+    shown = [page for page, _ in commands()]
+    assert {page: shown.count(page) for page in WITH_COMMANDS[:2]} == {
+        "README.md": 4,
+        "docs/start.md": 8,
+    }
+
+
+@pytest.mark.parametrize("page", FACES)
+def test_links_of_the_front_lead_to_files(page):
+    links = re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", (ROOT / page).read_text())
+    missing = [link for link in links if not (ROOT / link).exists()]
+    assert not missing
+
+
+def test_a_start_is_one_command_for_each_of_five():
+    table = (DOCS / "start.md").read_text().split("|---|---|---|\n")[1].split("\n\n")[0]
+    rows = [row.split(" | ") for row in table.splitlines()]
+    names = ("torques", "currents", "commands only", "nothing yet", "a load")
+    for (have, command, _), name in zip(rows, names, strict=True):
+        assert have.startswith(f"| {name}")
+        assert len(COMMAND.findall(command)) == 1
+
+
+def test_exit_codes_are_those_of_the_tool():
+    told = dict(CODE.findall(AGENTS))
+    assert list(told) == ["0", "1", "2", "3", "70", "130", "143"]
+    for text in (tool.__doc__, LLMS):
+        flat = " ".join(text.split())
+        missing = [c for c, words in told.items() if f"{c} {words[:7]}" not in flat]
+        assert missing == []
+
+
+def test_agents_read_of_every_command_and_of_formats_that_exist():
+    table = AGENTS.split("| command | `format` | exit code 1 if |")[1].split("\n\n")[0]
+    told = re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)
+    assert sorted(told) == sorted(tool._COMMANDS)
+    sources = [f.read_text() for f in (ROOT / "consistent_id").rglob("*.py")]
+    code = "\n".join(sources)
+    formats = re.findall(r"`(consistent_id \w+ \d+)`", table)
+    assert len(formats) == 8
+    assert [f for f in formats if f'"{f}"' not in code] == []
+    assert all(re.search(rf"\b{name}\b", LLMS) for name in told)
+
+
+@pytest.mark.slow
+def test_the_keys_of_a_verdict_are_those_that_agents_read():
+    study = consistent_id.run_study(consistent_id.load_problem(ROOT / "problems/rx60"))
+    answer = study.answer()
+    table = AGENTS.split("| key | value |")[1].split("\n\n")[0]
+    told = set(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE))
+    assert told == set(answer) - {"held_out_recordings", "recommended"}
+    expected = set(answer["expected_error"])
+    assert expected <= set(re.findall(r"`(\w+)`", table))
+    parameter = next(iter(study.delivered.to_dict()["parameters"].values()))
+    assert set(parameter) == {"value", "standard_error", "unit", "origin"}
+
+
+def test_every_page_of_llms_txt_exists():
+    links = re.findall(r"\]\(([^)]+)\)", LLMS)
+    assert len(links) > 10
+    assert [link for link in links if not (DOCS / link).is_file()] == []
+
+
+def test_version_and_authors_are_stated_alike():
+    citation = (ROOT / "CITATION.cff").read_text()
+    assert f"\nversion: {consistent_id.__version__}\n" in citation
+    assert PROJECT["version"] == consistent_id.__version__
+    (author,) = PROJECT["authors"]
+    assert f"- name: {author['name']}\n" in citation
+    assert author["name"] in (DOCS / "conf.py").read_text()
+    assert PROJECT["license"] == re.search(r"license: (.*)", citation)[1]
+
+
+def test_placeholders_of_addresses_stand_in_one_place():
+    (root,) = {url.split("/consistent_id")[0] for url in PROJECT["urls"].values()}
+    pages = [
+        *DOCS.glob("*.md"),
+        *DOCS.glob("*.txt"),
+        *ROOT.glob("*.md"),
+        ROOT / "CITATION.cff",
+    ]
+    assert [page.name for page in pages if root in page.read_text()] == []
