@@ -26,6 +26,7 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 import consistent_id as ci
+from consistent_id.estimation.expected_error import ExpectedError
 from consistent_id.estimation.judgement import HELD_OUT_CARE
 from consistent_id.estimation.verdict import WORDS, percent
 from consistent_id.problems.draft import Draft
@@ -192,7 +193,7 @@ def page(answers: list[Answer], recorded: int) -> str:
     )
     rows = [
         f"| {a.recording}{' *' * faulted(a)} | {a.word} | {_share(a.error)} | "
-        f"{_share(a.expected)} | "
+        f"{_expected(a.expected)} | "
         f"{', '.join(dict.fromkeys(r.partition(':')[0] for r in a.reasons)) or '-'} |"
         for a in answers
     ]
@@ -232,6 +233,11 @@ def faulted(said: Answer) -> bool:
 
 def _share(value: float | None) -> str:
     return "-" if value is None else percent(value)
+
+
+def _expected(error: float | None) -> str:
+    known = error is None or ExpectedError(error, error, error).predicts
+    return _share(error) if known else "unknown"
 
 
 def kept(file: Path | None) -> dict[str, Answer]:

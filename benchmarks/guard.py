@@ -22,10 +22,12 @@ from consistent_id.regression.mass_matrix import mass_matrices, random_poses
 SLOWER = 2.0  # ratios scatter by a third between machines and loads
 RUNS = 7  # turns; the least of each counts
 SAMPLES = 30_000
+CUTOFF = 10.0  # Hz, of filtered torque
 
 EXPECTED = {
     "regressor": 4.2,
     "regressor and compression": 16.5,
+    "regression of filtered torque": 17.0,
     "prediction": 2.9,
     "mass matrices": 1.45,
     "base parameters": 0.3,
@@ -64,12 +66,17 @@ def paths() -> dict[str, Callable[[], object]]:
     def compressed() -> None:
         ci.build_regression(model, data)
 
+    def filtered() -> None:
+        smooth = ci.signals.low_passed(data, torque_cutoff=CUTOFF)
+        ci.build_regression(model, smooth)
+
     def masses() -> None:
         mass_matrices(model, parameters, poses)
 
     return {
         "regressor": regressor,
         "regressor and compression": compressed,
+        "regression of filtered torque": filtered,
         "prediction": lambda: model.predict(parameters, *state),
         "mass matrices": masses,
         "base parameters": lambda: ci.regression.base_parameters(model),

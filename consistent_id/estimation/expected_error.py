@@ -30,6 +30,9 @@ the torque: their relative error stays.  Data do not separate the two well, so t
 expected error is in the middle, ``sqrt(r) E_new``, and the range covers both:
 
     low = min(1, r) E exp(-h),    high = max(1, r) E_new exp(h)
+
+Who predicts no torque at all is wrong by 100 %.  Where the expected error is no less,
+the training data tell nothing of other motion, and no figure is printed.
 """
 
 from collections.abc import Sequence
@@ -61,6 +64,7 @@ from consistent_id.regression.regressor import TorqueModel
 SHARE = 0.8
 """Share of motions whose error is in the range."""
 
+_NOTHING = 1.0  # the error of who predicts no torque at all
 _LEAST = 1e-6  # share of the pooled error below which a segment's error is rounding
 
 
@@ -80,6 +84,10 @@ class ExpectedError:
     --------
     >>> print(ExpectedError(0.032, 0.024, 0.043))
     3.2 %, 80 % range 2.4 % to 4.3 %
+    >>> print(ExpectedError(0.7, 0.16, 3.1))
+    70 %, 80 % range 16 % to over 100 %
+    >>> print(ExpectedError(3.9, 0.4, 40.0))
+    unknown, the data do not predict other motion
     """
 
     error: float
@@ -94,12 +102,23 @@ class ExpectedError:
             )
 
     def __str__(self) -> str:
+        if not self.predicts:
+            return "unknown, the data do not predict other motion"
         return f"{percent(self.error)}, {percent(SHARE)} range {self.range}"
 
     @property
+    def predicts(self) -> bool:
+        """Whether less error is expected than without any prediction, 100 %."""
+        return self.error < _NOTHING
+
+    @property
     def range(self) -> str:
-        """The range in words."""
-        return f"{percent(self.low)} to {percent(self.high)}"
+        """The range in words; what is above 100 % is not told apart."""
+        low, high = (
+            percent(end) if end < _NOTHING else f"over {percent(_NOTHING)}"
+            for end in (self.low, self.high)
+        )
+        return low if low == high else f"{low} to {high}"
 
     def contains(self, error: float) -> bool:
         """Return whether an error is in the range."""

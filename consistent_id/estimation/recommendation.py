@@ -52,6 +52,11 @@ class Recommendation:
         expected = self.expected
         if expected is None:
             return f"{self.method}, the simplest; no block of the data can be left out"
+        if not expected.predicts:
+            return (
+                f"error to expect on a motion not seen: {expected}: on blocks left out "
+                "it is larger than the torque; record faster motion of all joints"
+            )
         return (
             f"error to expect on a motion not seen: {expected} (all joints, blocks "
             "left out)"

@@ -8,6 +8,7 @@ of the cut-off (``S``): ``S F M Y x = S F M tau``.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ from consistent_id._support.arrays import (
     chunks,
     frozen,
 )
+from consistent_id._support.executors import worker_threads
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.beside import BaseMotion
 from consistent_id.recordings.recording import Recording, TorqueFilter
@@ -42,6 +44,10 @@ PIECE = 4 * CHUNK
 
 _KEPT = 2**25
 """Bytes of filtered rows that are kept for the next pass over a recording."""
+
+_WORKERS = 2
+_FILLING = Lock()
+"""Of what is kept: workers that want the same rows at once would all compute them."""
 
 _LITTLE = 0.05
 """Share of a filtered row's weight that must come from samples that count."""
@@ -299,7 +305,8 @@ class FilteredRows:
         if 8 * width * len(self.kept) > _KEPT:
             yield from self.computed(model, kept, run)
             return
-        every = _kept_blocks(model, self, tuple(c.tobytes() for c in kept))
+        with _FILLING:
+            every = _kept_blocks(model, self, tuple(c.tobytes() for c in kept))
         samples = len(self.kept[run])
         yield slice(0, samples), [np.array(own[run], order="F") for own in every]
 
@@ -307,22 +314,40 @@ class FilteredRows:
         self, model: TorqueModel, kept: Sequence[IntArray], run: slice
     ) -> Iterator[tuple[slice, list[Matrix]]]:
         """Yield pieces of rows, filtered now."""
-        samples, along = self.kept[run], self.along
-        for rows, span in self.by.spans(samples, len(along.q)):
-            moved = along.samples(span.start, span.stop)
-            every = [np.empty((len(moved.q), len(c) + 1), order="F") for c in kept]
-            for part, blocks in moved.rows(model, kept):
-                for own, block in zip(every, blocks, strict=True):
-                    own[part] = block
-            yield (
-                rows,
-                [
-                    np.asfortranarray(
-                        self.by.part(own, samples[rows], span, len(along.q))
-                    )
-                    for own in every
-                ],
-            )
+        samples = self.kept[run]
+        for rows, span in self.by.spans(samples, len(self.along.q)):
+            yield rows, self._filtered(model, kept, samples[rows], span)
+
+    def filled(self, model: TorqueModel, kept: Sequence[IntArray]) -> list[Matrix]:
+        """Return all rows of each joint; runs of them are filtered side by side."""
+        blocks = [np.empty((len(self.kept), len(c) + 1), order="F") for c in kept]
+
+        def fill(piece: tuple[slice, slice]) -> None:
+            rows, span = piece
+            found = self._filtered(model, kept, self.kept[rows], span)
+            for block, own in zip(blocks, found, strict=True):
+                block[rows] = own
+
+        with worker_threads(_WORKERS) as pool:
+            for _ in pool.map(fill, self.by.spans(self.kept, len(self.along.q))):
+                pass  # an error is raised here
+        return blocks
+
+    def _filtered(
+        self,
+        model: TorqueModel,
+        kept: Sequence[IntArray],
+        samples: IntArray,
+        span: slice,
+    ) -> list[Matrix]:
+        """Return the rows of each joint at some samples, from a span around them."""
+        moved = self.along.samples(span.start, span.stop)
+        every = [np.empty((len(moved.q), len(c) + 1), order="F") for c in kept]
+        for part, blocks in moved.rows(model, kept):
+            for own, block in zip(every, blocks, strict=True):
+                own[part] = block
+        through, whole = self.by.part, len(self.along.q)
+        return [np.asfortranarray(through(own, samples, span, whole)) for own in every]
 
 
 @lru_cache(maxsize=6)
@@ -330,12 +355,7 @@ def _kept_blocks(
     model: TorqueModel, rows: FilteredRows, columns: tuple[bytes, ...]
 ) -> list[Matrix]:
     """Return all filtered rows of a recording, for one pass after another."""
-    kept = [np.frombuffer(c, dtype=np.intp) for c in columns]
-    blocks = [np.empty((len(rows.kept), len(c) + 1), order="F") for c in kept]
-    for part, some in rows.computed(model, kept, slice(None)):
-        for block, own in zip(blocks, some, strict=True):
-            block[part] = own
-    return blocks
+    return rows.filled(model, [np.frombuffer(c, dtype=np.intp) for c in columns])
 
 
 def motion_of(

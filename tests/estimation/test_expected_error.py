@@ -53,6 +53,25 @@ def test_without_a_block_that_can_be_left_out_nothing_is_expected():
     assert expected_error(of_errors(np.array([0.1, np.inf]))) is None
 
 
+def test_an_error_of_all_torque_and_more_is_said_in_words():
+    found = expected_error(of_errors(np.array([0.1, 0.2, 9.0, 0.1])))
+    assert found.error > 1.0 and not found.predicts
+    assert str(found) == "unknown, the data do not predict other motion"
+    assert ExpectedError(0.99, 0.5, 2.0).predicts
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "said"),
+    [
+        (0.16, 0.9, "16 % to 90 %"),
+        (0.16, 3.1, "16 % to over 100 %"),
+        (1.2, 40.0, "over 100 %"),
+    ],
+)
+def test_a_range_does_not_tell_errors_above_100_per_cent_apart(low, high, said):
+    assert ExpectedError(low, low, high).range == said
+
+
 def test_errors_out_of_order_are_refused():
     with pytest.raises(ProblemError, match="in order"):
         ExpectedError(0.03, 0.04, 0.05)

@@ -38,6 +38,13 @@ def test_the_first_within_one_standard_error_of_the_least_is_taken():
     assert recommended(np.full((3, 4), np.inf)).method == "a"
 
 
+def test_an_expectation_that_says_nothing_is_a_sentence_and_no_figure():
+    said = recommended([[0.01, 40.0]]).statement
+    assert "unknown" in said and "%" not in said
+    assert "record faster motion" in said
+    assert "%" in recommended([[0.01, 0.02]]).statement
+
+
 def test_the_expected_error_is_that_of_another_motion():
     model, _truth, log = experiment(3, joints=3, noise=0.5, samples=1200)
     _, _, other = experiment(3, joints=3, noise=0.5, samples=1200)

@@ -17,7 +17,8 @@ from consistent_id import (
     trimmed,
 )
 from consistent_id.recordings.signals.filtered_rows import RowFilter
-from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.motion_arrays import FilteredRows, motion_of
+from consistent_id.regression.row_structure import row_structure
 from consistent_id.regression.segments import merged, segment_regressions
 from consistent_id.regression.torque_along import measured_torque, predicted_torque
 from consistent_id.signals import (
@@ -206,3 +207,31 @@ def test_a_filtered_log_with_one_joint_masked_and_wrong_holds_the_truth():
     found = build_regression(model, smooth, row_weights=[weights])
     assert (found.residual_rms(truth) < 1e-12 * found.torque_rms).all()
     assert (np.array(found.counts) < 0.9 * len(log) / STEP).all()
+
+
+def test_workers_that_want_the_same_rows_at_once_compute_them_once(monkeypatch):
+    model, _, log = _run(60_000)
+    smooth = low_passed(log, torque_cutoff=CUTOFF)
+    assert len(list(motion_of(model, smooth, None).pieces())) > 2
+    done = []
+
+    def filtered(rows, model, kept, samples, span):
+        done.append(samples)
+        return one_run(rows, model, kept, samples, span)
+
+    one_run = FilteredRows._filtered
+    monkeypatch.setattr(FilteredRows, "_filtered", filtered)
+    build_regression(model, smooth)
+    every = np.sort(np.concatenate(done))
+    assert np.array_equal(every, motion_of(model, smooth, None).filtered.kept)
+
+
+def test_rows_that_are_kept_are_those_that_are_computed_piece_by_piece():
+    model, _, log = _run(20_000)
+    motion = motion_of(model, low_passed(log, torque_cutoff=CUTOFF), None)
+    columns = [kept for kept, _ in row_structure(model)]
+    runs = list(motion.filtered.computed(model, columns, slice(None)))
+    assert len(runs) > 1
+    for j, rows in enumerate(motion.filtered.filled(model, columns)):
+        pieces = np.concatenate([blocks[j] for _, blocks in runs])
+        assert np.array_equal(rows[:, :-1], pieces[:, :-1])

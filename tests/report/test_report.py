@@ -38,6 +38,7 @@ from consistent_id._support.ownership import sealed
 from consistent_id.cli import main
 from consistent_id.diagnosis import Diagnosis
 from consistent_id.diagnosis.findings import LogFinding
+from consistent_id.estimation.expected_error import ExpectedError
 from consistent_id.estimation.verdict import percent
 from consistent_id.problems.published import (
     PublishedReport,
@@ -56,7 +57,7 @@ from consistent_id.report.page import SECTIONS
 from consistent_id.report.plot import buckets, extremes, packed
 from consistent_id.report.residuals_section import binned, residual_statistics
 from consistent_id.report.study_record import study_record
-from consistent_id.report.summary import headline_tables, slack_table
+from consistent_id.report.summary import expected_lines, headline_tables, slack_table
 from consistent_id.robot.inertia import InertialParameters
 
 EVIL = '<script>alert("x")</script>&"\''
@@ -215,6 +216,17 @@ def test_the_first_screen_has_the_expected_error_with_its_range(study, html):
     assert record["expected_error"]["error"] == chosen["expected_error"]
     assert len(chosen["expected_on"]) == len(study.validation)
     assert f"80 % range {expected.range}" in html
+
+
+def test_a_motion_that_the_data_do_not_predict_is_held_against_no_range():
+    errors = [SimpleNamespace(recording=name, stacked=0.12) for name in ("far", "near")]
+    study = SimpleNamespace(
+        recommended=SimpleNamespace(validation=errors),
+        expected_held_out=(ExpectedError(1.6, 0.3, 9.0), ExpectedError(0.5, 0.3, 4.0)),
+    )
+    assert expected_lines(study) == (
+        "expected on near: 30 % to over 100 %; measured 12 %, outside",
+    )
 
 
 def test_the_slack_chosen_is_in_the_table_the_record_and_the_notes(study):

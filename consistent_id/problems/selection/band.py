@@ -4,6 +4,11 @@ A first band follows from the speed of the motion: products of motions and the j
 friction reach twenty times as far as the velocity.  It is too wide where position or
 torque are noisy.  So the plain model, fitted in it, is compared with the torque at each
 frequency: where it explains no part of the torque, there is none to learn from.
+
+A narrower band has fewer independent samples: ``2 B T`` of each joint in ``T`` seconds.
+``p`` parameters that are fitted to ``n`` of them add about ``p / n`` to the squared
+error of a prediction, relative to that of the torque's noise.  So no band is narrowed
+to fewer than `SAMPLES_PER_PARAMETER` samples for each parameter.
 """
 
 from collections.abc import Sequence
@@ -36,6 +41,11 @@ _DENSE = 5.0  # samples in a period of the highest frequency that is kept
 EXPLAINED = 0.1
 """Share of the torque's power, joints counting alike, that the plain model explains at
 the frequencies of the band: below its edge on the whole, above it not."""
+
+SAMPLES_PER_PARAMETER = 10.0
+"""Independent samples for each parameter that a narrowed band has to keep: with ten,
+errors of parameters add a tenth to the squared error of a prediction.  With fewer, they
+are as large as what a term has to bring, and fits without a block tell nothing."""
 
 _WINDOW = 4.0  # s; length of the pieces whose spectra are averaged
 
@@ -131,6 +141,38 @@ def _spectrum(signals: Sequence[Matrix], size: int) -> Matrix:
     return total
 
 
-def narrowed(band: float, edge: float) -> float:
-    """Return the band [Hz] that the edge of what is explained leaves of another."""
-    return min(band, float(f"{edge:.2g}"))
+def least_band(seconds: float, joints: int, parameters: int) -> float:
+    """Return the least band [Hz] in which a log tells its parameters.
+
+    The ``B`` at which ``2 B T`` samples of each joint are `SAMPLES_PER_PARAMETER` times
+    the parameters.
+
+    Parameters
+    ----------
+    seconds : float, [s]
+        ``T``, of all logs.
+    joints : int
+        With torque.
+    parameters : int
+        That are estimated: base parameters of bodies, and those of drives.
+
+    Examples
+    --------
+    Six joints with 54 parameters:
+
+    >>> round(least_band(44.5, 6, 54), 2)
+    1.01
+    """
+    return SAMPLES_PER_PARAMETER * parameters / (2.0 * seconds * joints)
+
+
+def narrowed(band: float, edge: float, least: float = 0.0) -> float:
+    """Return the band [Hz] that the edge of what is explained leaves of another.
+
+    Parameters
+    ----------
+    band, edge : float, [Hz]
+    least : float, [Hz]
+        Below which no band is narrowed; a narrower one stays as it is.
+    """
+    return min(band, float(f"{max(edge, least):.2g}"))

@@ -22,6 +22,7 @@ from consistent_id.problems.loading import problem_of
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.selection.band import (
     explained_edge,
+    least_band,
     narrowed,
     prediction_band,
     thinning,
@@ -308,13 +309,18 @@ def _begun(
 ) -> Beginning:
     """Return a beginning in the band that the plain model explains a part of."""
     begun = beginning(problem, raws, fixed, prediction_band(raws))
+    joints = len(begun.evaluator.setting.bodies.torque_joints)
+    seconds = sum(raw.duration for raw in raws)
+    least = least_band(seconds, joints, begun.parameters)
     for _ in range(_NARROWINGS):
         samples = begun.evaluator.samples(begun.plain.choice.motion_cutoff)
         band = begun.evaluator.setting.band
-        edge = explained_edge(samples.parts, begun.plain.fits)
-        if narrowed(band, edge) > _SAME_BAND * band:
+        narrower = narrowed(
+            band, explained_edge(samples.parts, begun.plain.fits), least
+        )
+        if narrower > _SAME_BAND * band:
             break
-        begun = beginning(problem, raws, fixed, narrowed(band, edge))
+        begun = beginning(problem, raws, fixed, narrower)
     return begun
 
 

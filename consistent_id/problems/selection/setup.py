@@ -52,6 +52,13 @@ class Beginning:
     plain: Evaluated
     scope: Scope
 
+    @property
+    def parameters(self) -> int:
+        """How many parameters the plain model estimates: of bodies, and of drives."""
+        setting = self.evaluator.setting
+        known = setting.table.constraints.bodies == "model"
+        return (0 if known else len(setting.base)) + len(self.plain.fits.candidate.keys)
+
 
 def beginning(
     problem: Problem, raws: tuple[Recording, ...], fixed: Collection[str], band: float

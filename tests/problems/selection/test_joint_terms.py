@@ -7,7 +7,13 @@ import pytest
 from logged import URDF, moved
 
 from consistent_id import DriveTerms, TorqueModel, draft_problem, simulate_torque
-from consistent_id.problems.selection.band import explained_edge, narrowed
+from consistent_id.problems.selection import select
+from consistent_id.problems.selection.band import (
+    SAMPLES_PER_PARAMETER,
+    explained_edge,
+    least_band,
+    narrowed,
+)
 from consistent_id.problems.selection.choice import (
     ModelMove,
     nearest_stribeck,
@@ -184,3 +190,36 @@ def test_the_edge_is_where_the_model_explains_a_part(begun):
 def test_a_band_is_narrowed_and_never_widened():
     assert narrowed(250.0, 14.03) == 14.0
     assert narrowed(8.0, 14.0) == 8.0
+
+
+def test_a_band_is_narrowed_to_ten_samples_for_each_parameter_and_no_further():
+    least = least_band(44.5, 6, 54)
+    # A band of B has 2 B independent samples a second.
+    assert 2.0 * least * 44.5 * 6 == pytest.approx(SAMPLES_PER_PARAMETER * 54)
+    assert narrowed(9.0, 0.5, least) == 1.0
+    assert narrowed(9.0, 4.0, least) == 4.0
+    assert narrowed(0.7, 0.5, least) == 0.7  # narrow from the start: never widened
+
+
+def test_a_search_begins_in_no_band_that_has_too_few_samples(begun, monkeypatch):
+    problem, bodies = begun.evaluator.setting.table, begun.evaluator.setting.bodies
+    assert problem.constraints.bodies != "model"
+    joints = len(bodies.torque_joints)
+    # The plain model has friction, viscous and dry, and an offset at each joint.
+    assert begun.parameters == len(begun.evaluator.setting.base) + 3 * joints
+    raws = tuple(log.raw for log in begun.evaluator.setting.logs)
+    seconds = sum(raw.duration for raw in raws)
+    tried = []
+
+    def beginning(_problem, _raws, _fixed, band):
+        tried.append(band)
+        setting = replace(begun.evaluator.setting, band=band)
+        return replace(begun, evaluator=replace(begun.evaluator, setting=setting))
+
+    monkeypatch.setattr(select, "beginning", beginning)
+    monkeypatch.setattr(select, "prediction_band", lambda _: 40.0)
+    monkeypatch.setattr(select, "explained_edge", lambda *_: 0.01)
+    select._begun(None, raws, ())
+    kept = 2.0 * tried[-1] * seconds * joints / begun.parameters
+    assert tried[0] == 40.0 and len(tried) == 2
+    assert kept == pytest.approx(SAMPLES_PER_PARAMETER, rel=0.05)  # two digits
