@@ -151,7 +151,8 @@ class Statement:
     topic: str | None = _said(
         "log",
         "--topic TOPIC",
-        "joint states of a ROS bag (default: its only topic of these)",
+        "joint states of a ROS bag (default: the topic that names most of the robot's "
+        "joints)",
         "data.topic",
     )
     units: "Units | None" = _said(

@@ -254,7 +254,7 @@ def test_of_a_csv_file_one_column_is_no_array_of_joints(arm, tmp_path):
         return "time,s_q,e_q,s_tau,e_tau"
 
     log = renamed(arm, tmp_path, header)
-    with pytest.raises(ci.RecordingError, match="--names NAME=JOINT"):
+    with pytest.raises(ci.RecordingError, match="--names s=shoulder e=elbow$"):
         robot_logs(*log)
     found = robot_logs(*log, Statement(names={"s": "shoulder", "e": "elbow"}))
     assert found.columns.position == "{joint}_q"
