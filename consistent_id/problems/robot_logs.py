@@ -29,6 +29,7 @@ from consistent_id.recordings.readers.columns import wanted
 from consistent_id.recordings.readers.data_frames import ColumnTable, table_names
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals import unwrapped
 from consistent_id.robot.chains import Selection, base_question
 from consistent_id.robot.loaders import load_robot
 from consistent_id.robot.model import RobotModel
@@ -78,8 +79,10 @@ class RobotLogs:
         }
         if log in self.tables:
             table = self.tables[log]
-            return recording_from(table, joints, self.columns, name=log.name, **how)
-        return read_recording(log, joints, self.columns, topic=stated.topic, **how)
+            raw = recording_from(table, joints, self.columns, name=log.name, **how)
+        else:
+            raw = read_recording(log, joints, self.columns, topic=stated.topic, **how)
+        return unwrapped(raw) if stated.wraps == "undo" else raw
 
 
 def robot_logs(
