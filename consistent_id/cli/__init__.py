@@ -28,9 +28,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Signals are heard before anything else is imported.
     """
     with _ended_by_signals():
+        from consistent_id.cli.options import with_vectors
         from consistent_id.cli.tool import run_tool, tool_parser
 
-        words = sys.argv[1:] if arguments is None else arguments
+        words = with_vectors(sys.argv[1:] if arguments is None else arguments)
         wanted = next((word for word in words if not word.startswith("-")), "")
         options = tool_parser(wanted).parse_args(words)
         return run_tool(options)

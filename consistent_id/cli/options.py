@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -128,6 +129,34 @@ def positive(text: str) -> float:
     if not (value > 0.0 and math.isfinite(value)):
         raise argparse.ArgumentTypeError(f"{text} is not a positive number")
     return value
+
+
+_VECTORS = ("--gravity",)
+_NUMBERS = re.compile(r"[-+.\d][-+.,\deE]*")
+
+
+def with_vectors(words: Sequence[str]) -> list[str]:
+    """Return the words of a command with vectors as one word each.
+
+    Vectors may be three numbers, or begin with a minus, where argparse sees an option.
+
+    Examples
+    --------
+    >>> with_vectors(["check", "--gravity", "0", "-9.81", "0", "arm.urdf"])
+    ['check', '--gravity=0,-9.81,0', 'arm.urdf']
+    >>> with_vectors(["--gravity", "-9.81,0,0", "1.urdf"])
+    ['--gravity=-9.81,0,0', '1.urdf']
+    """
+    found = list[str]()
+    for word in words:
+        last = found[-1] if found else ""
+        option, equals, value = last.partition("=")
+        is_open = option in _VECTORS and (not equals or value.count(",") < 2)
+        if is_open and _NUMBERS.fullmatch(word):
+            found[-1] = f"{last}{',' if equals else '='}{word}"
+        else:
+            found.append(word)
+    return found
 
 
 Run = Callable[[argparse.Namespace], int]

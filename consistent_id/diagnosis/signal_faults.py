@@ -8,6 +8,7 @@ from consistent_id._support.arrays import BoolArray, Matrix, Vector
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.masks import held_samples, quantum
+from consistent_id.recordings.signals.turns import TURN
 
 _FROZEN = 0.1  # share of the log with one constant value that is reported
 _MOVING = 0.01  # rad or m of travel in another channel that shows motion,
@@ -206,6 +207,8 @@ def _jumping(recording: Recording, k: int, jumps: BoolArray) -> LogFinding:
     sizes = abs(np.diff(q)[jumps])
     alike = bool(np.ptp(sizes) <= _EQUAL * sizes.max())
     alike = alike and bool(sizes.max() >= _HALF * np.ptp(q))
+    turns = alike and abs(np.median(sizes) - TURN) <= _EQUAL * TURN
+    undone = "undo the missing turns: --wraps undo (wraps of [data])"
     kind = "wrapped encoder" if alike else "gap" if len(sizes) == 1 else "outliers"
     return LogFinding(
         kind,
@@ -213,7 +216,9 @@ def _jumping(recording: Recording, k: int, jumps: BoolArray) -> LogFinding:
         joint,
         f"{joint}: the position jumps {len(sizes)} times"
         + (f", each time by {np.median(sizes):.4g}" if alike else ""),
-        "add or subtract the missing turn after each jump (numpy.unwrap)"
+        undone
+        if turns
+        else f"add or subtract {np.median(sizes):.4g} after each jump (numpy.unwrap)"
         if alike
         else "cut the log there, or leave these rows out",
         10.0,

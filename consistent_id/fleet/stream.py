@@ -472,6 +472,10 @@ def reason_for_whole(problem: Problem, entry: RecordingTable) -> str:
         return "[data.gains]: torque is computed from the commands of a whole recording"
     if problem.arm is not None or problem.model.robot.floating:
         return "the motion of a base, or of a wrench sensor, is found from all of it"
+    if data is not None and data.wraps == "undo":
+        return "[data]: wraps are undone from the first sample on"
+    if data is not None and data.duplicates != "refuse":
+        return "[data]: duplicates are left out of whole recordings"
     if entry.tracks:
         return "tracks are joined with whole recordings"
     path = problem.log_file(entry.file)

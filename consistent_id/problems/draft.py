@@ -186,6 +186,7 @@ class Draft:
             },
             topic=stated.topic,
             duplicates=stated.duplicates or "refuse",
+            wraps=stated.wraps or "keep",
             torque_gain=gain if len(gain) > 1 else gain[0],
             torque_joints=list(self.columns.torque_joints),
             **beside_tables(self.columns.beside),

@@ -124,6 +124,7 @@ def drafted(
     stated.require_logs([*given.training, *given.validation])
     _require_kinds(stated.keep)
     logs = robot_logs(model, given.training[0], stated, tables=given.tables)
+    stated = logs.stated
     if stated.friction_velocity is None and stated.gains is not None:
         stated = replace(stated, friction_velocity=DRY)
     reading = _reading(logs, given)

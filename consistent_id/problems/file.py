@@ -191,6 +191,7 @@ class DataTable(FileTable, frozen=True, kw_only=True):
     units: dict[str, str | list[str]] = {}
     topic: str | None = None
     duplicates: Literal["refuse", "first", "last"] = "refuse"
+    wraps: Literal["keep", "undo"] = "keep"
     torque_gain: float | list[float] = 1.0
     torque_joints: list[str] = []
     base: BaseTable | None = None

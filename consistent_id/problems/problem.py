@@ -207,10 +207,11 @@ class Problem:
             Broken rows to leave out, counted from 1.
         """
         from consistent_id.recordings.readers.recording_file import read_recording
+        from consistent_id.recordings.signals import unwrapped
 
         data, path = self._data(), self._path(file)
         if (path, *omit) not in self._read:
-            self._read[path, *omit] = read_recording(
+            raw = read_recording(
                 self.log_file(file),
                 self.recorded_joints,
                 columns_of(data, path),
@@ -219,6 +220,9 @@ class Problem:
                 omit=omit,
                 duplicates=data.duplicates,
             )
+            if data.wraps == "undo":
+                raw = unwrapped(raw)
+            self._read[path, *omit] = raw
         return self._read[path, *omit]
 
     def keep(self, read: Mapping[str, Recording]) -> None:

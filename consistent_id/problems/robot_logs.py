@@ -25,9 +25,11 @@ from consistent_id.recordings.column_words import (
 )
 from consistent_id.recordings.log_formats import LOG_FORMATS, log_format
 from consistent_id.recordings.readers import Columns, read_recording, recording_from
+from consistent_id.recordings.readers.columns import wanted
 from consistent_id.recordings.readers.data_frames import ColumnTable, table_names
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals import unwrapped
 from consistent_id.robot.chains import Selection, base_question
 from consistent_id.robot.loaders import load_robot
 from consistent_id.robot.model import RobotModel
@@ -49,6 +51,7 @@ class RobotLogs:
     locked : dict of str to float
         Joints that do not move, and their positions [rad or m].
     stated : Statement
+        With the topic of a bag, if the logs are bags.
     notes : tuple of str
         Notes on guesses.
     floating : FloatingColumns, optional
@@ -76,8 +79,10 @@ class RobotLogs:
         }
         if log in self.tables:
             table = self.tables[log]
-            return recording_from(table, joints, self.columns, name=log.name, **how)
-        return read_recording(log, joints, self.columns, topic=stated.topic, **how)
+            raw = recording_from(table, joints, self.columns, name=log.name, **how)
+        else:
+            raw = read_recording(log, joints, self.columns, topic=stated.topic, **how)
+        return unwrapped(raw) if stated.wraps == "undo" else raw
 
 
 def robot_logs(
@@ -136,7 +141,11 @@ def robot_logs(
         commands=stated.gains is not None,
         held=_every_joint(model, stated),
         chains=chains_of(robot),
+        topic=stated.topic,
     )
+    stated = replace(stated, topic=guess.topic)
+    if log not in tables and "position" not in guess.columns.units:
+        _require_usual_units(log, guess)
     require_torque(guess.columns.torque, stated.torque_gain)
     absent = [name for name in robot.joint_names if name not in guess.joints]
     locked = dict(stated.locked or {}) | dict.fromkeys(absent, 0.0)
@@ -144,11 +153,22 @@ def robot_logs(
         robot = _loaded(model, replace(stated, locked=locked))
     gains_of(stated.torque_gain, len(robot.joint_names))
     kept = (f"{path} stands for a table in memory" for path in tables)
-    found, notes = guess.columns, (*guess.notes, *kept, *[felt] * bool(felt))
+    said = () if log in tables else log_format(log).notes(log)
+    found, notes = guess.columns, (*said, *guess.notes, *kept, *[felt] * bool(felt))
     if floating is not None:
         found = replace(found, beside=floating.beside)
         notes = (*notes, *floating.notes)
     return RobotLogs(robot, found, locked, stated, notes, floating, tables)
+
+
+def _require_usual_units(log: Path, guess: ColumnGuess) -> None:
+    """Refuse positions without a unit that are not in radians or metres."""
+    columns = guess.columns
+    if columns.position is not None and not columns.array_joints:
+        form = log_format(log)
+        if form.holds == "arrays":
+            want = wanted(columns, guess.joints, str(log))
+            form.require_units(log, want.columns["position"])
 
 
 def _loaded(model: Path, stated: Statement) -> RobotModel:

@@ -108,7 +108,8 @@ class Statement:
     gravity: Sequence[float] | None = _said(
         "robot",
         "--gravity X,Y,Z",
-        "in the frame of the root link, m/s^2 (default: the MJCF file's, or 0,0,-9.81)",
+        "in the frame of the root link, m/s^2; or X Y Z (default: the MJCF file's, "
+        "or 0,0,-9.81)",
         "model.gravity",
         read=words.vector,
     )
@@ -151,7 +152,8 @@ class Statement:
     topic: str | None = _said(
         "log",
         "--topic TOPIC",
-        "joint states of a ROS bag (default: its only topic of these)",
+        "joint states of a ROS bag (default: the topic that names most of the robot's "
+        "joints)",
         "data.topic",
     )
     units: "Units | None" = _said(
@@ -229,6 +231,13 @@ class Statement:
         "which of several rows with one time stamp is used (default: refuse)",
         "data.duplicates",
         choices=("refuse", "first", "last"),
+    )
+    wraps: Literal["keep", "undo"] | None = _said(
+        "log",
+        "--wraps",
+        "jumps of the position by whole turns: as they are, or undone (default: keep)",
+        "data.wraps",
+        choices=("keep", "undo"),
     )
     angular_velocity: words.Names | None = _said(
         "base",

@@ -20,13 +20,19 @@ from consistent_id.recordings.column_words import (
     is_current,
     states,
     unit_of,
+    words,
 )
-from consistent_id.recordings.log_formats import log_format
+from consistent_id.recordings.log_formats import LEROBOT, log_format
+from consistent_id.recordings.own_names import mapping_advice, own_names
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
-from consistent_id.recordings.readers.recording_file import column_names
+from consistent_id.recordings.readers.recording_file import column_names, reader_of
 from consistent_id.recordings.readers.units import KNOWN, Units, is_time
 from consistent_id.recordings.recording import COMMANDS
 from consistent_id.robot.parameters import did_you_mean
+
+_WITHOUT_TORQUE = (
+    "Parameters cannot be found without torque or current: record the effort too."
+)
 
 _EXAMPLES = {
     "position": "q_{joint}",
@@ -45,11 +51,14 @@ class ColumnGuess:
         The robot's joints that the log has positions of.
     notes : tuple of str
         The choices that were made, in words.
+    topic : str, optional
+        Of a ROS bag with several: the one with joint states of the robot.
     """
 
     columns: Columns
     joints: tuple[str, ...]
     notes: tuple[str, ...] = ()
+    topic: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +114,7 @@ def guess_columns(
     chains: Mapping[int, Sequence[str]] | None = None,
     taken: Collection[str] = (),
     arrays: Columns | None = None,
+    topic: str | None = None,
 ) -> ColumnGuess:
     """Find a log's columns and their units.
 
@@ -134,6 +144,9 @@ def guess_columns(
         Names that belong to no joint, such as those of a floating base.
     arrays : Columns, optional
         Known arrays of all joints, such as parts of ``qpos``.
+    topic : str, optional
+        Of a ROS bag, whose fields are those of joint states; by default the topic that
+        names most of the joints.
 
     Raises
     ------
@@ -150,16 +163,16 @@ def guess_columns(
     )
     found, notes = replace(usual, **cast(dict[str, Any], known)), list[str]()
     if bag:
-        return ColumnGuess(found, joints)
+        return _of_messages(log, found, joints, known, topic, torque_joints)
     effort = "position_command" if commands else "torque"
     if {"time", "position", effort} <= set(known):
         return _in_units(ColumnGuess(found, joints))
     if arrays is not None:
         given = ((c, getattr(arrays, c)) for c in CHANNELS)
         known = {c: name for c, name in given if name is not None} | known
-    # A CSV file has no arrays: a column belongs to one joint.
-    flat = names is None and log_format(log).name == "CSV" and len(joints) > 1
+    in_file = names is None
     names = column_names(log) if names is None else names
+    flat = in_file and len(joints) > 1 and _has_no_arrays(log, names)
     names = [name for name in names if name not in taken]
     if "time" not in known:
         found = replace(found, time=_time(log, names))
@@ -175,7 +188,8 @@ def guess_columns(
         if not patterns:
             if channel == "velocity":
                 continue
-            raise _not_found(log, channel, names, joints, chains, known)
+            where = joints if channel == "position" else moved
+            raise _not_found(log, channel, names, where, chains, known)
         best, *others = patterns
         found = _with(found, channel, best)
         if channel == "position":
@@ -185,6 +199,45 @@ def guess_columns(
         if also := _rivals(best, others):
             notes.append(f"{channel} is read from {best.text}, not from {also}")
     return _in_units(ColumnGuess(found, moved, tuple(notes)))
+
+
+def _of_messages(
+    log: Path,
+    found: Columns,
+    joints: tuple[str, ...],
+    known: Mapping[str, str],
+    topic: str | None,
+    torque_joints: Sequence[str],
+) -> ColumnGuess:
+    """Return the fields and joints that a topic of joint states has."""
+    chosen = reader_of(log).chosen_topic(log, topic, joints)
+    named = tuple(joint for joint in joints if joint in chosen.joints)
+    if not named:
+        raise RecordingError(
+            f"{log}: topic {chosen.name} names no joint of {shown(joints)}."
+            f"{mapping_advice(chosen.joints, joints)}"
+        )
+    notes = []
+    if chosen.others:
+        others = ", ".join(chosen.others)
+        notes.append(f"joint states are read from {chosen.name}, not from {others}")
+    if "torque" not in known and "effort" not in chosen.fields and not torque_joints:
+        raise RecordingError(
+            f"{log}: topic {chosen.name} has no effort of {shown(named)}. "
+            f"{_WITHOUT_TORQUE} --torque-joints JOINT ... if it has that of some joints"
+        )
+    if "velocity" not in known and "velocity" not in chosen.fields:
+        found = replace(found, velocity=None)
+        notes.append(f"{chosen.name} has no velocity of every joint: it is not read")
+    topic = chosen.name if chosen.others else topic
+    return ColumnGuess(found, named, tuple(notes), topic)
+
+
+def _has_no_arrays(log: Path, names: Sequence[str]) -> bool:
+    """Return whether each column belongs to one joint: in text, or of a named list."""
+    form = log_format(log)
+    elements = (name.startswith("observation.state.") for name in names)
+    return form.name == "CSV" or (form is LEROBOT and any(elements))
 
 
 def _rivals(best: _NamePattern, others: Sequence[_NamePattern]) -> str:
@@ -281,7 +334,7 @@ def _patterns(
                 pattern = _by_number(run, joints, every)
                 found.setdefault(pattern.text, pattern)
     fitting = [p for p in found.values() if fits(p.text)]
-    if not fitting:
+    if not fitting and len(own_names(names, channel)) != max(len(joints), 2):
         fitting = [
             _NamePattern(name, tuple(joints), is_array=True)
             for name in names
@@ -349,14 +402,28 @@ def _not_found(
     example = _EXAMPLES[channel]
     runs = _numbered_columns(names)
     others = [run for run in runs if channel_of(run.pattern) == channel]
+    own = own_names(names) if channel == "position" else ()
     more = ""
-    if others:
+    if len(own) > 1 and len(own) >= max(map(len, others), default=0):
+        more = mapping_advice(own, joints)
+    elif others:
         more = _of_another_number(others[0], joints, chains)
     elif channel == "torque" and (currents := _patterns("current", names, joints)):
         more = (
             f" {currents[0].text} are motor currents: convert them to torque with "
             f"the N m per ampere of each joint, gear ratio included: --torque-gain "
-            f"NUMBER ..."
+            f"NUMBER ...{_of_controllers(names, joints)}"
+        )
+    elif channel == "torque" and _of_controllers(names, joints):
+        more = _of_controllers(names, joints)
+    elif channel == "torque" and (
+        commands := _candidates("position_command", names, tuple(joints), (), False)
+    ):
+        more = (
+            f" {_WITHOUT_TORQUE} Or let the gains of the drives (N m/rad, N m s/rad) "
+            f"make torque of the commands in {commands[0].text}: --gains KP,KD[,LIMIT] "
+            "... --bodies model; consistent-id rollout ROBOT LOG with the same options "
+            "then replays the log and fits the drives"
         )
     elif channel == "torque" and "position_command" in known:
         more = (
@@ -371,6 +438,19 @@ def _not_found(
         f"log has {shown(names, joints)}. Name it: --{flag} {example}, or with "
         f"{{number}} for the joint's place from 1, {{index}} from 0.{more}"
     )
+
+
+def _of_controllers(names: Sequence[str], joints: Sequence[str]) -> str:
+    """Return a sentence on torques that a controller computes; empty of none."""
+    for run in _numbered_columns(names):
+        said = words(run.pattern)
+        if len(run) == len(joints) and {"target", "moment"} <= said:
+            return (
+                f" {run} are computed by the controller, not measured: they return the "
+                f"maker's own model of the arm (--torque {run.before}"
+                f"{{{'number' if run.first else 'index'}}}{run.after})"
+            )
+    return ""
 
 
 def _of_another_number(
@@ -428,10 +508,17 @@ def _runs(name: str, known: frozenset[str]) -> Iterator[_NumberedColumns]:
 def _with_joint(name: str, joints: Sequence[str]) -> str:
     """Return a name with ``{joint}`` in place of a joint's name, if it has one.
 
-    If both joint_1 and joint_10 match, the longer name is used.
+    Whole words are preferred, then longer names: joint_10 to joint_1.
     """
-    inside = max((j for j in joints if j in name), key=len, default=None)
+    within = [j for j in joints if j in name]
+    whole = [j for j in within if _is_whole(j, name)] if len(within) > 1 else within
+    inside = max(whole or within, key=len, default=None)
     return name if inside is None or "{" in name else name.replace(inside, "{joint}")
+
+
+def _is_whole(joint: str, name: str) -> bool:
+    """Return whether a name has a joint's in whole words: of b.tau, b and not a."""
+    return re.search(rf"(?<![^\W_]){re.escape(joint)}(?![^\W_])", name) is not None
 
 
 def shown(names: Sequence[str], joints: Sequence[str] = (), most: int = 12) -> str:

@@ -1,11 +1,11 @@
 """The meaning of words in a column's name: a joint's channel, a base, a wrench.
 
 The words are those of logs of MuJoCo, Drake, Isaac Gym and Isaac Lab, legged_gym,
-LeRobot, ROS, KUKA, ABB, Universal Robots and Franka, and of people who write their own.
-Scalar columns belong together if their names differ by x, y, z (and w), or by three or
-four numbers; an array has only the name.  A wrench is six columns whose names contain
-force or moment and an axis, and are equal otherwise, such as ``fx`` to ``tz`` or
-``wrench.force.x`` (ROS), an array of six columns, or two of three.
+LeRobot, ROS, KUKA, ABB, Universal Robots, Franka and Kinova, and of people who write
+their own.  Scalar columns belong together if their names differ by x, y, z (and w), or
+by three or four numbers; an array has only the name.  A wrench is six columns whose
+names contain force or moment and an axis, and are equal otherwise, such as ``fx`` to
+``tz`` or ``wrench.force.x`` (ROS), an array of six columns, or two of three.
 """
 
 import re
@@ -24,11 +24,11 @@ CHANNELS = ("position", "velocity", "torque")
 _WORDS = {
     channel: tuple(frozenset(phrase.split()) for phrase in phrases.split(", "))
     for channel, phrases in {
-        "position": "q, pos, position, positions, angle, angles, qpos, "
+        "position": "q, pos, position, positions, ang, angle, angles, theta, qpos, "
         "observation state, axis act, feedback joints",
-        "velocity": "dq, qd, qdot, vel, velocity, velocities, qvel",
-        "torque": "tau, trq, torque, torques, effort, efforts, qfrc actuator, "
-        "actuator force",
+        "velocity": "dq, qd, qdot, vel, velocity, velocities, speed, dtheta, qvel",
+        "torque": "tau, trq, torq, torque, torques, moment, moments, effort, efforts, "
+        "qfrc actuator, actuator force",
     }.items()
 }
 _CURRENT = {"current", "currents", "cur", "amp", "amps", "ampere", "amperes", "i", "iq"}
@@ -41,6 +41,8 @@ _OTHER = {"error", "limit", "action", "ext", "external", "computed"}
 _STATE = {"observation", "state"}  # LeRobot
 _MEASURED = {"observation", "state", "actual"}
 _DEGREES = ({"ai", "pos"}, {"axis", "act"}, {"feedback", "joints"})  # KUKA, ABB
+_KORTEX = {"actuators"}  # Kinova's feedback, in degrees and degrees per second
+_ANGULAR = {"ang", "angle", "angles", "angular"}  # of a velocity, they say of what
 
 # Of a base and of contacts.
 BaseRole = Literal["orientation", "angular_velocity", "acceleration", "position"]
@@ -130,8 +132,14 @@ def states(names: Iterable[str]) -> tuple[str, ...]:
 
 @lru_cache
 def _fitting(said: frozenset[str]) -> list[str]:
-    """Return the channels that have a phrase of the words; many names have the same."""
-    return [c for c in CHANNELS if any(phrase <= said for phrase in _WORDS[c])]
+    """Return the channels that have a phrase of the words; many names have the same.
+
+    An angular velocity is a velocity.
+    """
+    fits = [c for c in CHANNELS if any(phrase <= said for phrase in _WORDS[c])]
+    return (
+        ["velocity"] if fits == ["position", "velocity"] and _ANGULAR & said else fits
+    )
 
 
 def channel_of(pattern: str, names: Iterable[str] = ()) -> str:
@@ -190,6 +198,8 @@ def unit_of(channel: str, pattern: str) -> str:
     said = words(pattern)
     if channel == "position" and any(said >= some for some in _DEGREES):
         return "deg"
+    if _KORTEX <= said and channel in ("position", "velocity"):
+        return {"position": "deg", "velocity": "deg/s"}[channel]
     if channel == "position_command" and "aspos" in said:
         return "deg"
     return unit_of_a_name(channel, pattern)

@@ -3,11 +3,14 @@
 An entry names a module of `consistent_id.recordings.readers`, imported when a file is
 read.  The module of a format of arrays has ``read_arrays(path, names)`` and, unless the
 entry says otherwise, ``array_names(path)``; that of a format of joint states has
-``read_messages(path, topic, names)``; one that can be read piece by piece has
+``read_messages(path, topic, names, joints)`` and
+``chosen_topic(path, topic, joints)``; one that can be read piece by piece has
 ``read_batches(path, names, first)`` and, if that depends on the file,
-``in_pieces(path)``.
+``in_pieces(path)``; one whose files leave something open has ``notes(path)``, and
+``require_units(path, names)`` if that is the unit of the position.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -64,6 +67,17 @@ class LogFormat:
         in_pieces = getattr(self.reader(path), "in_pieces", None)
         return in_pieces is None or bool(in_pieces(path))
 
+    def notes(self, path: Path) -> tuple[str, ...]:
+        """Return sentences on assumptions with which a file is read, if there are."""
+        notes = getattr(self.reader(path), "notes", None)
+        return () if notes is None else tuple(notes(path))
+
+    def require_units(self, path: Path, names: Sequence[str]) -> None:
+        """Refuse positions of these names that cannot be in the usual units."""
+        require = getattr(self.reader(path), "require_units", None)
+        if require is not None:
+            require(path, names)
+
     def reader(self, where: object) -> Any:
         """Return the module that reads the format.
 
@@ -89,9 +103,15 @@ HDF5 = LogFormat(
     states_units=True,
 )
 
+LEROBOT = LogFormat("LeRobot", (), "lerobot", folders=True)
+_LEROBOT_INFO = ("meta", "info.json")  # of its folder
+
 LOG_FORMATS = (
-    LogFormat("CSV", (".csv", ".tsv"), "csv", streams=True, is_text=True),
+    LogFormat(
+        "CSV", (".csv", ".tsv", ".txt", ".dat"), "csv", streams=True, is_text=True
+    ),
     LogFormat("Parquet", (".parquet",), "parquet", streams=True),
+    LEROBOT,
     LogFormat("Feather", (".feather", ".arrow"), "feather", streams=True),
     LogFormat("NPZ", (".npz",), "npz"),
     HDF5,
@@ -118,12 +138,25 @@ def log_format(path: Path) -> LogFormat:
         If no format has this suffix.
     """
     suffix = path.suffix.lower()
+    if _is_lerobot(path):
+        return LEROBOT
     for known in LOG_FORMATS:
         if known.folders if path.is_dir() else suffix in known.suffixes:
-            return known
+            if known is not LEROBOT:
+                return known
     suffixes = (suffix for known in LOG_FORMATS for suffix in known.suffixes)
     folders = (f"a {known.name}'s folder" for known in LOG_FORMATS if known.folders)
     raise RecordingError(
         f"{path}: cannot read {path.suffix or 'files without a suffix'}, expected one "
         f"of {', '.join([*suffixes, *folders])}"
     )
+
+
+def _is_lerobot(path: Path) -> bool:
+    """Return whether a path is a LeRobot data set, or a file of its data."""
+    if path.is_dir():
+        return path.joinpath(*_LEROBOT_INFO).is_file()
+    if path.suffix.lower() != ".parquet":
+        return False
+    folders = path.absolute().parents
+    return any(f.joinpath(*_LEROBOT_INFO).is_file() for f in folders[1:3])

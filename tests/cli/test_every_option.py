@@ -35,6 +35,7 @@ WORDS = {
     "max-gap": ["0.5"],
     "most-joint-speed": ["model"],
     "duplicates": ["first"],
+    "wraps": ["undo"],
     "quaternion": ["wxyz"],
     "contact": ["foot=always"],
     "bodies": ["identified"],

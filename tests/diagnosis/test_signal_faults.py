@@ -17,6 +17,7 @@ from consistent_id.diagnosis.signal_faults import (
     resolution_findings,
     spike_findings,
 )
+from consistent_id.recordings.signals import unwrapped
 
 
 def _with(channel, change, joint=1):
@@ -79,6 +80,11 @@ def test_an_encoder_that_wraps_and_rows_that_are_lost_are_told_apart():
     wrapped = _with("position", lambda q: np.mod(q, 0.6 * np.ptp(q)))
     (finding,) = jump_findings(wrapped)
     assert (finding.kind, finding.where) == ("wrapped encoder", "joint2")
+    assert "numpy.unwrap" in finding.advice
+    wrapped = _with("position", lambda q: np.mod(3.0 * q, 2.0 * np.pi))
+    assert {f.kind for f in jump_findings(wrapped)} == {"wrapped encoder"}
+    assert "--wraps undo" in jump_findings(wrapped)[0].advice
+    assert jump_findings(unwrapped(wrapped)) == []
     log = clean_log(0)
     kept = np.r_[0:2000, 2300:4000]
     lost = log.samples(kept)

@@ -50,6 +50,7 @@ WORDS = {
     "max_gap": "0.5",
     "most_joint_speed": "model",
     "duplicates": "first",
+    "wraps": "undo",
     "angular_velocity": "gx,gy,gz",
     "acceleration": "ax,ay,az",
     "base_position": "x,y,z",
@@ -254,7 +255,7 @@ def test_of_a_csv_file_one_column_is_no_array_of_joints(arm, tmp_path):
         return "time,s_q,e_q,s_tau,e_tau"
 
     log = renamed(arm, tmp_path, header)
-    with pytest.raises(ci.RecordingError, match="--names NAME=JOINT"):
+    with pytest.raises(ci.RecordingError, match=r"--names s=shoulder e=elbow$"):
         robot_logs(*log)
     found = robot_logs(*log, Statement(names={"s": "shoulder", "e": "elbow"}))
     assert found.columns.position == "{joint}_q"
@@ -292,6 +293,31 @@ def test_of_rows_with_one_stamp_one_counts(arm, tmp_path, kept):
     assert np.array_equal(found.position, robot_logs(*arm).read(arm[1]).position)
     draft = ci.draft_problem(*files, duplicates=kept, select=False, cutoff=10.0)
     assert draft.problem().table.data.duplicates == kept
+
+
+def test_whole_turns_are_undone_in_drafts_and_in_problem_files(arm, tmp_path):
+    turn = 2.0 * np.pi
+
+    def wrapped(lines):
+        cells = [line.split(",") for line in lines]
+        rows = [[t, str((float(q) - 0.4) % turn), *more] for t, q, *more in cells]
+        return [",".join(row) for row in rows]
+
+    files = renamed(arm, tmp_path, rows=wrapped)
+    true = robot_logs(*arm).read(arm[1]).position
+    kept, undone = (
+        robot_logs(*files, Statement(wraps=w)).read(files[1]).position
+        for w in ("keep", "undo")
+    )
+    assert abs(np.diff(kept[:, 0])).max() > 6.0
+    np.testing.assert_allclose(undone - undone[0], true - true[0], atol=1e-9)
+    draft = ci.draft_problem(*files, wraps="undo", select=False, cutoff=10.0)
+    file = tmp_path / "problem.toml"
+    file.write_text(draft.text(tmp_path))
+    problem = ci.load_problem(file, trust=True)
+    assert problem.table.data.wraps == "undo"
+    read = problem.read(problem.table.data.recordings[0].file).position
+    np.testing.assert_array_equal(read, undone)
 
 
 def test_rows_and_broken_rows_of_a_log_count_as_the_file_has_them(arm, tmp_path):

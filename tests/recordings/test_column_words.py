@@ -125,6 +125,39 @@ LOGS = {
         ("__time", "/axis_a/position", "/axis_a/velocity", "/axis_a/effort"),
         {},
     ),
+    "Kinova Kortex": (
+        (
+            "timestamp",
+            *numbered("actuators[{}].position", "actuators[{}].velocity", first=0),
+            *numbered("actuators[{}].torque", "actuators[{}].current_motor", first=0),
+        ),
+        (
+            "timestamp",
+            "actuators[0].position",
+            "actuators[0].velocity",
+            "actuators[0].torque",
+        ),
+        {"position": "deg", "velocity": "deg/s"},
+    ),
+    "motors": (
+        (
+            "time",
+            *numbered("state.theta[{}]", "state.dtheta[{}]", "tau_J{}", first=0),
+            *numbered("tau_J_d{}", "dtau_J{}", "tau_ext{}", first=0),
+        ),
+        ("time", "state.theta[0]", "state.dtheta[0]", "tau_J0"),
+        {},
+    ),
+    "prefixes": (
+        ("time", *numbered("ang_{}", "vel_{}", "torq_{}")),
+        ("time", "ang_1", "vel_1", "torq_1"),
+        {},
+    ),
+    "angular": (
+        ("time", *numbered("joint_angle_{}", "angular_vel_{}", "moment_{}")),
+        ("time", "joint_angle_1", "angular_vel_1", "moment_1"),
+        {},
+    ),
     "own": (
         ("Time (ms)", *numbered("q{}_deg", "dq{} [rpm]", "tau{} [%]")),
         ("Time (ms)", "q1_deg", "dq1 [rpm]", "tau1 [%]"),

@@ -148,7 +148,7 @@ FAULTY_CSV = {
         'time,q_elbow\n"0,5",1\n',
         r"row 1 \(line 2\), column 'time': '0,5'.*'\.'",
     ),
-    "spaces": ("time q_elbow\n0 1\n", "no column 'time'; known: time q_elbow"),
+    "spaces": ("time q_elbow\n0 1 2\n", r"row 1 \(line 2\): 3 fields, .* has 2"),
     "short row": (
         "time,q_elbow\n0,1\n1\n",
         "row 2 \\(line 3\\): 1 fields, the header has 2",
@@ -159,8 +159,8 @@ FAULTY_CSV = {
     "nan": ("time,q_elbow\n0,1\n1,nan\n", "position of joint 'elbow' is nan at sample"),
     "overflow": ("time,q_elbow\n0,1\n1,1e999\n", "joint 'elbow' is inf at sample 1"),
     "time": ("time,q_elbow\n0,1\n0,2\n", r"time goes from 0 s \(sample 0\) to 0 s"),
-    "latin-1": ("time,q_elbow,°\n0,1,2\n".encode("latin-1"), "not readable as CSV"),
-    "utf-16": ("time,q_elbow\n0,1\n".encode("utf-16"), "not readable as CSV"),
+    "no text": (b"time,q_elbow\x00\xff\n0,1\n", "not readable as CSV"),
+    "half of utf-16": ("time,q_elbow\n0".encode("utf-16")[:-1], "not readable as CSV"),
     "binary": (bytes(range(256)) * 8, "not readable as CSV"),
     "zeros": (bytes(64), "no column 'time'"),
     "one huge field": ("time,q_elbow\n0," + "x" * 200_000, "not readable as CSV"),
@@ -203,7 +203,7 @@ def test_a_missing_file_is_refused(tmp_path, name):
         read_recording(tmp_path / name, JOINTS)
 
 
-@pytest.mark.parametrize("name", ["log.txt", "log", "log.csv.gz", "log.npy"])
+@pytest.mark.parametrize("name", ["log.doc", "log", "log.csv.gz", "log.npy"])
 def test_an_ending_that_cannot_be_read_is_refused(tmp_path, name):
     path = written(tmp_path, "time,q_elbow\n0,1\n1,2\n", name)
     with pytest.raises(

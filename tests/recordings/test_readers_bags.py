@@ -128,10 +128,22 @@ def test_joints_are_matched_by_name_and_effort_is_torque(save):
 def test_the_topic_is_the_one_asked_for(save):
     path = save({"/a/joint_states": states(3), "/b": states(5)})
     assert len(read_recording(path, JOINTS, topic="/b")) == 5
-    with pytest.raises(RecordingError, match=r"2 topics of .*/a/joint_states, /b"):
+    both = r"2 topics of .*/a/joint_states: wrist.*/b: wrist.*--topic /a/joint_states"
+    with pytest.raises(RecordingError, match=both):
         read_recording(path, JOINTS)
     with pytest.raises(RecordingError, match="no topic '/c'; known: "):
         read_recording(path, JOINTS, topic="/c")
+
+
+def test_the_topic_that_names_the_joints_is_taken(save):
+    claw = [(stamp, ["claw"], [0.01], [0.0], [0.0]) for stamp, *_ in states(9)]
+    path = save({"/gripper": claw, "/joint_states": states(5)})
+    assert len(read_recording(path, JOINTS)) == 5
+    assert len(read_recording(path, ["claw"])) == 9
+    renamed = Columns("header.stamp", "position", names={"claw": "gripper_joint"})
+    assert len(read_recording(path, ["gripper_joint"], renamed)) == 9
+    with pytest.raises(RecordingError, match=r"2 topics .* 0 of thumb"):
+        read_recording(path, ["thumb"])
 
 
 def test_a_topic_of_another_type_is_refused(tmp_path):
@@ -142,7 +154,7 @@ def test_a_topic_of_another_type_is_refused(tmp_path):
 
 def test_a_bag_without_joint_states_is_refused(tmp_path):
     path = write_mcap(tmp_path, {})
-    with pytest.raises(RecordingError, match=r"0 topics of .*\(none\)"):
+    with pytest.raises(RecordingError, match=r"no topic of .*; the bag has /s \(std"):
         read_recording(path, JOINTS)
     path = write_rosbag2(tmp_path / "empty", {"/j": []}, rosbag2.StoragePlugin.SQLITE3)
     with pytest.raises(RecordingError, match="topic '/j' has no message"):

@@ -113,6 +113,72 @@ def test_plain_numbers_are_read_the_fast_way(separator):
     )
 
 
+@REPEATABLE
+@given(
+    values=st.lists(st.tuples(NUMBER, NUMBER), min_size=2, max_size=5),
+    decimal_comma=st.booleans(),
+    end=st.sampled_from(["\n", "\r\n", "\r"]),
+    gaps=st.lists(st.integers(1, 5), min_size=2, max_size=2),
+    margins=st.lists(st.integers(0, 3), min_size=2, max_size=2),
+)
+def test_any_number_of_spaces_separates(
+    tmp_path_factory, values, decimal_comma, end, gaps, margins
+):
+    def line(cells):
+        between = (" " * gap for gap in (*gaps, 0))
+        cells = [cell + gap for cell, gap in zip(cells, between, strict=True)]
+        return " " * margins[0] + "".join(cells) + " " * margins[1]
+
+    mark = "," if decimal_comma else "."
+    lines = [line(["time", "q_elbow", "tau_elbow"])]
+    for place, row in enumerate(values):
+        lines.append(line([repr(float(v)).replace(".", mark) for v in (place, *row)]))
+    path = written(tmp_path_factory.mktemp("log"), end.join(lines), "log.txt")
+    log = read_recording(path, ["elbow"], Columns(torque="tau_{joint}"))
+    np.testing.assert_array_equal(log.position[:, 0], [q for q, _ in values])
+    np.testing.assert_array_equal(log.torque[:, 0], [tau for _, tau in values])
+
+
+def test_a_log_of_universal_robots_real_time_data_is_read(tmp_path):
+    text = "timestamp actual_q_0 actual_q_1\n12.002 1e-3 -2\n12.004 2e-3 -3\n"
+    columns = Columns("timestamp", "actual_q_{index}")
+    log = read_recording(written(tmp_path, text), ["a", "b"], columns)
+    assert log.time.tolist() == [12.002, 12.004]
+    assert log.position.tolist() == [[0.001, -2.0], [0.002, -3.0]]
+
+
+def test_spaces_in_names_do_not_separate(tmp_path):
+    text = "time;q elbow\n0;1\n1;2\n"
+    columns = Columns("time", "q {joint}")
+    log = read_recording(written(tmp_path, text), ["elbow"], columns)
+    assert log.position[:, 0].tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("encoding", "said"),
+    [("utf-8", 0), ("utf-8-sig", 0), ("utf-16", 1), ("latin-1", 1)],
+)
+def test_other_encodings_are_read_and_said(tmp_path, monkeypatch, encoding, said):
+    text = "temps;q elbow [°]\n0;90\n1;180\n2;270\n"
+    path = tmp_path / "log.csv"
+    path.write_bytes(text.encode(encoding))
+    names = ["temps", "q elbow [°]"]
+    assert csv.array_names(path) == tuple(names)
+    assert len(csv.notes(path)) == said
+    whole = csv.read_arrays(path, names)
+    assert whole["q elbow [°]"].tolist() == [90.0, 180.0, 270.0]
+    monkeypatch.setattr(csv, "_PIECE", 20)  # with the first letter that is not ASCII
+    pieces = list(csv.read_batches(path, names, 1))
+    assert np.concatenate([p["temps"] for p in pieces]).tolist() == [1.0, 2.0]
+
+
+def test_bytes_that_are_no_text_are_refused(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_bytes(b"\x89PNG\x00\x01\xff,\n\xff\n")
+    with pytest.raises(RecordingError, match=r"not readable as CSV.*Save the file"):
+        csv.array_names(path)
+
+
 @pytest.mark.parametrize("ending", ["csv", "tsv"])
 def test_tabs_separate_in_both_endings(tmp_path, ending):
     path = written(tmp_path, "time\tq_elbow\n0\t1\n1\t2\n", f"log.{ending}")

@@ -134,7 +134,11 @@ FAULTY = {
     ),
     "never seen": (
         [state(START, ["elbow", "wirst"], [1, 2])],
-        "'wrist'; known: elbow, wirst. .*--names NAME=wrist",
+        "'wrist'; other names in the log: wirst. .*--names NAME=wrist",
+    ),
+    "all others": (
+        [state(START, ["A 1", "A 2"], [1, 2])],
+        r"names a joint of elbow, wrist.*--names 'A 1=elbow' 'A 2=wrist'",
     ),
     "twice": (
         [state(START, ["elbow", "wrist", "elbow"], [1, 2, 3])],

@@ -11,6 +11,7 @@ from robots import URDF as ROBOT
 from consistent_id import ModelError, TorqueModel
 from consistent_id.regression import joint_torque_regressor
 from consistent_id.robot import load_urdf
+from consistent_id.robot.model import JointLimits
 
 
 def _written(tmp_path, text):
@@ -183,3 +184,22 @@ def test_the_real_ur10e_is_pinocchios():
     robot, reference = load_urdf(path), pin.buildModelFromUrdf(str(path))
     assert len(robot) == 6
     _assert_same_regressor(robot, reference, 1e-10)  # right angles again
+
+
+@pytest.mark.parametrize("comment", ["", "<!-- a comment -->"])
+def test_a_joint_without_limits_is_read_as_unlimited(tmp_path, caplog, comment):
+    limit = '<limit lower="0" upper="0.4" velocity="1" effort="20"/>'
+    assert limit in ROBOT
+    robot = load_urdf(_written(tmp_path, ROBOT.replace(limit, comment)))
+    assert (
+        "joint 'slide': a prismatic joint needs <limit>; it is read as" in caplog.text
+    )
+    kept = load_urdf(_written(tmp_path, ROBOT))
+    assert robot.joint_names == kept.joint_names
+    assert np.array_equal(robot.nominal, kept.nominal)
+    for mine, other in zip(robot.joints, kept.joints, strict=True):
+        if mine.name == "slide":
+            assert mine.kind == "prismatic"
+            assert mine.limits == JointLimits()
+        else:
+            assert mine.limits == other.limits

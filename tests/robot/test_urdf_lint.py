@@ -55,11 +55,6 @@ def test_a_clean_file_has_no_findings(tmp_path):
             '<mimic joint="turn" multiplier="x"/>',
             "multiplier='x'",
         ),
-        (
-            '<limit lower="0" upper="0.4" velocity="1" effort="20"/>',
-            "",
-            "needs <limit>",
-        ),
         ('<parent link="base"/>', "", "<parent link=...> is missing"),
         ("</robot>", "", "not well-formed"),
         ('<link name="base"/>', "<link/>", "line 3: <link> has no name"),

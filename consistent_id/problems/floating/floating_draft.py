@@ -171,7 +171,8 @@ def _settled(
 ) -> BaseGuess:
     """Return the guess, completed from the data: order, gravity, the unit's place."""
     if _is_bag(log):
-        arrays, time = _of_topics(log, guess.columns)
+        joints = (*robot.joint_names, *(stated.names or {}))
+        arrays, time = _of_topics(log, guess.columns, stated.topic, joints)
     else:
         wanted = guess.columns.names
         names = column_names(log) if log_format(log).lists_names else ()
@@ -200,10 +201,11 @@ def _settled(
 
 
 def _of_topics(
-    log: Path, columns: BaseColumns
+    log: Path, columns: BaseColumns, topic: str | None, joints: Sequence[str]
 ) -> tuple[dict[str, NDArray[Any]], NDArray[np.float64]]:
     """Return what topics say, each by itself cut to the shortest."""
-    signals = reader_of(log).read_messages(log, None, columns.names).signals
+    content = reader_of(log).read_messages(log, topic, columns.names, joints)
+    signals = content.signals
     rows = min(len(signal.values) for signal in signals.values())
     arrays = {name: signal.values[:rows] for name, signal in signals.items()}
     times = next(iter(signals.values())).log_times[:rows]

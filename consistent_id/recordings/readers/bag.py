@@ -73,6 +73,8 @@ _CHUNK, _DATA_END = 0x06, 0x0F
 _BEFORE_SIZE = 16  # bytes of a chunk: its first and its last time
 
 _AT_ONCE = 2**14  # messages
+# Messages that are read to know the joints of topics: in all, and of each.
+_LOOKED_AT, _OF_A_TOPIC = 20_000, 50
 _LATE = 10**9  # ns between messages of one stamp, at most
 _ROWS = 2**16  # rows whose times are read at a time
 
@@ -84,15 +86,39 @@ class BagContent(NamedTuple):
     signals: dict[str, TopicSignal]
 
 
+class StateTopic(NamedTuple):
+    """A topic of joint states, by its first messages.
+
+    Parameters
+    ----------
+    joints : tuple of str
+        Names in these messages, in their order.
+    fields : tuple of str
+        Fields that have a value of every name, and a finite one of the robot's joints.
+    others : tuple of str
+        The bag's other topics of joint states.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    fields: tuple[str, ...] = FIELDS
+    others: tuple[str, ...] = ()
+
+
 def read_messages(
-    path: Path, topic: str | None, beside: Sequence[str] = ()
+    path: Path,
+    topic: str | None,
+    beside: Sequence[str] = (),
+    joints: Sequence[str] = (),
 ) -> BagContent:
-    """Return the joint states of a topic; of the only one if `topic` is None.
+    """Return the joint states of a topic; by default of `chosen_topic`.
 
     Parameters
     ----------
     beside : sequence of str
         Other fields to read, as ``TOPIC.FIELD``.
+    joints : sequence of str
+        The log's names of the robot's joints.
 
     Raises
     ------
@@ -101,16 +127,38 @@ def read_messages(
     """
     wanted = [topic_field(name, str(path)) for name in beside]
     with _opened(path) as bag:
-        return _content(path, bag, topic, wanted)
+        return _content(path, bag, _topic(path, bag, topic, joints), wanted)
 
 
-def _each_message(path: Path, topic: str | None) -> Iterator[JointMessage]:
+def chosen_topic(path: Path, topic: str | None, joints: Sequence[str]) -> StateTopic:
+    """Return a topic of joint states; by default the one that names most of the joints.
+
+    Parameters
+    ----------
+    joints : sequence of str
+        The log's names of the robot's joints.
+
+    Raises
+    ------
+    RecordingError
+        If the file is not a bag, has no such topic, or several name as many joints.
+    """
+    with _opened(path) as bag:
+        chosen = _topic(path, bag, topic, joints)
+        states = {c.topic for c in bag.connections if c.msgtype == _TYPE}
+        (found,) = _named(path, bag, [chosen], joints)
+        return found._replace(others=tuple(sorted(states - {chosen})))
+
+
+def _each_message(
+    path: Path, topic: str | None, joints: Sequence[str]
+) -> Iterator[JointMessage]:
     """Yield the joint states of a topic in the order of the log, one at a time.
 
     Parameters and errors are those of `read_messages`.
     """
     with _opened(path) as bag:
-        chosen = _topic(path, bag, topic)
+        chosen = _topic(path, bag, topic, joints)
         connections = [c for c in bag.connections if c.topic == chosen]
         decode = _decoder(path, connections)
         for connection, log_time, raw in bag.messages(connections=connections):
@@ -217,7 +265,7 @@ def spooled_states(
     reader_of(path)  # file and library exist
     fields = joint_state_fields(columns, joints, where)
     in_log, names = columns.in_log(joints), tuple(fields.values())
-    messages = _each_message(path, topic)
+    messages = _each_message(path, topic, in_log)
     start = None
     with file.open("wb") as written:
         for stamps, values in _pieces(messages, columns, in_log, names, where):
@@ -267,9 +315,8 @@ def _of_storage() -> tuple[type[Exception], ...]:
 
 
 def _content(
-    path: Path, bag: Any, topic: str | None, wanted: Sequence[TopicField]
+    path: Path, bag: Any, chosen: str, wanted: Sequence[TopicField]
 ) -> BagContent:
-    chosen = _topic(path, bag, topic)
     known = {c.topic for c in bag.connections}
     for name in wanted:
         if name.topic not in known:
@@ -324,8 +371,8 @@ def _state(log_time: int, state: Any) -> JointMessage:
     )
 
 
-def _topic(path: Path, bag: Any, topic: str | None) -> str:
-    """Return the requested topic, or the only one with joint states."""
+def _topic(path: Path, bag: Any, topic: str | None, joints: Sequence[str]) -> str:
+    """Return the requested topic, or the one that names most joints."""
     kinds: dict[str, str] = {c.topic: c.msgtype for c in bag.connections}
     states = [name for name, kind in kinds.items() if kind == _TYPE]
     if topic is not None:
@@ -337,12 +384,57 @@ def _topic(path: Path, bag: Any, topic: str | None) -> str:
                 f"{path}: topic {topic!r} is of {kinds[topic]}, expected {_TYPE}"
             )
         return topic
-    if len(states) != 1:
+    if not states:
+        seen = ", ".join(f"{name} ({kind})" for name, kind in kinds.items())
         raise RecordingError(
-            f"{path}: {len(states)} topics of {_TYPE} ({', '.join(states) or 'none'}), "
-            "expected one; name it with topic"
+            f"{path}: no topic of {_TYPE}; the bag has {seen or 'no topic at all'}"
         )
-    return states[0]
+    if len(states) == 1:
+        return states[0]
+    found = _named(path, bag, states, joints)
+    counts = [len(set(joints) & set(one.joints)) for one in found]
+    most = max(counts)
+    if most == 0 or counts.count(most) > 1:
+        listed = "; ".join(f"{t.name}: {', '.join(t.joints) or 'none'}" for t in found)
+        raise RecordingError(
+            f"{path}: {len(states)} topics of {_TYPE} name joints ({listed}), "
+            f"{counts.count(most)} of them {most} of {', '.join(joints)}; name one: "
+            f"--topic {states[0]} (topic)"
+        )
+    return found[counts.index(most)].name
+
+
+def _named(
+    path: Path, bag: Any, topics: Sequence[str], joints: Sequence[str]
+) -> list[StateTopic]:
+    """Return topics with the names in their first messages."""
+    connections = [c for c in bag.connections if c.topic in topics]
+    decode = _decoder(path, connections)
+    names: dict[str, dict[str, None]] = {topic: {} for topic in topics}
+    fields = {topic: set(FIELDS) for topic in topics}
+    seen = dict.fromkeys(topics, 0)
+    messages = bag.messages(connections=connections)
+    for connection, _, raw in islice(messages, _LOOKED_AT):
+        if seen[connection.topic] < _OF_A_TOPIC:
+            message = decode(raw, connection.msgtype)
+            names[connection.topic] |= dict.fromkeys(message.name)
+            recorded = {f for f in FIELDS if _is_recorded(message, f, joints)}
+            fields[connection.topic] &= recorded
+        seen[connection.topic] += 1
+        if min(seen.values()) >= _OF_A_TOPIC:
+            break
+    return [
+        StateTopic(topic, tuple(found), tuple(f for f in FIELDS if f in fields[topic]))
+        for topic, found in names.items()
+    ]
+
+
+def _is_recorded(message: Any, field: str, joints: Sequence[str]) -> bool:
+    """Return whether a field has a value of every name, finite of the joints."""
+    values = np.asarray(getattr(message, field))
+    if len(values) != len(message.name):
+        return False
+    return bool(np.isfinite(values[[name in joints for name in message.name]]).all())
 
 
 def _check_mcap(path: Path) -> None:

@@ -1,12 +1,14 @@
-"""Columns of a text file: separators and decimal commas are found in the file.
+"""Columns of a text file: encoding, separators and decimal commas are found in it.
 
 PyArrow reads the numbers.  Where it refuses them the csv module reads the file again,
 row by row: it knows the row and the column of each fault.
 """
 
+import codecs
 import csv
 import io
-from codecs import BOM_UTF8
+import re
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -21,7 +23,11 @@ from consistent_id.recordings.readers.columns import require
 from consistent_id.recordings.readers.named_arrays import Arrays, omit_advice
 
 _SEPARATORS = (",", ";", "\t")
-_PIECE = 2**22  # bytes of text that are read at a time
+_SPACE = " "  # separates where no other mark does: names may contain spaces
+_PIECE = 2**22  # characters of text that are read at a time
+_UTF_16, _WINDOWS = "utf-16", "cp1252"
+_CONTROLS = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
+_MANY_SPACES = re.compile(r" {2,}|(?<![^\r\n]) +| +(?=[\r\n]|$)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +55,8 @@ def read_arrays(path: Path, names: Sequence[str], omit: Collection[int] = ()) ->
     """Return the named columns.
 
     The separator is the one of comma, semicolon and tab by which the header has all
-    names.  Lines before the header that begin with ``#`` are ignored; the last of them
-    may be the header.
+    names, or any number of spaces if the header has none of these.  Lines before the
+    header that begin with ``#`` are ignored; the last of them may be the header.
 
     Parameters
     ----------
@@ -64,7 +70,7 @@ def read_arrays(path: Path, names: Sequence[str], omit: Collection[int] = ()) ->
         If the file is not such a text; with the row and the column of the first fault.
     """
     with _readable(path):
-        text = path.read_bytes().decode("utf-8-sig")
+        text = path.read_bytes().decode(encoding_of(path))
         header = _header(path, text, names)
         values = _values(path, text[header.end :], header, names, omit)
     return dict(zip(names, values.T, strict=True))
@@ -112,18 +118,49 @@ def _readable(path: Path) -> Iterator[None]:
         raise RecordingError(f"{path}: not readable as CSV: {cause}") from None
 
 
+def encoding_of(path: Path) -> str:
+    """Return the encoding of a text file.
+
+    UTF-16 begins with a mark.  What is not UTF-8 is Windows-1252, of which Latin-1 is a
+    part: only names and comments can differ, as numbers are ASCII.
+    """
+    with path.open("rb") as file:
+        first = file.read(_PIECE)
+    if first.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+        return _UTF_16
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(first)
+    except UnicodeDecodeError:
+        text = first.decode(_WINDOWS, errors="replace")
+        if "\ufffd" not in text and not _CONTROLS.search(text):
+            return _WINDOWS
+    return "utf-8-sig"
+
+
+def notes(path: Path) -> tuple[str, ...]:
+    """Return a sentence on the encoding of a file, if it is not UTF-8."""
+    encoding = encoding_of(path)
+    if encoding == _UTF_16:
+        return (f"{path.name} is UTF-16 text",)
+    if encoding == _WINDOWS:
+        return (
+            f"{path.name} is not UTF-8, it is read as Latin-1 (Windows-1252): check "
+            "letters such as \N{DEGREE SIGN} in the names of columns",
+        )
+    return ()
+
+
 def _pieces_of_lines(path: Path) -> Iterator[str]:
     """Yield the text of a file in pieces of whole lines."""
-    rest = b""
-    with path.open("rb") as file:
-        file.seek(len(BOM_UTF8) if file.read(len(BOM_UTF8)) == BOM_UTF8 else 0)
+    rest = ""
+    with path.open(encoding=encoding_of(path), newline="") as file:
         while piece := file.read(_PIECE):
-            whole, newline, end = (rest + piece).rpartition(b"\n")
+            whole, newline, end = (rest + piece).rpartition("\n")
             rest = end
             if newline:
-                yield (whole + newline).decode()
+                yield whole + newline
     if rest:
-        yield rest.decode()
+        yield rest
 
 
 def _has_other_lines(text: str) -> bool:
@@ -177,18 +214,27 @@ def _headers(text: str) -> tuple[list[_CsvHeader], list[_CsvHeader]]:
     start = 0
     while (line := lines.readline()).startswith("#"):
         start, comments, comment = lines.tell(), comments + 1, line.lstrip("# ")
-    first = [_split(lines, start, mark) for mark in _SEPARATORS]
-    above = [_split(io.StringIO(comment), 0, mark) for mark in _SEPARATORS]
+    first = [_split(lines, start, mark) for mark in _marks(line)]
+    above = [_split(io.StringIO(comment), 0, mark) for mark in _marks(comment)]
     return (
         [replace(h, line=comments + h.line) for h in first],
         [replace(h, line=comments, end=start) for h in above if comment],
     )
 
 
+def _marks(line: str) -> tuple[str, ...]:
+    """Return the separators that a header may have."""
+    if any(mark in line for mark in _SEPARATORS) or _SPACE not in line.strip():
+        return _SEPARATORS
+    return (_SPACE,)
+
+
 def _split(lines: io.StringIO, start: int, separator: str) -> _CsvHeader:
     lines.seek(start)
     reader = csv.reader(lines, delimiter=separator, skipinitialspace=True)
     names = tuple(name.strip() for name in next(reader, []))
+    if separator == _SPACE:
+        names = tuple(filter(None, names))
     return _CsvHeader(names, separator, reader.line_num, lines.tell())
 
 
@@ -201,8 +247,20 @@ def _values(
 ) -> Matrix:
     """Return the named columns of the rows below a header, shape (rows, names)."""
     places = [header.names.index(name) for name in names]
+    if header.separator == _SPACE:
+        body = _MANY_SPACES.sub(_one_space, body)
     values = _fast(body, header, places)
     return _exact(path, body, header, places, omit) if values is None else values
+
+
+def _one_space(spaces: re.Match[str]) -> str:
+    """Return one space in place of several; none at the ends of a line."""
+    text, begin, end = spaces.string, spaces.start(), spaces.end()
+    around = (
+        text[max(begin - 1, 0) : begin].strip("\r\n"),
+        text[end : end + 1].strip("\r\n"),
+    )
+    return _SPACE if all(around) else ""
 
 
 def _fast(body: str, header: _CsvHeader, places: Sequence[int]) -> Matrix | None:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from consistent_id._support.arrays import Matrix
 from consistent_id.errors import RecordingError
+from consistent_id.recordings.own_names import mapping_advice
 from consistent_id.recordings.readers.columns import CHANNELS, Columns, at_least_one
 from consistent_id.recordings.readers.named_arrays import gained
 from consistent_id.recordings.readers.topics import (
@@ -191,15 +192,20 @@ def _values(
 def _check_names(
     joints: Sequence[str], layouts: Sequence[Sequence[str]], where: str
 ) -> None:
-    seen = sorted({name for names in layouts for name in names})
+    seen = list(dict.fromkeys(name for names in layouts for name in names))
+    if not set(joints) & set(seen):
+        raise RecordingError(
+            f"{where}: no message names a joint of {', '.join(joints)}."
+            f"{mapping_advice(seen, joints)} (names of [data.columns])"
+        )
     for joint in joints:
         if joint not in seen:
+            others = [name for name in seen if name not in joints]
             raise RecordingError(
-                f"{where}: no message names joint {joint!r}; known: "
-                f"{', '.join(seen)}. If the log has other names of joints, map them: "
-                f"--names "
-                f"NAME={joint} ... (names of [data.columns]). Joints that it lacks: "
-                "--lock JOINT ..."
+                f"{where}: no message names joint {joint!r}; other names in the log: "
+                f"{', '.join(others) or 'none'}. If one of these is meant: --names "
+                f"NAME={joint} ... (names of [data.columns]); joints that the log "
+                f"lacks: --lock {joint} ..."
             )
         if any(list(names).count(joint) > 1 for names in layouts):
             raise RecordingError(f"{where}: a message names joint {joint!r} twice")

@@ -13,16 +13,54 @@ from consistent_id.recordings.readers.named_arrays import Arrays
 
 _BUFFER = 2**20  # bytes of a column that are read at a time
 _ROWS = 2**15  # of a batch
+EPISODE = "episode_index"  # LeRobot's, with whose episodes the clock begins again
+BREAK = 3.0
+"""Time between episodes that are read one after another, [s]."""
 
 
 def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
     """Return the named columns; missing values become NaN.
+
+    A clock that begins again with each of LeRobot's episodes is continued.
 
     Raises
     ------
     RecordingError
         If the file is not Parquet, or a column is missing or does not contain numbers.
     """
+    known = array_names(path)
+    if "timestamp" not in names or EPISODE not in known:
+        return read_columns(path, names)
+    read = dict(read_columns(path, [*dict.fromkeys([*names, EPISODE])]))
+    read["timestamp"] = apart(read["timestamp"], read[EPISODE])
+    return {name: read[name] for name in names}
+
+
+def apart(time: np.ndarray, episodes: np.ndarray) -> np.ndarray:
+    """Return the time of episodes that follow each other with a break [s].
+
+    Parameters
+    ----------
+    time : ndarray, shape (samples,), [s]
+        Of each episode by itself.
+    episodes : ndarray, shape (samples,)
+        Number of the episode of each sample.
+
+    Examples
+    --------
+    >>> apart(np.array([0.0, 0.5, 0.0, 0.5]), np.array([0, 0, 1, 1])).tolist()
+    [0.0, 0.5, 3.5, 4.0]
+    """
+    starts = np.flatnonzero(np.diff(episodes)) + 1
+    late = np.zeros(len(time))
+    late[starts] = np.maximum(time[starts - 1] - time[starts], 0.0) + BREAK
+    later = starts[time[starts] > time[starts - 1]]
+    late[later] = 0.0  # one clock for all episodes
+    return np.asarray(time + np.cumsum(late))
+
+
+def read_columns(path: Path, names: Sequence[str]) -> Arrays:
+    """Return the named columns as they are stored; see `read_arrays`."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -130,7 +168,8 @@ def array_names(path: Path) -> tuple[str, ...]:
 def numbers_of(column: Any, where: str) -> np.ndarray:
     """Return an Arrow column as float64, or as bool; what is missing becomes NaN.
 
-    A column of lists of one length becomes an array, a row for each list.
+    Time stamps and durations become seconds.  A column of lists of one length becomes
+    an array, a row for each list.
 
     Raises
     ------
@@ -145,6 +184,8 @@ def numbers_of(column: Any, where: str) -> np.ndarray:
     if pa.types.is_boolean(kind):  # of bits, which NumPy does not have
         flags = numbers_of(column.cast(pa.uint8()), where)
         return flags if column.null_count else flags.astype(np.bool_)
+    if pa.types.is_timestamp(kind) or pa.types.is_duration(kind):
+        return _seconds_of(column)
     if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
         raise RecordingError(f"{where} holds {kind}, expected numbers in SI units")
     column = column.combine_chunks()
@@ -152,6 +193,14 @@ def numbers_of(column: Any, where: str) -> np.ndarray:
         column = column.cast(pa.float64(), safe=False).fill_null(np.nan)
     # Casts import pyarrow.compute, and to_numpy() pandas, which takes time.
     return np.asarray(np.from_dlpack(column), dtype=np.float64)
+
+
+def _seconds_of(column: Any) -> np.ndarray:
+    """Return time stamps, or durations, in seconds; stamps count from 1970."""
+    import pyarrow as pa
+
+    a_second = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}[column.type.unit]
+    return numbers_of(column.cast(pa.int64()), "time stamps") / a_second
 
 
 def _rows_of(column: Any, where: str) -> np.ndarray:

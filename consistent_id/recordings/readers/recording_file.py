@@ -65,15 +65,17 @@ def read_recording(
     omit: Sequence[int] = (),
     duplicates: Duplicates = "refuse",
 ) -> Recording:
-    """Read a recording from a file, or from the folder of a ROS 2 bag.
+    """Read a recording from a file, or a folder of a ROS 2 bag or LeRobot data set.
 
     Parameters
     ----------
     path : str or Path
-        CSV (``.csv``, ``.tsv``; comma, semicolon or tab; a decimal comma where the
-        comma does not separate), Parquet (``.parquet``), Feather (``.feather``,
-        ``.arrow``), NPZ (``.npz``), HDF5 (``.h5``, ``.hdf5``), MATLAB (``.mat``); a ROS
-        bag with ``sensor_msgs/JointState`` (``.mcap``, ``.db3``, ``.bag`` or a folder).
+        CSV (``.csv``, ``.tsv``, ``.txt``, ``.dat``; comma, semicolon, tab or spaces; a
+        decimal comma where the comma does not separate), Parquet (``.parquet``),
+        a LeRobot data set (its folder, or a file of it), Feather (``.feather``,
+        ``.arrow``), NPZ (``.npz``), HDF5 (``.h5``, ``.hdf5``),
+        MATLAB (``.mat``); a ROS bag with ``sensor_msgs/JointState`` (``.mcap``,
+        ``.db3``, ``.bag`` or a folder).
         Of its other topics, what `BesideColumns` name as ``TOPIC.FIELD``, such as
         ``"/imu/data.angular_velocity"``.
     joints : sequence of str
@@ -85,7 +87,7 @@ def read_recording(
     torque_gain : array_like, shape () or (joints,)
         Factor from the torque column to torque, such as a drive's N m per ampere.
     topic : str
-        Topic of a bag; by default its only topic of joint states.
+        Topic of a bag; by default that of joint states which names most of the joints.
     omit : sequence of int
         Broken rows to leave out, counted from 1.  Not for bags.
     duplicates : {"refuse", "first", "last"}
@@ -106,7 +108,9 @@ def read_recording(
         columns = columns or JOINT_STATE
         joint_state_fields(columns, joints, str(path))  # before a long read
         _require_room(path)
-        content = reader_of(path).read_messages(path, topic, columns.beside.names)
+        content = reader_of(path).read_messages(
+            path, topic, columns.beside.names, columns.in_log(joints)
+        )
         return recording_of_messages(
             content.states,
             joints,

@@ -59,6 +59,7 @@ from consistent_id.recordings.signals.tracks import (
     estimate_delay,
     track,
 )
+from consistent_id.recordings.signals.turns import unwrapped
 
 __all__ = [
     "Delay",
@@ -104,6 +105,7 @@ __all__ = [
     "trim_standstill",
     "trimmed",
     "uniform_rate",
+    "unwrapped",
     "without",
     "without_impacts",
     "without_rests",

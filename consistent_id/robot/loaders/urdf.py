@@ -37,6 +37,8 @@ from consistent_id.robot.model import (
 
 _log = logging.getLogger(__name__)
 _LIMIT = re.compile(r"<limit\b([^>]*?)(\s*/?)>")
+_JOINT = re.compile(r"(<joint\b[^>]*[^>/]>)(.*?)</joint>", re.DOTALL)
+_ENDS = re.compile(r"\btype\s*=\s*[\"'](?:revolute|prismatic)[\"']")
 _ENCODING = re.compile(rb"(?:\xef\xbb\xbf)?<\?xml[^>]*?encoding\s*=\s*[\"']([\w.-]+)")
 
 
@@ -137,14 +139,21 @@ def _decoded(text: bytes, path: Path) -> str:
 
 
 def _with_limits(text: str) -> str:
-    """Put in the limits of speed and effort that Pinocchio needs: the largest."""
+    """Put in the limits that Pinocchio needs: the largest."""
+    largest = np.finfo(np.float64).max
+
+    def limited(found: re.Match[str]) -> str:
+        if not _ENDS.search(found[1]) or "<limit" in found[2]:
+            return found[0]
+        limit = f'<limit lower="{-largest}" upper="{largest}"/>'
+        return f"{found[1]}{found[2]}{limit}</joint>"
 
     def filled(found: re.Match[str]) -> str:
         missing = (key for key in ("effort", "velocity") if key not in found[1])
-        added = "".join(f' {key}="{np.finfo(np.float64).max}"' for key in missing)
+        added = "".join(f' {key}="{largest}"' for key in missing)
         return f"<limit{found[1]}{added}{found[2]}>"
 
-    return _LIMIT.sub(filled, text)
+    return _LIMIT.sub(filled, _JOINT.sub(limited, text))
 
 
 def _without_loose(model: Any, moving: set[str]) -> Any:

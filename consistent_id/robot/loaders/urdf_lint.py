@@ -260,9 +260,9 @@ def _limit(joint: Element, kind: str, moves: bool) -> Iterator[Finding]:
         if kind != "continuous":
             yield Finding(
                 joint.line,
-                "error",
-                f"{where}: a {kind} joint needs <limit>; without limits it is "
-                "continuous",
+                "warning",
+                f"{where}: a {kind} joint needs <limit>; it is read as unlimited; "
+                "other readers of URDF refuse it",
             )
         return
     missing = [key for key in ("effort", "velocity") if key not in limit.attributes]

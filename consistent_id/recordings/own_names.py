@@ -1,0 +1,111 @@
+"""A log's own names of joints, and the option that maps them to the robot's.
+
+Joints are never matched by their order alone: a message proposes the mapping, and the
+user states it.
+"""
+
+import re
+import shlex
+from collections import defaultdict
+from collections.abc import Sequence
+
+from consistent_id.recordings.column_words import channel_of, states
+
+_PARTS = re.compile(r"[A-Za-z0-9]+|[^A-Za-z0-9]+")
+_LETTER = re.compile(r"(?<![A-Za-z0-9])[A-Z](?![A-Za-z0-9])")  # a joint, not a word
+
+
+def own_names(names: Sequence[str], channel: str = "position") -> tuple[str, ...]:
+    """Return what differs between the names of a channel's columns, in their order.
+
+    None, if these are numbers.
+
+    Parameters
+    ----------
+    names : sequence of str
+        All columns of the log.
+
+    Examples
+    --------
+    >>> own_names(["time", "Base position", "Wrist 1 position", "Base torque"])
+    ('Base', 'Wrist 1')
+    >>> own_names(["observation.state.pan.pos", "observation.state.lift.pos"])
+    ('pan', 'lift')
+    """
+    observed = states(names)
+    groups: dict[tuple[str, str], list[str]] = defaultdict(list)
+    for name in names:
+        if channel_of(_LETTER.sub("", name), observed) != channel:
+            continue
+        first, *others = _PARTS.findall(name) or [""]
+        if others and channel_of(others[-1]) == channel:
+            mark = "".join(others[-2:])
+            groups["", mark].append(name.removesuffix(mark))
+        elif others and channel_of(first) == channel:
+            mark = first + others[0]
+            groups[mark, ""].append(name.removeprefix(mark))
+    found = max(groups.values(), key=len, default=[])
+    own = _without_common_start(found) if len(found) > 1 else ()
+    return () if any(name.isdigit() for name in own) else own
+
+
+def _without_common_start(names: Sequence[str]) -> tuple[str, ...]:
+    """Return names without the words that all begin with, unless numbers are left."""
+    parts = [_PARTS.findall(name) for name in names]
+    common = 0
+    while all(len(p) > common + 1 for p in parts) and (
+        len({p[common] for p in parts}) == 1
+    ):
+        common += 1
+    while common and (
+        any(p[common].isdigit() for p in parts) or not parts[0][common][0].isalnum()
+    ):
+        common -= 1
+    return tuple("".join(p[common:]) for p in parts)
+
+
+def mapping_option(own: Sequence[str], joints: Sequence[str]) -> str:
+    """Return the option that maps a log's names to the robot's joints, filled in.
+
+    A name that is part of one joint's name alone, or contains it, is that joint's; else
+    both are taken in their order, as far as there are such.
+
+    Examples
+    --------
+    >>> mapping_option(["Wrist 1", "A"], ["wrist_1_joint", "a2"])
+    "--names 'Wrist 1=wrist_1_joint' A=a2"
+    """
+    pairs = pairs_of(own, joints)
+    return "--names " + " ".join(shlex.quote(f"{n}={j}") for n, j in pairs)
+
+
+def pairs_of(own: Sequence[str], joints: Sequence[str]) -> tuple[tuple[str, str], ...]:
+    """Return pairs of a log's name and a joint that may be meant."""
+    alike = {name: [j for j in joints if _alike(name, j)] for name in own}
+    found = [(name, hits[0]) for name, hits in alike.items() if len(hits) == 1]
+    taken = {joint for _, joint in found}
+    if len(taken) == len(found) == min(len(own), len(joints)):
+        return tuple(found)
+    return tuple(zip(own, joints, strict=False))
+
+
+def mapping_advice(own: Sequence[str], joints: Sequence[str]) -> str:
+    """Return a sentence that proposes the mapping of a log's names, filled in."""
+    pairs = pairs_of(own, joints)
+    what = f" The log's own names of joints are {', '.join(own)}"
+    if len(pairs) < len(joints):
+        given = {joint for _, joint in pairs}
+        rest = ", ".join(joint for joint in joints if joint not in given)
+        what += f"; the robot has {len(joints)} joints, {rest} would be locked at zero"
+    elif len(pairs) < len(own):
+        named = {name for name, _ in pairs}
+        rest = ", ".join(name for name in own if name not in named)
+        what += f"; the robot has {len(joints)} joints, {rest} would not be read"
+    return (
+        f"{what}. Map them, after a check of the order: {mapping_option(own, joints)}"
+    )
+
+
+def _alike(name: str, joint: str) -> bool:
+    one, other = (re.sub("[^a-z0-9]", "", word.lower()) for word in (name, joint))
+    return one in other or other in one

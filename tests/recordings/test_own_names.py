@@ -1,0 +1,83 @@
+"""A log's own names of joints are found, and mapped only by an option."""
+
+from pathlib import Path
+
+import pytest
+
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.own_names import mapping_option, own_names, pairs_of
+
+ARM = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint")
+
+
+@pytest.mark.parametrize(
+    ("pattern", "own"),
+    [
+        ("{} position", ("Base", "Shoulder", "Wrist 1")),
+        ("pos_{}", ("Base", "Shoulder", "Wrist 1")),
+        ("/arm/{}/position", ("base", "lift", "roll")),
+        ("observation.state.{}.pos", ("shoulder_pan", "shoulder_lift", "elbow")),
+        ("{}.q", ("A", "D", "B")),  # not q_d, a command
+        ("arm_{}_q", ("left_a", "right_a", "b")),
+    ],
+)
+def test_own_names_are_what_differs(pattern, own):
+    names = ["time", *map(pattern.format, own)]
+    names += [
+        pattern.replace("q", "tau").replace("pos", "torque").format(j) for j in own
+    ]
+    assert own_names(names) == own
+
+
+@pytest.mark.parametrize(
+    "names", [["time", "q1", "q2"], ["q_1", "q_2"], ["time", "x", "y"], ["q"]]
+)
+def test_numbers_and_other_columns_are_no_names(names):
+    assert own_names(names) == ()
+
+
+def test_names_that_are_alike_are_paired_in_any_order():
+    own = ("elbow", "shoulder_lift", "shoulder_pan")
+    assert set(pairs_of(own, ARM)) == {(name, f"{name}_joint") for name in own}
+
+
+def test_other_names_are_paired_in_their_order():
+    assert pairs_of(("Base", "Shoulder", "Elbow"), ARM) == tuple(
+        zip(("Base", "Shoulder", "Elbow"), ARM, strict=True)
+    )
+
+
+def test_the_option_is_one_that_a_shell_takes():
+    option = mapping_option(["Wrist 1", "a"], ["one", "two"])
+    assert option == "--names 'Wrist 1=one' a=two"
+
+
+def _refused(names):
+    with pytest.raises(RecordingError) as caught:
+        guess_columns(Path("log.csv"), ARM, names=names)
+    return str(caught.value)
+
+
+def test_the_message_has_the_option_filled_in():
+    own = ("Base", "Shoulder", "Elbow")
+    said = _refused(["time", *(f"{j}.{c}" for c in ("q", "tau") for j in own)])
+    assert said.endswith(
+        "--names Base=shoulder_pan_joint Shoulder=shoulder_lift_joint Elbow=elbow_joint"
+    )
+
+
+def test_the_message_says_which_joints_would_be_left_out():
+    own = ("Base 1", "Shoulder 2")
+    said = _refused(["time", *(f"{j}.{c}" for c in ("q", "tau") for j in own)])
+    assert "elbow_joint would be locked at zero" in said
+    own = ("A 1", "B 1", "C 1", "gripper 1")
+    said = _refused(["time", *(f"{j}.{c}" for c in ("q", "tau") for j in own)])
+    assert "gripper 1 would not be read" in said
+
+
+def test_a_joint_is_found_by_whole_words():
+    names = ["time", *(f"{j}.{c}" for c in ("q", "tau") for j in "ab")]
+    found = guess_columns(Path("log"), ["a", "b"], names=names)
+    assert found.columns.torque == "{joint}.tau"
+    assert found.joints == ("a", "b")
