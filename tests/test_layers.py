@@ -21,7 +21,7 @@ CORE = (
 
 # Side buildings import the core.  Only the shell tool's commands import them, inside
 # functions, so that nobody waits for what only some need.
-SIDE = "laboratory rollout fleet standing repair".split()
+SIDE = "laboratory rollout fleet standing repair service".split()
 
 # Which other side buildings one imports, with the reason beside it.
 NEIGHBOURS: dict[str, set[str]] = {}

@@ -31,6 +31,7 @@ ROOMS = (
     "standing",
     "repair",
     "laboratory",
+    "service",
 )
 """Submodules of the package that have public names of their own."""
 

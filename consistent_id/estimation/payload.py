@@ -40,7 +40,7 @@ from consistent_id.regression.correlated_noise import correlation_length
 from consistent_id.regression.linear import smallest_solution
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import joint_noise
+from consistent_id.regression.residual_noise import joint_noise, unconstrained_fit
 from consistent_id.robot.inertia import INERTIAL_NAMES, InertialParameters
 from consistent_id.robot.model import Datasheet, Link
 
@@ -57,9 +57,13 @@ class Payload:
         The constrained estimate: physically consistent.
     free : InertialParameters
         The least-squares estimate, which may not be consistent.
-    standard_errors : array_like, shape (10,)
-        Those of `free`, for noise as correlated as the residuals, and for the stated
-        uncertainty of gains; infinite where not identifiable.
+    covariance : array_like, shape (10, 10)
+        That of `free`, for noise as correlated as the residuals, and for the stated
+        uncertainty of gains; infinite on the diagonal where not identifiable, and zero
+        beside it.
+    quantile : float
+        Standard errors of half a 95 % interval: Student's, for the least degrees of
+        freedom of the identifiable parameters.
     correlation : float
         Samples that carry the information of one independent sample.
     gain_errors : array_like, shape (torque joints,)
@@ -72,7 +76,8 @@ class Payload:
 
     body: InertialParameters
     free: InertialParameters
-    standard_errors: Vector
+    covariance: Matrix
+    quantile: float
     correlation: float
     gain_errors: Vector
     robot: LoadedRobot
@@ -82,8 +87,13 @@ class Payload:
 
     def __post_init__(self) -> None:
         joints = len(self.robot.model.torque_joints)
-        shapes = {"standard_errors": (10,), "gain_errors": (joints,)}
+        shapes = {"covariance": (10, 10), "gain_errors": (joints,)}
         freeze_arrays(self, shapes, finite=False)
+
+    @property
+    def standard_errors(self) -> Vector:
+        """Roots of the diagonal of `covariance`, shape (10,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
     def open(self) -> tuple[str, ...]:
@@ -190,9 +200,10 @@ def identify_payload(
         list(robot.residuals(free.parameters, *runs)), regression.sigma
     )
     shares = _of_joints(gain_errors, model)
-    of_gains = np.linalg.norm(gain_slopes(regression, robot.base) * shares, axis=1)
-    errors = _standard_errors(robot, free, of_gains)
-    _require_weight(InertialParameters(free.parameters[robot.load_slice]), errors)
+    of_gains = gain_slopes(regression, robot.base) * shares
+    scatter = _scatter(robot, regression, free, of_gains)
+    error = float(np.sqrt(scatter.covariance[0, 0]))
+    _require_weight(InertialParameters(free.parameters[robot.load_slice]), error)
     estimate = constrained_least_squares(
         robot.model,
         regression,
@@ -209,7 +220,8 @@ def identify_payload(
     return Payload(
         body=InertialParameters(estimate.parameters[robot.load_slice]),
         free=InertialParameters(free.parameters[robot.load_slice]),
-        standard_errors=errors,
+        covariance=scatter.covariance,
+        quantile=scatter.quantile,
         correlation=correlation,
         gain_errors=shares,
         robot=robot,
@@ -255,11 +267,11 @@ def datasheet_constraints(load: Link) -> list[Constraint]:
     return known
 
 
-def _require_weight(free: InertialParameters, errors: Vector) -> None:
+def _require_weight(free: InertialParameters, error: float) -> None:
     """Refuse a load of negative mass, beyond what noise explains."""
-    if free.mass < -_CERTAIN * errors[0]:
+    if free.mass < -_CERTAIN * error:
         raise RecordingError(
-            f"the load would weigh {free.mass:.3g} +- {errors[0]:.2g} kg. Are the runs "
+            f"the load would weigh {free.mass:.3g} +- {error:.2g} kg. Are the runs "
             "with the load and without it exchanged, or is the torque's sign reversed?"
         )
 
@@ -282,17 +294,43 @@ def _are_shares(errors: Vector) -> bool:
     return bool(np.isfinite(errors).all() and (errors >= 0.0).all())
 
 
-def _standard_errors(robot: LoadedRobot, free: Estimate, of_gains: Vector) -> Vector:
-    """Return those of the load's parameters, infinite where not identifiable."""
-    errors = np.full(10, np.inf)
-    found = free.standard_errors
+class _LoadScatter(NamedTuple):
+    """Covariance of the load's parameters, and the quantile of its intervals."""
+
+    covariance: Matrix
+    quantile: float
+
+
+def _scatter(
+    robot: LoadedRobot, regression: Regression, free: Estimate, of_gains: Matrix
+) -> _LoadScatter:
+    """Return the covariance of the load's parameters by noise and gains.
+
+    Parameters
+    ----------
+    of_gains : ndarray, shape (base parameters, joints)
+        One standard error of each gain, times the base parameters' slopes by it.
+    """
+    from scipy.special import stdtrit
+
     independent = list(robot.base.independent)
+    rows, places = [], []
     for i, column in enumerate(range(len(free.parameters))[robot.load_slice]):
-        if found is not None and column in independent:
-            place = independent.index(column)
-            alone = not robot.base.regrouping[place].any()
-            errors[i] = np.hypot(found[place], of_gains[place]) if alone else np.inf
-    return errors
+        place = independent.index(column) if column in independent else None
+        if place is not None and not robot.base.regrouping[place].any():
+            rows.append(i)
+            places.append(place)
+    covariance = np.diag(np.full(10, np.inf))
+    if free.base_covariance is None or not rows:
+        return _LoadScatter(covariance, float(stdtrit(1.0, 0.975)))
+    found = (free.base_covariance + of_gains @ of_gains.T)[np.ix_(places, places)]
+    unknown = ~np.isfinite(np.diag(found))
+    found[unknown, :] = found[:, unknown] = 0.0
+    found[unknown, unknown] = np.inf
+    covariance[np.ix_(rows, rows)] = found
+    noise = unconstrained_fit(regression, robot.base).noise
+    freedom = noise.freedoms(np.eye(len(independent))[places]).min()
+    return _LoadScatter(covariance, float(stdtrit(freedom, 0.975)))
 
 
 def gain_slopes(regression: Regression, base: BaseParameters) -> Matrix:

@@ -12,7 +12,7 @@ from consistent_id.cli.tool import tool_parser
 from consistent_id.errors import ProblemError
 from consistent_id.problems.statement import declarations
 
-OF_LOGS = ["check", "identify", "compare", "report", "export", "rollout", "info"]
+OF_LOGS = "check identify compare report export rollout info payload".split()
 COMMANDS = {
     **dict.fromkeys(OF_LOGS, "consistent_id.problems.opening.open_problem"),
     "select": "consistent_id.problems.loading.stated_problem",
@@ -22,7 +22,10 @@ ROBOT = {
     "excite": "consistent_id.excitation.sources.problem_to_excite",
     "rehearse": "consistent_id.excitation.sources.problem_to_excite",
 }
-MORE = {"export": ["--format", "json", "--output", "robot.json"]}
+MORE = {
+    "export": ["--format", "json", "--output", "robot.json"],
+    "payload": ["--loaded", "carrying.csv"],
+}
 WORDS = {
     "lock": ["elbow=0.5"],
     "gravity": ["0,0,-1.62"],

@@ -31,6 +31,7 @@ COMMANDS = [
     "repair",
     "report",
     "reproduce",
+    "payload",
     "completion",
 ]
 

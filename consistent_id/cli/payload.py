@@ -1,0 +1,178 @@
+"""``consistent-id payload``: what a robot carries, and what its controller is sent."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from consistent_id.cli.answers import show, tables_answer
+from consistent_id.cli.options import (
+    ACCEPT,
+    OUTPUT,
+    TIME_LIMIT,
+    Option,
+    add_command,
+    positive,
+)
+from consistent_id.cli.source import PROBLEM, STATED, opened, statement
+
+if TYPE_CHECKING:
+    from consistent_id.problems.problem import Problem
+
+_RECORD = "payload.json"
+_MORE = """PROBLEM is the robot without the load: a URDF or MJCF file followed by
+logs, a problem file, or a folder of results whose logs are still there. --loaded names
+logs with the load; they are read as the others. Printed are mass, centre of mass and
+inertia about it, physically consistent, with 95 % intervals that contain correlated
+noise and the stated errors of gains. --output gets the load as controllers take it.
+Where the data leave the inertia open, as static poses do, this is a point mass. Exit
+code 1: do not use the load; nothing was written."""
+_EXAMPLES = """
+consistent-id payload robot.urdf empty.csv --loaded carrying.csv --link tool0
+consistent-id payload results/robot --loaded carrying.csv --output results/load
+consistent-id payload problems/ur10e --loaded carrying.csv --known-mass 2.805
+consistent-id payload problem.toml --loaded a.csv b.csv --tool 0,0,0.12 --controller ur
+"""
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    return tuple(float(word) for word in text.split(","))
+
+
+def _numbers_from_1(text: str) -> tuple[int, ...]:
+    rows = tuple(int(word) for word in text.split(","))
+    if min(rows) < 1:
+        raise ValueError
+    return rows
+
+
+def _rows(text: str) -> tuple[int, ...]:
+    rows = _numbers_from_1(text)
+    if len(rows) != 2:
+        raise ValueError
+    return rows
+
+
+def _share(text: str) -> float:
+    return 0.01 * positive(text)
+
+
+def _frame(text: str) -> str | tuple[float, ...]:
+    """Return the name of a frame, or its place."""
+    try:
+        return _numbers(text)
+    except ValueError:
+        return text
+
+
+def add_payload(command: argparse.ArgumentParser) -> None:
+    """Give the command its options."""
+    from consistent_id.service.controller_formats import CONTROLLER_FORMATS
+
+    add_command(
+        command,
+        run_payload,
+        PROBLEM,
+        Option(
+            "log [...]", "logs without the load, if PROBLEM is a URDF or MJCF", Path
+        ),
+        Option("--loaded LOG ...", "logs with the load", Path, required=True),
+        Option(
+            "--loaded-rows FIRST,LAST",
+            "rows of these logs to use, from 1 (default: all)",
+            _rows,
+        ),
+        Option(
+            "--loaded-omit ROW,ROW",
+            "broken rows of these logs, from 1",
+            _numbers_from_1,
+        ),
+        Option(
+            "--link LINK",
+            "link or fixed frame that carries the load, in whose frame controllers get "
+            "it, such as tool0 (default: the last link)",
+        ),
+        Option(
+            "--tool FRAME",
+            "frame of the tool: a fixed frame of the file, or x,y,z or "
+            "x,y,z,roll,pitch,yaw (m, rad) in the frame of --link (default: that one)",
+            _frame,
+        ),
+        Option("--name NAME", "of the load in files", default="load"),
+        Option(
+            "--known-mass KG",
+            "if the load was weighed: gains that convert currents to torque are "
+            "tested, and corrected if they are wrong",
+            positive,
+        ),
+        Option(
+            "--gain-errors PERCENT ...",
+            "standard errors of these gains: one for all joints, or one each (default: "
+            "they are exact)",
+            _share,
+        ),
+        Option(
+            "--controller NAME ...",
+            "forms that --output gets (default: all)",
+            choices=[known.name for known in CONTROLLER_FORMATS],
+        ),
+        *OUTPUT,
+        ACCEPT,
+        TIME_LIMIT,
+        *STATED,
+        more=_MORE,
+        examples=_EXAMPLES,
+    )
+
+
+def run_payload(options: argparse.Namespace) -> int:
+    """Weigh a load; return the exit code."""
+    from consistent_id._support.files import (
+        require_writable,
+        write_atomically,
+        write_json,
+    )
+    from consistent_id.service.controller_formats import CONTROLLER_FORMATS
+    from consistent_id.service.weighing import weigh_load
+
+    chosen = options.controller or [known.name for known in CONTROLLER_FORMATS]
+    forms = [known for known in CONTROLLER_FORMATS if known.name in chosen]
+    if options.output is not None and not options.dry_run:
+        require_writable(options.output, [_RECORD, *(form.file for form in forms)])
+    errors = list(options.gain_errors)
+    found = weigh_load(
+        _problem(options),
+        options.loaded,
+        rows=options.loaded_rows,
+        omit=options.loaded_omit or (),
+        link=options.link,
+        tool=options.tool,
+        name=options.name,
+        known_mass=options.known_mass,
+        gain_errors=errors if len(errors) > 1 else sum(errors),
+        accepted=options.accept,
+    )
+    record, usable = found.to_dict(), found.verdict.usable
+
+    def write() -> list[Path]:
+        folder = options.output
+        if folder is None or not usable:
+            return []
+        load = found.for_controller
+        return [
+            *(write_atomically(folder / form.file, form.text(load)) for form in forms),
+            write_json(folder / _RECORD, record),
+        ]
+
+    tables = found.tables()
+    return show(options, tables_answer(tables, record, usable=usable, write=write))
+
+
+def _problem(options: argparse.Namespace) -> "Problem":
+    """Return the robot without the load, as it was if its results are named."""
+    from consistent_id.problems.folder import is_results
+    from consistent_id.report.results import open_results
+
+    stated = statement(options).given
+    if not options.log and not stated and is_results(options.problem):
+        return open_results(options.problem).problem
+    return opened(options).problem

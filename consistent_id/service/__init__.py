@@ -1,0 +1,23 @@
+"""From an estimate to the robot in service: loads, torques for controllers."""
+
+from consistent_id.service.control_model import ControlModel, control_model
+from consistent_id.service.controller_formats import (
+    CONTROLLER_FORMATS,
+    ControllerFormat,
+    ControllerLoad,
+    controller_text,
+)
+from consistent_id.service.load_quantities import LoadQuantities
+from consistent_id.service.weighing import WeighedLoad, weigh_load
+
+__all__ = [
+    "CONTROLLER_FORMATS",
+    "ControlModel",
+    "ControllerFormat",
+    "ControllerLoad",
+    "LoadQuantities",
+    "WeighedLoad",
+    "control_model",
+    "controller_text",
+    "weigh_load",
+]

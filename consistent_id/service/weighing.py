@@ -1,0 +1,539 @@
+"""A load weighed from logs of a robot with it and without: estimate and verdict."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from consistent_id._support.arrays import BoolArray, Vector
+from consistent_id._support.tables import Table
+from consistent_id.errors import ProblemError
+from consistent_id.estimation.gains import DriveGains, identify_gains
+from consistent_id.estimation.judgement import MISFIT_CARE, MISFIT_REFUSED
+from consistent_id.estimation.payload import Payload, identify_payload
+from consistent_id.estimation.verdict import Reason, Verdict, percent, weighed
+from consistent_id.problems.file import RecordingTable
+from consistent_id.problems.problem import Problem
+from consistent_id.recordings.recording import Recording
+from consistent_id.robot.kinematics import fixed_place
+from consistent_id.robot.loaders.urdf_inertial import rotation_of
+from consistent_id.robot.model import Datasheet, FixedFrame, Link, RobotModel
+from consistent_id.service.controller_formats import ControllerLoad
+from consistent_id.service.load_quantities import (
+    LoadQuantities,
+    inertia_is_open,
+    load_quantities,
+)
+
+FORMAT = "consistent_id payload 1"
+"""Key ``format`` of the JSON record."""
+
+METHOD = "payload"
+
+Recordings = tuple[Recording, ...]
+
+_NORMAL = 1.96  # standard errors of half a 95 % interval
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WeighedLoad:
+    """A load, its frames, and whether its estimate may be sent to a controller.
+
+    Parameters
+    ----------
+    payload : Payload
+        The estimate, in the frame of the moving link that carries the load.
+    flange, tool : FixedFrame
+        Places of these frames in that link.
+    residual : float
+        Error of the predicted torque of the loaded logs over the torque, all joints.
+    verdict : Verdict
+    gains : DriveGains, optional
+        Factors of the stated gains, from the mass that was stated; see `weigh_load`.
+    corrected : bool
+        Whether the load was estimated with torques times these factors.
+    """
+
+    payload: Payload
+    flange: FixedFrame
+    tool: FixedFrame
+    residual: float
+    verdict: Verdict
+    gains: DriveGains | None = None
+    corrected: bool = False
+
+    def __repr__(self) -> str:
+        mass = self.payload.body.mass
+        return (
+            f"WeighedLoad({self.payload.robot.load!r}, {mass:.4g} kg, {self.verdict})"
+        )
+
+    def __str__(self) -> str:
+        return "\n\n".join(table.text() for table in self.tables())
+
+    def _repr_html_(self) -> str:
+        return "".join(table.html() for table in self.tables())
+
+    @property
+    def inertia_open(self) -> bool:
+        """Whether the data leave the inertia about the centre of mass open."""
+        return inertia_is_open(self.payload)
+
+    @property
+    def in_flange(self) -> LoadQuantities:
+        """Mass, centre of mass and inertia in the frame of the flange."""
+        return load_quantities(self.payload, self.flange)
+
+    @property
+    def in_tool(self) -> LoadQuantities:
+        """Mass, centre of mass and inertia in the frame of the tool."""
+        return load_quantities(self.payload, self.tool)
+
+    @property
+    def for_controller(self) -> ControllerLoad:
+        """The load as `controller_text` takes it.
+
+        Raises
+        ------
+        ProblemError
+            If the load is not to be used.
+        """
+        if not self.verdict.usable:
+            ground = self.verdict.grounds[0]
+            raise ProblemError(
+                f"{self.verdict.sentence}: {ground.statement}. {ground.advice}"
+            )
+        robot = self.payload.robot
+        turned = self.flange.rotation.T
+        tool = FixedFrame(
+            self.tool.name,
+            turned @ self.tool.rotation,
+            turned @ (self.tool.translation - self.flange.translation),
+        )
+        return ControllerLoad(
+            robot.load,
+            self.in_flange.body,
+            self.flange,
+            robot.bare.robot.link_names[robot.carrier],
+            tool,
+            self.inertia_open,
+        )
+
+    def tables(self) -> list[Table]:
+        """Return verdict, quantities in each frame, and gains if they were tested."""
+        verdict = self.verdict
+        head = Table(verdict.sentence, (), (), (*verdict.brief, self.payload.condition))
+        tables = [head, self.in_flange.table()]
+        if self.tool.name != self.flange.name:
+            tables.append(self.in_tool.table())
+        if self.gains is not None:
+            tables.append(_gains_table(self.gains))
+        return tables
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return verdict, quantities with intervals, frames and gains."""
+        gains = None
+        if self.gains is not None:
+            factors = zip(
+                self.gains.joints,
+                self.gains.gains.tolist(),
+                self.gains.standard_errors.tolist(),
+                strict=True,
+            )
+            gains = {
+                joint: {"factor": f, "standard_error": e if np.isfinite(e) else None}
+                for joint, f, e in factors
+            }
+        payload = self.payload
+        return {
+            "format": FORMAT,
+            "load": payload.robot.load,
+            **self.verdict.to_dict(),
+            "link": payload.robot.bare.robot.link_names[payload.robot.carrier],
+            "frames": {
+                quantities.frame: quantities.to_dict()
+                for quantities in (self.in_flange, self.in_tool)
+            },
+            "consistent": payload.body.is_consistent(1e-9),
+            "inertia_open": self.inertia_open,
+            "not_identifiable": list(payload.open),
+            "residual": self.residual,
+            "correlation": payload.correlation,
+            "condition": payload.condition,
+            "gain_factors": gains,
+            "corrected": self.corrected,
+        }
+
+
+def weigh_load(
+    problem: Problem,
+    loaded: str | Path | Sequence[str | Path],
+    *,
+    rows: Sequence[int] | None = None,
+    omit: Sequence[int] = (),
+    link: str | None = None,
+    tool: str | Sequence[float] | None = None,
+    name: str = "load",
+    known_mass: float | None = None,
+    gain_errors: float | Sequence[float] = 0.0,
+    accepted: Sequence[str] = (),
+) -> WeighedLoad:
+    """Estimate what a robot carries, from a log with the load and those without.
+
+    Logs with the load are read and prepared as the problem's own training recordings,
+    which are without it: the same columns, units, filters and delays.
+
+    Parameters
+    ----------
+    problem : Problem
+        The robot without the load: of `load_problem`, `draft_problem` or
+        ``open_results(folder).problem``.
+    loaded : str, Path or sequence of them
+        Logs with the load.
+    rows : sequence of int, optional
+        The first and the last row of these logs that count, from 1.
+    omit : sequence of int
+        Broken rows of these logs, from 1.
+    link : str, optional
+        Link or fixed frame that carries the load, such as the flange; controllers get
+        the load in its frame.  By default the problem's ``payload.link``, or the last
+        link of a chain.
+    tool : str or sequence of float, optional
+        The tool's frame: a fixed frame of the same link, or ``x, y, z`` [m] and
+        optionally ``roll, pitch, yaw`` [rad] in the frame of `link`.
+    name : str
+        Of the load.
+    known_mass : float, optional, [kg]
+        If the load was weighed on a scale.  The gains that convert currents to torque
+        are then tested, and corrected if they are wrong.
+    gain_errors : float or sequence of float
+        Relative standard errors of these gains; see `identify_payload`.
+    accepted : sequence of str
+        Kinds of reasons for the verdict that are overlooked.
+
+    Raises
+    ------
+    ProblemError
+        If the problem has no recordings or a base that floats, if a frame is on another
+        link, or if `rows` or `known_mass` make no sense.
+    ModelError
+        If there is no such link or frame.
+    RecordingError, InfeasibleError, NotExcitedError, SolverError
+        See `identify_payload`.
+    """
+    _require_arm(problem, known_mass)
+    robot = problem.model.robot
+    stated = problem.table.payload
+    if link is None and stated is not None:
+        link = stated.link
+    flange = _flange(robot, link)
+    placed = _tool(robot, flange, tool)
+    runs = _Runs(problem, _files(loaded, rows), rows, tuple(omit))
+    carrier = robot.link_names[flange.carrier]
+    load = Link(name, datasheet=Datasheet())
+    found = _estimated(runs, load, carrier, known_mass, gain_errors)
+    reasons = _reasons(found)
+    return WeighedLoad(
+        found.payload,
+        flange.frame,
+        placed,
+        found.residual,
+        weighed(METHOD, reasons, tuple(accepted), None, ()),
+        found.gains,
+        found.corrected,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Flange:
+    carrier: int
+    frame: FixedFrame
+
+
+class _Estimated(NamedTuple):
+    """A load, factors of the gains if a mass was stated, and whether they apply."""
+
+    payload: Payload
+    residual: float
+    gains: DriveGains | None = None
+    corrected: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Runs:
+    """Logs of a robot with a load, beside the training recordings of its problem."""
+
+    problem: Problem
+    loaded: tuple[Path, ...]
+    rows: Sequence[int] | None
+    omit: tuple[int, ...]
+
+    def read(self, factors: Mapping[str, float]) -> tuple[Recordings, Recordings]:
+        """Return the prepared recordings with the load, and without it.
+
+        Parameters
+        ----------
+        factors : mapping of str to float
+            Of the gains of joints; others keep theirs.
+        """
+        problem, data = self.problem, self.problem.table.data
+        if data is None:
+            raise ProblemError(
+                f"problem {problem.name!r} has no recordings of the robot without the "
+                "load; add a [data] table, or give logs beside a robot's file"
+            )
+        own = [entry for entry in data.recordings if entry.role == "training"]
+        added = [
+            RecordingTable(
+                file=str(file.resolve()),
+                role="validation",
+                rows=None if self.rows is None else list(self.rows),
+                omit=list(self.omit),
+            )
+            for file in self.loaded
+        ]
+        joints, stated = problem.recorded_joints, data.torque_gain
+        each = [stated] * len(joints) if isinstance(stated, float | int) else stated
+        gains = [g * factors.get(j, 1.0) for g, j in zip(each, joints, strict=True)]
+        # They stand for the validation recordings, which are not used: so they are
+        # prepared with what was found in the training recordings.
+        changed = msgspec.structs.replace(
+            data,
+            recordings=[*own, *added],
+            torque_gain=gains if factors else stated,
+        )
+        both = replace(
+            problem, table=msgspec.structs.replace(problem.table, data=changed)
+        )
+        return both.validation, both.training
+
+
+def _estimated(
+    runs: _Runs,
+    load: Link,
+    carrier: str,
+    known_mass: float | None,
+    gain_errors: float | Sequence[float],
+) -> _Estimated:
+    """Return the load; with corrected gains if its known mass shows them to be off."""
+    problem, logs = runs.problem, runs.read({})
+    model, constraints = problem.model, problem.constraints
+
+    def of(
+        logs: tuple[Recordings, Recordings],
+        load: Link,
+        errors: float | Sequence[float] | Vector,
+    ) -> _Estimated:
+        payload = identify_payload(
+            model,
+            *logs,
+            load=load,
+            carrier=carrier,
+            constraints=constraints,
+            gain_errors=errors,
+        )
+        return _Estimated(payload, _residual(payload, logs[0]))
+
+    plain = of(logs, load, gain_errors)
+    if known_mass is None:
+        return plain
+    known = {f"{load.name}.m": known_mass}
+    gains = identify_gains(model, *logs, known=known, load=load, carrier=carrier)
+    stated = problem.table.data is not None and problem.table.data.gains is not None
+    if gains.scale_open or stated or not _wrong(gains).any():
+        return plain._replace(gains=gains)
+    factors = dict(zip(gains.joints, gains.gains.tolist(), strict=True))
+    weighed_one = replace(load, datasheet=Datasheet(mass=known_mass))
+    better = of(runs.read(factors), weighed_one, gains.relative_errors)
+    return better._replace(gains=gains, corrected=True)
+
+
+def _require_arm(problem: Problem, known_mass: float | None) -> None:
+    """Refuse problems whose payload is no body on a link of an arm."""
+    if problem.arm is not None:
+        raise ProblemError(
+            f"problem {problem.name!r} has a wrist sensor, whose model is the load "
+            "itself; identify estimates it"
+        )
+    if problem.model.robot.floating:
+        raise ProblemError(
+            f"the base of {problem.model.robot.name!r} floats; a payload is estimated "
+            "on robots whose base stands still. State the carrying body as a link of a "
+            "problem with and without it, and compare the two estimates"
+        )
+    if known_mass is not None and not (known_mass > 0.0 and np.isfinite(known_mass)):
+        raise ProblemError(f"the known mass is {known_mass}, expected more than 0 kg")
+
+
+def _flange(robot: RobotModel, link: str | None) -> _Flange:
+    """Return the frame that carries the load; by default the last link's."""
+    if link is None:
+        parents = {joint.parent for joint in robot.joints}
+        tips = [k for k in range(len(robot.link_names)) if k not in parents]
+        if len(tips) > 1:
+            found = ", ".join(robot.link_names[k] for k in tips)
+            raise ProblemError(
+                f"the robot ends in {found}; name the link that carries the load "
+                "(--link, link=)"
+            )
+        link = robot.link_names[tips[0]]
+    place = fixed_place(robot, link)
+    if place.link < 0:
+        raise ProblemError(
+            f"{link!r} does not move; name a link or frame that the load moves with: "
+            f"{', '.join(robot.link_names)}"
+        )
+    return _Flange(place.link, FixedFrame(link, place.rotation, place.translation))
+
+
+def _tool(
+    robot: RobotModel, flange: _Flange, tool: str | Sequence[float] | None
+) -> FixedFrame:
+    """Return the place of the tool's frame in the carrier."""
+    if tool is None:
+        return flange.frame
+    if isinstance(tool, str):
+        place = fixed_place(robot, tool)
+        if place.link != flange.carrier:
+            raise ProblemError(
+                f"the tool's frame {tool!r} is not fixed to "
+                f"{robot.link_names[flange.carrier]!r}, which carries the load; name a "
+                "frame that is, or its place: x,y,z or x,y,z,roll,pitch,yaw"
+            )
+        return FixedFrame(tool, place.rotation, place.translation)
+    numbers = np.asarray(tool, dtype=np.float64)
+    if numbers.shape not in ((3,), (6,)) or not np.isfinite(numbers).all():
+        raise ProblemError(
+            f"the tool's place is {list(tool)}; expected x, y, z [m], or these and "
+            "roll, pitch, yaw [rad]"
+        )
+    rotation = rotation_of(numbers[3:].tolist()) if len(numbers) == 6 else np.eye(3)
+    frame = flange.frame
+    return FixedFrame(
+        "tool",
+        frame.rotation @ rotation,
+        frame.rotation @ numbers[:3] + frame.translation,
+    )
+
+
+def _files(
+    loaded: str | Path | Sequence[str | Path], rows: Sequence[int] | None
+) -> tuple[Path, ...]:
+    """Return the logs with the load.
+
+    Raises
+    ------
+    ProblemError
+        If there is none, one is not there, or there are not two rows.
+    """
+    files = [loaded] if isinstance(loaded, str | Path) else list(loaded)
+    if not files:
+        raise ProblemError("no log with the load, expected at least one")
+    for file in files:
+        if not Path(file).is_file():
+            raise ProblemError(f"{file}: no such file, expected a log with the load")
+    if rows is not None and len(rows) != 2:
+        raise ProblemError(
+            f"rows with the load: {list(rows)}, expected the first and the last"
+        )
+    return tuple(map(Path, files))
+
+
+def _residual(payload: Payload, logs: Sequence[Recording]) -> float:
+    """Return the error of the loaded torques over the torques, all joints."""
+    error, size = 0.0, 0.0
+    for log in logs:
+        joints = payload.robot.bare.torque_joints
+        torque = np.asarray(log.of(joints).torque)
+        error += float(np.sum((payload.predict(log) - torque) ** 2))
+        size += float(np.sum(torque**2))
+    return float(np.sqrt(error / size)) if size > 0.0 else np.inf
+
+
+def _wrong(gains: DriveGains) -> BoolArray:
+    """Return whether each factor's 95 % interval excludes one."""
+    return abs(gains.gains - 1.0) > _NORMAL * gains.standard_errors
+
+
+def _reasons(found: _Estimated) -> Iterator[Reason]:
+    payload = found.payload
+    mass, half = payload.free.mass, payload.quantile * payload.standard_errors[0]
+    if not np.isfinite(half):
+        yield Reason(
+            "mass not identifiable",
+            "do not use",
+            "the motion does not show the load's mass",
+            "move joints that gravity loads, with the load and without it",
+        )
+        return
+    if mass <= half:
+        yield Reason(
+            "no load is seen",
+            "do not use",
+            f"the mass is {mass:.3g} +- {half:.2g} kg (95 %)",
+            "check that the log is the one with the load; record more motion of the "
+            "joints that gravity loads",
+        )
+    yield from _of_residual(found.residual)
+    if found.gains is not None:
+        yield from _of_gains(found.gains, corrected=found.corrected)
+    if payload.estimate.certificate.verdict != "certified":
+        yield Reason(
+            "optimum not proven",
+            "use with care",
+            payload.estimate.certificate.reason,
+        )
+    if mass > half and inertia_is_open(payload):
+        yield Reason(
+            "inertia is open",
+            "use with care",
+            "the data do not show the inertia about the centre of mass to a quarter; "
+            "controllers get a point mass",
+            "accelerate the last joints quickly, with the load and without it",
+        )
+
+
+def _of_residual(residual: float) -> Iterator[Reason]:
+    if residual <= MISFIT_CARE:
+        return
+    yield Reason(
+        "misfit",
+        "do not use" if residual > MISFIT_REFUSED else "use with care",
+        f"robot and load miss {percent(residual)} of the torque of the loaded logs",
+        "check the logs with consistent-id check, and that the load is fixed to this "
+        "link",
+    )
+
+
+def _of_gains(gains: DriveGains, *, corrected: bool) -> Iterator[Reason]:
+    if gains.scale_open:
+        yield Reason("gains not tested", "use with care", gains.verdict)
+        return
+    wrong = np.flatnonzero(_wrong(gains))
+    if not len(wrong):
+        return
+    worst = wrong[np.argmax(abs(np.log(gains.gains[wrong])))]
+    change, error = gains.gains[worst] - 1.0, _NORMAL * gains.standard_errors[worst]
+    done = "; the load is estimated with changed gains" if corrected else ""
+    yield Reason(
+        "gains are off",
+        "use with care" if corrected else "do not use",
+        f"the mass asks for torque of {gains.joints[worst]} that differs by "
+        f"{100.0 * change:+.0f} % (+- {100.0 * error:.0f} %), and for other gains in "
+        f"{len(wrong)} of {len(gains.joints)} joints{done}",
+        "multiply torque_gain by the factors, and identify the robot again",
+    )
+
+
+def _gains_table(gains: DriveGains) -> Table:
+    rows = tuple(
+        (joint, f"{factor:.4f}", f"{_NORMAL * error:.4f}")
+        for joint, factor, error in zip(
+            gains.joints, gains.gains, gains.standard_errors, strict=True
+        )
+    )
+    title = "Factors of the gains, by the mass that was stated"
+    return Table(title, ("joint", "factor", "95 % +-"), rows)

@@ -1,0 +1,201 @@
+"""Loads as controllers take them: order, units and frames of each vendor's form."""
+
+import json
+import re
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from consistent_id.errors import ModelError, ProblemError
+from consistent_id.robot import FixedFrame, InertialParameters
+from consistent_id.service import CONTROLLER_FORMATS, ControllerLoad, controller_text
+from consistent_id.service.controller_formats import (
+    principal_inertia,
+    quaternion_wxyz,
+    turned_zyx,
+)
+
+MOMENTS = np.array([0.01, 0.02, 0.025])
+COM = np.array([0.1, -0.02, 0.05])
+TURN = pin.rpy.rpyToMatrix(0.3, -0.2, 0.5)
+INERTIA = TURN @ np.diag(MOMENTS) @ TURN.T
+FLANGE = FixedFrame("tool0", pin.rpy.rpyToMatrix(0.1, 0.7, -0.4), [0.0, 0.117, 0.02])
+TOOL = FixedFrame("tcp", pin.rpy.rpyToMatrix(0.0, 0.0, np.pi / 2), [0.0, 0.0, 0.2])
+NINE = 1e-8  # nine digits are written
+
+
+def load(inertia=INERTIA, **more):
+    body = InertialParameters.from_central(2.5, COM, inertia)
+    return ControllerLoad("box", body, FLANGE, "wrist", TOOL, **more)
+
+
+def numbers(text):
+    return [float(word) for word in re.findall(r"-?\d+\.?\d*(?:e-?\d+)?", text)]
+
+
+def near(found, expected):
+    np.testing.assert_allclose(found, expected, rtol=NINE, atol=1e-11)
+
+
+def six(matrix):
+    return [matrix[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+
+
+def test_ur_gets_metres_and_xx_yy_zz_xy_xz_yz_about_the_centre_of_mass():
+    call = controller_text(load(), "ur").splitlines()[1]
+    name, rest = call.split("(", 1)
+    assert name == "set_target_payload"
+    near(numbers(rest), [2.5, *COM, *six(INERTIA)])
+    assert re.fullmatch(r"[^[]+, \[[^]]+\], \[[^]]+\]\)", rest)
+
+
+def test_the_ros_2_call_names_the_fields_of_the_service():
+    text = controller_text(load(), "ur-ros2")
+    assert "/io_and_status_controller/set_payload ur_msgs/srv/SetPayload" in text
+    request = text[text.index('"') :]
+    words = ["mass", "x", "y", "z", "ixx", "iyy", "izz", "ixy", "ixz", "iyz"]
+    found = dict(re.findall(r"(\w+): (-?[\d.e-]+)", request))
+    assert list(found) == words
+    near([float(v) for v in found.values()], [2.5, *COM, *six(INERTIA)])
+
+
+def test_franka_gets_nine_entries_column_by_column():
+    text = controller_text(load(), "franka").splitlines()[1]
+    assert text.startswith("robot.setLoad(") and text.endswith("}});")
+    near(numbers(text), [2.5, *COM, *INERTIA.T.ravel()])
+
+
+def test_franka_s_end_effector_has_the_tool_s_frame_column_by_column():
+    content = json.loads(controller_text(load(), "franka-end-effector"))
+    near(content["mass"], 2.5)
+    near(content["centerOfMass"], COM)
+    near(np.reshape(content["inertia"], (3, 3), order="F"), INERTIA)
+    placed = np.reshape(content["transformation"], (4, 4), order="F")
+    near(placed, pin.SE3(TOOL.rotation, TOOL.translation).homogeneous)
+    keys = "id name color mass centerOfMass transformation inertia"
+    assert set(content) == set(keys.split())
+
+
+def test_kuka_gets_millimetres_degrees_and_principal_moments():
+    text = controller_text(load(), "kuka").splitlines()[1]
+    shape = (
+        r"LOAD_DATA\[1\]={M .*,CM {X .*,Y .*,Z .*,A .*,B .*,C .*},J {X .*,Y .*,Z .*}}"
+    )
+    assert re.fullmatch(shape, text)
+    m, x, y, z, a, b, c, *moments = numbers(text.partition("=")[2])
+    near([m, x, y, z], [2.5, *1e3 * COM])
+    about_z, about_y, about_x = (
+        pin.rpy.rpyToMatrix(*angles)
+        for angles in np.radians([[0, 0, a], [0, b, 0], [c, 0, 0]])
+    )
+    axes = about_z @ about_y @ about_x
+    np.testing.assert_allclose(axes @ np.diag(moments) @ axes.T, INERTIA, atol=1e-9)
+
+
+def test_kuka_s_angle_a_turns_about_z():
+    turned = pin.rpy.rpyToMatrix(0.0, 0.0, np.radians(30.0))
+    inertia = turned @ np.diag(MOMENTS) @ turned.T
+    text = controller_text(load(inertia), "kuka").splitlines()[1]
+    near(numbers(text.partition("CM")[2])[3:], [30.0, 0.0, 0.0, *MOMENTS])
+
+
+def test_abb_gets_the_load_in_the_frame_of_the_tool():
+    text = controller_text(load(), "abb").splitlines()[1]
+    assert re.fullmatch(r"PERS loaddata box:=\[.*,\[.*\],\[.*\],.*,.*,.*\];", text)
+    m, x, y, z, w, *vector, ix, iy, iz = numbers(text.partition(":=")[2])
+    place = pin.SE3(TOOL.rotation, TOOL.translation)
+    near([m, x, y, z], [2.5, *1e3 * place.actInv(COM)])
+    axes = pin.Quaternion(w, *vector).matrix()
+    in_tool = TOOL.rotation.T @ INERTIA @ TOOL.rotation
+    np.testing.assert_allclose(
+        axes @ np.diag([ix, iy, iz]) @ axes.T, in_tool, atol=1e-9
+    )
+
+
+def test_abb_s_quaternion_has_its_real_part_first():
+    turned = pin.rpy.rpyToMatrix(0.0, 0.0, np.radians(30.0))
+    half = np.radians(15.0)
+    near(quaternion_wxyz(turned), [np.cos(half), 0.0, 0.0, np.sin(half)])
+
+
+def test_pinocchio_reads_the_urdf_on_the_flange():
+    link = controller_text(load(), "urdf")
+    inner = link.split('<robot name="box">')[1]
+    robot = (
+        '<robot name="r"><link name="base"/><link name="tool0"/><joint name="j" '
+        'type="revolute"><parent link="base"/><child link="tool0"/><axis xyz="0 0 1"/>'
+        f'<limit lower="-1" upper="1" velocity="1" effort="1"/></joint>{inner}'
+    )
+    body = pin.buildModelFromXML(robot).inertias[1]
+    near(body.mass, 2.5)
+    near(body.lever, COM)
+    near(body.inertia, INERTIA)
+
+
+@pytest.mark.parametrize("point", [False, True])
+def test_mujoco_reads_the_body_in_the_link_that_carries_it(point):
+    text = controller_text(load(inertia_open=point), "mjcf")
+    body = text.split("<worldbody>")[1].split("</worldbody>")[0]
+    arm = (
+        '<mujoco><worldbody><body name="wrist"><joint axis="0 0 1"/><inertial pos="0 0 '
+        f'0" mass="1" diaginertia="1 1 1"/>{body}</body></worldbody></mujoco>'
+    )
+    model = mujoco.MjModel.from_xml_string(arm)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    which = model.body("box").id
+    near(model.body_mass[which], 2.5)
+    place = pin.SE3(FLANGE.rotation, FLANGE.translation)
+    near(data.xipos[which], place.act(COM))
+    axes = data.ximat[which].reshape(3, 3)
+    found = axes @ np.diag(model.body_inertia[which]) @ axes.T
+    expected = FLANGE.rotation @ INERTIA @ FLANGE.rotation.T
+    np.testing.assert_allclose(found, 0.0 * INERTIA if point else expected, atol=1e-9)
+
+
+def test_a_load_of_open_inertia_is_sent_as_a_point_mass():
+    point = load(inertia_open=True)
+    assert numbers(controller_text(point, "ur").splitlines()[1])[4:] == [0.0] * 6
+    kuka = controller_text(point, "kuka").splitlines()[1].partition("CM")[2]
+    assert numbers(kuka)[3:] == [0.0] * 6
+    abb = numbers(controller_text(point, "abb").splitlines()[1].partition(":=")[2])
+    assert abb[4:] == [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+
+
+def test_principal_axes_are_the_nearest_rotation():
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        axes = pin.exp3(rng.normal(size=3))
+        inertia = axes @ np.diag(MOMENTS) @ axes.T
+        found = principal_inertia(inertia)
+        turned = found.axes
+        np.testing.assert_allclose(
+            turned @ np.diag(found.moments) @ turned.T, inertia, atol=1e-15
+        )
+        assert np.linalg.det(turned) == pytest.approx(1.0)
+        # No rotation to the nearest of the 24 orders and signs is above 62.8 degrees.
+        assert np.degrees(np.linalg.norm(pin.log3(turned))) < 62.81
+        a, b, c = np.radians(turned_zyx(turned))
+        np.testing.assert_allclose(pin.rpy.rpyToMatrix(c, b, a), turned, atol=1e-12)
+        quaternion = pin.Quaternion(turned)
+        expected = np.array([quaternion.w, *quaternion.vec()])
+        expected *= np.sign(expected[0])
+        np.testing.assert_allclose(quaternion_wxyz(turned), expected, atol=1e-12)
+
+
+def test_what_is_no_body_is_refused():
+    body = InertialParameters.from_central(-1.0, COM, INERTIA)
+    with pytest.raises(ModelError, match=r"mass -1 kg.*expected a positive mass"):
+        ControllerLoad("box", body, FLANGE, "wrist", TOOL)
+    bent = InertialParameters.from_central(1.0, COM, np.diag([1.0, 0.1, 0.1]))
+    with pytest.raises(ModelError, match="consistent: False"):
+        ControllerLoad("box", bent, FLANGE, "wrist", TOOL)
+
+
+def test_an_unknown_controller_is_refused_with_the_nearest():
+    with pytest.raises(ProblemError, match=r"no controller 'kukas'.*kuka"):
+        controller_text(load(), "kukas")
+    names = [form.file for form in CONTROLLER_FORMATS]
+    assert len(set(names)) == len(names)

@@ -1,0 +1,239 @@
+"""Loads weighed from the logs of a user, in Python and in the shell."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from carrying import FLANGE, LOAD, write_log, write_robot
+
+from consistent_id import ModelError, ProblemError, draft_problem, load_problem
+from consistent_id.cli import main
+from consistent_id.service import weigh_load
+
+PLAIN = {"select": False, "cutoff": 8.0}
+WORDS = ["--no-select", "--cutoff", "8"]
+CENTRAL = LOAD.central_inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
+TRUTH = np.concatenate([[LOAD.mass], LOAD.com, CENTRAL])
+GAINS = np.array([1.0, 1.1, 0.9, 1.0])
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """The robot, and logs without and with the load."""
+    folder = tmp_path_factory.mktemp("carrying")
+    return {
+        "robot": write_robot(folder),
+        "empty": write_log(folder / "empty.csv", None),
+        "again": write_log(folder / "again.csv", None, seed=2),
+        "loaded": write_log(folder / "loaded.csv", LOAD, seed=1),
+    }
+
+
+@pytest.fixture(scope="module")
+def problem(files):
+    return draft_problem(files["robot"], files["empty"], **PLAIN).problem()
+
+
+@pytest.fixture(scope="module")
+def found(problem, files):
+    return weigh_load(problem, files["loaded"], link="flange", tool="tcp")
+
+
+def test_a_load_is_weighed_in_the_frame_of_the_flange(found):
+    flange = found.in_flange
+    assert found.verdict.word == "use"
+    assert flange.frame == "flange"
+    assert abs(flange.body.mass - LOAD.mass) < 0.03
+    assert np.linalg.norm(flange.body.com - LOAD.com) < 3e-3
+    # Ten intervals of 95 %, of one log: all ten contain the truth in most cases.
+    inside = (flange.low < TRUTH) & (flange.high > TRUTH)
+    assert inside.sum() >= 9
+    assert (flange.high - flange.low < 0.3 * np.maximum(abs(TRUTH), 0.1)).all()
+    assert found.payload.body.is_consistent()
+    assert not found.inertia_open
+
+
+def test_the_tool_s_frame_is_that_of_the_file(found):
+    turned = pin.SE3(pin.rpy.rpyToMatrix(0, 0, np.pi / 2), np.array([0, 0, 0.2]))
+    expected = turned.actInv(found.in_flange.body.com)
+    np.testing.assert_allclose(found.in_tool.body.com, expected, atol=1e-12)
+    controller = found.for_controller
+    np.testing.assert_allclose(controller.in_tool.com, expected, atol=1e-12)
+    assert (controller.link, controller.flange.name) == ("link3", "flange")
+    place = pin.SE3(controller.flange.rotation, controller.flange.translation)
+    np.testing.assert_allclose(place.homogeneous, FLANGE.homogeneous, atol=1e-12)
+
+
+def test_a_tool_s_place_is_given_in_the_frame_of_the_flange(problem, files, found):
+    place = [0.0, 0.0, 0.2, 0.0, 0.0, np.pi / 2]
+    other = weigh_load(problem, files["loaded"], link="flange", tool=place)
+    np.testing.assert_allclose(
+        other.in_tool.values, found.in_tool.values, rtol=1e-9, atol=1e-12
+    )
+    assert other.in_tool.frame == "tool"
+
+
+@pytest.fixture(scope="module")
+def still(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("still")
+    robot = write_robot(folder)
+    logs = [
+        write_log(folder / f"{name}.csv", load, still=True, seed=seed)
+        for seed, (name, load) in enumerate({"empty": None, "loaded": LOAD}.items())
+    ]
+    problem = draft_problem(robot, logs[0], select=False, cutoff=2.0).problem()
+    return weigh_load(problem, logs[1], link="flange")
+
+
+def test_poses_at_rest_show_mass_and_centre_of_mass_alone(still):
+    assert still.inertia_open
+    assert [r.kind for r in still.verdict.grounds] == ["inertia is open"]
+    body = still.in_flange.body
+    assert abs(body.mass - LOAD.mass) < 0.05
+    assert np.linalg.norm(body.com - LOAD.com) < 5e-3
+    assert not still.for_controller.inertia.any()
+
+
+def test_without_a_load_none_is_seen(problem, files):
+    found = weigh_load(problem, files["again"], link="flange")
+    assert found.verdict.word == "do not use"
+    assert "no load is seen" in [r.kind for r in found.verdict.grounds]
+    with pytest.raises(ProblemError, match="no load is seen: the mass is"):
+        found.for_controller  # noqa: B018
+    overlooked = weigh_load(
+        problem,
+        files["again"],
+        accepted=["no load is seen", "inertia is open", "misfit"],
+    )
+    assert overlooked.verdict.word == "use"
+
+
+def test_a_known_mass_shows_and_corrects_gains_that_are_off(files, tmp_path):
+    empty = write_log(tmp_path / "empty.csv", None, gains=GAINS)
+    loaded = write_log(tmp_path / "loaded.csv", LOAD, gains=GAINS, seed=1)
+    problem = draft_problem(files["robot"], empty, **PLAIN).problem()
+    wrong = weigh_load(problem, loaded, link="flange")
+    assert wrong.in_flange.high[0] < LOAD.mass or wrong.in_flange.low[0] > LOAD.mass
+    found = weigh_load(problem, loaded, link="flange", known_mass=LOAD.mass)
+    assert found.corrected
+    assert "gains are off" in [r.kind for r in found.verdict.grounds]
+    # Joints that gravity loads; j0 turns about the vertical.
+    np.testing.assert_allclose(found.gains.gains[1:], GAINS[1:], rtol=0.03)
+    assert found.in_flange.body.mass == pytest.approx(LOAD.mass, rel=1e-6)
+    assert np.linalg.norm(found.in_flange.body.com - LOAD.com) < 3e-3
+    assert found.in_flange.low[0] < LOAD.mass < found.in_flange.high[0]
+
+
+def test_right_gains_are_left_alone(problem, files):
+    found = weigh_load(problem, files["loaded"], known_mass=LOAD.mass)
+    assert not found.corrected
+    assert "gains are off" not in [r.kind for r in found.verdict.reasons]
+    assert len(found.tables()) == 3
+
+
+def test_frames_that_make_no_sense_are_refused(problem, files):
+    loaded = files["loaded"]
+    with pytest.raises(ModelError, match="no link named"):
+        weigh_load(problem, loaded, link="hand")
+    with pytest.raises(ProblemError, match=r"'base' does not move"):
+        weigh_load(problem, loaded, link="base")
+    with pytest.raises(ProblemError, match="is not fixed to 'link1'"):
+        weigh_load(problem, loaded, link="link1", tool="tcp")
+    with pytest.raises(ProblemError, match=r"expected x, y, z \[m\]"):
+        weigh_load(problem, loaded, tool=[0.1, 0.2])
+    with pytest.raises(ProblemError, match=r"nowhere\.csv: no such file"):
+        weigh_load(problem, "nowhere.csv")
+    with pytest.raises(ProblemError, match="expected at least one"):
+        weigh_load(problem, [])
+    with pytest.raises(ProblemError, match="expected more than 0 kg"):
+        weigh_load(problem, loaded, known_mass=-1.0)
+    with pytest.raises(ProblemError, match="the first and the last"):
+        weigh_load(problem, loaded, rows=[1, 2, 3])
+    with pytest.raises(ProblemError, match="has no recordings"):
+        weigh_load(load_problem("problems/rx60"), loaded)
+
+
+def test_rows_are_those_of_the_logs_with_the_load(problem, files):
+    whole = weigh_load(problem, files["loaded"], link="flange")
+    half = weigh_load(problem, files["loaded"], link="flange", rows=(1, 500))
+    width = whole.in_flange.high[0] - whole.in_flange.low[0]
+    assert half.in_flange.high[0] - half.in_flange.low[0] > 1.1 * width
+
+
+def test_the_shell_writes_what_controllers_take(files, tmp_path, capsys):
+    out = tmp_path / "out"
+    words = ["payload", files["robot"], files["empty"], "--loaded", files["loaded"]]
+    words += [*WORDS, "--link", "flange", "--tool", "0,0,0.2", "--output", out]
+    assert main([*map(str, words), "--controller", "ur", "mjcf"]) == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith("use: payload\n")
+    assert "The load in the frame flange" in shown and "frame tool" in shown
+    written = {file.name for file in out.iterdir()}
+    assert written == {"payload.script", "payload.xml", "payload.json"}
+    record = json.loads((out / "payload.json").read_text())
+    mass = record["frames"]["flange"]["m"]
+    assert mass["low"] < LOAD.mass < mass["high"]
+    assert record["verdict"] == "use" and record["consistent"]
+    assert main([*map(str, words), "--json", "--dry-run"]) == 0
+    assert json.loads(capsys.readouterr().out)["frames"] == record["frames"]
+
+
+def test_the_shell_writes_nothing_of_a_load_that_is_not_seen(files, tmp_path, capsys):
+    out = tmp_path / "out"
+    words = ["payload", files["robot"], files["empty"], "--loaded", files["again"]]
+    assert main([*map(str, [*words, *WORDS]), "--output", str(out)]) == 1
+    assert "no load is seen" in capsys.readouterr().out
+    assert not out.exists()
+
+
+@pytest.mark.slow
+def test_a_folder_of_results_stands_for_the_robot(files, tmp_path, capsys):
+    out = tmp_path / "robot"
+    words = ["identify", files["robot"], files["empty"], *WORDS, "--output", out]
+    assert main(list(map(str, words))) == 0
+    capsys.readouterr()
+    loaded = ["--loaded", str(files["loaded"]), "--link", "flange", "--json"]
+    assert main(["payload", str(out), *loaded]) == 0
+    mass = json.loads(capsys.readouterr().out)["frames"]["flange"]["m"]
+    assert mass["low"] < LOAD.mass < mass["high"]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    "CONSISTENT_ID_DATASETS" not in os.environ,
+    reason="CONSISTENT_ID_DATASETS does not name the folder of recordings",
+)
+def test_the_ur10e_s_known_mass_shows_that_the_authors_gains_are_off():
+    problem = load_problem("problems/ur10e")
+    folder = Path(os.environ["CONSISTENT_ID_DATASETS"], "ur10e", "payload")
+    log = folder / "ur-20_02_19_14harm50secLoad.parquet"
+    settings = {"rows": (308, 5071), "link": "tool0"}
+    stated = weigh_load(problem, log, **settings)
+    assert stated.in_flange.high[0] < 2.6  # it weighs 2.805 kg
+    assert "assumed to be exact" in stated.payload.condition
+    found = weigh_load(problem, log, known_mass=2.805, **settings)
+    assert found.corrected
+    (ground,) = [r for r in found.verdict.grounds if r.kind == "gains are off"]
+    assert "5 of 6 joints" in ground.statement
+    assert found.in_flange.low[0] < 2.805 < found.in_flange.high[0]
+    # Gains that were identified with the other loaded log, as payload.toml has them.
+    other = np.array([11.86, 12.22, 10.04, 10.63, 10.37, 10.44])
+    authors = np.array(problem.table.data.torque_gain)
+    gains = found.gains.gains * authors
+    np.testing.assert_allclose(gains, other, rtol=0.05)
+    # The other loaded log, in which the load is turned by half a turn.
+    weighed = weigh_load(
+        load_problem("problems/ur10e", torque_gain=gains.tolist()),
+        folder / "ur-20_02_19_15harm50secLoad.parquet",
+        rows=(330, 5000),
+        omit=(1, 2),
+        link="tool0",
+        gain_errors=found.gains.relative_errors,
+    ).in_flange
+    assert weighed.low[0] < 2.805 < weighed.high[0]
+    assert weighed.body.mass == pytest.approx(2.805, rel=0.01)
+    turned = found.in_flange.body.com * [-1.0, -1.0, 1.0]
+    np.testing.assert_allclose(weighed.body.com, turned, atol=0.01)
