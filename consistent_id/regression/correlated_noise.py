@@ -20,11 +20,12 @@ for many samples.
 
 Errors of the model change along the motion.  The fit absorbs much of them, so its
 residuals show less than their effect on parameters.  Therefore a recording is cut into
-`BLOCKS`.  A block has the scores ``y_b`` and the share ``L_b`` of the information.
-Without it, parameters change by ``(1 - L_b)^-1 y_b``; the sum of these squares is the
-variance of a jackknife, which contains shifts of the parameters from block to block
-[Bell2002]_.  `CorrelatedNoise.blocks` is its ratio to the variance by the spectrum,
-the median over parameters.
+`BLOCKS`, ``n``.  A block has the scores ``y_b`` and the share ``L_b`` of the
+information.  Without it, parameters change by ``(1 - L_b)^-1 y_b``; the sum of these
+squares times ``(n - 1) / n`` is the variance of a jackknife [Efron1982]_.  It contains
+shifts of the parameters from block to block [Bell2002]_, and is that of noise where
+blocks have equal information and no other errors.  `CorrelatedNoise.blocks` is its
+ratio to the variance by the spectrum, the median over parameters.
 """
 
 from collections.abc import Iterator, Sequence
@@ -297,6 +298,7 @@ def block_ratio(fit: JointFit, sums: BlockPart, scores: Sequence[Matrix]) -> flo
     by_noise, between = (
         np.sum(np.square(part @ steps.T), axis=0) for part in (np.vstack(rows), left)
     )
+    between *= (BLOCKS - 1) / BLOCKS
     known = by_noise > _RANKED * by_noise.max(initial=0.0)
     if not known.any():
         return 1.0
