@@ -17,7 +17,10 @@ of matrices, so it is simulated: noise is added to the prediction of the best co
 robot, and the constrained fit is solved again.  Constraints that this robot satisfies
 by less than `NEAR` standard errors are moved until they are active: noise has moved
 about half of the truly active ones inside, and a simulation without them has too small
-``T`` [Andrews2010]_.  Two things save work.  That robot
+``T`` [Andrews2010]_.  Each joint's noise level is an estimate, often with few degrees
+of freedom ``n`` (`ResidualNoise.level_freedom`).  So each draw divides the joint's
+variance by ``chi^2_n / n``, and ``T`` is compared with a mixture of ``F`` distributions
+instead of ``chi^2``.  Two things save work.  That robot
 itself satisfies the constraints, so ``T`` of simulated data is at most the noise's
 square: if ``T`` of the data is larger, it is not reached, and no fit is needed.  The
 simulation ends when `REACHED` draws have reached it, which shows that it is not rare;
@@ -47,7 +50,11 @@ from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.linear import DATA_RANK_TOLERANCE
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import joint_noise, unconstrained_fit
+from consistent_id.regression.residual_noise import (
+    UnconstrainedFit,
+    joint_noise,
+    unconstrained_fit,
+)
 from consistent_id.regression.row_structure import random_rows
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.scaling import link_scales
@@ -398,10 +405,11 @@ def consistency_test(
     base = base_parameters(model) if base is None else base
     weighted = regression.weighted(joint_noise(model, regression, base=base))
     noise = unconstrained_fit(weighted, base).noise
-    best = best_fit(model, weighted.weighted(noise.level), constraints, base=base)
+    weighted = weighted.weighted(noise.level)
+    best = best_fit(model, weighted, constraints, base=base)
     increase = _squared_distance(best, best.scaled.z)
-    rng = np.random.default_rng(seed)
-    shaken = rng.normal(size=(draws, len(best.scaled.z)))
+    free = unconstrained_fit(weighted, base)
+    shaken = _drawn_noise(best, free, draws, np.random.default_rng(seed))
     scaled = replace(best.scaled, domain=_with_near_active(best))
     reached, answers = _simulated(
         replace(best, scaled=scaled),
@@ -416,6 +424,30 @@ def consistency_test(
         p_value=reached / answers if early else (1 + reached) / (1 + answers),
         draws=answers,
         white=not noise.measured,
+    )
+
+
+def _drawn_noise(
+    best: BestFit, free: UnconstrainedFit, draws: int, rng: np.random.Generator
+) -> Matrix:
+    """Return noise of the rows of ``M``, each joint's level being drawn too.
+
+    Shape (draws, rows); only noise in the range of ``M`` moves a fit.
+    """
+    noise, regression = free.noise, free.regression
+    columns, steps = list(free.base.independent), noise.steps
+    rows = [
+        F[:, columns] @ steps / sigma
+        for F, sigma in zip(regression.factors, regression.sigma, strict=True)
+    ]
+    parts = np.array([Q.T @ Q for Q in rows])  # of the joints; they add up to one
+    to_rows = best.scaled.M @ np.linalg.pinv(best.scaled.projection) @ steps
+    drawn = rng.normal(size=(draws, noise.rank))
+    freedom = noise.level_freedom
+    levels = freedom / rng.chisquare(freedom, size=(draws, len(freedom)))
+    roots = np.linalg.cholesky(np.einsum("dj,jkl->dkl", levels, parts))
+    return np.asarray(
+        np.einsum("dkl,dl->dk", roots, drawn) @ to_rows.T * best.scaled.size
     )
 
 

@@ -342,6 +342,7 @@ def write_share(path: Path, share: RobotShare) -> None:
     if noise is not None:
         arrays |= {f"scores{j}": N for j, N in enumerate(noise.scores)}
         arrays["effective"] = noise.effective
+        arrays["freedom"] = noise.freedom
         arrays["blocks"] = np.array(noise.blocks)
     np.savez(
         path,
@@ -359,7 +360,9 @@ def read_share(path: Path, fleet: FleetModel) -> Regression:
         noise = None
         if "effective" in file:
             scores = tuple(file[f"scores{j}"] for j in range(len(joints)))
-            noise = CorrelatedNoise(file["effective"], scores, float(file["blocks"]))
+            noise = CorrelatedNoise(
+                file["effective"], scores, file["freedom"], float(file["blocks"])
+            )
         return Regression(
             layout=fleet.shared.layout,
             joints=joints,

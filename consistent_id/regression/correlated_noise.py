@@ -20,15 +20,16 @@ for many samples.
 
 Errors of the model change along the motion.  The fit absorbs much of them, so its
 residuals show less than their effect on parameters.  Therefore a recording is cut into
-`BLOCKS`.  A block has the scores ``y_b`` and the share ``L_b`` of the information.
-Without it, parameters change by ``(1 - L_b)^-1 y_b``; the sum of these squares is the
-variance of a jackknife, which contains shifts of the parameters from block to block
-[Bell2002]_.  `CorrelatedNoise.blocks` is its ratio to the variance by the spectrum,
-the median over parameters.
+`BLOCKS`, ``n``.  A block has the scores ``y_b`` and the share ``L_b`` of the
+information.  Without it, parameters change by ``(1 - L_b)^-1 y_b``; the sum of these
+squares times ``(n - 1) / n`` is the variance of a jackknife [Efron1982]_.  It contains
+shifts of the parameters from block to block [Bell2002]_, and is that of noise where
+blocks have equal information and no other errors.  `CorrelatedNoise.blocks` is its
+ratio to the variance by the spectrum, the median over parameters.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple, Protocol
 
@@ -81,6 +82,9 @@ class CorrelatedNoise:
         parameters as well, on average.
     scores : tuple of ndarray, each shape (rows, parameters)
         ``N_j`` with ``N_j^T N_j`` the covariance of the joint's scores ``Y_j^T e_j``.
+    freedom : ndarray, shape (joints,)
+        Degrees of freedom of the variance in `scores`, on average over parameters; see
+        `JointNoise`.
     blocks : float
         Variance of parameters that blocks of each recording show, over that by noise
         of these scores; at least one.
@@ -88,14 +92,14 @@ class CorrelatedNoise:
 
     effective: Vector
     scores: tuple[Matrix, ...]
+    freedom: Vector
     blocks: float = 1.0
 
     def share(self, part: float) -> "CorrelatedNoise":
         """Return the noise behind a part of the samples, the rest being like it."""
         root = np.sqrt(part)
-        return CorrelatedNoise(
-            self.effective * part, tuple(N * root for N in self.scores), self.blocks
-        )
+        scores = tuple(N * root for N in self.scores)
+        return replace(self, effective=self.effective * part, scores=scores)
 
 
 def joined_noise(parts: Sequence[CorrelatedNoise]) -> CorrelatedNoise:
@@ -105,6 +109,7 @@ def joined_noise(parts: Sequence[CorrelatedNoise]) -> CorrelatedNoise:
     return CorrelatedNoise(
         np.sum([part.effective for part in parts], axis=0),
         tuple(_compressed(np.vstack(scores)) for scores in of_joints),
+        np.sum([part.freedom for part in parts], axis=0),
         float(np.average([part.blocks for part in parts], weights=samples)),
     )
 
@@ -232,17 +237,15 @@ def _noise_along(
             noise = white_noise(rows[:, :-1], residual)
         else:
             noise = spectral_noise(rows[:, :-1], residual, steps)
-        found.append((whole[j] * noise.scores @ expand, counts[j] / noise.length))
+        scores = whole[j] * noise.scores @ expand
+        found.append((scores, max(counts[j] / noise.length, 1e-3), noise.freedom))
         used = np.flatnonzero(expand.any(axis=0))
         part, E = block_part(rows[:, :-1], residual), expand[:, used] / fit.weights[j]
         gradients[:, used] += whole[j] / fit.weights[j] * part.gradients @ E
         normals[:, used[:, None], used] += E.T @ part.normals @ E
-    scores = tuple(scores for scores, _ in found)
-    return CorrelatedNoise(
-        np.array([max(effective, 1e-3) for _, effective in found]),
-        scores,
-        block_ratio(fit, BlockPart(gradients, normals), scores),
-    )
+    of_joints, effective, freedom = zip(*found, strict=True)
+    ratio = block_ratio(fit, BlockPart(gradients, normals), of_joints)
+    return CorrelatedNoise(np.array(effective), of_joints, np.array(freedom), ratio)
 
 
 class BlockPart(NamedTuple):
@@ -295,6 +298,7 @@ def block_ratio(fit: JointFit, sums: BlockPart, scores: Sequence[Matrix]) -> flo
     by_noise, between = (
         np.sum(np.square(part @ steps.T), axis=0) for part in (np.vstack(rows), left)
     )
+    between *= (BLOCKS - 1) / BLOCKS
     known = by_noise > _RANKED * by_noise.max(initial=0.0)
     if not known.any():
         return 1.0
@@ -374,10 +378,14 @@ class JointNoise:
     length : float
         How many times as large as under white noise of the same variance the variance
         of parameters is, on average.
+    freedom : float
+        Degrees of freedom of that variance: ``2 mean^2 / variance`` of the estimate.
+        They are few, because parameters depend on a few low frequencies.
     """
 
     scores: Matrix
     length: float
+    freedom: float
 
 
 def spectral_noise(rows: Matrix, residual: Vector, steps: Matrix) -> JointNoise:
@@ -408,10 +416,17 @@ def spectral_noise(rows: Matrix, residual: Vector, steps: Matrix) -> JointNoise:
     mean = float(np.average(power, weights=twice))
     spent = float(twice @ leverage)
     felt = float((twice * leverage) @ power)
+    # The variance is a sum of |r|^2 with these weights, for each of all frequencies.
+    shares = _spread(twice * leverage / left, width) / twice * power
+    gram = fitted.T @ (np.tile(twice * shares, 2)[:, None] * fitted)
+    expected = float((twice * (1.0 - leverage)) @ shares)
+    variance = 2.0 * float((twice * (1.0 - 2.0 * leverage)) @ shares**2)
+    variance += 2.0 * float(np.sum(gram**2))
     y *= np.tile(np.sqrt(twice * power), 2)[:, None]
     return JointNoise(
         scores=_compressed(y),
         length=felt / (spent * mean) if spent * mean > 0.0 else 1.0,
+        freedom=max(2.0 * expected**2 / variance, 1.0) if variance > 0.0 else float(n),
     )
 
 
@@ -424,16 +439,30 @@ def _spectra(rows: Matrix) -> Matrix:
 def _smoothed(spectrum: Vector, width: int) -> Vector:
     """Return running means over `width` frequencies, reflected at both ends."""
     width = min(width, len(spectrum))
-    before = (width - 1) // 2
-    padded = np.pad(spectrum, (before, width - 1 - before), mode="symmetric")
+    padded = spectrum[_reflected(len(spectrum), width)]
     sums = np.cumsum(np.append(0.0, padded))
     return np.asarray((sums[width:] - sums[:-width]) / width)
+
+
+def _spread(weights: Vector, width: int) -> Vector:
+    """Return the weights of a spectrum, from those of its running means."""
+    n = len(weights)
+    width = min(width, n)
+    each = np.convolve(weights, np.full(width, 1.0 / width))
+    sums = np.bincount(_reflected(n, width), weights=each, minlength=n)
+    return sums.astype(np.float64)
+
+
+def _reflected(n: int, width: int) -> IntArray:
+    """Return the places of a spectrum of `n`, reflected at both ends."""
+    before = (width - 1) // 2
+    return np.pad(np.arange(n), (before, width - 1 - before), mode="symmetric")
 
 
 def white_noise(rows: Matrix, residual: Vector) -> JointNoise:
     """Return noise with the residual's variance that is not correlated."""
     rms = float(np.sqrt(np.mean(residual**2)))
-    return JointNoise(_compressed(rows * rms), 1.0)
+    return JointNoise(_compressed(rows * rms), 1.0, float(len(residual)))
 
 
 def _compressed(rows: Matrix) -> Matrix:

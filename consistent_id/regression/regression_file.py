@@ -26,6 +26,7 @@ class _NoiseRecord(msgspec.Struct, forbid_unknown_fields=True):
     effective: list[float]
     scores: list[_Rows]
     blocks: float = 1.0
+    freedom: list[float] | None = None  # None in files of earlier releases
 
 
 class _RegressionRecord(msgspec.Struct, forbid_unknown_fields=True):
@@ -77,7 +78,10 @@ def save_regression(regression: Regression, path: str | Path) -> Path:
         noise=None
         if noise is None
         else _NoiseRecord(
-            noise.effective.tolist(), [N.tolist() for N in noise.scores], noise.blocks
+            noise.effective.tolist(),
+            [N.tolist() for N in noise.scores],
+            noise.blocks,
+            noise.freedom.tolist(),
         ),
     )
     # Formatted, the file has the blank by which those of this package are known.
@@ -148,13 +152,15 @@ def _noise(
 ) -> CorrelatedNoise:
     n = len(record.joints)
     effective = np.array(noise.effective)
-    if effective.shape != (n,) or len(noise.scores) != n or not (effective > 0).all():
+    freedom = effective if noise.freedom is None else np.array(noise.freedom)
+    sizes = {len(effective), len(noise.scores), len(freedom)}
+    if sizes != {n} or not ((effective > 0) & (freedom > 0)).all():
         raise ProblemError(
-            f"noise of {len(effective)} and {len(noise.scores)} joints, expected "
+            f"noise of {' and '.join(map(str, sorted(sizes)))} joints, expected "
             f"positive numbers of {n}"
         )
     scores = tuple(_matrix(rows, width, "scores") for rows in noise.scores)
-    return CorrelatedNoise(effective, scores, noise.blocks)
+    return CorrelatedNoise(effective, scores, freedom, noise.blocks)
 
 
 def _matrix(rows: _Rows, width: int, what: str) -> Array:

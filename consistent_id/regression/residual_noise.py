@@ -153,6 +153,8 @@ class ResidualNoise:
         What scatter adds to the covariance of ``y``: between blocks of one recording,
         see `CorrelatedNoise`, or between recordings, by kind of parameter, see
         `RecordingScatter`.
+    level_freedom : ndarray, shape (joints,)
+        Degrees of freedom of `level`; see `CorrelatedNoise.freedom`.
     blocks : float
         Variance between blocks of one recording over that by noise; see
         `CorrelatedNoise`.  One where scatter between recordings contains it.
@@ -165,6 +167,7 @@ class ResidualNoise:
     steps: Matrix
     inflation: Matrix
     root: Matrix
+    level_freedom: Vector
     between: tuple[Scatter, ...] = ()
     blocks: float = 1.0
 
@@ -341,14 +344,17 @@ def unconstrained_fit(regression: Regression, base: BaseParameters) -> Unconstra
         added = (regression.noise.blocks - 1.0) * inflation
         between = (Scatter(added, BLOCKS - 1.0),)
         blocks = regression.noise.blocks
+    effective = float(np.sum(regression.effective))
+    white = np.maximum(regression.effective * (1.0 - solution.rank / effective), 1.0)
     noise = ResidualNoise(
         sigma=np.maximum(sigma, floor),
         length=length,
-        effective=float(np.sum(regression.effective)),
+        effective=effective,
         measured=regression.noise is not None,
         steps=steps,
         inflation=inflation,
         root=root,
+        level_freedom=white if regression.noise is None else regression.noise.freedom,
         between=between,
         blocks=blocks,
     )

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from experiments import experiment, pendulum
-from scipy.special import chdtrc
+from scipy.special import chdtrc, fdtrc
 from some_fast import some_fast
 
 from consistent_id import (
@@ -19,6 +19,8 @@ from consistent_id import (
 )
 from consistent_id.comparison.feasibility import consistency_test
 from consistent_id.constraints import ParameterBounds
+from consistent_id.regression import base_parameters
+from consistent_id.regression.residual_noise import joint_noise, unconstrained_fit
 
 
 def noisy_pendulum(seed, noise=0.2):
@@ -43,6 +45,28 @@ def test_of_a_half_space_the_p_value_is_half_that_of_chi_square(errors):
     # A mixture of nothing and of chi^2 with one degree of freedom, by halves; 400
     # draws tell it to four standard errors of a proportion.
     p = 0.5 * chdtrc(1, errors**2)
+    assert test.p_value == pytest.approx(p, abs=4 * np.sqrt(p * (1 - p) / 400) + 0.005)
+
+
+@pytest.mark.parametrize("errors", [3.0, 1.5])
+def test_an_estimated_noise_level_makes_it_that_of_an_f_distribution(errors):
+    model, _, regression = noisy_pendulum(1)
+    few = replace(regression.noise, freedom=np.array([5.0]), blocks=1.0)
+    regression = replace(regression, noise=few)
+    # The test weights by the level of all parameters, not by the error of this one.
+    weighted = regression.weighted(joint_noise(model, regression))
+    fit = unconstrained_fit(weighted, base_parameters(model))
+    weighted = weighted.weighted(fit.noise.level)
+    plain = least_squares(model, replace(weighted, noise=None))
+    fit = unconstrained_fit(weighted, plain.base)
+    k = plain.base.names.index("joint1.viscous")
+    step = errors * np.linalg.norm(fit.noise.steps[k])
+    bounds = {"joint1.viscous": (plain.base_values[k] + step, np.inf)}
+    test = consistency_test(
+        model, regression, constraints=[ParameterBounds(bounds)], draws=400, enough=400
+    )
+    assert test.increase == pytest.approx(errors**2, rel=1e-3)
+    p = 0.5 * fdtrc(1, 5, errors**2)
     assert test.p_value == pytest.approx(p, abs=4 * np.sqrt(p * (1 - p) / 400) + 0.005)
 
 

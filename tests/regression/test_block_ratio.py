@@ -65,7 +65,7 @@ def test_the_ratio_is_that_of_fits_without_each_block():
         np.linalg.lstsq(A[block != k], b[block != k], rcond=None)[0]
         for k in range(BLOCKS)
     ]
-    jackknife = np.sum((np.array(left) - fit.x) ** 2, axis=0)
+    jackknife = (BLOCKS - 1) / BLOCKS * np.sum((np.array(left) - fit.x) ** 2, axis=0)
     by_noise = np.diag(np.linalg.inv(A.T @ A)) * residual.var()
     # Median of chi^2 / 9; shares of a tenth count as 0.095.
     assert found == pytest.approx(np.median(jackknife / by_noise) / 0.927, rel=0.02)

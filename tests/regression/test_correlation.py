@@ -158,3 +158,25 @@ def test_of_an_impulse_all_frequencies_have_the_same_power_to_the_last(samples):
         found.scores.T @ found.scores, 4.0 * rows.T @ rows / samples, atol=1e-12
     )
     assert found.length == 1.0
+
+
+@pytest.mark.parametrize("a", [0.0, 0.9])
+def test_the_degrees_of_freedom_are_those_by_which_the_variance_scatters(a):
+    rng = np.random.default_rng(4)
+    n, columns = 1000, 7
+    time = np.arange(n) / 100
+    # Slow columns, as a robot's motion: few frequencies have all the leverage.
+    rows = np.column_stack([np.cos(k * time) for k in range(columns)])
+    basis = np.linalg.qr(rows)[0]
+    variances, freedoms = [], []
+    for _ in range(400):
+        noise = ar1(rng, a, n)[:, 0]
+        residual = noise - basis @ (basis.T @ noise)
+        found = spectral_noise(basis, residual, np.eye(columns))
+        variances.append(np.sum(found.scores**2))
+        freedoms.append(found.freedom)
+    expected = 2.0 * np.mean(variances) ** 2 / np.var(variances)
+    # 400 variances know their own variance to 7 % and more; noise is only nearly white
+    # within the band of a running mean.
+    assert np.mean(freedoms) == pytest.approx(expected, rel=0.25)
+    assert 3.0 < expected < 40.0

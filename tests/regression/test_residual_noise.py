@@ -160,6 +160,7 @@ def test_degrees_of_freedom_of_two_variances_are_those_of_satterthwaite(noise, b
         steps=one,
         inflation=noise * one,
         root=np.sqrt(noise) * one,
+        level_freedom=np.array([9.0]),
         between=(Scatter(between * one, 5.0),),
     )
     # (a + b)^2 / (a^2 / 40 + b^2 / 5), of any functional of the one parameter.

@@ -220,4 +220,5 @@ def _noise(rows: Array, fit: JointFit) -> CorrelatedNoise:
     effective = np.array([rows.shape[1] / noise.length for noise in found])
     scores = tuple(noise.scores for noise in found)
     sums = BlockPart(*(np.sum(each, axis=0) for each in zip(*parts, strict=True)))
-    return CorrelatedNoise(effective, scores, block_ratio(fit, sums, scores))
+    freedom = np.array([noise.freedom for noise in found])
+    return CorrelatedNoise(effective, scores, freedom, block_ratio(fit, sums, scores))

@@ -1,0 +1,117 @@
+"""How often the test of consistency rejects constraints: size, and power.
+
+``python benchmarks/consistency_size.py [--replicates N] [--duration S]`` makes logs of
+robots on the boundary of their constraints, with the noise level estimated from each
+log.  Twelve friction terms are zero, or all links are points of known mass.  A test
+with a nominal 5 % should reject 5 % of them.  The second figure of each row is for a
+robot that is beyond the boundary, one parameter by some standard errors.
+"""
+
+import argparse
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+import coverage
+
+import consistent_id as ci
+from consistent_id.comparison.feasibility import consistency_test
+
+KINDS = ("white", "AR(1) 0.9", "outliers", "changing level")
+BEYOND = 2.5  # standard errors
+
+
+def friction() -> tuple[ci.TorqueModel, np.ndarray, list[ci.constraints.Constraint]]:
+    """Return an arm of four joints whose twelve friction terms are zero."""
+    model, truth = coverage.arm(4)
+    drive = ci.DriveTerms(
+        viscous=True, coulomb="tanh", velocity_scale=0.05, offset=True
+    )
+    model = ci.TorqueModel(model.robot, drive)
+    first = model.layout.inertial_size
+    known = np.concatenate([truth[:first], np.zeros(len(model.layout) - first)])
+    terms = model.layout.names[first:]
+    bounds = ci.constraints.ParameterBounds({name: (0.0, np.inf) for name in terms})
+    return model, known, [bounds]
+
+
+def points() -> tuple[ci.TorqueModel, np.ndarray, list[ci.constraints.Constraint]]:
+    """Return an arm of three joints whose links are points of known mass."""
+    model, truth = coverage.arm(3)
+    for k in range(3):
+        body = ci.InertialParameters(truth[10 * k : 10 * k + 10])
+        point = body.from_central(body.mass, body.com, np.zeros((3, 3)))
+        truth[10 * k : 10 * k + 10] = point.vector
+    return model, truth, [ci.PhysicalConsistency(margin=0.0), ci.FixedMasses()]
+
+
+CASES = {"twelve friction terms": (friction, -3), "links that are points": (points, 29)}
+
+
+def noise(kind: str, clean: ci.Recording, rng: np.random.Generator) -> np.ndarray:
+    """Return noise of unit variance, shape (samples, joints)."""
+    if kind != "changing level":
+        return coverage.noise(kind, clean, rng)
+    white = coverage.noise("white", clean, rng)
+    level = np.exp(np.sin(np.linspace(0.0, 6.0 * np.pi, len(white))))[:, None]
+    return white * level / np.sqrt(np.mean(level**2))
+
+
+def rejected(case: str, kind: str, beyond: float, replicates: int) -> float:
+    """Return the share of data sets that contradict the constraints."""
+    make, place = CASES[case]
+    model, truth, constraints = make()
+    base = ci.regression.base_parameters(model)
+    motion = coverage.motion(model)
+    rng, found = np.random.default_rng(2), []
+    clean = ci.simulate_torque(model, truth, motion)
+    size = coverage.LEVEL * clean.torque.std(axis=0)
+
+    def shaken() -> ci.Regression:
+        log = replace(clean, torque=clean.torque + size * noise(kind, clean, rng))
+        return ci.build_regression(model, log)
+
+    if beyond:
+        place_in_base = base.names.index(model.layout.names[place])
+        truth[place] -= beyond * np.mean(
+            [
+                ci.estimation.weighted_least_squares(
+                    model, regression, base=base
+                ).standard_errors[place_in_base]
+                / np.sqrt(regression.noise.blocks)
+                for regression in (shaken() for _ in range(20))
+            ]
+        )
+        clean = ci.simulate_torque(model, truth, motion)
+    for _ in range(replicates):
+        test = consistency_test(model, shaken(), constraints=constraints, base=base)
+        found.append(test.significant)
+    return float(np.mean(found))
+
+
+def main() -> None:
+    """Print size and power for each case and kind of noise."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--replicates", type=int, default=200)
+    parser.add_argument("--duration", type=float, default=10.0, help="of a log, in s")
+    given = parser.parse_args()
+    coverage.DURATION = given.duration
+    print(f"| boundary | noise | size | power at {BEYOND:g} standard errors |")
+    print("|---|---|--:|--:|")
+    for case in CASES:
+        for kind in KINDS:
+            size, power = (
+                rejected(case, kind, beyond, count)
+                for beyond, count in (
+                    (0.0, given.replicates),
+                    (BEYOND, given.replicates // 4),
+                )
+            )
+            print(f"| {case} | {kind} | {size:.1%} | {power:.0%} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
