@@ -26,6 +26,7 @@ from consistent_id.excitation.accuracy import (
     with_default_noise,
 )
 from consistent_id.excitation.aims import Aim, PathForm, forms_to_try
+from consistent_id.excitation.clear_poses import require_clear_pose
 from consistent_id.excitation.designed import ExcitationDesign, Stage
 from consistent_id.excitation.interest import base_for
 from consistent_id.excitation.search_problem import SearchProblem, search_problem
@@ -130,6 +131,7 @@ def design_trajectory(
     forms = _forms(form, limits)
     for one in forms:
         _require_long_enough(one, aim, limits)
+    require_clear_pose(required, seed)
     base = base_for(measured, aim.interest)
     searched = partial(search_problem, measured, base, seed=seed)
     problems = {one: searched(one, aim, limits, required.guards) for one in forms}

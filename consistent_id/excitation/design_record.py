@@ -7,6 +7,12 @@ import numpy as np
 
 from consistent_id._support.tables import Table
 from consistent_id.excitation.designed import ExcitationDesign, Stage
+from consistent_id.excitation.kept import (
+    clearance_words,
+    kept_apart,
+    kept_limits,
+    least_moved,
+)
 from consistent_id.excitation.validating import ValidationPath
 from consistent_id.excitation.verification import PathProof
 from consistent_id.motion.collisions.clearance import ClearanceReport
@@ -46,6 +52,7 @@ def design_record(
         "starts": design.starts,
         "seconds": design.seconds,
         "notes": list(design.notes),
+        "kept": list(kept_sentences(design)),
         "form": {
             "duration_s": form.duration,
             "frequencies_hz": form.frequencies.tolist(),
@@ -118,6 +125,7 @@ def design_tables(
         ("stage", "its objective", "condition number", "least margin"),
         tuple(rows),
         (
+            *kept_sentences(design),
             f"condition number of {design.condition.basis}; column scaling: "
             f"{design.condition.scaling}",
             _searched(design),
@@ -132,6 +140,16 @@ def design_tables(
         design.accuracy.table(),
         design.proof.margins.table(),
     ]
+
+
+def kept_sentences(design: ExcitationDesign) -> tuple[str, ...]:
+    """Return what a design keeps, and which joint moves least, as sentences."""
+    required = design.demands
+    return (
+        *kept_apart(required.scene),
+        kept_limits(required),
+        least_moved(design.trajectory, design.limits),
+    )
 
 
 def used_limits(design: ExcitationDesign) -> Table:
@@ -200,7 +218,7 @@ def _clearances(
         if report is not None
     )
     notes = (
-        f"{len(scene.pairs)} pairs of bodies checked; proven for all times",
+        clearance_words(scene),
         *scene.remarks,
     )
     header = (
@@ -209,7 +227,7 @@ def _clearances(
         "at [s]",
         "seen [mm]",
         "wanted",
-        "proven",
+        "bound" if scene.unchecked else "proven",
     )
     return [Table("Clearance", header, rows, notes)]
 
@@ -227,7 +245,9 @@ def _scene(
             for pair in scene.pairs
         ],
         "notes": [str(note) for note in scene.notes],
-        "dropped": list(scene.dropped),
+        "dropped": [link for link, _ in scene.dropped],
+        "unchecked": list(scene.unchecked),
+        "swept": list(scene.swept),
     } | {_MOVES[name]: _clearance(proof.clearance) for name, proof in proofs.items()}
 
 

@@ -65,6 +65,10 @@ class Guard(Protocol):
         """Work of measuring all items at one time."""
 
     @property
+    def keeps_apart(self) -> bool:
+        """Whether it is about distances of bodies."""
+
+    @property
     def density(self) -> int:
         """Samples per period of the highest frequency at which it is to measure."""
 
@@ -115,6 +119,11 @@ class TorqueGuard:
     effort: Vector
     reach: float
     slow: Vector | None = None
+
+    @property
+    def keeps_apart(self) -> bool:
+        """It is about torque."""
+        return False
 
     @property
     def density(self) -> int:
@@ -191,6 +200,11 @@ class ClearanceGuard:
 
     scene: Scene
     spare: Mapping[int, float] = field(default_factory=dict)
+
+    @property
+    def keeps_apart(self) -> bool:
+        """It is about distances."""
+        return True
 
     @property
     def density(self) -> int:

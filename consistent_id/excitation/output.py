@@ -26,6 +26,7 @@ from consistent_id.excitation.design_record import design_record, design_tables
 from consistent_id.excitation.designed import ExcitationDesign
 from consistent_id.excitation.html_replay import ShapesFile, write_replay
 from consistent_id.excitation.interest import parameters_named
+from consistent_id.excitation.kept import PROVEN, kept_apart, kept_limits
 from consistent_id.excitation.playable import (
     TRAINING,
     VALIDATION,
@@ -185,7 +186,10 @@ def playable_tables(playable: PlayableDesign) -> list[Table]:
     """Return the same for people."""
     rows = tuple(_rows(playable))
     header = ("motion", "lasts", "least margin", "joint", "limit of")
-    what = "run-in and run-out included; proven for all times"
+    scene = playable.design.demands.scene
+    whole = scene is not None and not scene.unchecked
+    of = "limits and clearances" if whole else "limits, not all clearances,"
+    what = f"run-in and run-out included; {of} {PROVEN}"
     notes = (what, *playable.notes, *playable.refusals)
     found, *others = design_tables(playable.design, playable.proofs)
     return [found, Table("What is played", header, rows, notes), *others]
@@ -211,6 +215,8 @@ def request_tables(
     objectives = ", then ".join(aim.objectives) + bound * (len(aim.objectives) > 1)
     pose, times = request.start_pose, request.periods or 1
     lines = [
+        ("collisions", "; ".join(kept_apart(required.scene))),
+        ("limits", kept_limits(required)),
         ("duration", f"{form.duration:g} s"),
         ("frequencies", tried),
         ("ends", _ends(form)),
@@ -334,9 +340,11 @@ def _clearance(design: ExcitationDesign) -> list[str]:
     report = design.proof.clearance
     if report is None or not report.first:
         return []
+    scene = design.demands.scene
+    how = "of checked bodies" if scene and scene.unchecked else PROVEN
     return [
         f"least clearance: {report.first} and {report.second} at {report.time:.2f} s, "
-        f"{report.proven * 1e3:.1f} mm proven for all times"
+        f"{report.proven * 1e3:.1f} mm {how}"
     ]
 
 

@@ -36,6 +36,7 @@ from consistent_id.motion.collisions.separation import nearest
 from consistent_id.motion.collisions.urdf_bodies import has_collision_shapes
 from consistent_id.motion.limits import MotionLimits, motion_limits
 from consistent_id.problems.excitation_tables import (
+    CLEARANCE,
     BodyTable,
     BoxTable,
     ConeTable,
@@ -106,7 +107,9 @@ def default_scene(
     if not has_collision_shapes(file):
         return None, (f"{_NONE}: {file.name} has no <collision> shapes",)
     try:
-        scene = scene_from_urdf(file, problem.moving)
+        scene = scene_from_urdf(
+            file, problem.moving, clearance=CLEARANCE, readable_only=True
+        )
     except ConsistentIdError as cause:
         return None, (f"{_NONE}: {cause}",)
     around = (

@@ -25,6 +25,7 @@ from consistent_id.errors import ProblemError
 from consistent_id.excitation.accuracy import earlier_rows
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.basis import FourierBasis, LimitRows, limit_rows
+from consistent_id.excitation.clear_poses import cleared, worst_excess
 from consistent_id.excitation.criteria import (
     Criterion,
     Objective,
@@ -52,8 +53,10 @@ _FILL = 0.8  # share of the limits that a random path uses
 _POSES = 64  # share of the times at which guards measure, if the path violates one
 _KEPT = 6  # poses about which swings are tried
 _RANGE = 0.8  # share of the joints' ranges in which these poses are
+_WIDEST = 0.95  # the same of poses that are moved because all others violate a guard
 _SWINGS = (0.25, 0.1, 0.03, 0.01)  # shares of the swing to begin with, tried in order
 _GROWTH = 1.6  # of one joint's swing at a time
+_COARSE = 6  # every sixth of the times is looked at first
 _LEAST = 1.02  # growth that ends the iteration
 
 
@@ -159,6 +162,13 @@ class SearchProblem:
 
     def random(self, number: int) -> Matrix:
         """Return a random path that keeps linear limits, and, if possible, guards."""
+        known = _RANDOM.setdefault(self.information, {})
+        key = (self.guards, self.seed, number)
+        if key not in known:
+            known[key] = self._drawn(number)
+        return known[key].copy()
+
+    def _drawn(self, number: int) -> Matrix:
         rng, basis = np.random.default_rng((self.seed, number)), self.basis
         variables = rng.normal(size=self.shape) * _decay(basis)[:, None]
         variables[0] = rng.uniform(-0.3, 0.3, self.shape[1])
@@ -308,6 +318,12 @@ class _PathEvaluator:
 _EVALUATORS: WeakKeyDictionary[PathInformation, _PathEvaluator] = WeakKeyDictionary()
 
 
+# Random paths, whose search among bodies takes long, by guards, seed and number.
+_RANDOM: WeakKeyDictionary[
+    PathInformation, dict[tuple[tuple[Guard, ...], int, int], Matrix]
+] = WeakKeyDictionary()
+
+
 def clear_start(
     path: Matrix,
     basis: FourierBasis,
@@ -330,13 +346,21 @@ def clear_start(
     def clear(candidate: Matrix) -> bool:
         if limits.largest(candidate).max() > 1.0:
             return False
-        motion = basis.motion(candidate, time)
-        return all(guard.measure(motion).max() <= 0.0 for guard in guards)
+        return all(  # few times first: most candidates fail there
+            guard.measure(basis.motion(candidate, some)).max() <= 0.0
+            for some in (time[::_COARSE], time)
+            for guard in guards
+        )
 
     if clear(path):
         return path
     offsets = rng.uniform(-_RANGE, _RANGE, (_POSES, path.shape[1]))
-    worst = _at_rest(offsets, basis, guards)
+    middle, half = basis.limits.middle, basis.limits.derivative(0)
+    worst = worst_excess(middle + offsets * half, guards)
+    if not (worst <= 0.0).any():
+        span = middle - _WIDEST * half, middle + _WIDEST * half
+        poses = cleared(middle + offsets * half, worst, guards, *span)
+        worst, offsets = worst_excess(poses, guards), (poses - middle) / half
     kept = [k for k in np.argsort(worst, kind="stable")[:_KEPT] if worst[k] <= 0.0]
     for share in _SWINGS:
         for k in kept:
@@ -367,11 +391,3 @@ def _grown(
             if share[j] == 1.0:
                 growth[j] = 1.0
     return np.vstack([start[0], share * path[1:]])
-
-
-def _at_rest(offsets: Matrix, basis: FourierBasis, guards: Sequence[Guard]) -> Vector:
-    """Return the largest excess of all guards, pose by pose."""
-    motion: Array = np.zeros((3, *offsets.shape))
-    motion[0] = basis.limits.middle + offsets * basis.limits.derivative(0)
-    measures = [guard.measure(motion).max(axis=1) for guard in guards]
-    return np.asarray(np.max(measures, axis=0))

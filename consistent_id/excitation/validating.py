@@ -20,6 +20,7 @@ from consistent_id.recordings.joint_paths import FourierTrajectory
 
 _REACH = 0.95  # share of the limits that a path may use
 _SWINGS = (1.0, 0.85, 0.65, 0.4, 0.2)  # shares of its amplitude, tried in this order
+_AMONG_BODIES = 6  # random paths to choose from in a scene, where each takes long
 _GRID = 8  # samples per period of the highest frequency, at which guards measure
 
 
@@ -52,7 +53,7 @@ def validation_trajectory(
     design : ExcitationDesign
     seed : int
     candidates : int
-        Random paths to choose from.
+        Random paths to choose from; in a scene at most six.
 
     Raises
     ------
@@ -72,6 +73,8 @@ def validation_trajectory(
     guards = design.demands.guards
     count = int(np.ceil(_GRID * form.frequencies[-1] * form.duration))
     time = np.linspace(0.0, form.duration, count + 1)
+    if any(guard.keeps_apart for guard in guards):
+        drawn = drawn[:_AMONG_BODIES]
     drawn = [
         clear_start(v * (_REACH / rows.largest(v)), basis, rows, guards, time, rng)
         for v in drawn
@@ -90,7 +93,7 @@ def validation_trajectory(
                 likeness = _likeness(paths[i], design.trajectory)
                 return ValidationPath(paths[i], proof, likeness)
     raise InfeasibleError(
-        f"none of {candidates} random paths, even at a fifth of the limits, is proven "
+        f"none of {len(drawn)} random paths, even at a fifth of the limits, is proven "
         "to keep them all; widen the limits"
     )
 

@@ -11,6 +11,9 @@ from consistent_id.problems.parameter_tables import (
     Positive,
 )
 
+CLEARANCE = 0.02
+"""Least distance of any two bodies, unless another one is stated [m]."""
+
 Three = tuple[float, float, float]
 PerJoint = Positive | list[Positive] | dict[str, Positive]
 
@@ -101,7 +104,7 @@ class SceneTable(FileTable, frozen=True, kw_only=True):
     planning_scene: str | None = None
     workspaces: list[WorkspaceTable] = []
     cones: list[ConeTable] = []
-    clearance: NonNegative = 0.0
+    clearance: NonNegative = CLEARANCE
     extra: dict[str, NonNegative] = {}
     allowed: list[tuple[str, str]] = []
 

@@ -66,13 +66,26 @@ def test_shapes_of_the_file_are_watched_by_default_and_adjacent_ones_are_not(tmp
     ("shapes", "changes", "said"),
     [
         ({}, {"collisions": False}, "as requested"),
-        ({"hand": MESH}, {}, "hand.stl' was not found"),
         (dict.fromkeys(("base", "upper", "lower", "hand"), ""), {}, "has no <coll"),
     ],
 )
 def test_without_a_scene_the_note_says_why(tmp_path, shapes, changes, said):
     request = _request(_robot(tmp_path, **shapes), **changes)
     assert request.scene is None and said in request.notes[0]
+
+
+def test_shapes_that_cannot_be_read_are_named_and_the_others_are_kept_off(
+    tmp_path, capsys
+):
+    file = _robot(tmp_path, hand=MESH)
+    scene = _request(file).scene
+    (unchecked,) = scene.unchecked
+    assert "link hand" in unchecked and "hand.stl' was not found" in unchecked
+    assert [scene.names(pair) for pair in scene.pairs] == [("base", "lower")]
+    assert main(["excite", str(file), "--acceleration", "5", "--dry-run"]) == 0
+    told = " ".join(capsys.readouterr().out.split("\n")[:10])
+    assert "NOT CHECKED for collisions: link hand" in told
+    assert "apart, proven" not in told
 
 
 def test_no_collisions_leaves_out_a_scene_that_is_given(tmp_path):

@@ -255,7 +255,7 @@ def test_a_dry_run_shows_limits_and_pairs_and_writes_nothing(tmp_path, capsys):
     asked = ["excite", str(tmp_path), "--dry-run", "--output", str(output)]
     assert main(asked) == 0
     told = capsys.readouterr().out
-    assert "from rest to rest" in told and "wall" in told and "10.0" in told
+    assert "from rest to rest" in told and "wall" in told and "10 mm" in told
     assert not output.exists()
     assert main([*asked, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)[1]["rows"][0][:3] == [

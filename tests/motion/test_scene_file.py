@@ -131,13 +131,16 @@ def test_a_locked_joint_holds_its_bodies_where_it_is_locked(tmp_path):
     free = body_places(whole, link_places(whole.robot, q))
     held = body_places(part, link_places(part.robot, q[:, :1]))
     assert np.allclose(held.translation, free.translation)
-    assert not {"arm:1", "tool"} & {n for p in part.pairs for n in part.names(p)}
+    apart = {frozenset(part.names(pair)) for pair in part.pairs}
+    assert frozenset({"arm:1", "base"}) not in apart  # one joint connects them
+    assert frozenset({"tool", "base"}) in apart  # the arm is between them
 
 
-def test_links_that_the_robot_does_not_have_are_told(tmp_path):
+def test_links_behind_the_tip_hang_on_it_and_are_named(tmp_path):
     path = _file(tmp_path)
     scene = scene_from_urdf(path, load_urdf(path, tip="arm"))
-    assert scene.dropped == ("hand", "tool")
+    assert scene.swept == ("hand", "tool") and not scene.unchecked
+    assert sum("hangs on a joint" in remark for remark in scene.remarks) == 2
 
 
 def test_what_cannot_be_read_is_named_with_its_line(tmp_path):

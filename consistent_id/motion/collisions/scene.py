@@ -48,12 +48,16 @@ class Pair:
 
 @dataclass(frozen=True, slots=True)
 class PairNote:
-    """Two bodies that are not checked, or not as requested, and the reason."""
+    """Two bodies that are not checked, or not as requested, and the reason.
+
+    `wanted` says that the user named the pair: it may touch.
+    """
 
     first: str
     second: str
     watched: bool
     reason: str
+    wanted: bool = False
 
     def __str__(self) -> str:
         how = "watched" if self.watched else "not watched"
@@ -73,9 +77,11 @@ class Scene:
     pairs : tuple of Pair
     notes : tuple of PairNote
         Pairs that are not checked, except those on one link or adjacent ones.
-    dropped : tuple of str
-        Links of the file with a shape that the robot model does not have, because it is
-        a part of the file's; their positions are unknown.
+    dropped : tuple of (str, str)
+        Links of the file that are not checked, and the reasons.
+    swept : tuple of str
+        Links that hang on joints which the robot model does not have; their bodies
+        cover all positions of these joints.
     adjacent : int
         Pairs of the robot's bodies on links that one joint connects, not checked.
     """
@@ -84,18 +90,13 @@ class Scene:
     bodies: tuple[Body, ...]
     pairs: tuple[Pair, ...]
     notes: tuple[PairNote, ...] = ()
-    dropped: tuple[str, ...] = ()
+    dropped: tuple[tuple[str, str], ...] = ()
+    swept: tuple[str, ...] = ()
     adjacent: int = 0
 
     def __post_init__(self) -> None:
-        for name in ("bodies", "pairs", "notes", "dropped"):
+        for name in ("bodies", "pairs", "notes", "dropped", "swept"):
             freeze(self, **{name: tuple(getattr(self, name))})
-        followers = [joint.name for joint in self.robot.joints if joint.mimic]
-        if followers:
-            raise ProblemError(
-                f"scene: {', '.join(followers)} follow other joints; distances of "
-                f"bodies that they move cannot be proven yet. Lock their leaders"
-            )
         names = [body.name for body in self.bodies]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
@@ -124,8 +125,27 @@ class Scene:
         return (
             *([adjacent] if self.adjacent else []),
             *(str(note) for note in self.notes),
-            *(f"link {name} of the file is not checked" for name in self.dropped),
+            *(
+                f"link {name} hangs on a joint that does not belong to the motion; it "
+                "is kept off at all positions of that joint"
+                for name in self.swept
+            ),
+            *(f"link {name} is not checked: {why}" for name, why in self.dropped),
         )
+
+    @property
+    def unchecked(self) -> tuple[str, ...]:
+        """Bodies and pairs that could not be checked, with reasons.
+
+        Pairs that one joint connects are not among them, nor those that may touch.
+        """
+        links = (f"link {name} ({why})" for name, why in self.dropped)
+        pairs = (
+            f"{note.first} and {note.second} ({note.reason})"
+            for note in self.notes
+            if not note.watched and not note.wanted
+        )
+        return (*links, *pairs)
 
     def names(self, pair: Pair) -> tuple[str, str]:
         """Return the names of a pair's bodies."""
@@ -235,8 +255,9 @@ def largest_change(
         Positions at the poses from which the joints move.
     sample : ndarray, shape (queries,)
         Which of the poses.
-    steps : ndarray, shape (queries, joints), [rad or m], 0 or more
-        Largest distance of each joint from its position in the pose.
+    steps : ndarray, shape (queries, coordinates), [rad or m], 0 or more
+        Largest distance of each joint that moves by itself from its position in the
+        pose.
 
     Returns
     -------
@@ -246,12 +267,19 @@ def largest_change(
     between = joints_between(
         links.robot, places.carriers[pair.first], places.carriers[pair.second]
     )
-    step = steps[:, between].T
+    step = _steps(links.robot, steps)[:, between].T
     near = _reaches(places, pair.first, between, sample)
     far = _reaches(places, pair.second, between, sample)
     return np.minimum(
         _moved(step, near, far), _moved(step[::-1], far[::-1], near[::-1])
     )
+
+
+def _steps(robot: RobotModel, steps: Array) -> Array:
+    """Return the steps of all joints, of followers by their leaders' steps."""
+    if len(robot) == len(robot.joints):
+        return steps
+    return np.asarray(steps @ abs(robot.joint_rates).T)
 
 
 def _moved(step: Array, near: Array, far: Array) -> Array:

@@ -1,6 +1,6 @@
 """Scenes from bodies, or from a robot's file: the choice of pairs."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike
 from consistent_id._support.arrays import Array
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.motion.collisions.bodies import Body, plane
+from consistent_id.motion.collisions.file_tree import file_tree
+from consistent_id.motion.collisions.hanging import hanging_bodies
 from consistent_id.motion.collisions.scene import (
     Pair,
     PairNote,
@@ -19,13 +21,20 @@ from consistent_id.motion.collisions.scene import (
     place_of,
 )
 from consistent_id.motion.collisions.separation import nearest
-from consistent_id.motion.collisions.urdf_bodies import Elements, urdf_bodies
-from consistent_id.robot.model import Joint, RobotModel
+from consistent_id.motion.collisions.urdf_bodies import Elements, urdf_shapes
+from consistent_id.robot.model import (
+    Joint,
+    JointLimits,
+    RobotModel,
+    limits_with_followers,
+)
 from consistent_id.robot.parameters import did_you_mean
 
 _ALWAYS = 0.95  # share of random poses; a pair that touches in more is not checked
 _USUALLY = 0.5  # share of poses; for pairs too near in more, only touching is checked
 _ANYWHERE = 1.0  # [m]; motion of a sliding joint without limits, either way
+
+Connected = Callable[[Body, Body], bool]
 
 
 def build_scene(
@@ -35,6 +44,7 @@ def build_scene(
     clearance: float = 0.0,
     extra: Mapping[str, float] | None = None,
     allowed: Sequence[tuple[str, str]] = (),
+    connected: Connected = lambda first, second: True,
     poses: int = 200,
     seed: int = 0,
 ) -> Scene:
@@ -43,7 +53,8 @@ def build_scene(
     Some pairs are not checked: bodies on the same link, on links that a single joint
     connects, and bodies of the robot that touch at nearly all random poses; these last
     are listed in `Scene.notes`.  If two bodies of the robot are nearer than required at
-    more than half of these poses, they only must not touch.
+    more than half of these poses, they only must not touch.  The same is true of an
+    obstacle that is nearer than required at all of them.
 
     Parameters
     ----------
@@ -57,6 +68,10 @@ def build_scene(
         tool, for instance.
     allowed : sequence of (str, str)
         Pairs of bodies, or of links, that may touch.
+    connected : callable
+        From two bodies with one moving joint between them to whether it connects them
+        directly, so that they are not checked; it does not connect a tool with the link
+        before the last joint of the wrist.  By default it connects all such bodies.
     poses : int
         Number of random poses within the joints' limits.
     seed : int
@@ -71,13 +86,13 @@ def build_scene(
     extra_of = _extras(bodies, clearance, extra or {})
     free = {frozenset(names) for names in _expanded(bodies, allowed)}
     pairs, notes = [], []
-    for i, j in _movable(robot, bodies):
+    for i, j in _movable(robot, bodies, connected):
         names = bodies[i].name, bodies[j].name
         if frozenset(names) in free:
-            notes.append(PairNote(*names, False, "may touch, by `allowed`"))
+            notes.append(PairNote(*names, False, "may touch, by `allowed`", True))
         else:
             pairs.append(Pair(i, j, clearance + extra_of[i] + extra_of[j]))
-    adjacent = _adjacent(robot, bodies)
+    adjacent = _adjacent(robot, bodies, connected)
     scene = Scene(robot, bodies, tuple(pairs), tuple(notes), adjacent=adjacent)
     return _sifted(scene, random_poses(robot, poses, seed)) if pairs else scene
 
@@ -94,11 +109,16 @@ def scene_from_urdf(
     clearance: float = 0.0,
     extra: Mapping[str, float] | None = None,
     allowed: Sequence[tuple[str, str]] = (),
+    readable_only: bool = False,
 ) -> Scene:
     """Return a scene of a robot's bodies, from its URDF, and of obstacles.
 
     A body has the name of its link; if a link has several shapes, they are
     ``link:1``, ``link:2``, ...  Meshes become convex hulls, which are never smaller.
+
+    If the robot is a part of the file's, the other links hang on it: fingers behind its
+    tip, another arm.  They are kept off, too, at all positions of the joints that the
+    robot does not have; lock these joints to keep off fewer.
 
     Parameters
     ----------
@@ -118,6 +138,8 @@ def scene_from_urdf(
         Additional bodies, such as obstacles, or a tool that is not in the file.
     clearance, extra, allowed
         See `build_scene`.
+    readable_only : bool
+        Leave out links whose shapes cannot be read; `Scene.unchecked` names them.
 
     Raises
     ------
@@ -127,29 +149,48 @@ def scene_from_urdf(
         If a name is unknown, or an obstacle touches the robot at every random pose.
     """
     path = Path(path)
-    found = urdf_bodies(path, package_dirs, elements, pieces)
-    bodies = [body for body in found if _has(robot, body)]
+    shapes = urdf_shapes(path, package_dirs, elements, pieces)
+    if shapes.unread and not readable_only:
+        raise shapes.unread[0].cause
+    bodies = [body for body in shapes.bodies if _has(robot, body)]
     if not bodies:
         raise ModelError(
-            f"{path}: {len(found)} shapes, none of a link of robot {robot.name!r}; "
-            "load the robot from the same file, or build the scene by hand"
+            f"{path}: {len(shapes.bodies)} shapes, none of a link of robot "
+            f"{robot.name!r}; load the robot from the same file, or build the scene by "
+            "hand"
         )
-    known = {body.name for body in bodies}
-    dropped = tuple(body.name for body in found if body.name not in known)
+    tree = file_tree(shapes.root)
+    others = [body for body in shapes.bodies if not _has(robot, body)]
+    hanging = hanging_bodies(tree, robot, others)
+    shaped = {body.frame or "" for body in shapes.bodies}
+    swept = tuple(body.name for body in hanging.bodies)
+
+    def connected(first: Body, second: Body) -> bool:
+        one, other = (
+            b.name if b.name in swept else b.frame or "" for b in (first, second)
+        )
+        return tree.connected(one, other, shaped)
+
     floor = [] if ground is None else [plane(ground)]
     scene = build_scene(
         robot,
-        [*floor, *added, *bodies],
+        [*floor, *added, *bodies, *hanging.bodies],
         clearance=clearance,
         extra=extra,
         allowed=allowed,
+        connected=connected,
     )
-    return replace(scene, dropped=dropped)
+    hanging.require_room(scene)
+    unread = ((link.name, link.reason) for link in shapes.unread)
+    dropped = (*unread, *shapes.bare, *hanging.lost)
+    return replace(scene, dropped=dropped, swept=swept)
 
 
 def random_poses(robot: RobotModel, poses: int, seed: int) -> Array:
     """Return poses within the joints' limits, shape (poses, joints), [rad or m]."""
-    low, high = np.array([_range(joint) for joint in robot.joints]).T
+    limits = limits_with_followers(robot.joints)
+    spans = zip(robot.driven, limits, strict=True)
+    low, high = np.array([_range(joint, its) for joint, its in spans]).T
     return np.random.default_rng(seed).uniform(low, high, (poses, len(robot)))
 
 
@@ -161,28 +202,34 @@ def _has(robot: RobotModel, body: Body) -> bool:
     return True
 
 
-def _range(joint: Joint) -> tuple[float, float]:
-    low, high = joint.limits.lower, joint.limits.upper
+def _range(joint: Joint, limits: JointLimits) -> tuple[float, float]:
+    low, high = limits.lower, limits.upper
     if np.isfinite([low, high]).all():
         return low, high
     reach = _ANYWHERE if joint.kind == "prismatic" else np.pi
     return max(low, -reach), min(high, reach)
 
 
-def _movable(robot: RobotModel, bodies: tuple[Body, ...]) -> Iterable[tuple[int, int]]:
-    """Yield pairs that move against one another and are not adjacent."""
+def _movable(
+    robot: RobotModel, bodies: tuple[Body, ...], connected: Connected
+) -> Iterable[tuple[int, int]]:
+    """Yield pairs that move against one another and are not directly connected."""
     links = [place_of(robot, body).link for body in bodies]
     for i, j in combinations(range(len(bodies)), 2):
         between = joints_between(robot, links[i], links[j])
-        obstacle = bodies[i].frame is None or bodies[j].frame is None
-        if len(between) > 1 or (between and obstacle):
+        two = bodies[i], bodies[j]
+        obstacle = any(body.frame is None for body in two)
+        if len(between) > 1 or (between and (obstacle or not connected(*two))):
             yield i, j
 
 
-def _adjacent(robot: RobotModel, bodies: tuple[Body, ...]) -> int:
-    """Return the number of pairs of the robot's bodies on links of one joint."""
-    links = [place_of(robot, body).link for body in bodies if body.frame is not None]
-    return sum(len(joints_between(robot, *two)) == 1 for two in combinations(links, 2))
+def _adjacent(robot: RobotModel, bodies: tuple[Body, ...], connected: Connected) -> int:
+    """Return the number of pairs of the robot's bodies that one joint connects."""
+    own = [(place_of(robot, b).link, b) for b in bodies if b.frame is not None]
+    return sum(
+        len(joints_between(robot, one, other)) == 1 and connected(first, second)
+        for (one, first), (other, second) in combinations(own, 2)
+    )
 
 
 def _sifted(scene: Scene, q: ArrayLike) -> Scene:
@@ -205,7 +252,8 @@ def _sifted(scene: Scene, q: ArrayLike) -> Scene:
                 notes.append(PairNote(*names, False, seen))
                 continue
         near_by = int(np.count_nonzero(distance < pair.wanted))
-        if not obstacle and near_by > _USUALLY * len(distance):
+        usual = len(distance) - 1 if obstacle else _USUALLY * len(distance)
+        if near_by > usual and pair.wanted > 0.0:
             seen = (
                 f"nearer than {pair.wanted * 1e3:.1f} mm at {near_by} of "
                 f"{len(distance)} random poses"

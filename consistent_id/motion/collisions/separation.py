@@ -150,12 +150,14 @@ def _along(
     points: Array,
     n: Array,
 ) -> Array:
-    """``n^T J`` of points of links, or of directions, shape (queries, joints)."""
-    rates = np.zeros((len(sample), len(links.robot)))
-    moves = np.zeros((len(links.robot) + 1, len(links.robot)), dtype=bool)
+    """``n^T J`` of points of links, or of directions, shape (queries, coordinates)."""
+    robot = links.robot
+    joints = len(robot.joints)
+    rates = np.zeros((len(sample), joints))
+    moves = np.zeros((joints + 1, joints), dtype=bool)
     for link in np.unique(carrier[carrier >= 0]).tolist():
-        moves[link, list(ancestors(links.robot, link))] = True
-    for j, joint in enumerate(links.robot.joints):
+        moves[link, list(ancestors(robot, link))] = True
+    for j, joint in enumerate(robot.joints):
         on = np.flatnonzero(moves[carrier, j])  # the last row is for no link at all
         push, at, placed = n[on], sample[on], ~turning[on, None]
         if joint.kind != "prismatic":
@@ -164,7 +166,7 @@ def _along(
         else:
             push = placed * push
         rates[on, j] = np.einsum("ni,ni->n", links.axis[at, j], push)
-    return rates
+    return rates if len(robot) == joints else rates @ robot.joint_rates
 
 
 def separation(

@@ -8,6 +8,7 @@ their volume is smaller.
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -32,6 +33,7 @@ from consistent_id.robot.solids import mesh_triangles
 Elements = Literal["collision", "visual"]
 
 _PLACES = np.arange(1, 8) / 8.0  # positions on an axis of the bounding box for cuts
+_MASSLESS = 0.02  # [kg]; a link with less that has no shape is a frame
 _ENOUGH = 1500  # triangles by which cuts are chosen; the pieces have all of them
 
 
@@ -60,24 +62,100 @@ def urdf_bodies(
     ModelError
         If the file, or a mesh, cannot be read, or a shape is unknown; with the line.
     """
+    shapes = urdf_shapes(path, package_dirs, elements, pieces)
+    if shapes.unread:
+        raise shapes.unread[0].cause
+    return shapes.bodies
+
+
+@dataclass(frozen=True, slots=True)
+class UnreadLink:
+    """A link whose shapes cannot be read.
+
+    Parameters
+    ----------
+    name : str
+    cause : ModelError
+        With the file and the line.
+    reason : str
+        The same without them.
+    """
+
+    name: str
+    cause: ModelError
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UrdfShapes:
+    """The shapes of a URDF.
+
+    Parameters
+    ----------
+    root : Element
+        Of the file.
+    bodies : tuple of Body
+    unread : tuple of UnreadLink
+    bare : tuple of (str, str)
+        Links that have a mass and no shape, and the sentence that says so.
+    """
+
+    root: Element
+    bodies: tuple[Body, ...]
+    unread: tuple[UnreadLink, ...]
+    bare: tuple[tuple[str, str], ...]
+
+
+def urdf_shapes(
+    path: Path,
+    package_dirs: Iterable[str | Path] = (),
+    elements: Elements = "collision",
+    pieces: int = 1,
+) -> UrdfShapes:
+    """Return the shapes of a URDF's links, and the links whose shapes are unknown.
+
+    See `urdf_bodies` for the parameters.
+
+    Raises
+    ------
+    ModelError
+        If the file cannot be read.
+    """
     if elements not in ("collision", "visual"):
         raise ModelError(f"elements {elements!r}: expected 'collision' or 'visual'")
     folders = [Path(folder) for folder in package_dirs] + list(path.absolute().parents)
-    return tuple(
-        body
-        for link in _links(path)
-        for body in link_bodies(path, link, folders, elements, pieces)
-    )
+    root = _root(path)
+    bodies: list[Body] = []
+    unread, bare = [], []
+    for link in root.all("link"):
+        try:
+            found = link_bodies(path, link, folders, elements, pieces)
+        except ModelError as cause:
+            reason = str(cause).partition(f"link {link.name!r}: ")[2] or str(cause)
+            unread.append(UnreadLink(link.name, cause, reason))
+            continue
+        bodies += found
+        mass = _mass(link)
+        if not found and mass > _MASSLESS:
+            bare.append((link.name, f"no shape, though its mass is {mass:.3g} kg"))
+    return UrdfShapes(root, tuple(bodies), tuple(unread), tuple(bare))
+
+
+def _mass(link: Element) -> float:
+    inertial = link.child("inertial")
+    mass = None if inertial is None else inertial.child("mass")
+    return 0.0 if mass is None else float(mass.attributes.get("value", "0"))
 
 
 def has_collision_shapes(path: Path) -> bool:
     """Return whether any link of a URDF has a ``<collision>``."""
-    return any(link.child("collision") is not None for link in _links(path))
+    links = _root(path).all("link")
+    return any(link.child("collision") is not None for link in links)
 
 
-def _links(path: Path) -> list[Element]:
+def _root(path: Path) -> Element:
     try:
-        return list(parse(read_bytes(path)).all("link"))
+        return parse(read_bytes(path))
     except XmlFault as fault:
         raise ModelError(f"{path}, {fault}") from None
 
@@ -176,10 +254,12 @@ def _found(name: str, path: Path, folders: list[Path]) -> Path:
     for place in places:
         if place.is_file():
             return place
-    looked = ", ".join(str(folder) for folder in folders) if separator else path.parent
+    above = set(path.absolute().parents)
+    given = [str(folder) for folder in folders if folder not in above]
+    looked = ", ".join([*given, "the folders above the file"])
     raise ModelError(
-        f"mesh {name!r} was not found in {looked}; give the folder that contains its "
-        f"package in package_dirs"
+        f"mesh {name!r} was not found in {looked if separator else path.parent}; give "
+        "the folder that contains its package in package_dirs (--package-dirs)"
     )
 
 

@@ -1,0 +1,136 @@
+"""Poses in which a robot can rest: clear of all bodies, within all torque limits.
+
+Among random poses few are clear if a scene is narrow.  The least bad ones are then
+moved, by Gauss-Newton steps on what they violate: the least change of the joints after
+which the linearised violations are gone.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id.errors import InfeasibleError
+from consistent_id.excitation.guards import Guard
+from consistent_id.excitation.verification import Demands
+from consistent_id.motion.collisions.scene import Scene
+from consistent_id.motion.collisions.separation import nearest
+
+_MOVED = 12  # poses that are moved
+_STEPS = 25  # most steps of each
+_MARGIN = 0.02  # beyond a limit, in a guard's unit, that a step aims at
+_NEAR = 0.1  # of a guard's unit: items so near to their limits are included
+_REACH = 0.3  # most change of a joint in a step, in rad or m
+_LOOKS = 256  # poses that are tried before a scene is refused
+_INSIDE = 0.95  # share of the joints' ranges in which they are
+
+
+def worst_excess(poses: Matrix, guards: Sequence[Guard]) -> Vector:
+    """Return the largest excess of all guards at rest, pose by pose."""
+    motion = _at_rest(poses)
+    measures = [guard.measure(motion).max(axis=1) for guard in guards]
+    return np.asarray(np.max(measures, axis=0))
+
+
+def cleared(
+    poses: Matrix, worst: Vector, guards: Sequence[Guard], low: Vector, high: Vector
+) -> Matrix:
+    """Return the least bad poses, moved until they violate no guard, best first.
+
+    Parameters
+    ----------
+    poses : ndarray, shape (poses, joints), [rad or m]
+    worst : ndarray, shape (poses,)
+        See `worst_excess`.
+    low, high : ndarray, shape (joints,), [rad or m]
+        Least and greatest positions.
+
+    Returns
+    -------
+    ndarray, shape (poses, joints)
+        Fewer than given ones; some may still violate guards.
+    """
+    chosen = np.argsort(worst, kind="stable")[:_MOVED]
+    moved = np.array([_moved(poses[k], guards, low, high) for k in chosen])
+    return np.asarray(moved[np.argsort(worst_excess(moved, guards), kind="stable")])
+
+
+def _at_rest(poses: Matrix) -> Array:
+    motion: Array = np.zeros((3, *poses.shape))
+    motion[0] = poses
+    return motion
+
+
+def _moved(pose: Vector, guards: Sequence[Guard], low: Vector, high: Vector) -> Vector:
+    best, least = pose, np.inf
+    for _ in range(_STEPS):
+        values, slopes = _violations(pose, guards)
+        if not len(values):
+            return pose
+        if values.max() < least:
+            best, least = pose, float(values.max())
+        if least <= 0.0:
+            break
+        step = -np.linalg.pinv(slopes, rcond=1e-3) @ np.maximum(values + _MARGIN, 0.0)
+        step *= min(1.0, _REACH / max(float(abs(step).max()), 1e-12))
+        pose = np.clip(pose + step, low, high)
+    return best
+
+
+def _violations(pose: Vector, guards: Sequence[Guard]) -> tuple[Vector, Matrix]:
+    """Return the values near their limits or beyond, and their slopes in the joints."""
+    values, slopes = [np.zeros(0)], [np.zeros((0, len(pose)))]
+    for guard in guards:
+        measure = guard.measure(_at_rest(pose[None]))[0]
+        items = np.flatnonzero(measure > -_NEAR)
+        if len(items):
+            rows = guard.rows(_at_rest(np.tile(pose, (len(items), 1))), items)
+            values.append(rows.values)
+            slopes.append(rows.slopes[:, 0])
+    return np.concatenate(values), np.concatenate(slopes)
+
+
+def require_clear_pose(demands: Demands, seed: int = 0) -> None:
+    """Refuse a scene in which no pose was found that keeps all bodies apart.
+
+    Raises
+    ------
+    InfeasibleError
+        With the two bodies, their distance and the pose in which they are least near.
+    """
+    scene, limits = demands.scene, demands.limits
+    if scene is None or not scene.pairs:
+        return
+    half = _INSIDE * (limits.upper - limits.lower) / 2.0
+    low, high = limits.middle - half, limits.middle + half
+    rng = np.random.default_rng(seed)
+    poses = np.vstack([limits.middle, rng.uniform(low, high, (_LOOKS, len(low)))])
+    guards = [guard for guard in demands.guards if guard.keeps_apart]
+    worst = worst_excess(poses, guards)
+    if (worst <= 0.0).any():
+        return
+    best = cleared(poses, worst, guards, low, high)[0]
+    if worst_excess(best[None], guards)[0] > 0.0:
+        raise InfeasibleError(_impossible(scene, best))
+
+
+def _impossible(scene: Scene, pose: Vector) -> str:
+    near = nearest(scene, pose[None])
+    k = int(near.slack[0].argmin())
+    first, second = scene.names(scene.pairs[k])
+    distance, wanted = float(near.distance[0, k]), scene.pairs[k].wanted
+    apart = (
+        f"are {distance * 1e3:.1f} mm apart"
+        if distance >= 0.0
+        else f"penetrate each other by {-distance * 1e3:.1f} mm"
+    )
+    where = ", ".join(
+        f"{joint} = {q:.3f}"
+        for joint, q in zip(scene.robot.joint_names, pose, strict=True)
+    )
+    return (
+        f"no pose was found that keeps all bodies apart. In the best one, {where}, "
+        f"bodies {first!r} and {second!r} {apart}, but {wanted * 1e3:.1f} mm and 2 mm "
+        "to spare are required. Move the obstacle, require less (--clearance), widen "
+        "the joints' ranges, or name the pair in `allowed`"
+    )
