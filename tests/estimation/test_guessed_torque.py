@@ -14,7 +14,7 @@ from consistent_id import (
     constrained_least_squares,
 )
 from consistent_id.estimation.determination import linear_errors
-from consistent_id.estimation.fit import guessed_share
+from consistent_id.estimation.prior_share import guessed_share
 from consistent_id.recordings import BaseMotion
 from consistent_id.regression import base_parameters
 from consistent_id.regression.residual_noise import unconstrained_fit

@@ -28,7 +28,7 @@ from consistent_id import (
 from consistent_id.estimation import judge, weighted_least_squares
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
-from consistent_id.estimation.judgement import of_slopes
+from consistent_id.estimation.slope_reasons import slope_reasons
 from consistent_id.estimation.verdict import WORDS, Verdict
 from consistent_id.export import to_json
 from consistent_id.recordings.recording import LogFinding
@@ -319,8 +319,7 @@ def test_a_joint_that_rests_and_carries_nothing_has_any_slope():
         expected=np.array([0.0, 1.0]),
         holding=np.array([50.0, 50.0]),
     )
-    evidence = replace(estimate.evidence(), fit=fit)
-    assert "torque sign" not in [reason.kind for reason in of_slopes(evidence)]
+    assert "torque sign" not in [reason.kind for reason in slope_reasons(fit, None)]
 
 
 def test_a_joint_at_rest_gets_no_boundless_friction():
