@@ -35,7 +35,7 @@ _Cut = Callable[[Recording], Recording]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Part:
+class _DataPart:
     """A part of the training data.
 
     Parameters
@@ -76,7 +76,7 @@ def weighed_findings(
     warnings = [f for f in findings if f.severity == "warning"]
     held_out = {log.name for log in named_logs(problem)[1]}
     notes: dict[int, LogFinding] = {}
-    parts: dict[int, _Part] = {}
+    parts: dict[int, _DataPart] = {}
     for finding in warnings:
         if finding.recording in held_out:
             change = _of_all(estimate, (*training, *validation))
@@ -108,11 +108,11 @@ def _noted(finding: LogFinding, words: str, change: Influence) -> LogFinding:
     return replace(finding, severity="note", statement=said)
 
 
-def _part(problem: Problem, finding: LogFinding) -> _Part | None:
+def _part(problem: Problem, finding: LogFinding) -> _DataPart | None:
     """Return the part of the training data that a finding concerns, if it is one."""
     if finding.kind == "speed limit":
         robot, reach = problem.moving, _reach(problem)
-        return _Part(
+        return _DataPart(
             "without these samples",
             cut=lambda log: not_too_fast(robot, log, "model", reach),
         )
@@ -120,9 +120,9 @@ def _part(problem: Problem, finding: LogFinding) -> _Part | None:
     if not set(joints) <= set(problem.model.torque_joints):
         return None
     if finding.kind == "outliers" and len(joints) == 1:
-        return _Part("without these samples", cut=_outliers(problem, *joints))
+        return _DataPart("without these samples", cut=_outliers(problem, *joints))
     if finding.kind in _OF_JOINTS:
-        return _Part("without the torque of this joint", joints)
+        return _DataPart("without the torque of this joint", joints)
     return None
 
 
@@ -155,7 +155,7 @@ def _reach(problem: Problem) -> float:
 
 
 def _of_part(
-    estimate: Estimate, training: Sequence[Recording], parts: Sequence[_Part]
+    estimate: Estimate, training: Sequence[Recording], parts: Sequence[_DataPart]
 ) -> Influence | None:
     """Return what parts of the training data change together."""
     joints = {joint for part in parts for joint in part.joints}

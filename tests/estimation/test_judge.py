@@ -425,3 +425,36 @@ def test_columns_that_underflow_are_no_drive_terms():
 def test_a_gain_that_masses_and_drives_both_deny_is_refused():
     verdict = verdict_of(with_torque(lambda torque: 100.0 * torque))
     assert (verdict.word, kinds(verdict)[0]) == ("do not use", "gain or unit")
+
+
+def good_with(**figures):
+    """The verdict on a clean log, with other figures of its fit."""
+    good = constrained_least_squares(model(), build_regression(model(), log()))
+    changed = {name: np.array(values) for name, values in figures.items()}
+    return judge(replace(good.evidence(), fit=replace(good.fit, **changed)))
+
+
+def test_an_effort_limit_is_doubted_where_nominal_bodies_confirm_the_gain():
+    right = good_with(efforts=[2.0, 0.5], slopes=[1.02, 1.0])
+    assert right.word == "use"
+    (note,) = [r for r in right.reasons if r.kind == "effort limit"]
+    assert "shoulder 1.02" in note.statement
+    for slope in (1.2, 0.85, np.nan):
+        assert kinds(good_with(efforts=[2.0, 0.5], slopes=[slope, 1.0])) == [
+            "effort limit"
+        ]
+    assert "effort limit" in kinds(
+        good_with(efforts=[2.0, 2.0], explained=[1.0, 0.1], slopes=[1.0, 1.0])
+    )
+
+
+def test_a_guess_by_a_good_prior_is_a_note():
+    for errors, word in (
+        ([0.05, 0.1], "use"),
+        ([0.05, 0.35], "use with care"),  # of one joint
+        ([0.12, 0.0], "use with care"),  # of all together
+        ([np.nan, np.nan], "use with care"),
+    ):
+        verdict = good_with(guessed=0.5, prior_errors=errors)
+        assert verdict.word == word
+        assert "mostly guessed" in [r.kind for r in verdict.reasons]
