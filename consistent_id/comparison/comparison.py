@@ -18,6 +18,7 @@ from consistent_id.constraints.links import LinkCondition, link_conditions
 from consistent_id.constraints.priors import pullback_distance
 from consistent_id.constraints.robot_size import robot_size
 from consistent_id.errors import ProblemError, SolverError
+from consistent_id.estimation.body_slopes import Slopes
 from consistent_id.estimation.estimate import Estimate, torque_errors
 from consistent_id.estimation.judgement import Evidence, judge
 from consistent_id.estimation.method import Method
@@ -58,6 +59,9 @@ class EstimateReport:
     consistency : ConsistencyTest, optional
         If least squares is impossible: whether the data contradict physics, or noise
         alone explains it.
+    crossed : Slopes, optional
+        Of joints whose torque is not that of the nominal bodies; see
+        `confirmed_slopes`.
     """
 
     estimate: Estimate
@@ -69,6 +73,7 @@ class EstimateReport:
     distance_to_nominal: Vector
     findings: tuple[LogFinding, ...] = ()
     consistency: ConsistencyTest | None = None
+    crossed: Slopes | None = None
 
     @property
     def possible_links(self) -> tuple[bool, ...]:
@@ -104,6 +109,7 @@ class EstimateReport:
             accepted=own.accepted,
             loose_trunk=own.loose_trunk,
             size=robot_size(own.model, own.parameters),
+            crossed=self.crossed,
         )
 
     @property
@@ -226,6 +232,7 @@ def compare(
     training: Sequence[Recording] = (),
     findings: Sequence[LogFinding] = (),
     regression: Regression | None = None,
+    crossed: Slopes | None = None,
     seed: int = 0,
 ) -> Comparison:
     """Compare estimates of one robot on recordings.
@@ -241,6 +248,9 @@ def compare(
     regression : Regression, optional
         Of the training recordings: if least squares is impossible, they are tested for
         a contradiction of physics; see `consistency_test`.
+    crossed : Slopes, optional
+        Of joints whose torque is not that of the nominal bodies; see
+        `confirmed_slopes`.
     seed : int
         Of the poses at which the mass matrix is examined.
 
@@ -283,6 +293,7 @@ def compare(
                 ]
             ),
             findings=tuple(findings),
+            crossed=crossed,
         )
         for i, estimate in enumerate(estimates)
     ]

@@ -42,7 +42,6 @@ from consistent_id.diagnosis.small_shifts import (
 from consistent_id.diagnosis.whole_robot import other_robot, whole_robot_findings
 from consistent_id.diagnosis.wrong_units import (
     model_findings,
-    placeholders,
     travel_findings,
 )
 from consistent_id.errors import InfeasibleError, SolverError
@@ -53,12 +52,17 @@ from consistent_id.recordings.signals.filters import low_passed
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
+from consistent_id.robot.scaling import placeholders
 
 # Share of the torque that zero offsets and gains have to explain.  Friction that no
 # model has leaves 0.3 to 2 %; a zero offset may take up 0.6 % of that by chance.
 _WORTH = 0.008
 _LARGE = 2.0  # score from which on a gain is large
-_OF_FITS = ("rank", "motion noise")  # findings that matter only where a log is fitted
+# Findings that matter only where a log is fitted.
+_OF_FITS = (
+    *("rank", "motion noise"),
+    *("short", "small motion", "slow motion", "standstill"),
+)
 _ABOVE = 2.0  # cut-off of the motion over the torque's: beyond, its noise alone is left
 # Faults that the log of another robot shows.
 _OF_OTHER_ROBOTS = {

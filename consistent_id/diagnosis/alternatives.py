@@ -31,13 +31,12 @@ from consistent_id.diagnosis.torque_channel import (
     nominal_parts,
     torque_parts,
 )
-from consistent_id.diagnosis.wrong_units import placeholders
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.linear import smallest_solution
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import Link, RobotModel
-from consistent_id.robot.scaling import reference_bodies
+from consistent_id.robot.scaling import placeholders, reference_bodies
 
 _THRESHOLD = 1.3  # ratio of misfits, as in the table of corrections
 _EXPLAINED = 0.03  # of the torque: misfit below which gain and clock are not tried

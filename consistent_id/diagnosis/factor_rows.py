@@ -23,13 +23,15 @@ from consistent_id.regression.correlated_noise import correlation_lengths
 from consistent_id.regression.linear import smallest_solution
 from consistent_id.regression.regression import triangle
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.robot.scaling import link_scales, reference_bodies
+from consistent_id.robot.scaling import (
+    USUAL_WIDTHS,
+    link_scales,
+    reference_bodies,
+)
 
 LEAN = float(np.radians(5.0))
 """Least angle of a leaning base that is reported."""
 
-# How well nominal bodies are known, relative to a link's mass and length.
-_MASS, _CENTRE, _MOMENT = 0.05, 0.15, 0.30
 _FREE_MASS = 0.3  # where masses are free to differ from the model's
 
 _RANK = 1e-7  # of the largest singular value of unit columns
@@ -93,7 +95,8 @@ class FactorLogs:
         masses_known : bool
             Whether masses are those of the datasheet.
         """
-        widths = np.array([_MASS if masses_known else _FREE_MASS, _CENTRE, _MOMENT])
+        mass, centre, moment = USUAL_WIDTHS
+        widths = np.array([mass if masses_known else _FREE_MASS, centre, moment])
         return cls(model, logs, widths, relative_noise(model, logs))
 
     def without(self, factor: Factor, size: float) -> "FactorLogs":
@@ -266,12 +269,7 @@ def _by_gravity(
 
 def _pull(model: TorqueModel, columns: int, widths: Vector) -> tuple[Matrix, Vector]:
     """Return the rows and values that pull bodies to nominal ones."""
-    scales = link_scales(model.robot)
-    m, d = scales.mass, scales.length
-    mass, centre, moment = widths
-    width = np.column_stack(
-        [mass * m, *[centre * m * d] * 3, *[moment * m * d**2] * 6]
-    ).ravel()
+    width = link_scales(model.robot).widths(widths)
     rows = np.zeros((len(width), columns))
     rows[:, : len(width)] = np.diag(1.0 / width)
     return rows, reference_bodies(model.robot).ravel() / width

@@ -46,7 +46,6 @@ from consistent_id.diagnosis.torque_channel import (
 )
 from consistent_id.diagnosis.wrong_units import (
     effort_findings,
-    placeholders,
     speed_findings,
     travel_findings,
 )
@@ -54,6 +53,7 @@ from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.scaling import placeholders
 
 Prepare = Callable[[Recording], Recording]
 

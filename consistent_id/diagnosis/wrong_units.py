@@ -10,6 +10,7 @@ from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.drive_limits import SPEED_ROUNDING, beyond_speed
 from consistent_id.robot.model import RobotModel
+from consistent_id.robot.scaling import placeholders
 
 _TRAVEL = 2.0  # times the range of a joint's limits: more than careless limits err
 _ONE_TRAVEL = 5.0  # the same for a single joint, whose limits may be a guess
@@ -171,7 +172,6 @@ def speed_findings(robot: RobotModel, prepared: Recording) -> list[LogFinding]:
 
 _FAR = 50.0  # m between neighbouring joints: more than any robot has
 _HEAVY = 2.3e4  # kg/m^3: osmium, the densest metal
-_EQUAL = 1e-9  # relative difference up to which inertials are equal
 
 
 def model_findings(robot: RobotModel) -> list[LogFinding]:
@@ -222,18 +222,6 @@ def _masses(robot: RobotModel) -> list[LogFinding]:
             min(dense) / _HEAVY,
         )
     ]
-
-
-def placeholders(robot: RobotModel) -> bool:
-    """Return whether all links have the same inertials, as placeholders do."""
-    bodies = [link.nominal for link in robot.links]
-    known = [body for body in bodies if body is not None]
-    if len(known) < max(len(bodies), 2):
-        return False
-    masses = np.array([body.mass for body in known])
-    central = np.array([body.central_inertia for body in known])
-    alike = np.ptp(masses) <= _EQUAL * masses.max()
-    return bool(alike and np.ptp(central, axis=0).max() <= _EQUAL * central.max())
 
 
 def _placeholders(robot: RobotModel) -> list[LogFinding]:

@@ -155,7 +155,7 @@ def audited(
         certificate=_certificate(problem, found, links),
         notes=(found.note, *_edges(links)),
         seconds=perf_counter() - started,
-        fit=fit_of(model, free, x, known=known),
+        fit=fit_of(model, free, x, known=known, pulled=shift is not None),
         parameter_errors=None if shift is None else found_by.errors,
     )
 

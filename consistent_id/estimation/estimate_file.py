@@ -53,6 +53,7 @@ class JointRecord(msgspec.Struct):
     efforts: float | None
     moving: float | None = None
     holding: float | None = None
+    prior_errors: float | None = None
 
 
 class FitRecord(msgspec.Struct):

@@ -6,8 +6,7 @@ effect on torque. On other motions they have, and a prior or a convention chose 
 see `guessed_share`.
 """
 
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
@@ -18,25 +17,22 @@ from consistent_id._support.arrays import (
     Vector,
     freeze_arrays,
 )
-from consistent_id.estimation.torque_error import holding, moving_shares
-from consistent_id.regression.linear import (
-    DATA_RANK_TOLERANCE,
-    null_space,
-    pulled_solution,
+from consistent_id.estimation.body_slopes import slopes_on
+from consistent_id.estimation.prior_share import (
+    guessed_share,
+    prior_errors,
+    torque_shares,
 )
+from consistent_id.estimation.torque_error import holding, moving_shares
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import UnconstrainedFit
-from consistent_id.regression.row_structure import random_rows
 
 _ALONE = ("misfit", "floor", "excess", "drive_share", "correlation", "spare", "guessed")
 _PER_JOINT = tuple(
-    "torque misfits shares slopes explained expected efforts moving holding".split()
+    "torque misfits shares slopes explained expected efforts moving holding "
+    "prior_errors".split()
 )
-_ROUNDING = 1e-10  # relative size of a column that drive terms explain up to rounding
-
-ROW_MATTERS = 0.05
-"""Torque relative to the strongest row of its unit, below which a row is left out."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,6 +83,9 @@ class Fit:
         NaN without it.
     holding : array_like, shape (joints,), [N m or N]
         Torque that friction can balance at rest; NaN where it is not known.
+    prior_errors : array_like, shape (joints,)
+        Error of each row's torque on other motions that the prior causes, over that
+        torque; NaN where the prior is not known to be good.  See `prior_errors`.
     """
 
     joints: tuple[str, ...]
@@ -106,6 +105,7 @@ class Fit:
     efforts: Vector
     moving: Vector
     holding: Vector
+    prior_errors: Vector
 
     def __post_init__(self) -> None:
         freeze_arrays(
@@ -140,6 +140,7 @@ def fit_of(
     x: Vector,
     *,
     known: Matrix | None = None,
+    pulled: bool = False,
 ) -> Fit:
     """Return the errors of parameters on a regression.
 
@@ -150,6 +151,8 @@ def fit_of(
     x : ndarray, shape (parameters,)
     known : ndarray, shape (rows, parameters), optional
         Rows of the equalities that hold by assumption.
+    pulled : bool
+        Whether a prior pulls the bodies to nominal ones.
     """
     regression, rank = free.regression, free.solution.rank
     counts = np.array(regression.counts, dtype=np.float64)
@@ -169,6 +172,7 @@ def fit_of(
     def stacked(rms: Vector) -> float:
         return float(np.sqrt((counts * rms**2).sum() / (counts * size**2).sum()))
 
+    equalities = np.zeros((0, len(x))) if known is None else known
     return Fit(
         joints=regression.joints,
         misfit=stacked(residual),
@@ -177,16 +181,17 @@ def fit_of(
         drive_share=stacked(of_drive) if has_drive else np.nan,
         correlation=float(counts.sum() / effective),
         spare=float(effective / max(rank, 1)),
-        guessed=guessed_share(
-            model, free, x, np.zeros((0, len(x))) if known is None else known
-        ),
+        guessed=guessed_share(model, free, x, equalities),
         torque=size,
         misfits=residual / size,
-        shares=_shares(model, size),
+        shares=torque_shares(model, size),
         **_on_nominal(model, regression),
         efforts=regression.peaks / _effort_limits(model),
         moving=moving,
         holding=held,
+        prior_errors=prior_errors(model, free, x, equalities)
+        if pulled
+        else np.full(len(size), np.nan),
     )
 
 
@@ -217,42 +222,16 @@ def _excess(
 
 def _on_nominal(model: TorqueModel, regression: Regression) -> dict[str, Array]:
     """Return each joint's slope on the nominal torque, and the share it explains."""
-    names = ("slopes", "explained", "expected")
-    nominal, inertial = model.robot.nominal, model.layout.inertial_size
+    nominal = model.robot.nominal
     if nominal is None:
         nothing = np.full(len(regression.joints), np.nan)
-        return dict.fromkeys(names, nothing)
-    found = []
-    for F in regression.factors:
-        both = np.column_stack([F[:, :inertial] @ np.ravel(nominal), F[:, -1]])
-        drive = F[:, inertial:-1]
-        norms = np.linalg.norm(drive, axis=0)
-        # After filters, columns of a joint at rest are so small that their squares
-        # vanish.
-        moving = norms > _ROUNDING * norms.max(initial=0.0)
-        if moving.any():
-            unit = drive[:, moving] / norms[moving]
-            both = both - unit @ np.linalg.lstsq(unit, both, rcond=None)[0]
-        expected, beyond = np.linalg.norm(both, axis=0)
-        product = float(both[:, 0] @ both[:, 1])
-        if expected <= _ROUNDING * np.linalg.norm(F):
-            found.append((np.nan, 0.0, 0.0))
-            continue
-        both_sizes = float(expected) * float(beyond)
-        explained = product**2 / max(both_sizes**2, 1e-300)
-        size = max(float(np.linalg.norm(F[:, -1])), 1e-300)
-        found.append((product / expected**2, explained, expected / size))
-    return dict(zip(names, np.array(found).T, strict=True))
-
-
-def _shares(model: TorqueModel, torque: Vector) -> Vector:
-    """Return each row's torque over the largest of its unit; zero if all are zero."""
-    shares = np.zeros(len(torque))
-    for kind in (model.forces, ~model.forces):
-        largest = torque[kind].max(initial=0.0)
-        if largest > 0.0:
-            shares[kind] = torque[kind] / largest
-    return shares
+        return dict.fromkeys(("slopes", "explained", "expected"), nothing)
+    found = slopes_on(model, regression, np.ravel(nominal))
+    return {
+        "slopes": found.slopes,
+        "explained": found.explained,
+        "expected": found.expected,
+    }
 
 
 def _effort_limits(model: TorqueModel) -> Vector:
@@ -268,52 +247,3 @@ def _number(value: float) -> float | None:
 
 def _known(value: float | None) -> float:
     return np.nan if value is None else float(value)
-
-
-def guessed_share(
-    model: TorqueModel, free: UnconstrainedFit, x: Vector, known: Matrix
-) -> float:
-    """Return the share of torque that the data do not determine, on random motions.
-
-    The prior of each parameter has a standard deviation that causes as much torque as
-    the typical parameter of `x`. The weight that this prior keeps beside data and
-    equalities is the prior-dominated share of ``x``: one for unidentifiable parameters,
-    zero for well determined ones.  The function returns the torque of this share over
-    the whole torque, for the row with the largest ratio. If the base floats, its rows
-    are included: all bodies move.
-
-    Parameters
-    ----------
-    free : UnconstrainedFit
-        Least squares on the data.
-    x : ndarray, shape (parameters,)
-    known : ndarray, shape (rows, parameters)
-        Rows of the equalities that hold by assumption.
-
-    Returns
-    -------
-    float
-        NaN for a model that cannot move, because its rows were given.
-    """
-    if not model.robot.connected:
-        return np.nan
-    every = _with_all_rows(model) if model.robot.floating else model
-    rows = random_rows(every)
-    unit = 1.0 / np.where(rows.norms > 0.0, rows.norms, 1.0)
-    u = x / unit  # torque of each parameter on other motions
-    noise, open_steps = free.noise, null_space(known * unit, DATA_RANK_TOLERANCE)
-    seen = noise.coordinates @ free.base.projection * unit @ open_steps
-    scaled = np.linalg.solve(noise.root.T, seen)  # in standard errors
-    prior = 1.0 / max(float(np.mean(u**2)), np.finfo(float).tiny)
-    left = pulled_solution(np.asarray(scaled), open_steps.T @ u, prior)
-    guess = unit * (open_steps @ left)
-    torque, guessed = rows.rms(x), rows.rms(guess)
-    matters = (torque > 0.0) & (_shares(every, torque) >= ROW_MATTERS)
-    share = guessed[matters] / torque[matters]
-    return float(min(share.max(initial=0.0), 1.0))
-
-
-@lru_cache(maxsize=16)
-def _with_all_rows(model: TorqueModel) -> TorqueModel:
-    every = replace(model, torque_joints=())
-    return model if model.torque_joints == every.torque_joints else every

@@ -8,18 +8,24 @@ the optimum is proven.  The worst reason decides.
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import BoolArray, Vector
 from consistent_id.constraints.cones.certificate import OptimumVerdict
 from consistent_id.constraints.links import LinkCondition
 from consistent_id.constraints.robot_size import RobotSize
+from consistent_id.estimation.body_slopes import Slopes
 from consistent_id.estimation.fit import Fit
+from consistent_id.estimation.slope_reasons import (
+    EFFORT_CARE,
+    JOINT_MATTERS,
+    agreeing,
+    slope_reasons,
+    slopes_of,
+    where,
+)
 from consistent_id.estimation.torque_error import (
     AT_REST,
-    IN_MOTION,
     TorqueError,
     stacked_beyond,
     stacked_error,
@@ -52,15 +58,6 @@ FRICTIONLESS = 0.01  # share of drive terms in the torque; drives have 10-80 %
 _ALIKE = 0.999  # errors that differ by less are printed with the same digits
 _UNSEEN = "some parameters hardly affect the measured torque"
 
-# Of simulated logs without a fault (see `judge`), slopes were 0.92-1.12.
-SLOPE_CARE = (0.8, 1.25)
-
-SLOPE_FAR = 3.0  # no designer's masses are so wrong
-SLOPE_MISSING = 0.2  # below, the bodies' torque is not in the channel
-EFFORT_CARE = 1.2  # peak torque over effort limit: limits are often rounded down
-EXPLAINED = 0.3  # squared share of torque from which a slope is significant
-EXPECTED = 0.1  # share of a joint's torque from which its slope is used
-EXPECTED_MUCH = 0.3  # share that cannot be missing for lack of excitation
 # Inertia about a joint over the most that bodies have within their sizes, and extent of
 # a body over its size.  Of clean logs of real arms, up to 0.7 and 1.9, and 1.4 of a Z1
 # whose torque is made of commands; of a UR10e whose clock runs at half speed, 2.4-2.9
@@ -68,7 +65,6 @@ EXPECTED_MUCH = 0.3  # share that cannot be missing for lack of excitation
 INERTIA_CARE = 1.5
 INERTIA_REFUSED = 2.0
 EXTENT_CARE = 3.0
-JOINT_MATTERS = 0.05  # torque over that of the strongest joint
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,6 +94,9 @@ class Evidence:
         Kinds of reasons to override.
     size : RobotSize, optional
         Extents of the bodies beside the robot's geometry.
+    crossed : Slopes, optional
+        Of doubtful joints, on bodies that the other joints determine; see
+        `confirmed_slopes`.
     loose_trunk : tuple of str
         Mass and first moments of a floating base's body of which the data determine at
         most sums with other bodies; see `Estimate.loose_trunk`.
@@ -117,6 +116,7 @@ class Evidence:
     accepted: tuple[str, ...] = ()
     loose_trunk: tuple[str, ...] = ()
     size: RobotSize | None = None
+    crossed: Slopes | None = None
 
 
 def judge(evidence: Evidence) -> Verdict:
@@ -132,101 +132,10 @@ def judge(evidence: Evidence) -> Verdict:
     return weighed(evidence.method, found, evidence.accepted, error, recordings)
 
 
-class _Found(NamedTuple):
-    """Joints by the fault of their slopes; a joint is in one of the lists."""
-
-    reversed_: list[int]
-    missing: list[int]
-    off: list[int]
-    far: list[int]  # of those that are off
-    alike: bool  # all significant slopes are off, as by one gain
-
-
-def of_slopes(evidence: Evidence) -> Iterator[Reason]:
+def _of_slopes(evidence: Evidence) -> Iterator[Reason]:
     """Compare the channel with the torque of the nominal bodies, joint by joint."""
-    fit = evidence.fit
-    if fit is None:
-        return
-    found = _found(fit)
-    if found.reversed_:
-        yield Reason(
-            "torque sign",
-            "do not use",
-            "measured torque has the opposite sign of the nominal bodies': "
-            f"{_slopes(fit, found.reversed_)}",
-            "reverse the torque of these joints by a negative gain (--torque-gain), or "
-            "their position, or their axes in the model; consistent-id check tries it",
-        )
-    if found.missing:
-        yield Reason(
-            "torque channel",
-            "use with care",
-            "the channel hardly contains the torque of the nominal bodies: "
-            f"{_slopes(fit, found.missing)}",
-            "check for compensated gravity, another quantity or another joint",
-        )
-    if found.off:
-        # Two independent signs of a gain: masses, and effort limits of the drives.
-        shown = found.alike and bool((fit.efforts[found.far] > EFFORT_CARE).any())
-        yield Reason(
-            "gain or unit" if found.alike else "nominal model",
-            "do not use" if shown else "use with care",
-            "measured over nominal torque: " + _slopes(fit, found.off),
-            "check the unit and gain of torque, and the model's masses"
-            if found.alike
-            else "check these joints' gains, drive terms (rotor inertia) and bodies",
-        )
-
-
-def _found(fit: Fit) -> _Found:
-    """Return the joints whose slopes are wrong.
-
-    Friction at rest may change a slope by as much as `_held_slopes` returns.
-    """
-    held = _held_slopes(fit)
-    least, most = fit.slopes - held, fit.slopes + held
-    strong = fit.shares >= JOINT_MATTERS
-    matters = strong & (fit.expected >= EXPECTED)
-    # With a gain of 100, the nominal torque is a hundredth, but explains it all.
-    scaled = strong & (abs(fit.slopes) * fit.expected >= EXPECTED_MUCH)
-    means = (matters | scaled) & (fit.explained >= EXPLAINED)
-    low, high = SLOPE_CARE
-    reversed_ = means & (most < 0.0)
-    missing = matters & (fit.expected >= EXPECTED_MUCH) & (most < SLOPE_MISSING)
-    missing &= ~reversed_
-    off = means & ((most < low) | (least > high)) & ~reversed_ & ~missing
-    alike = bool(off.any()) and bool((off == means).all()) and _alike(fit.slopes[off])
-    far = where(off & (least > SLOPE_FAR))
-    return _Found(where(reversed_), where(missing), where(off), far, alike)
-
-
-def _held_slopes(fit: Fit) -> Vector:
-    """Return how much friction at rest can change each slope, either way.
-
-    For a joint that mostly rests, the torque at rest is assumed to be as similar to the
-    nominal bodies' torque as possible.  NaN where the limit of friction is not known:
-    the slope is then not significant.
-    """
-    rests = fit.moving < IN_MOTION
-    share = np.sqrt(np.where(rests, 1.0 - fit.moving, 0.0))
-    nominal = np.maximum(fit.expected * fit.torque, np.finfo(float).tiny)
-    with np.errstate(over="ignore"):  # bodies without torque: any change
-        return np.where(rests, share * fit.holding / nominal, 0.0)
-
-
-def _alike(slopes: Vector) -> bool:
-    """Return whether slopes are off as by one gain.
-
-    This is so if all are far off to the same side, or if the slopes of several joints
-    differ by less than the gate.
-    """
-    far = slopes.min() > SLOPE_FAR or slopes.max() < 1.0 / SLOPE_FAR
-    near = slopes.max() / slopes.min() < SLOPE_CARE[1] / SLOPE_CARE[0]
-    return bool(far or (near and len(slopes) > 1))
-
-
-def _slopes(fit: Fit, joints: Sequence[int]) -> str:
-    return ", ".join(f"{fit.joints[j]} {fit.slopes[j]:.2f}" for j in joints)
+    if evidence.fit is not None:
+        yield from slope_reasons(evidence.fit, evidence.crossed)
 
 
 def _of_findings(evidence: Evidence) -> Iterator[Reason]:
@@ -394,15 +303,25 @@ def _of_channel(evidence: Evidence) -> Iterator[Reason]:
     fit = evidence.fit
     if fit is None:
         return
-    beyond = [j for j in where(fit.efforts > EFFORT_CARE)]
+    beyond = where(fit.efforts > EFFORT_CARE)
     if beyond:
         said = ", ".join(f"{fit.joints[j]} {fit.efforts[j]:.2g} times" for j in beyond)
-        yield Reason(
-            "effort limit",
-            "use with care",
-            f"torque exceeds the model's effort limit: {said}",
-            "check the unit and gain of torque, or correct the limit",
-        )
+        statement = f"torque exceeds the model's effort limit: {said}"
+        if agreeing(fit)[beyond].all():
+            slopes = slopes_of(fit, beyond)
+            yield Reason(
+                "effort limit",
+                "use",
+                f"{statement}; but measured over nominal torque is {slopes}, so that "
+                "the limit is wrong, not the gain",
+            )
+        else:
+            yield Reason(
+                "effort limit",
+                "use with care",
+                statement,
+                "check the unit and gain of torque, or correct the limit",
+            )
     if fit.drive_share < FRICTIONLESS:
         yield Reason(
             "no friction",
@@ -468,13 +387,34 @@ def _of_guesses(evidence: Evidence) -> Iterator[Reason]:
         return
     count = len(evidence.undetermined)
     why = f"{count} combinations are not identifiable" if count else _UNSEEN
+    said = (
+        f"on other motions up to {percent(fit.guessed)} of one joint's torque, or of "
+        f"the base's, comes from the prior, not from the data: {why}"
+    )
+    if _prior_is_good(fit):
+        most = percent(float(np.max(fit.prior_errors)))
+        yield Reason(
+            "mostly guessed",
+            "use",
+            f"{said}; but the prior's bodies are those of the model, which agree with "
+            f"the log, and their usual errors change that torque by {most} at most",
+        )
+        return
     yield Reason(
         "mostly guessed",
         "use with care",
-        f"on other motions up to {percent(fit.guessed)} of one joint's torque, or of "
-        f"the base's, comes from the prior, not from the data: {why}",
+        said,
         "move all joints more, measure more rows, or state what is known (masses)",
     )
+
+
+def _prior_is_good(fit: Fit) -> bool:
+    """Return whether the prior's errors pass the gates of a misfit: of one, of all."""
+    errors = fit.prior_errors
+    if not np.isfinite(errors).all():
+        return False
+    together = np.linalg.norm(errors * fit.torque) / np.linalg.norm(fit.torque)
+    return bool(errors.max() <= JOINT_MISFIT_CARE and together <= MISFIT_CARE)
 
 
 def _worth_knowing(evidence: Evidence) -> Iterator[Reason]:
@@ -507,11 +447,6 @@ def _worth_knowing(evidence: Evidence) -> Iterator[Reason]:
         )
 
 
-def where(mask: BoolArray) -> list[int]:
-    """Return the indices of true entries."""
-    return [int(j) for j in np.flatnonzero(mask)]
-
-
 def _some(names: Sequence[str]) -> str:
     shown = ", ".join(names[:3])
     return shown if len(names) <= 3 else f"{shown} and {len(names) - 3} more"
@@ -521,7 +456,7 @@ Rule = Callable[[Evidence], Iterable[Reason]]
 
 
 RULES: tuple[Rule, ...] = (
-    of_slopes,
+    _of_slopes,
     _of_findings,
     _of_fit,
     _of_held_out,

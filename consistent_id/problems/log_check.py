@@ -33,7 +33,7 @@ def check_problem(problem: Problem) -> Diagnosis:
     hides it, so for a long delay the uncorrected recordings are checked, too.
     """
     found = _checked(problem, problem.prepare)
-    if not found.faults and abs(_delay(problem)) >= LONG:
+    if not found.faults and abs(delay_of_torque(problem)) >= LONG:
         late = _checked(problem, _without_delay(problem).prepare)
         hidden = _hidden(problem, late)
         kept = found.findings
@@ -50,9 +50,7 @@ def check_problem(problem: Problem) -> Diagnosis:
 
 
 def _checked(problem: Problem, prepare: Callable[[Recording], Recording]) -> Diagnosis:
-    roles = [problem.logs(role) for role in ("training", "validation")]
-    names = [log.name for logs in roles for log in logs]
-    training, validation = ([_distinct(log, names) for log in logs] for logs in roles)
+    training, validation = named_logs(problem)
     return diagnose(
         problem.model,
         training,
@@ -63,7 +61,15 @@ def _checked(problem: Problem, prepare: Callable[[Recording], Recording]) -> Dia
     )
 
 
-def _delay(problem: Problem) -> float:
+def named_logs(problem: Problem) -> tuple[list[Recording], list[Recording]]:
+    """Return training and validation logs, with names by which findings call them."""
+    roles = [problem.logs(role) for role in ("training", "validation")]
+    names = [log.name for logs in roles for log in logs]
+    training, validation = ([_distinct(log, names) for log in logs] for logs in roles)
+    return training, validation
+
+
+def delay_of_torque(problem: Problem) -> float:
     """Return the delay of the torque that the preparation corrects, [s]."""
     data = problem.table.data
     return 0.0 if data is None else float(data.preparation.delays.get("torque", 0.0))
@@ -85,8 +91,8 @@ def _hidden(problem: Problem, late: Diagnosis) -> tuple[LogFinding, ...]:
     if filters := late.of("drive filter"):
         return filters
     undone = (
-        f"; [data.preparation] corrects a delay of {1e3 * _delay(problem):.3g} ms, "
-        f"but it cannot correct a filter"
+        "; [data.preparation] corrects a delay of "
+        f"{1e3 * delay_of_torque(problem):.3g} ms, but it cannot correct a filter"
     )
     return tuple(
         replace(

@@ -126,7 +126,7 @@ def with_robot(
     steps: list[Callable[[Recording], Recording]] = []
     if table.data is not None and (most := table.data.preparation.most_joint_speed):
         reach = rest_reach(table.data.preparation)
-        steps.append(lambda log: _not_too_fast(robot, log, most, reach))
+        steps.append(lambda log: not_too_fast(robot, log, most, reach))
     if compliance is not None:
         steps.append(lambda log: as_rigid(robot, log, compliance))
     if sensor is not None and arm is not None:
@@ -138,7 +138,7 @@ def with_robot(
     return lambda log: reduce(lambda part, step: step(part), steps, log)
 
 
-def _not_too_fast(
+def not_too_fast(
     robot: RobotModel, log: Recording, most: float | Literal["model"], reach: float
 ) -> Recording:
     """Leave out the rows of joints beyond a speed, or beyond the model's limits."""

@@ -20,6 +20,7 @@ from consistent_id.constraints import lowered
 from consistent_id.constraints.priors import Prior
 from consistent_id.diagnosis import Diagnosis
 from consistent_id.estimation.best_fit import FitProblem
+from consistent_id.estimation.body_slopes import Slopes
 from consistent_id.estimation.constrained import constrained_least_squares
 from consistent_id.estimation.cross_validation import RegularisationPath
 from consistent_id.estimation.estimate import Estimate
@@ -30,6 +31,7 @@ from consistent_id.estimation.expected_error import (
 )
 from consistent_id.estimation.fit import Fit, fit_of
 from consistent_id.estimation.fitted_to import fitted_spans
+from consistent_id.estimation.influence import confirmed_slopes
 from consistent_id.estimation.judgement import judge
 from consistent_id.estimation.left_out import (
     LeftOutBlock,
@@ -63,6 +65,7 @@ from consistent_id.problems.published import (
     published_least_squares,
 )
 from consistent_id.problems.robot_preparation import segments_of_problem
+from consistent_id.problems.weighing import weighed_findings
 from consistent_id.recordings.recording import LogFinding, Recording
 from consistent_id.regression.base import BaseParameters, Excitation, excitation_of
 from consistent_id.regression.regression import Regression, build_regression
@@ -183,10 +186,31 @@ class Study:
         recorded = self.problem.table.data is not None and self.recordings is None
         return check_problem(self.problem) if recorded else None
 
-    @property
+    @cached_property
     def findings(self) -> tuple[LogFinding, ...]:
-        """Faults of the recordings that verdicts use."""
-        return () if self.diagnosis is None else self.diagnosis.findings
+        """Findings that verdicts use: those of the diagnosis, weighed.
+
+        Warnings that do not change the recommended estimate are notes.
+        """
+        if self.diagnosis is None:
+            return ()
+        return weighed_findings(
+            self.problem,
+            self.diagnosis.findings,
+            self._candidate,
+            self.training,
+            self.validation,
+        )
+
+    @cached_property
+    def crossed(self) -> Slopes | None:
+        """Slopes of doubtful joints' torque on bodies that other joints determine."""
+        return confirmed_slopes(self._candidate, self.training)
+
+    @property
+    def _candidate(self) -> Estimate:
+        """The recommended estimate, not judged yet."""
+        return self.estimate(self.recommendation.method)
 
     @cached_property
     def left_out(self) -> dict[str, LeftOutErrors]:
@@ -301,6 +325,7 @@ class Study:
                 unseen or self.validation,
                 findings=self.findings,
                 regression=self.regression,
+                crossed=self.crossed,
             )
             .reports[0]
             .verdict
@@ -334,7 +359,10 @@ class Study:
         x, own = estimate.parameters, estimate.fit
         fit = fit_of(model, self.free, x, known=known)
         # Its own optimum shows whether constraints contradict its data.
-        return fit if own is None else replace(fit, excess=own.excess)
+        if own is None:
+            return fit
+        # So does what its prior may cause: the fit does not show what it pulled to.
+        return replace(fit, excess=own.excess, prior_errors=own.prior_errors)
 
     def _delivered_as(self, estimate: Estimate) -> EstimateReport | None:
         """Return the report behind an estimate that the study itself would deliver."""
@@ -406,6 +434,7 @@ class Study:
             training=self.training,
             findings=self.findings,
             regression=self.regression,
+            crossed=self.crossed,
         )
 
     @cached_property

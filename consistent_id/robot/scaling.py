@@ -4,14 +4,23 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Vector, freeze_arrays, frozen
 from consistent_id.robot.inertia import InertialParameters, second_moments
 from consistent_id.robot.model import RobotModel
 
 _MASSLESS = 1e-3  # mass of a link stated to have none, over the mean of the others
+_EQUAL = 1e-9  # relative difference up to which inertials are equal
 _FLAT = 1e-3  # ratio of thickness to length below which a nominal link counts as flat
 _THICK = 0.1  # ratio that its reference is then given
+
+
+USUAL_WIDTHS = (0.05, 0.15, 0.30)
+"""Usual errors of nominal masses, centres of mass and second moments.
+
+Relative to the link's mass and length.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,6 +39,19 @@ class LinkScales:
         m, d = self.mass, self.length
         rows = np.column_stack([m, m * d, m * d, m * d, *[m * d**2 for _ in range(6)]])
         return rows.ravel()
+
+    def widths(self, relative: ArrayLike) -> Vector:
+        """Return errors of each inertial parameter, shape (10 links,).
+
+        Parameters
+        ----------
+        relative : array_like, shape (3,)
+            Of masses, centres of mass and second moments; see `USUAL_WIDTHS`.
+        """
+        mass, centre, moment = np.asarray(relative)
+        of_link = np.array([mass, *[centre] * 3, *[moment] * 6])
+        widths: Vector = self.units * np.tile(of_link, len(self.mass))
+        return widths
 
     @property
     def root(self) -> Array:
@@ -102,3 +124,15 @@ def _thickened(body: InertialParameters, m: float, d: float) -> InertialParamete
     sigma = axes @ np.diag(np.where(flat, m * (_THICK * d) ** 2, moments)) @ axes.T
     thick = np.trace(sigma) * np.eye(3) - sigma
     return InertialParameters.from_central(body.mass, body.com, thick)
+
+
+def placeholders(robot: RobotModel) -> bool:
+    """Return whether all links have the same inertials, as placeholders do."""
+    bodies = [link.nominal for link in robot.links]
+    known = [body for body in bodies if body is not None]
+    if len(known) < max(len(bodies), 2):
+        return False
+    masses = np.array([body.mass for body in known])
+    central = np.array([body.central_inertia for body in known])
+    alike = np.ptp(masses) <= _EQUAL * masses.max()
+    return bool(alike and np.ptp(central, axis=0).max() <= _EQUAL * central.max())

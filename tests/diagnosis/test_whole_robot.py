@@ -4,16 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from known_arm import OTHER_ROWS, arm, logged, pendulum
 
-from consistent_id import (
-    DHRow,
-    DriveTerms,
-    InertialParameters,
-    Recording,
-    TorqueModel,
-    from_modified_dh,
-    simulate_torque,
-)
 from consistent_id.diagnosis import diagnose
 from consistent_id.diagnosis.factor_rows import (
     FactorLogs,
@@ -26,60 +18,7 @@ from consistent_id.diagnosis.whole_robot import (
     whole_robot_factors,
     whole_robot_findings,
 )
-from consistent_id.robot.model import Link
 from consistent_id.robot.scaling import link_scales
-
-_DRIVE = DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.05, offset=True)
-_ROWS = [
-    DHRow(0, 0, 0.4),
-    DHRow(-np.pi / 2, 0.1),
-    DHRow(0, 0.5, 0.1),
-    DHRow(np.pi / 2, 0.05, 0.4),
-]
-_MASSES = (8.0, 6.0, 4.0, 2.0)
-_CENTRES = ([0, 0.05, -0.1], [0.2, 0, 0.1], [0.03, -0.1, 0.05], [0.05, 0, 0.1])
-
-
-_OTHER_ROWS = [
-    DHRow(0, 0, 0.2),
-    DHRow(np.pi / 2, 0),
-    DHRow(np.pi / 2, 0.1, 0.5),
-    DHRow(-np.pi / 2, 0.3, 0.1),
-]
-
-
-def arm(rows=_ROWS):
-    """Return an arm of four links, whose bodies are known."""
-    robot = from_modified_dh("arm", rows)
-    links = tuple(
-        Link(
-            link.name,
-            InertialParameters.from_central(m, c, np.diag([0.02, 0.03, 0.025]) * m),
-        )
-        for link, m, c in zip(robot.links, _MASSES, _CENTRES, strict=True)
-    )
-    return TorqueModel(replace(robot, links=links), _DRIVE)
-
-
-def logged(seed, *, spread=0.0, noise=0.02, friction=(1.0, 2.0, 0.3)):
-    """Return the model and a smooth log of a robot whose bodies may differ."""
-    model, rng = arm(), np.random.default_rng(seed)
-    time = np.arange(600) / 30.0
-    w = 2 * np.pi * rng.uniform(0.1, 0.5, (4, 3))[..., None]
-    angle = w * time + rng.uniform(0, 6, (4, 3))[..., None]
-    q = 0.4 * np.sin(angle).sum(axis=1).T + rng.uniform(-0.5, 0.5, 4)
-    dq = 0.4 * (w * np.cos(angle)).sum(axis=1).T
-    ddq = -0.4 * (w**2 * np.sin(angle)).sum(axis=1).T
-    bodies = []
-    for link in model.robot.links:
-        nominal = link.nominal
-        moved = nominal.com + spread * 0.05 * rng.normal(size=3)
-        central = nominal.central_inertia * np.exp(spread * 0.3 * rng.normal())
-        mass = nominal.mass * (1.0 + min(spread, 1.0) * 0.05 * rng.normal())
-        bodies.append(InertialParameters.from_central(mass, moved, central).vector)
-    truth = np.append(np.concatenate(bodies), np.tile(friction, 4))
-    motion = Recording(model.robot.joint_names, time, q, dq, ddq)
-    return model, simulate_torque(model, truth, motion, noise=noise, rng=rng)
 
 
 def faulty(log, model, kind, place, size):
@@ -192,7 +131,7 @@ def test_what_is_no_factor_of_a_robot_is_left_out():
 def test_the_log_of_a_robot_with_other_axes_is_another_robot_s():
     model, log = logged(5, spread=0.5, friction=_LITTLE)
     assert other_robot(_as_is(model, log)) == []
-    (finding,) = other_robot(_as_is(arm(_OTHER_ROWS), log))
+    (finding,) = other_robot(_as_is(arm(OTHER_ROWS), log))
     assert (finding.kind, finding.severity) == ("another robot", "fault")
 
 
@@ -204,32 +143,12 @@ def test_one_fault_makes_no_other_robot(kind, place, size):
 
 def test_a_diagnosis_names_another_robot_before_its_effects():
     _, log = logged(5, spread=0.5, friction=_LITTLE)
-    assert diagnose(arm(_OTHER_ROWS), [log]).findings[0].kind == "another robot"
+    assert diagnose(arm(OTHER_ROWS), [log]).findings[0].kind == "another robot"
 
 
 def test_bodies_are_known_as_well_as_the_docs_say():
     as_is = _as_is(*logged(0))
     assert as_is.widths.tolist() == [0.05, 0.15, 0.30]
-
-
-def pendulum(turned):
-    """Return a pendulum and its log, whose zero is off by an angle [rad]."""
-    robot = from_modified_dh("pendulum", [DHRow(-np.pi / 2, 0.0)])
-    body = InertialParameters.from_central(5.0, [0.3, 0.0, 0.0], 0.05 * np.eye(3))
-    links = (Link(robot.links[0].name, body),)
-    model = TorqueModel(replace(robot, links=links), _DRIVE)
-    time = np.arange(600) / 30.0
-    w = 2 * np.pi * np.array([0.1, 0.23, 0.41])
-    angle = w * time[:, None] + [0.0, 1.0, 2.0]
-    q, dq, ddq = (
-        0.8 * np.sum(x, axis=1, keepdims=True)
-        for x in (np.sin(angle), w * np.cos(angle), -(w**2) * np.sin(angle))
-    )
-    motion = Recording(robot.joint_names, time, q, dq, ddq)
-    truth = np.append(body.vector, [0.5, 1.0, 0.1])
-    rng = np.random.default_rng(0)
-    log = simulate_torque(model, truth, motion, noise=0.02, rng=rng)
-    return model, replace(log, position=log.position - turned)
 
 
 def test_the_zero_of_a_pendulum_is_known_as_well_as_the_way_to_its_centre_of_mass():
@@ -245,8 +164,8 @@ def test_the_zero_of_a_pendulum_is_known_as_well_as_the_way_to_its_centre_of_mas
         assert found[kind].error == pytest.approx(0.15 * length / 0.3, rel=0.01)
     (finding,) = whole_robot_findings(_as_is(model, log))
     assert finding.severity == "warning"
-    assert "the base leans by 20 " in finding.statement
-    assert "; or with +20 (" in finding.statement
+    for cause in ("the base leans by 20 ", "with +20 (", "; or "):
+        assert cause in finding.statement
 
 
 def test_noise_that_stays_for_eight_samples_counts_eight_times():

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from experiments import experiment
+from known_arm import logged
 from quadrupeds import quadruped_text
 
 from consistent_id import (
@@ -12,9 +13,10 @@ from consistent_id import (
     TorqueModel,
     build_regression,
     constrained_least_squares,
+    simulate_torque,
 )
 from consistent_id.estimation.determination import linear_errors
-from consistent_id.estimation.fit import guessed_share
+from consistent_id.estimation.prior_share import guessed_share, prior_errors
 from consistent_id.recordings import BaseMotion
 from consistent_id.regression import base_parameters
 from consistent_id.regression.residual_noise import unconstrained_fit
@@ -109,3 +111,44 @@ def test_the_guess_is_the_prior_s_share_of_a_posterior_mean():
     # The error is of rows that count alike; the share weighs them as they scatter.
     assert share == pytest.approx(error**2 / (error**2 + prior), rel=0.02)
     assert 0.2 < share < 0.8
+
+
+def errors_of_the_prior(model, log, truth):
+    free = unconstrained_fit(build_regression(model, log), base_parameters(model))
+    return prior_errors(model, free, truth, np.zeros((0, len(truth))))
+
+
+def test_a_rich_log_needs_no_prior_and_a_poor_one_a_good_prior():
+    model, rich = logged(0)
+    x = np.append(model.robot.nominal.ravel(), np.tile((1.0, 2.0, 0.3), 4))
+    poor = replace(
+        rich,
+        position=0.05 * rich.position,
+        velocity=0.05 * rich.velocity,
+        acceleration=0.05 * rich.acceleration,
+    )
+    noise = np.random.default_rng(0).normal(size=rich.torque.shape)
+    poor = replace(poor, torque=simulate_torque(model, x, poor).torque + 0.1 * noise)
+    of_rich, of_poor = (errors_of_the_prior(model, log, x) for log in (rich, poor))
+    assert of_rich.max() < 0.02
+    assert of_rich.max() < of_poor.max() < 0.5
+
+
+def test_a_prior_that_the_log_contradicts_is_as_much_worse():
+    model, right = logged(0)
+    x = np.append(model.robot.nominal.ravel(), np.tile((1.0, 2.0, 0.3), 4))
+    doubled = replace(right, velocity=0.5 * right.velocity)
+    doubled = replace(doubled, acceleration=0.25 * right.acceleration)
+    of_right, of_doubled = (
+        errors_of_the_prior(model, log, x) for log in (right, doubled)
+    )
+    assert of_doubled.max() > 2.0 * of_right.max()
+
+
+def test_of_placeholders_no_errors_are_known():
+    model, log = logged(0)
+    body = model.robot.links[0].nominal
+    links = tuple(replace(link, nominal=body) for link in model.robot.links)
+    same = replace(model, robot=replace(model.robot, links=links))
+    x = np.zeros(len(model.layout)) + 1.0
+    assert np.isnan(errors_of_the_prior(same, log, x)).all()

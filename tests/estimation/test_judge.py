@@ -28,7 +28,7 @@ from consistent_id import (
 from consistent_id.estimation import judge, weighted_least_squares
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
-from consistent_id.estimation.judgement import of_slopes
+from consistent_id.estimation.slope_reasons import slope_reasons
 from consistent_id.estimation.verdict import WORDS, Verdict
 from consistent_id.export import to_json
 from consistent_id.recordings.recording import LogFinding
@@ -319,8 +319,7 @@ def test_a_joint_that_rests_and_carries_nothing_has_any_slope():
         expected=np.array([0.0, 1.0]),
         holding=np.array([50.0, 50.0]),
     )
-    evidence = replace(estimate.evidence(), fit=fit)
-    assert "torque sign" not in [reason.kind for reason in of_slopes(evidence)]
+    assert "torque sign" not in [reason.kind for reason in slope_reasons(fit, None)]
 
 
 def test_a_joint_at_rest_gets_no_boundless_friction():
@@ -426,3 +425,36 @@ def test_columns_that_underflow_are_no_drive_terms():
 def test_a_gain_that_masses_and_drives_both_deny_is_refused():
     verdict = verdict_of(with_torque(lambda torque: 100.0 * torque))
     assert (verdict.word, kinds(verdict)[0]) == ("do not use", "gain or unit")
+
+
+def good_with(**figures):
+    """The verdict on a clean log, with other figures of its fit."""
+    good = constrained_least_squares(model(), build_regression(model(), log()))
+    changed = {name: np.array(values) for name, values in figures.items()}
+    return judge(replace(good.evidence(), fit=replace(good.fit, **changed)))
+
+
+def test_an_effort_limit_is_doubted_where_nominal_bodies_confirm_the_gain():
+    right = good_with(efforts=[2.0, 0.5], slopes=[1.02, 1.0])
+    assert right.word == "use"
+    (note,) = [r for r in right.reasons if r.kind == "effort limit"]
+    assert "shoulder 1.02" in note.statement
+    for slope in (1.2, 0.85, np.nan):
+        assert kinds(good_with(efforts=[2.0, 0.5], slopes=[slope, 1.0])) == [
+            "effort limit"
+        ]
+    assert "effort limit" in kinds(
+        good_with(efforts=[2.0, 2.0], explained=[1.0, 0.1], slopes=[1.0, 1.0])
+    )
+
+
+def test_a_guess_by_a_good_prior_is_a_note():
+    for errors, word in (
+        ([0.05, 0.1], "use"),
+        ([0.05, 0.35], "use with care"),  # of one joint
+        ([0.12, 0.0], "use with care"),  # of all together
+        ([np.nan, np.nan], "use with care"),
+    ):
+        verdict = good_with(guessed=0.5, prior_errors=errors)
+        assert verdict.word == word
+        assert "mostly guessed" in [r.kind for r in verdict.reasons]

@@ -1,0 +1,175 @@
+"""What a part of the data changes: the estimate again without that part.
+
+With ``A`` the weighted base regressor of the other data and ``C`` the covariance of the
+torque that they predict, in the coordinates ``y`` of `ResidualNoise`, a change ``d`` of
+the base parameters is
+
+    sqrt(y^T C^-1 y / rank)   standard errors, all parameters together,
+    ||y|| / sqrt(trace C)     standard errors of the predicted torque.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from consistent_id._support.arrays import Vector
+from consistent_id.errors import InfeasibleError, NotExcitedError, SolverError
+from consistent_id.estimation.best_fit import FitProblem
+from consistent_id.estimation.body_slopes import Slopes, slopes_on
+from consistent_id.estimation.constrained_fit import constrained_fit
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.slope_reasons import confirmed_joints, doubtful_joints
+from consistent_id.recordings.recording import Recording
+from consistent_id.regression.base import base_parameters
+from consistent_id.regression.regression import build_regression
+from consistent_id.regression.residual_noise import UnconstrainedFit
+
+SMALL = 1.0
+"""Standard errors below which a part of the data changes nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Influence:
+    """By how much an estimate differs from one without a part of its data.
+
+    Parameters
+    ----------
+    parameters : float
+        Root mean square change of the base parameters that the other data determine,
+        in their standard errors.
+    torque : float
+        RMS change of the torque predicted for the other data, in its standard errors.
+    """
+
+    parameters: float
+    torque: float
+
+    @property
+    def largest(self) -> float:
+        """The larger of both, in standard errors."""
+        return max(self.parameters, self.torque)
+
+    @property
+    def small(self) -> bool:
+        """Whether the part changes less than chance does."""
+        return self.largest < SMALL
+
+
+def influence(change: Vector, others: UnconstrainedFit) -> Influence:
+    """Return by how much parameters differ, in standard errors of the other data.
+
+    Parameters
+    ----------
+    change : ndarray, shape (parameters,)
+        The estimate, less the same one without a part of its data.
+    others : UnconstrainedFit
+        Least squares on the other data.
+    """
+    base, noise = others.base, others.noise
+    A = others.regression.stacked()[:, list(base.independent)]
+    y = (A @ noise.steps).T @ (A @ (base.projection @ change))
+    C = noise.scatter
+    together = float(y @ np.linalg.solve(C, y))
+    return Influence(
+        parameters=float(np.sqrt(max(together, 0.0) / noise.rank)),
+        torque=float(np.linalg.norm(y) / np.sqrt(np.trace(C))),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Refit:
+    """An estimate from a part of the data.
+
+    Parameters
+    ----------
+    parameters : ndarray, shape (parameters,)
+    free : UnconstrainedFit
+        Least squares on the same data.
+    """
+
+    parameters: Vector
+    free: UnconstrainedFit
+
+
+def without(
+    estimate: Estimate, recordings: Sequence[Recording], *, joints: Sequence[str] = ()
+) -> Refit | None:
+    """Estimate again, under the same constraints and prior, without some joints' rows.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Constrained.
+    recordings : sequence of Recording
+        Prepared; where their torque is not known, rows are left out.
+    joints : sequence of str
+        Whose torque is left out.
+
+    Returns
+    -------
+    Refit or None
+        None if the data that are left determine no estimate.
+    """
+    under, model = estimate.fitted_under, estimate.model
+    kept = tuple(name for name in model.torque_joints if name not in joints)
+    if under is None or not kept:
+        return None
+    part = replace(model, torque_joints=kept)
+    weights = under.weights[[model.torque_joints.index(name) for name in kept]]
+    try:
+        regression = build_regression(part, recordings).weighted(weights)
+        base = base_parameters(part)
+        problem = FitProblem.of(part, regression, under.constraints, base)
+        fitted = constrained_fit(problem, under.prior)
+    except (InfeasibleError, NotExcitedError, SolverError):
+        return None
+    return Refit(fitted.parameters, problem.free)
+
+
+def confirmed_slopes(
+    estimate: Estimate, recordings: Sequence[Recording]
+) -> Slopes | None:
+    """Return slopes of doubtful joints on the bodies that the other joints determine.
+
+    Joints are doubtful where the nominal bodies do not explain their torque.  A wrong
+    gain of theirs does not change what the other joints say of the bodies.  All are
+    left out together; those that the other joints confirm are no longer left out.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Constrained.
+    recordings : sequence of Recording
+        Its training recordings, prepared.
+
+    Returns
+    -------
+    Slopes or None
+        None if no joint is doubtful, or all are.
+    """
+    doubtful = () if estimate.fit is None else doubtful_joints(estimate.fit)
+    known: dict[str, tuple[float, float, float]] = {}
+    while doubtful:
+        found = _cross_slopes(estimate, recordings, doubtful)
+        if found is None:
+            break
+        values = zip(found.slopes, found.explained, found.expected, strict=True)
+        known.update(zip(found.joints, values, strict=True))
+        left = tuple(j for j in doubtful if j not in confirmed_joints(found))
+        if len(left) == len(doubtful):
+            break
+        doubtful = left
+    return Slopes(tuple(known), *np.array(list(known.values())).T) if known else None
+
+
+def _cross_slopes(
+    estimate: Estimate, recordings: Sequence[Recording], joints: Sequence[str]
+) -> Slopes | None:
+    """Return slopes of joints' torque on the bodies estimated without these joints."""
+    refit = without(estimate, recordings, joints=joints)
+    if refit is None:
+        return None
+    own = replace(estimate.model, torque_joints=tuple(joints))
+    bodies = refit.parameters[: own.layout.inertial_size]
+    return slopes_on(own, build_regression(own, recordings, noise=False), bodies)

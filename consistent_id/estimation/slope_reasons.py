@@ -1,0 +1,203 @@
+"""Reasons from slopes: each joint's torque beside that of bodies known otherwise."""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from consistent_id._support.arrays import BoolArray, Vector
+from consistent_id.estimation.body_slopes import Slopes
+from consistent_id.estimation.fit import Fit
+from consistent_id.estimation.torque_error import IN_MOTION
+from consistent_id.estimation.verdict import Reason
+
+# Of simulated logs without a fault (see `judge`), slopes were 0.92-1.12.
+SLOPE_CARE = (0.8, 1.25)
+
+# Slopes on bodies that other joints determine, that confirm a joint's gain.  A gain of
+# 1.3 on one joint of a UR10e leaves 1.24 to 1.55 (its last two joints say nothing).
+SLOPE_CONFIRMED = (0.89, 1.12)
+SLOPE_FAR = 3.0  # no designer's masses are so wrong
+SLOPE_MISSING = 0.2  # below, the bodies' torque is not in the channel
+EFFORT_CARE = 1.2  # peak torque over effort limit: limits are often rounded down
+EXPLAINED = 0.3  # squared share of torque from which a slope is significant
+EXPECTED = 0.1  # share of a joint's torque from which its slope is used
+EXPECTED_MUCH = 0.3  # share that cannot be missing for lack of excitation
+JOINT_MATTERS = 0.05  # torque over that of the strongest joint
+
+
+class _Found(NamedTuple):
+    """Joints by the fault of their slopes; a joint is in one of the lists."""
+
+    reversed_: list[int]
+    missing: list[int]
+    off: list[int]
+    far: list[int]  # of those that are off
+    alike: bool  # all significant slopes are off, as by one gain
+
+
+def slope_reasons(fit: Fit, crossed: Slopes | None) -> Iterator[Reason]:
+    """Compare the channel with the torque of the nominal bodies, joint by joint.
+
+    Parameters
+    ----------
+    crossed : Slopes, optional
+        Of doubtful joints, on bodies that the other joints determine; see
+        `confirmed_slopes`.
+    """
+    found = _found(fit)
+    if found.reversed_:
+        yield Reason(
+            "torque sign",
+            "do not use",
+            "measured torque has the opposite sign of the nominal bodies': "
+            f"{slopes_of(fit, found.reversed_)}",
+            "reverse the torque of these joints by a negative gain (--torque-gain), or "
+            "their position, or their axes in the model; consistent-id check tries it",
+        )
+    if found.missing:
+        yield Reason(
+            "torque channel",
+            "use with care",
+            "the channel hardly contains the torque of the nominal bodies: "
+            f"{slopes_of(fit, found.missing)}",
+            "check for compensated gravity, another quantity or another joint",
+        )
+    if found.off and found.alike:
+        # Two independent signs of a gain: masses, and effort limits of the drives.
+        shown = bool((fit.efforts[found.far] > EFFORT_CARE).any())
+        yield Reason(
+            "gain or unit",
+            "do not use" if shown else "use with care",
+            "measured over nominal torque: " + slopes_of(fit, found.off),
+            "check the unit and gain of torque, and the model's masses",
+        )
+    elif found.off:
+        yield from _of_nominal(fit, found.off, crossed)
+
+
+def _of_nominal(
+    fit: Fit, off: Sequence[int], crossed: Slopes | None
+) -> Iterator[Reason]:
+    """Doubt single joints, but for those whose gain the other joints confirm.
+
+    Then the nominal bodies are wrong, or there is a load: the estimate shows it.
+    """
+    right = () if crossed is None else confirmed_joints(crossed)
+    others = {} if crossed is None else _told(crossed)
+    doubtful = [j for j in off if fit.joints[j] not in right]
+    said = "measured over nominal torque: "
+    if doubtful:
+        yield Reason(
+            "nominal model",
+            "use with care",
+            said + slopes_of(fit, doubtful) + _beside(fit, doubtful, others),
+            "check these joints' gains, drive terms (rotor inertia) and bodies",
+        )
+    known = [j for j in off if fit.joints[j] in right]
+    if known:
+        yield Reason(
+            "nominal model",
+            "use",
+            f"{said}{slopes_of(fit, known)}{_beside(fit, known, others)}, so that "
+            "gains are right, and the model's bodies are not, or carry a load",
+        )
+
+
+def _told(crossed: Slopes) -> dict[str, float]:
+    """Return slopes on bodies that the other joints determine, where they do."""
+    means = (crossed.explained >= EXPLAINED) & (crossed.expected >= EXPECTED)
+    return {crossed.joints[j]: float(crossed.slopes[j]) for j in where(means)}
+
+
+def _beside(fit: Fit, joints: Sequence[int], others: dict[str, float]) -> str:
+    """Return slopes on bodies that the other joints determine, in words."""
+    known = [fit.joints[j] for j in joints if fit.joints[j] in others]
+    if not known:
+        return ""
+    shown = ", ".join(f"{name} {others[name]:.2f}" for name in known)
+    return f"; over the torque of bodies that the other joints determine: {shown}"
+
+
+def agreeing(fit: Fit) -> BoolArray:
+    """Return joints whose gain the nominal bodies confirm, shape (joints,)."""
+    low, high = SLOPE_CONFIRMED
+    right = (fit.explained >= EXPLAINED) & (fit.expected >= EXPECTED_MUCH)
+    return np.asarray(right & (fit.slopes >= low) & (fit.slopes <= high))
+
+
+def doubtful_joints(fit: Fit) -> tuple[str, ...]:
+    """Return joints whose torque is not the nominal bodies', if others' torque is."""
+    found = _found(fit)
+    return () if found.alike else tuple(fit.joints[j] for j in found.off)
+
+
+def confirmed_joints(crossed: Slopes) -> tuple[str, ...]:
+    """Return joints whose gain the torque of the other joints confirms.
+
+    Parameters
+    ----------
+    crossed : Slopes
+        On bodies that the other joints determine.
+    """
+    low, high = SLOPE_CONFIRMED
+    right = (crossed.slopes >= low) & (crossed.slopes <= high)
+    right &= (crossed.explained >= EXPLAINED) & (crossed.expected >= EXPECTED)
+    return tuple(crossed.joints[j] for j in where(right))
+
+
+def _found(fit: Fit) -> _Found:
+    """Return the joints whose slopes are wrong.
+
+    Friction at rest may change a slope by as much as `_held_slopes` returns.
+    """
+    held = _held_slopes(fit)
+    least, most = fit.slopes - held, fit.slopes + held
+    strong = fit.shares >= JOINT_MATTERS
+    matters = strong & (fit.expected >= EXPECTED)
+    # With a gain of 100, the nominal torque is a hundredth, but explains it all.
+    scaled = strong & (abs(fit.slopes) * fit.expected >= EXPECTED_MUCH)
+    means = (matters | scaled) & (fit.explained >= EXPLAINED)
+    low, high = SLOPE_CARE
+    reversed_ = means & (most < 0.0)
+    missing = matters & (fit.expected >= EXPECTED_MUCH) & (most < SLOPE_MISSING)
+    missing &= ~reversed_
+    off = means & ((most < low) | (least > high)) & ~reversed_ & ~missing
+    alike = bool(off.any()) and bool((off == means).all()) and _alike(fit.slopes[off])
+    far = where(off & (least > SLOPE_FAR))
+    return _Found(where(reversed_), where(missing), where(off), far, alike)
+
+
+def _held_slopes(fit: Fit) -> Vector:
+    """Return how much friction at rest can change each slope, either way.
+
+    For a joint that mostly rests, the torque at rest is assumed to be as similar to the
+    nominal bodies' torque as possible.  NaN where the limit of friction is not known:
+    the slope is then not significant.
+    """
+    rests = fit.moving < IN_MOTION
+    share = np.sqrt(np.where(rests, 1.0 - fit.moving, 0.0))
+    nominal = np.maximum(fit.expected * fit.torque, np.finfo(float).tiny)
+    with np.errstate(over="ignore"):  # bodies without torque: any change
+        return np.where(rests, share * fit.holding / nominal, 0.0)
+
+
+def _alike(slopes: Vector) -> bool:
+    """Return whether slopes are off as by one gain.
+
+    This is so if all are far off to the same side, or if the slopes of several joints
+    differ by less than the gate.
+    """
+    far = slopes.min() > SLOPE_FAR or slopes.max() < 1.0 / SLOPE_FAR
+    near = slopes.max() / slopes.min() < SLOPE_CARE[1] / SLOPE_CARE[0]
+    return bool(far or (near and len(slopes) > 1))
+
+
+def slopes_of(fit: Fit, joints: Sequence[int]) -> str:
+    """Return slopes of joints in words."""
+    return ", ".join(f"{fit.joints[j]} {fit.slopes[j]:.2f}" for j in joints)
+
+
+def where(mask: BoolArray) -> list[int]:
+    """Return the indices of true entries."""
+    return [int(j) for j in np.flatnonzero(mask)]

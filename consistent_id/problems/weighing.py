@@ -1,0 +1,197 @@
+"""Warnings about a log, weighed by what they change.
+
+A few outliers, a joint with coarse torque, an odd part that only validates: each is a
+warning.  The estimate is made again without these rows, without that joint's torque, or
+with that part.  If it changes by less than a standard error, the warning becomes a
+note.  Several that change nothing alone are left out together, too.
+
+Faults are not weighed: other faults are not looked for in a log that has one.  Neither
+is anything that concerns the whole robot, such as a clock or a gain.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+
+import numpy as np
+
+from consistent_id.diagnosis.signal_faults import position_steps, spikes
+from consistent_id.errors import RecordingError
+from consistent_id.estimation.estimate import Estimate
+from consistent_id.estimation.influence import Influence, influence, without
+from consistent_id.problems.log_check import delay_of_torque, named_logs
+from consistent_id.problems.preparation import rest_reach
+from consistent_id.problems.problem import Problem
+from consistent_id.problems.robot_preparation import drift_of, not_too_fast
+from consistent_id.recordings.recording import LogFinding, Recording
+from consistent_id.recordings.signals.filtered_rows import altered
+from consistent_id.recordings.signals.masks import mask_onto
+
+_OF_JOINTS = ("noise", "torque resolution")
+_AROUND = 3.0  # samples about an outlier that are left out with it
+_SEED = 0  # of the rounding errors that are added to a coarse position
+
+_Cut = Callable[[Recording], Recording]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _DataPart:
+    """A part of the training data.
+
+    Parameters
+    ----------
+    words : str
+    joints : tuple of str
+        Whose torque it is; all of it.
+    cut : callable, optional
+        Makes the torque of its rows unknown in a prepared recording.
+    """
+
+    words: str
+    joints: tuple[str, ...] = ()
+    cut: _Cut | None = None
+
+
+def weighed_findings(
+    problem: Problem,
+    findings: Sequence[LogFinding],
+    estimate: Estimate,
+    training: Sequence[Recording],
+    validation: Sequence[Recording],
+) -> tuple[LogFinding, ...]:
+    """Return findings, of which warnings that change nothing are notes.
+
+    Parameters
+    ----------
+    problem : Problem
+    findings : sequence of LogFinding
+        Of its diagnosis.
+    estimate : Estimate
+        Constrained, from the training recordings.
+    training, validation : sequence of Recording
+        Prepared.
+    """
+    if drift_of(problem.table) != "none" or estimate.fitted_under is None:
+        return tuple(findings)
+    warnings = [f for f in findings if f.severity == "warning"]
+    held_out = {log.name for log in named_logs(problem)[1]}
+    notes: dict[int, LogFinding] = {}
+    parts: dict[int, _DataPart] = {}
+    for finding in warnings:
+        if finding.recording in held_out:
+            change = _of_all(estimate, (*training, *validation))
+            words = "with this recording"
+        elif finding.kind == "encoder resolution":
+            change = _of_rounding(problem, finding, estimate)
+            words = "with other rounding errors"
+        elif part := _part(problem, finding):
+            change = _of_part(estimate, training, [part])
+            words = part.words
+            parts[id(finding)] = part
+        else:
+            continue
+        if change is not None and change.small:
+            notes[id(finding)] = _noted(finding, words, change)
+    together = [part for key, part in parts.items() if key in notes]
+    if len(together) > 1:
+        change = _of_part(estimate, training, together)
+        if change is None or not change.small:
+            notes = {key: note for key, note in notes.items() if key not in parts}
+    return tuple(notes.get(id(f), f) for f in findings)
+
+
+def _noted(finding: LogFinding, words: str, change: Influence) -> LogFinding:
+    said = (
+        f"{finding.statement}; {words} the estimate changes by "
+        f"{change.largest:.2g} standard errors"
+    )
+    return replace(finding, severity="note", statement=said)
+
+
+def _part(problem: Problem, finding: LogFinding) -> _DataPart | None:
+    """Return the part of the training data that a finding concerns, if it is one."""
+    if finding.kind == "speed limit":
+        robot, reach = problem.moving, _reach(problem)
+        return _DataPart(
+            "without these samples",
+            cut=lambda log: not_too_fast(robot, log, "model", reach),
+        )
+    joints = tuple(finding.where.split(", "))
+    if not set(joints) <= set(problem.model.torque_joints):
+        return None
+    if finding.kind == "outliers" and len(joints) == 1:
+        return _DataPart("without these samples", cut=_outliers(problem, *joints))
+    if finding.kind in _OF_JOINTS:
+        return _DataPart("without the torque of this joint", joints)
+    return None
+
+
+def _outliers(problem: Problem, joint: str) -> _Cut:
+    """Return what makes the outliers of one joint's torque unknown, in all logs."""
+    delay = abs(delay_of_torque(problem))
+    masks = []
+    for log in problem.logs("training"):
+        own = log.of((joint,))
+        at = spikes(np.asarray(own.torque)[:, 0])
+        reach = delay + _AROUND * float(np.median(np.diff(log.time)))
+        masks.append((own, at[:, None], reach))
+
+    def change(whole: Recording) -> Recording:
+        known = np.ones(whole.position.shape, dtype=np.bool_)
+        if whole.torque_known is not None:
+            known &= whole.torque_known
+        k = whole.joints.index(joint)
+        column = whole.of((joint,))
+        for own, at, reach in masks:
+            known[:, k] &= ~mask_onto(own, at, column, reach=reach)[:, 0]
+        return replace(whole, torque_known=known)
+
+    return lambda log: altered(log, change)
+
+
+def _reach(problem: Problem) -> float:
+    data = problem.table.data
+    return 0.0 if data is None else rest_reach(data.preparation)
+
+
+def _of_part(
+    estimate: Estimate, training: Sequence[Recording], parts: Sequence[_DataPart]
+) -> Influence | None:
+    """Return what parts of the training data change together."""
+    joints = {joint for part in parts for joint in part.joints}
+    cuts = [part.cut for part in parts if part.cut is not None]
+    try:
+        logs = [reduce(lambda r, cut: cut(r), cuts, log) for log in training]
+    except RecordingError:
+        return None
+    refit = without(estimate, logs, joints=tuple(joints))
+    if refit is None:
+        return None
+    return influence(estimate.parameters - refit.parameters, refit.free)
+
+
+def _of_all(estimate: Estimate, logs: Sequence[Recording]) -> Influence | None:
+    """Return what recordings change of which a part is already in the fit."""
+    return _of_part(estimate, logs, ())
+
+
+def _of_rounding(
+    problem: Problem, finding: LogFinding, estimate: Estimate
+) -> Influence | None:
+    """Return what other rounding errors of one joint's positions change."""
+    rng, logs = np.random.default_rng(_SEED), problem.logs("training")
+    if finding.where not in logs[0].joints:
+        return None
+    rounded = []
+    for log in logs:
+        column = np.array(log.joints) == finding.where
+        error = rng.uniform(-0.5, 0.5, len(log))[:, None] * position_steps(log)
+        rounded.append(replace(log, position=log.position + error * column))
+    refits = [
+        without(estimate, [problem.prepare(log) for log in each])
+        for each in (logs, rounded)
+    ]
+    if refits[0] is None or refits[1] is None:
+        return None
+    change = refits[1].parameters - refits[0].parameters
+    return influence(change, refits[0].free)

@@ -1,0 +1,130 @@
+"""What a part of the data changes: rows, a joint, and joints that others confirm."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from known_arm import logged
+
+from consistent_id import (
+    InertialParameters,
+    NonNegativeDrive,
+    PhysicalConsistency,
+    build_regression,
+    constrained_least_squares,
+)
+from consistent_id.estimation import judge
+from consistent_id.estimation.body_slopes import Slopes
+from consistent_id.estimation.influence import confirmed_slopes, influence, without
+from consistent_id.estimation.slope_reasons import confirmed_joints, doubtful_joints
+
+KNOWN = (PhysicalConsistency(), NonNegativeDrive())
+LOAD = InertialParameters.from_central(1.0, [0.1, 0.0, 0.2], 0.005 * np.eye(3))
+
+
+def estimated(model, log):
+    return constrained_least_squares(
+        model, build_regression(model, log), constraints=KNOWN
+    )
+
+
+def hidden(log, rows):
+    known = np.ones(log.position.shape, dtype=bool)
+    known[rows] = False
+    return replace(log, torque_known=known)
+
+
+def changed(estimate, log, **leaving):
+    refit = without(estimate, [log], **leaving)
+    return influence(estimate.parameters - refit.parameters, refit.free)
+
+
+def verdict_on(estimate, log):
+    crossed = confirmed_slopes(estimate, [log])
+    return judge(replace(estimate.evidence(), crossed=crossed))
+
+
+def test_parameters_that_do_not_move_have_no_influence():
+    model, log = logged(0)
+    refit = without(estimated(model, log), [log])
+    nothing = influence(np.zeros(len(model.layout)), refit.free)
+    assert (nothing.parameters, nothing.torque) == (0.0, 0.0)
+
+
+def test_influence_is_the_change_of_a_draw_of_noise():
+    # Another draw of the noise moves every parameter by the root of two errors.
+    changes = []
+    for seed in range(6):
+        (model, one), (_, other) = (
+            logged(3, noise=0.05),
+            logged(3, noise=0.05 + 1e-9 * seed),
+        )
+        rng = np.random.default_rng(seed)
+        other = replace(
+            other, torque=other.torque + 0.05 * rng.normal(size=other.torque.shape)
+        )
+        first, second = (without(estimated(model, log), [log]) for log in (one, other))
+        found = influence(second.parameters - first.parameters, first.free)
+        changes.append((found.parameters, found.torque))
+    assert np.mean(changes) == pytest.approx(1.0, abs=0.35)
+
+
+def test_a_few_right_rows_change_less_than_an_error_and_wrong_ones_more():
+    model, log = logged(1)
+    rows = slice(300, 315)
+    assert changed(estimated(model, log), hidden(log, rows)).small
+    torque = log.torque.copy()
+    torque[rows] += 20.0
+    spoilt = replace(log, torque=torque)
+    found = changed(estimated(model, spoilt), hidden(spoilt, rows))
+    assert not found.small
+    assert found.largest > 3.0
+
+
+def test_without_all_joints_there_is_no_estimate():
+    model, log = logged(0)
+    assert without(estimated(model, log), [log], joints=model.torque_joints) is None
+
+
+def test_joints_that_show_a_load_are_confirmed_by_the_others():
+    model, log = logged(5, load=LOAD)
+    estimate = estimated(model, log)
+    doubtful = doubtful_joints(estimate.fit)
+    assert doubtful
+    crossed = confirmed_slopes(estimate, [log])
+    assert confirmed_joints(crossed) == doubtful
+    assert "nominal model" in [r.kind for r in estimate.verdict.grounds]
+    verdict = verdict_on(estimate, log)
+    assert "nominal model" not in [r.kind for r in verdict.grounds]
+    (note,) = [r for r in verdict.reasons if r.kind == "nominal model"]
+    assert "gains are right" in note.statement
+
+
+@pytest.mark.parametrize("gain", [0.7, 1.35])
+@pytest.mark.parametrize("joint", [1, 2])
+def test_a_wrong_gain_of_one_joint_is_not_confirmed(joint, gain):
+    model, log = logged(5)
+    log = replace(log, torque=log.torque * np.where(np.arange(4) == joint, gain, 1.0))
+    estimate = estimated(model, log)
+    name = model.torque_joints[joint]
+    assert name in doubtful_joints(estimate.fit)
+    assert name not in confirmed_joints(confirmed_slopes(estimate, [log]))
+    assert "nominal model" in [r.kind for r in verdict_on(estimate, log).grounds]
+
+
+def test_a_wrong_gain_beside_a_load_is_still_doubted():
+    model, log = logged(5, load=LOAD)
+    log = replace(log, torque=log.torque * [1.0, 1.0, 1.35, 1.0])
+    estimate = estimated(model, log)
+    crossed = confirmed_slopes(estimate, [log])
+    assert model.torque_joints[2] not in confirmed_joints(crossed)
+    (doubt,) = [
+        r for r in verdict_on(estimate, log).grounds if r.kind == "nominal model"
+    ]
+    assert "that the other joints determine: joint3 1.35" in doubt.statement
+
+
+def test_slopes_that_bodies_hardly_explain_confirm_nothing():
+    ones = np.ones(3)
+    crossed = Slopes(("a", "b", "c"), ones, [0.9, 0.2, 0.9], [0.5, 0.5, 0.01])
+    assert confirmed_joints(crossed) == ("a",)

@@ -1,0 +1,112 @@
+"""Warnings about a log are weighed by what they change in the estimate."""
+
+import numpy as np
+import pytest
+from logged import write_arm
+
+from consistent_id import load_problem
+from consistent_id.cli import main
+from consistent_id.problems.study import Study
+
+HEADER = "time,q_shoulder,q_elbow,tau_shoulder,tau_elbow"
+ELBOW, ANGLE = 4, 2  # columns of the elbow's torque and position
+TRAINED, HELD_OUT = 700, 2200  # rows of the part to learn from, and of the other
+
+
+def study(folder, spoil, noise=1.0):
+    """The study of a noisy log, spoilt."""
+    urdf, log = write_arm(folder)
+    table = np.loadtxt(log, delimiter=",", skiprows=1)
+    rng = np.random.default_rng(0)
+    table[:, 3:] += rng.normal(size=table[:, 3:].shape) * [0.6 * noise, 0.3 * noise]
+    spoil(table)
+    np.savetxt(log, table, "%.9g", ",", header=HEADER, comments="")
+    file = folder / "problem.toml"
+    given = ["init", str(urdf), str(log), "--cutoff", "10", "--no-select"]
+    assert main([*given, "--output", str(file)]) == 0
+    return Study(load_problem(file))
+
+
+def outlier(size, *rows):
+    def spoil(table):
+        table[list(rows), ELBOW] += size
+
+    return spoil
+
+
+def steps(column, size):
+    def spoil(table):
+        table[:, column] = np.round(table[:, column] / size) * size
+
+    return spoil
+
+
+def severities(found, kind):
+    return {f.severity for f in found if f.kind == kind}
+
+
+def test_one_outlier_among_noise_is_a_note(tmp_path):
+    one = study(tmp_path, outlier(25.0, TRAINED))
+    assert severities(one.diagnosis.findings, "outliers") == {"warning"}
+    assert severities(one.findings, "outliers") == {"note"}
+    (note,) = [f for f in one.findings if f.kind == "outliers"]
+    assert "without these samples the estimate changes by 0." in note.statement
+    assert one.verdict.word == "use"
+
+
+def test_outliers_that_change_the_estimate_stay_a_warning(tmp_path):
+    three = study(tmp_path, outlier(400.0, TRAINED, 900, 1200))
+    assert severities(three.findings, "outliers") == {"warning"}
+    assert "outliers" in [r.kind for r in three.verdict.grounds]
+
+
+def test_coarse_torque_of_a_joint_that_agrees_with_the_others_is_a_note(tmp_path):
+    coarse = study(tmp_path, steps(ELBOW, 1.0))
+    assert severities(coarse.diagnosis.findings, "torque resolution") == {"warning"}
+    assert severities(coarse.findings, "torque resolution") == {"note"}
+    assert coarse.verdict.word == "use"
+
+
+@pytest.mark.slow
+def test_coarse_positions_are_weighed_by_other_rounding_errors(tmp_path):
+    noisy, quiet = (
+        study(folder, steps(ANGLE, 0.006), noise)
+        for folder, noise in ((tmp_path / "noisy", 1.0), (tmp_path / "quiet", 0.0))
+        if not folder.mkdir()
+    )
+    for found in (noisy, quiet):
+        every = found.diagnosis.findings
+        assert severities(every, "encoder resolution") == {"warning"}
+    assert severities(noisy.findings, "encoder resolution") == {"note"}
+    assert "warning" in severities(quiet.findings, "encoder resolution")
+
+
+def test_an_outlier_in_the_validation_part_is_a_note_where_the_fit_can_take_it(
+    tmp_path,
+):
+    late = study(tmp_path, outlier(25.0, HELD_OUT))
+    assert severities(late.diagnosis.findings, "outliers") == {"warning"}
+    (note,) = [f for f in late.findings if f.kind == "outliers"]
+    assert note.severity == "note"
+    assert "with this recording" in note.statement
+
+
+def test_a_fault_is_never_weighed(tmp_path):
+    def reverse(table):
+        table[:, ELBOW] *= -1.0
+
+    spoilt = study(tmp_path, reverse)
+    assert spoilt.diagnosis.faults
+    faults = [f for f in spoilt.findings if f.severity == "fault"]
+    assert faults == list(spoilt.diagnosis.faults)
+    assert spoilt.verdict.word == "do not use"
+
+
+def test_a_short_validation_part_is_not_judged_as_a_log(tmp_path):
+    def end_still(table):
+        table[1650:, 1] = np.linspace(table[1650, 1], 0.4, len(table) - 1650)
+
+    found = study(tmp_path, end_still).diagnosis.findings
+    odd = ("short", "small motion", "slow motion", "standstill")
+    held_out = [f for f in found if f.kind in odd and "16.3" in f.recording]
+    assert all(f.severity == "note" for f in held_out)
