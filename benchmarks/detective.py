@@ -67,6 +67,11 @@ A fault is not named, either, if its misfit is twice that of other masses alone.
 Otherwise the finding is "model does not explain", with the candidates and their
 figures.
 
+These fits compare filtered torque with samples of filtered motion, in which friction
+keeps its edges. What this misses is measured by rows that are filtered like the torque,
+fitted once beside rows of the same samples. It is added, in squares, to the misfits
+that are allowed. So a low cut-off alone does not make a log unexplained.
+
 - A scale of one position near one is reported only as a candidate, since a wrong
   length in the model has the same effect.
 - A fault that was found in a residual, such as a drift, is named only if its misfit

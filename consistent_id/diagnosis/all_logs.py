@@ -21,6 +21,7 @@ from consistent_id.diagnosis.explain import (
     FittedLog,
     datasheet_constraints,
     fitted_log,
+    of_samples,
     thinned,
 )
 from consistent_id.diagnosis.factor_rows import FactorLogs
@@ -47,8 +48,6 @@ from consistent_id.diagnosis.wrong_units import (
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.penalised import penalised_fit
 from consistent_id.recordings.recording import Recording, positions_at
-from consistent_id.recordings.signals.clocks import uniform_rate
-from consistent_id.recordings.signals.filters import low_passed
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
@@ -63,7 +62,6 @@ _OF_FITS = (
     *("rank", "motion noise"),
     *("short", "small motion", "slow motion", "standstill"),
 )
-_ABOVE = 2.0  # cut-off of the motion over the torque's: beyond, its noise alone is left
 # Faults that the log of another robot shows.
 _OF_OTHER_ROBOTS = {
     "clock",
@@ -120,8 +118,8 @@ def diagnose(
     training = [training] if isinstance(training, Recording) else list(training)
     constraints = datasheet_constraints(model) if constraints is None else constraints
 
-    def ready(recording: Recording) -> Recording:
-        return _of_samples(recording if prepare is None else prepare(recording))
+    def rows(recording: Recording) -> Recording:
+        return recording if prepare is None else prepare(recording)
 
     found = [*leak_findings(training, validation), *model_findings(model.robot)]
     if any(f.kind == "units" for f in found):
@@ -133,7 +131,7 @@ def diagnose(
     open_: list[OpenLog] = []
     for k, recording in enumerate(looked_at):
         log = recording.of(model.robot.joint_names)
-        of_one = findings_of(model, log, constraints, base, ready, limits, training)
+        of_one = findings_of(model, log, constraints, base, rows, limits, training)
         if k >= len(training):
             of_one = _of_validation(of_one)
         if isinstance(of_one, OpenLog):
@@ -143,35 +141,13 @@ def diagnose(
     found += _of_all(open_) if open_ else []
     signs = [f for f in found if f.severity != "note" and f.kind in _OF_OTHER_ROBOTS]
     if signs:
-        logs = [ready(log).of(model.robot.joint_names) for log in training]
+        logs = [of_samples(rows(log)).of(model.robot.joint_names) for log in training]
         others = _of_another_robot(model, logs, constraints)
         # What follows from it comes after, and it is no graver than its effects.
         first = max(f.score for f in found)
         severity = min((f.severity for f in signs), key=["fault", "warning"].index)
         found += [replace(f, severity=severity, score=first + f.score) for f in others]
     return Diagnosis(tuple(found), tuple(log.name for log in looked_at))
-
-
-def _of_samples(prepared: Recording) -> Recording:
-    """Return a recording whose motion has no noise far above the band of its torque.
-
-    Channels are turned, shifted and scaled by a diagnosis, sample by sample, so that
-    its rows are those of the samples.
-    """
-    behind = prepared.torque_filter
-    if behind is None:
-        return prepared
-    moved = replace(behind.source, torque=None, wrenches=(), torque_known=None)
-    rate = uniform_rate(behind.source)
-    if _ABOVE * behind.cutoff >= 0.5 * rate:
-        return replace(prepared, torque_filter=None)
-    smooth = low_passed(moved, motion_cutoff=_ABOVE * behind.cutoff)
-    channels = {
-        name: values[behind.kept]
-        for name in ("position", "velocity", "acceleration")
-        if (values := getattr(smooth, name)) is not None
-    }
-    return replace(prepared, torque_filter=None, **channels)
 
 
 def _of_validation(of_one: list[LogFinding] | OpenLog) -> list[LogFinding] | OpenLog:

@@ -10,7 +10,7 @@ alone, so the misfit to another log is at least that of least squares in this
 half-space, which takes one triangular solve.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +22,7 @@ from consistent_id.estimation.best_fit import BestFit
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.linear import DATA_RANK_TOLERANCE
-from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import CHUNK, TorqueModel
 
@@ -151,21 +151,35 @@ def channel_factors(
     read = {id(log): _drive_rows(model, base, log) for log in others if log is not None}
     placed = _of_drives(model, base)
     motions = [motion_of(model, recording, None) for recording in recordings]
+    found = []
+    columns = _columns(model, base, motions)
+    for motion, rows, other in zip(motions, columns, others, strict=True):
+        if other is not None:
+            rows[:, placed] = read[id(other)]
+        factors = tuple(joint_factor(of_joint, motion.torque) for of_joint in rows)
+        found.append(ChannelFactors(model, base, factors, len(motion.q)))
+    return found
+
+
+def _columns(
+    model: TorqueModel, base: BaseParameters, motions: Sequence[Motion]
+) -> Iterator[Array]:
+    """Yield the base columns along each motion, (joints, columns, samples).
+
+    Where the torque is filtered, they are filtered alike.
+    """
+    kept = list(base.independent)
+    if any(motion.filtered is not None for motion in motions):
+        for motion in motions:
+            yield motion.regressor(model)[:, kept]
+        return
     longest = max((len(m.q) for m in motions), default=1)
     together = max(CHUNK // longest, 1)
-    found = []
     for start in range(0, len(motions), together):
         group = motions[start : start + together]
         states = (np.concatenate(x) for x in list(zip(*group, strict=True))[:3])
-        Y = model.regressor(*states)[:, list(base.independent)]
         ends = np.cumsum([len(m.q) for m in group])
-        parts = np.split(Y, ends[:-1], axis=2)
-        for k, (motion, rows) in enumerate(zip(group, parts, strict=True), start):
-            if (other := others[k]) is not None:
-                rows[:, placed] = read[id(other)]
-            factors = tuple(joint_factor(of_joint, motion.torque) for of_joint in rows)
-            found.append(ChannelFactors(model, base, factors, len(motion.q)))
-    return found
+        yield from np.split(model.regressor(*states)[:, kept], ends[:-1], axis=2)
 
 
 def _of_drives(model: TorqueModel, base: BaseParameters) -> BoolArray:
@@ -175,9 +189,8 @@ def _of_drives(model: TorqueModel, base: BaseParameters) -> BoolArray:
 
 def _drive_rows(model: TorqueModel, base: BaseParameters, log: Recording) -> Array:
     """Return the drives' base columns along a motion, (joints, columns, samples)."""
-    motion = motion_of(model, log, None)
-    Y = model.regressor(motion.q, motion.dq, motion.ddq)
-    return Y[:, list(base.independent)][:, _of_drives(model, base)]
+    (columns,) = _columns(model, base, [motion_of(model, log, None)])
+    return columns[:, _of_drives(model, base)]
 
 
 def joint_factor(Y: Array, torque: Array) -> Matrix:

@@ -8,7 +8,7 @@ below the best misfit, so that few of them need a cone programme.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,10 +30,13 @@ from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.best_fit import BestFit, best_fit
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.clocks import uniform_rate
+from consistent_id.recordings.signals.filters import low_passed
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.regression.regressor import TorqueModel
 
+_ABOVE = 2.0  # cut-off of the motion over the torque's: beyond, its noise alone is left
 SAMPLES = 1500
 """Most samples that are used; more samples cost time and change no result."""
 
@@ -68,12 +71,15 @@ class FittedLog:
     ----------
     recording : Recording
         Prepared, with the robot's joints.
+    rounded : float
+        Misfit that rows of samples add: `rounded_misfit`.
     """
 
     constraints: Sequence[Constraint]
     recording: Recording
     factors: ChannelFactors
     fit: BestFit
+    rounded: float = 0.0
 
     @property
     def misfit(self) -> float:
@@ -91,9 +97,7 @@ class FittedLog:
         """
         model, log = self.factors.model, self.recording
         motion = motion_of(model, log, None)
-        left = motion.torque - model.predict(
-            self.fit.parameters, motion.q, motion.dq, motion.ddq
-        )
+        left = motion.torque - motion.predicted(model, self.fit.parameters)
         sizes = np.maximum(np.mean(motion.torque**2, axis=0), 1e-300)
         squares = np.mean(left**2 / sizes, axis=1)
         of_each = [part.mean() for part in np.array_split(squares, _STRETCHES)]
@@ -228,6 +232,59 @@ def fitted_log(
     return FittedLog(constraints, recording, factors, _fit(factors, constraints))
 
 
+def of_samples(prepared: Recording) -> Recording:
+    """Return a recording whose motion has no noise far above the band of its torque.
+
+    Channels are turned, shifted and scaled by a diagnosis, sample by sample, so that
+    its rows are those of the samples.  `rounded_misfit` says what such rows miss.
+    """
+    behind = prepared.torque_filter
+    if behind is None:
+        return prepared
+    moved = replace(behind.source, torque=None, wrenches=(), torque_known=None)
+    rate = uniform_rate(behind.source)
+    if _ABOVE * behind.cutoff >= 0.5 * rate:
+        return replace(prepared, torque_filter=None)
+    smooth = low_passed(moved, motion_cutoff=_ABOVE * behind.cutoff)
+    channels = {
+        name: values[behind.kept]
+        for name in ("position", "velocity", "acceleration")
+        if (values := getattr(smooth, name)) is not None
+    }
+    return replace(prepared, torque_filter=None, **channels)
+
+
+def rounded_misfit(
+    model: TorqueModel,
+    rows: Recording,
+    constraints: Sequence[Constraint],
+    base: BaseParameters,
+) -> float:
+    """Return the misfit, over the torque, that rows of samples add to a filtered log.
+
+    The filter rounds the edges of friction in the torque, and in rows that are filtered
+    alike (`motion_of`), but not in the friction of a filtered speed.  Both are fitted
+    under constraints at the same samples; the misfit is the root of the difference of
+    the squares.
+
+    Parameters
+    ----------
+    rows : Recording
+        Prepared.  Without a filter the misfit is zero.
+
+    Raises
+    ------
+    InfeasibleError, NotExcitedError, SolverError
+        See `best_fit`.
+    """
+    places = motion_of(model, rows, None).places
+    if places is None:
+        return 0.0
+    logs = rows, of_samples(rows).samples(places)
+    exact, coarse = (fitted_log(model, log, constraints, base).misfit for log in logs)
+    return float(np.sqrt(max(coarse**2 - exact**2, 0.0)))
+
+
 def thinned(recording: Recording, samples: int) -> Recording:
     """Return evenly spaced samples of a recording, at most `samples` of them."""
     return recording.samples(slice(None, None, -(-len(recording) // samples)))
@@ -251,13 +308,15 @@ def explanations(
         includes the error of the friction model.
     """
     usual = max(_UNUSUAL, _WHITE * noise, _OF_FRICTION * as_is.friction)
+    usual = float(np.hypot(usual, as_is.rounded))
     if as_is.friction >= _RUBS and as_is.misfit <= usual:
         candidates = ()
     factors = [c.factors.joined() for c in candidates]
     bounds = [least_within(R, ()) for R in factors]
     own = [b for b, c in zip(bounds, candidates, strict=True) if c.cause.excuse != 2]
     least = min([as_is.factors.least_misfit(), *own])
-    floor = min(max(_WHITE * noise, _BEYOND * least), _MOST)
+    most = float(np.hypot(_MOST, as_is.rounded))
+    floor = min(max(_WHITE * noise, _BEYOND * least), most)
     found: list[Explanation] = []
     cuts = cuts_at(as_is.factors, as_is.fit)
     for i in sorted(range(len(bounds)), key=bounds.__getitem__):

@@ -25,6 +25,8 @@ from consistent_id.diagnosis.explain import (
     explanation_finding,
     explanations,
     fitted_log,
+    of_samples,
+    rounded_misfit,
     thinned,
     unexplained_findings,
 )
@@ -100,7 +102,8 @@ def findings_of(
     found = signal_findings(model, log)
     if any(f.severity == "fault" for f in found):
         return found
-    whole = prepare(log).of(model.robot.joint_names)
+    rows = prepare(log).of(model.robot.joint_names)
+    whole = of_samples(rows)
     prepared = thinned(whole, SAMPLES)
     found += [] if found else extent_findings(prepared)
     ranks = rank_findings(model, prepared, base, position_steps(log))
@@ -108,7 +111,9 @@ def findings_of(
     if any(f.severity == "fault" or f.kind in _LITTLE for f in found):
         return found
     if not ranks:  # otherwise some columns are only noise, as that finding says
-        found += motion_noise_findings(model, log, prepare, base, prepared=whole)
+        found += motion_noise_findings(
+            model, log, lambda raw: of_samples(prepare(raw)), base, prepared=whole
+        )
     moving = in_motion(model, prepared)
     if moving.torque_joints != model.torque_joints:
         model, base = moving, base_parameters(moving)
@@ -125,7 +130,7 @@ def findings_of(
         return found
     noise = float(np.sqrt(np.mean(noise_share(np.asarray(torque.torque)) ** 2)))
     short = any(f.kind == "short" for f in found)
-    more = _dynamic(model, prepared, constraints, base, noise, short)
+    more = _dynamic(model, prepared, rows, constraints, base, noise, short)
     if isinstance(more, list):
         return found + more
     return replace(more, signals=tuple(found))
@@ -159,6 +164,7 @@ def _with_torque_of(log: Recording, model: TorqueModel) -> Recording:
 def _dynamic(
     model: TorqueModel,
     prepared: Recording,
+    rows: Recording,
     constraints: Sequence[Constraint],
     base: BaseParameters,
     noise: float,
@@ -184,10 +190,12 @@ def _dynamic(
         return channel
     try:
         as_is = fitted_log(model, prepared, constraints, base)
+        rounded = rounded_misfit(model, rows, constraints, base)
     except (InfeasibleError, SolverError) as failure:
         statement = f"no robot with the datasheet's values explains the log: {failure}"
         advice = "check masses and bounds; see the certificate of each method"
         return [LogFinding("datasheet", "fault", prepared.name, statement, advice)]
+    as_is = replace(as_is, rounded=rounded)
     candidates = corrected(as_is, corrections(model.robot, model.torque_joints))
     candidates += alternatives(as_is)
     found = explanations(as_is, candidates, noise)

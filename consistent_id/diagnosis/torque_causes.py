@@ -79,7 +79,7 @@ def residuals(log: FittedLog) -> list[Residual]:
     """Return the residual of each joint's row in least squares of its own."""
     model = log.factors.model
     motion = motion_of(model, log.recording, None)
-    Y = model.regressor(motion.q, motion.dq, motion.ddq)
+    Y = motion.regressor(model)
     found = []
     for row, tau in zip(Y, motion.torque.T, strict=True):
         columns = row[list(log.factors.base.independent)].T
