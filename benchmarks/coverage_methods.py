@@ -2,7 +2,7 @@
 
 ``python benchmarks/coverage_methods.py [--replicates 200] [--write docs/coverage.md]``
 
-A payload, drive gains, instruments, Huber's loss: each on the three-jointed arm of
+A payload, drive gains, delays, instruments, Huber's loss: each on the three-jointed arm of
 `coverage`, under four kinds of noise.  Intervals are two-sided; too wide is wrong, too.
 """
 
@@ -14,12 +14,14 @@ from pathlib import Path
 
 import numpy as np
 from scipy import signal, stats
+from scipy.interpolate import make_interp_spline
 
 sys.path.insert(0, str(Path(__file__).parent))
 from coverage import BEGIN, END, LEVEL, arm, motion
 
 import consistent_id as ci
 from consistent_id.estimation.loaded_robot import loaded_robot
+from consistent_id.recordings.signals.tracks import Track, estimate_delay
 
 KINDS = ("white", "AR(1) 0.9", "pink", "changing level")
 LOAD = ci.InertialParameters.from_central(
@@ -127,9 +129,31 @@ def of_base_parameters(
         yield (found.base_values - true) / found.standard_errors
 
 
+def delays(kind: str, replicates: int) -> Iterator[np.ndarray]:
+    """Yield the same of the delay of a velocity, and of a position, behind a position.
+
+    Encoders have 2^16 steps; the late signals have the noise.
+    """
+    states, late, step = motion(arm(3)[0]), 0.0123, 2.0 * np.pi / 2**16
+    spline = make_interp_spline(states.time, states.position, k=5)
+    moved = (spline(states.time - late), spline.derivative()(states.time - late))
+    rng = np.random.default_rng(6)
+    for _ in range(replicates):
+        seen = step * np.round(states.position / step)
+        reference = Track("position", states.joints, states.time, seen)
+        found = []
+        for channel, exact in zip(("position", "velocity"), moved, strict=True):
+            values = exact + LEVEL * exact.std(axis=0) * noise(kind, exact.shape, rng)
+            track = Track(channel, states.joints, states.time, values)
+            delay = estimate_delay(reference, track)
+            found.append((delay.seconds - late) / delay.standard_error)
+        yield np.array(found)
+
+
 METHODS: dict[str, Callable[[str, int], Iterator[np.ndarray]]] = {
     "payload": payloads,
     "drive gains": drive_gains,
+    "delay": delays,
     "instrumental variables": instruments,
     "Huber": hubers,
 }

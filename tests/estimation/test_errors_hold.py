@@ -25,7 +25,9 @@ def methods():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["white", "AR(1) 0.9"])
-@pytest.mark.parametrize("name", ["payload", "instrumental variables", "Huber"])
+@pytest.mark.parametrize(
+    "name", ["payload", "delay", "instrumental variables", "Huber"]
+)
 def test_intervals_hold_the_truth_neither_too_rarely_nor_too_often(methods, name, kind):
     z = np.array(list(methods.METHODS[name](kind, 30)))
     held, error = methods.share(z)

@@ -15,7 +15,7 @@ from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector, freeze, freeze_arrays
+from consistent_id._support.arrays import Array, Matrix, Vector, freeze, freeze_arrays
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import (
@@ -39,7 +39,9 @@ ORDER = 8  # of the filter against aliasing
 _DERIVATIVES_OF = {"position": 0, "velocity": 1, "acceleration": 2}
 _BAND = 8.0  # sampling rate over the highest cut-off: splines are exact below
 _ALIKE = 0.5  # least share of the variance that one motion explains
-_BLOCKS = (16, 64)  # fewest and most blocks for the standard error
+_BLOCKS = (10, 40)  # fewest and most blocks for the standard error
+_AS_GOOD = 1.5  # ratio of standard errors up to which cut-offs are alike
+_PERIODS = 2.5  # of the cut-off, least length of a block where there are enough
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -215,8 +217,9 @@ class Delay:
     seconds : float, [s]
         Delay of the second signal relative to the first.
     standard_error : float, [s]
-        From the scatter of blocks of consecutive samples, so errors may be correlated
-        within a block.
+        A jackknife over blocks of consecutive samples, so errors may be correlated
+        within a block.  It is enlarged for few blocks, by Student's quantile over the
+        normal one, so that 1.96 of it contain the delay in 95 % of cases.
     cutoff : float, [Hz]
         Cut-off to which both signals were filtered.
     joints : tuple of str
@@ -301,7 +304,12 @@ def estimate_delay(
         pair = _filtered_pair(first, second, order, frequency, longest, min(cutoffs))
         near = found[-1].seconds if found else None
         found.append(_best_shift(pair, joints, frequency, longest, near))
-    return min(found, key=lambda delay: delay.standard_error)
+    best = min(found, key=lambda delay: delay.standard_error)
+    errors = np.array([delay.standard_error for delay in found])
+    alike = errors[errors <= _AS_GOOD * best.standard_error]
+    # The least of several estimates is too small: those of like cut-offs are pooled.
+    pooled = float(np.sqrt(np.mean(alike**2))) if len(alike) else np.inf
+    return replace(best, standard_error=pooled)
 
 
 class _FilteredSignals(NamedTuple):
@@ -338,7 +346,7 @@ def _cutoffs(first: Recording, second: Recording) -> list[float]:
     highest = min(first.rate, second.rate) / _BAND
     spread = second.position.var(axis=0).sum()
     cutoffs = [highest]
-    while (lower := cutoffs[0] / 2.0) * second.duration > 10.0:
+    while (lower := cutoffs[0] / 2.0) * second.duration > _BLOCKS[0] * _PERIODS:
         smooth = low_passed(second, motion_cutoff=lower).position
         if smooth.var(axis=0).sum() < 0.5 * spread:
             break
@@ -434,32 +442,57 @@ def _with_error(
     joints: tuple[str, ...],
     cutoff: float,
 ) -> Delay:
-    """Return the delay with its sandwich standard error over blocks."""
+    """Return the delay with its standard error, a jackknife over blocks."""
+    from scipy.special import ndtri, stdtrit
+
     tiny = np.finfo(np.float64).tiny
-    r = _centred(pair.reference(pair.time - shift))
+    reference = pair.reference(pair.time - shift)
+    r = _centred(reference)
     power, along = np.maximum((r**2).sum(axis=0), tiny), (r * y).sum(axis=0)
     gain = along / power
     error = y - gain * r
-    J = -gain * _centred(pair.slope(pair.time - shift))
-    J -= r * ((r * J).sum(axis=0) / power)
-    # Not the mean of J^2: noise of the reference is steep, but contains no information.
-    bend = -gain * _centred(pair.bend(pair.time - shift))
     variance = np.maximum((error**2).mean(axis=0), 1e-24 * (y**2).mean(axis=0) + tiny)
-    scores = (J * error / variance).sum(axis=1)
-    curvature = (bend * y / variance).sum()
+    slope, bend = (part(pair.time - shift) for part in (pair.slope, pair.bend))
+    products = (np.ones_like(y), r, y, slope, bend)
+    products += (r * r, r * y, slope * r, slope * y, bend * y)
     span = pair.time[-1] - pair.time[0]
-    number = int(np.clip(span * cutoff / 4.0, *_BLOCKS))
+    number = int(np.clip(span * cutoff / _PERIODS, *_BLOCKS))
+    parts = np.array_split(np.array(products), number, axis=1)
+    sums = np.array([part.sum(axis=1) for part in parts])
+    left = _shifts_left(sums.sum(axis=0) - sums, variance)
+    few = stdtrit(number - 1, 0.975) / ndtri(0.975)
+    spread = float(few * np.sqrt((number - 1) * np.var(left)))
     sizes = np.sqrt(power) * np.sqrt(np.maximum((y**2).sum(axis=0), tiny))
-    sums = np.array([part.sum() for part in np.array_split(scores, number)])
-    spread = np.sqrt(number / (number - 1) * (sums**2).sum())
     return Delay(
         seconds=shift,
-        standard_error=float(spread / curvature) if curvature > 0.0 else np.inf,
+        standard_error=spread if np.isfinite(spread) else np.inf,
         cutoff=cutoff,
         joints=joints,
         correlations=along / sizes,
         gains=gain,
     )
+
+
+def _shifts_left(sums: Array, variance: Vector) -> Vector:
+    """Return a Newton step of the delay for each set of samples, all gains refitted.
+
+    Parameters
+    ----------
+    sums : ndarray, shape (sets, 10, joints)
+        Sums of one, ``r``, ``y``, the reference's slope ``s`` and bend ``b``, and of
+        ``r r``, ``r y``, ``s r``, ``s y``, ``b y``.
+    variance : ndarray, shape (joints,)
+        Of the errors.
+    """
+    n, r, y, s, b, rr, ry, sr, sy, by = np.moveaxis(sums, 1, 0)
+    power = np.maximum(rr - r * r / n, np.finfo(np.float64).tiny)
+    gain = (ry - r * y / n) / power
+    score = -gain * (sy - s * y / n - gain * (sr - s * r / n)) / variance
+    # Not the mean square of the slope: noise of the reference is steep, but contains
+    # no information.
+    curvature = (-gain * (by - b * y / n) / variance).sum(axis=1)
+    flat = curvature <= 0.0
+    return np.where(flat, np.nan, score.sum(axis=1) / np.where(flat, 1.0, curvature))
 
 
 def _centred(values: Matrix) -> Matrix:
