@@ -27,7 +27,7 @@ from typing import Literal
 
 from consistent_id.errors import ConsistentIdError, ProblemError
 
-Stop = Literal["", "interrupted", "out of time"]
+Stop = Literal["", "interrupted", "terminated", "out of time"]
 
 Interrupted = Callable[[], bool]
 
@@ -141,14 +141,18 @@ class Terminated(BaseException):
     """The system wants the process to end, as by ``kill``."""
 
 
-def note_stop(cause: KeyboardInterrupt) -> None:
+def note_stop(cause: BaseException) -> None:
     """Note in the run that work ended early and goes on to show what it has."""
-    by_clock = isinstance(cause, OutOfTime)
-    current_run().stopped = "out of time" if by_clock else "interrupted"
+    stop: Stop = "interrupted"
+    if isinstance(cause, OutOfTime):
+        stop = "out of time"
+    elif isinstance(cause, Terminated):
+        stop = "terminated"
+    current_run().stopped = stop
 
 
 @contextmanager
-def noted_interrupts() -> Iterator[Interrupted]:
+def noted_interrupts(*, keeps_results: bool = False) -> Iterator[Interrupted]:
     """Note the first interrupt of the user; the second one is raised.
 
     So is a SIGTERM that `signals_raised` would raise: solvers that call Python,
@@ -156,6 +160,12 @@ def noted_interrupts() -> Iterator[Interrupted]:
     raised when the work is over.
 
     Outside the main thread, where Python lets nobody listen, none is noted.
+
+    Parameters
+    ----------
+    keeps_results : bool
+        Whether the work goes on to show what it has after a SIGTERM, too, as after an
+        interrupt.
     """
     noted, again, terminated = (threading.Event() for _ in range(3))
     if threading.current_thread() is not threading.main_thread():
@@ -179,12 +189,12 @@ def noted_interrupts() -> Iterator[Interrupted]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-    if terminated.is_set():
+    if terminated.is_set() and not keeps_results:
         raise Terminated
     if again.is_set():
         raise KeyboardInterrupt
     if noted.is_set():
-        note_stop(KeyboardInterrupt())
+        note_stop(Terminated() if terminated.is_set() else KeyboardInterrupt())
 
 
 @contextmanager

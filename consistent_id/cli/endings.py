@@ -121,6 +121,8 @@ def _ended(
         return _failed(cause)
     if run.stopped == "interrupted":
         return _said(130, "interrupted: this is the best so far")
+    if run.stopped == "terminated":
+        return _said(_TERMINATED, "terminated: this is the best so far")
     if run.stopped == "out of time":
         return _said(3, "out of time: this is the best so far")
     return code

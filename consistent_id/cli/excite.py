@@ -134,7 +134,8 @@ SEARCH = (
     Option("--starts N", "searches from random paths", int, default=4),
     Option(
         "--time-limit SECONDS",
-        "of a design's search, on an idle machine and for each worker",
+        "of a design's search, on an idle machine and for each worker; of a robot on "
+        "its feet, of the processor",
         positive,
         default=10.0,
     ),
@@ -268,6 +269,7 @@ def _excite(options: argparse.Namespace) -> Answer:
     folder = options.output or Path("results") / problem.name
     if options.replay:
         require_viewer(folder / output.REPLAY)
+    output.require_formats(formats, problem.moving.joint_names)
     if options.dry_run:
         plan = output.planned_tables(problem, parameters)
         return tables_answer(plan, [asdict(table) for table in plan])
@@ -387,7 +389,8 @@ def _design(options: argparse.Namespace) -> "StandingDesign":
     pose = standing_pose(robot, path, feet, dict(map(read_position, options.stance)))
 
     def tell(done: int, error: float) -> None:
-        print(f"{done}/{options.candidates} paths: {error:.3g}", file=sys.stderr)
+        said = f"{done}/{options.candidates} paths, least relative error {error:.3g}"
+        print(f"{said} per N m", file=sys.stderr)
 
     return design_standing(
         Stance(robot, feet, pose),
@@ -399,6 +402,7 @@ def _design(options: argparse.Namespace) -> "StandingDesign":
         duration=options.duration or 20.0,
         candidates=options.candidates,
         seed=options.seed,
+        time_limit=options.time_limit,
         tell=tell if shows_progress(options) else None,
     )
 
@@ -422,5 +426,5 @@ def _refuse_others(options: argparse.Namespace) -> None:
         raise ProblemError(
             f"--{given[0].replace('_', '-')} is of arms; a motion on feet takes "
             "--duration, --velocity, --effort, --friction, --stance, --sole, --link, "
-            "--candidates and --seed"
+            "--candidates, --time-limit and --seed"
         )

@@ -37,7 +37,12 @@ from consistent_id.excitation.playable import (
 from consistent_id.excitation.request import DesignRequest, design_request
 from consistent_id.excitation.verification import Demands, demands
 from consistent_id.motion.files import follow, write_trajectory
-from consistent_id.motion.files.controller_targets import CYCLES, cycle_of
+from consistent_id.motion.files.controller_targets import (
+    CYCLES,
+    cycle_of,
+    require_joints,
+)
+from consistent_id.motion.files.document import require_names
 from consistent_id.motion.files.trajectory_file import FORMAT_OF_ENDING
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.problems.problem import Problem
@@ -92,6 +97,28 @@ def write_design(
         record = playable_record(playable)
         written.append(write_json(folder / "excitation.json", record))
     return written
+
+
+def require_formats(formats: Sequence[str], joints: Sequence[str]) -> None:
+    """Refuse formats that cannot hold a robot's joints, before any search.
+
+    Parameters
+    ----------
+    formats : sequence of str
+        Endings of files of samples; some hold a certain number of joints only.
+    joints : sequence of str
+        Names of the joints that move.
+
+    Raises
+    ------
+    ProblemError
+        With the format, the number of joints and the expected one, or with a name that
+        cannot be written.
+    """
+    for ending in formats:
+        form = FORMAT_OF_ENDING[f".{ending}"]
+        require_joints(form, len(joints), f"--format {ending}")
+        require_names(tuple(joints), Path(f"--format {ending}"))
 
 
 def require_places(folder: Path, formats: Sequence[str]) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.files import together, write_atomically
-from consistent_id._support.run import kept_going
+from consistent_id._support.run import kept_going, noted_interrupts
 from consistent_id._support.tables import Table
 from consistent_id.errors import InfeasibleError, NotExcitedError, ProblemError
 from consistent_id.motion.files.ros import message_of
@@ -82,8 +82,11 @@ class StandingDesign:
     checked : StandingMotion
         At `CHECK_RATE`.
     candidates : int
+        Paths that were tried.
     seconds : float
         Of the processor.
+    cut_short : str
+        What ended the search before all candidates were tried; empty if nothing did.
     """
 
     stance: Stance
@@ -96,6 +99,7 @@ class StandingDesign:
     checked: StandingMotion
     candidates: int
     seconds: float
+    cut_short: str = ""
 
     def recording(self, rate: float) -> Recording:
         """Return the joints' motion at a rate [Hz]."""
@@ -119,6 +123,7 @@ def design_standing(
     duration: float = 20.0,
     candidates: int = 320,
     seed: int = 0,
+    time_limit: float = np.inf,
     tell: Callable[[int, float], None] | None = None,
 ) -> StandingDesign:
     """Search for the motion of a trunk over standing feet that identifies it best.
@@ -139,6 +144,10 @@ def design_standing(
     candidates : int
         How many paths are tried.
     seed : int
+    time_limit : float, [s]
+        Of the processor, after which the search ends with the best path so far; without
+        any, it goes on for as long again.  An interrupt and a SIGTERM end it in the
+        same way, at once.
     tell : callable, optional
         Given how many candidates were tried, and the least size of errors so far.
 
@@ -146,6 +155,8 @@ def design_standing(
     ------
     InfeasibleError
         If the robot cannot stand in the pose, or not move in it.
+    KeyboardInterrupt
+        If the user ended the search before any path was found.
     """
     started = process_time()
     chosen = StandingLimits() if limits is None else limits
@@ -157,10 +168,28 @@ def design_standing(
     def tried(path: TrunkPath) -> Tried:
         return _tried(stance, model, chosen, path, time, number)
 
-    found = searched_tones(tried, duration, candidates, seed, tell)
+    def used() -> float:
+        return process_time() - started
+
+    with noted_interrupts(keeps_results=True) as interrupted:
+        found = searched_tones(
+            tried,
+            duration,
+            candidates,
+            seed,
+            tell,
+            lambda found: interrupted() or used() > time_limit * (1 if found else 2),
+        )
+        stopped = interrupted()
+    cut_short = ""
+    if found.count < candidates:
+        cut_short = "an interrupt" if stopped else f"the time limit of {time_limit:g} s"
+    if found.best.path is None and stopped:
+        raise KeyboardInterrupt
     if found.best.path is None:
         raise InfeasibleError(
-            "no path of the trunk keeps its limits; allow more velocity or friction, "
+            f"none of {found.count} paths of the trunk keeps its limits; allow more "
+            "velocity or friction, "
             "choose a pose further from stretched legs, or a longer duration"
         )
     motion, path = _checked(stance, chosen, found.best.path)
@@ -173,8 +202,9 @@ def design_standing(
         errors=trunk_errors(stance, model, motion, CHECK_RATE, link),
         first=found.first / found.best.error,
         checked=motion,
-        candidates=candidates,
-        seconds=process_time() - started,
+        candidates=found.count,
+        seconds=used(),
+        cut_short=cut_short,
     )
 
 
@@ -348,8 +378,11 @@ def standing_tables(design: StandingDesign) -> list[Table]:
         f"the best of {design.candidates} paths, {design.first:.1f} times better than "
         f"the best of the first, random ones; {design.seconds:.0f} s of the processor",
     )
+    ended: tuple[str, ...] = ()
+    if design.cut_short:
+        ended = (f"{design.cut_short} ended the search; a longer one may find better",)
     return [
-        Table(f"Motion {of}", ("limit", "of", "used", "at"), uses, how),
+        Table(f"Motion {of}", ("limit", "of", "used", "at"), uses, (*ended, *how)),
         Table(
             "Standard errors of the trunk, per N m of white torque noise at "
             f"{CHECK_RATE:g} Hz",
@@ -390,6 +423,7 @@ def standing_record(design: StandingDesign) -> dict[str, Any]:
         ),
         "error_rate_hz": CHECK_RATE,
         "candidates": design.candidates,
+        "cut_short": design.cut_short,
         "seconds": design.seconds,
     }
 

@@ -161,10 +161,11 @@ class Tried:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Searched:
-    """The best path, and the least error of the first round, of random paths."""
+    """The best path, the least error of the first round, and how many were tried."""
 
     best: Tried
     first: float
+    count: int
 
 
 def searched_tones(
@@ -173,6 +174,7 @@ def searched_tones(
     candidates: int,
     seed: int,
     tell: Callable[[int, float], None] | None = None,
+    ended: Callable[[bool], bool] = lambda found: False,
 ) -> Searched:
     """Return the best of many paths whose tones have different frequencies.
 
@@ -189,6 +191,8 @@ def searched_tones(
     duration : float, [s]
     tell : callable, optional
         Given how many candidates were tried, and the least error so far.
+    ended : callable, optional
+        From whether any path was found to whether to end with the best so far.
     """
     rng = np.random.default_rng(seed)
     frequencies = np.geomspace(_LOWEST, HIGHEST, _TONES * len(COORDINATES))
@@ -197,9 +201,11 @@ def searched_tones(
     floor = _KEPT * spread
     best, first, done = Tried(None, np.inf), np.inf, 0
     point = mean
-    while done < candidates:
+    while done < candidates and not ended(best.path is not None):
         round_ = []
         for _ in range(min(_CROWD, candidates - done)):
+            if ended(best.path is not None):
+                break
             drawn = mean + spread * rng.normal(size=len(mean))
             one = tried(_path(frequencies, drawn, duration))
             round_.append((one.error, drawn))
@@ -207,6 +213,8 @@ def searched_tones(
                 best, point = one, drawn
         done += len(round_)
         first = best.error if done <= _CROWD else first
+        if not round_:
+            break
         round_.sort(key=lambda pair: pair[0])
         kept = [drawn for error, drawn in round_[:_BEST] if np.isfinite(error)]
         elite = np.array([*kept, point])
@@ -214,7 +222,7 @@ def searched_tones(
         spread = np.maximum(_FORGET * spread + (1 - _FORGET) * elite.std(axis=0), floor)
         if tell is not None:
             tell(done, best.error)
-    return Searched(best, first)
+    return Searched(best, first, done)
 
 
 def _spreads(tones: int) -> Vector:

@@ -32,6 +32,7 @@ from consistent_id.robot.parameters import did_you_mean
 
 _ALWAYS = 0.95  # share of random poses; a pair that touches in more is not checked
 _USUALLY = 0.5  # share of poses; for pairs too near in more, only touching is checked
+_ROOM = 0.004  # [m]; beyond the required distances, for a pose that can be left
 _ANYWHERE = 1.0  # [m]; motion of a sliding joint without limits, either way
 
 Connected = Callable[[Body, Body], bool]
@@ -236,7 +237,7 @@ def _sifted(scene: Scene, q: ArrayLike) -> Scene:
     """Leave out pairs that nearly always touch; relax those that are always near."""
     largest = max(pair.wanted for pair in scene.pairs)
     near = nearest(scene, q, within=largest)
-    pairs, notes = [], list(scene.notes)
+    pairs, kept, notes = [], [], list(scene.notes)
     for k, pair in enumerate(scene.pairs):
         names, distance = scene.names(pair), near.distance[:, k]
         touching = int(np.count_nonzero(distance <= 0.0))
@@ -261,6 +262,37 @@ def _sifted(scene: Scene, q: ArrayLike) -> Scene:
             notes.append(PairNote(*names, True, f"{seen}; so they only must not touch"))
             pair = Pair(pair.first, pair.second, 0.0)
         pairs.append(pair)
+        kept.append(k)
+    sifted = replace(scene, pairs=tuple(pairs), notes=tuple(notes))
+    return _with_room(sifted, near.distance[:, kept])
+
+
+def _with_room(scene: Scene, distance: Array) -> Scene:
+    """Relax distances between the robot's bodies if no random pose keeps all of them.
+
+    Relaxed are those that are too small in the pose in which fewest are; this happens
+    to small robots, whose links are hardly larger than the distance.
+    """
+    wanted = np.array([pair.wanted for pair in scene.pairs])
+    own = np.array(
+        [
+            scene.bodies[p.first].frame is not None
+            and scene.bodies[p.second].frame is not None
+            for p in scene.pairs
+        ],
+        dtype=bool,
+    )
+    near = distance < wanted + _ROOM
+    may = ~(near & ~own).any(axis=1) & (distance > 0.0).all(axis=1)
+    if not len(scene.pairs) or not near.any(axis=1).all() or not may.any():
+        return scene
+    k = int(np.where(may, near.sum(axis=1), len(own) + 1).argmin())
+    pairs, notes = list(scene.pairs), list(scene.notes)
+    for i in np.flatnonzero(near[k] & (wanted > 0.0)):
+        names = scene.names(pairs[i])
+        seen = f"no random pose keeps all bodies {wanted[i] * 1e3:.1f} mm apart"
+        notes.append(PairNote(*names, True, f"{seen}; so they only must not touch"))
+        pairs[i] = replace(pairs[i], wanted=0.0)
     return replace(scene, pairs=tuple(pairs), notes=tuple(notes))
 
 

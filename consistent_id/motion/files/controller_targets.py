@@ -29,6 +29,29 @@ _TO_START = "a=0.5, v=0.25"  # rad/s^2, rad/s: slow, since this path is not chec
 _TRACKING = "0.1, 300"  # lookahead time [s] and gain, the controller's own defaults
 
 
+def require_joints(format: str, joints: int, where: str | Path) -> None:
+    """Refuse a robot whose number of joints a format cannot hold.
+
+    Parameters
+    ----------
+    format : str
+        One of a controller, such as ``"rsi"``; others hold any number.
+    where : str or Path
+        Begins the message.
+
+    Raises
+    ------
+    ProblemError
+        With the number of joints and the expected one.
+    """
+    expected = _JOINTS.get(format, joints)
+    if joints != expected:
+        raise ProblemError(
+            f"{where}: {joints} joints, expected {expected}, as robots that read this "
+            f"format ({format}) have"
+        )
+
+
 class Targets(NamedTuple):
     """Positions, shape (targets, joints), and seconds since the start."""
 
@@ -47,11 +70,7 @@ def urscript_of(path: JointPath, rate: float, where: Path) -> str:
     ProblemError
         If the robot has not six joints, or the rate is not 125 or 500 Hz.
     """
-    if len(path.joints) != _JOINTS["urscript"]:
-        raise ProblemError(
-            f"{where}: {len(path.joints)} joints, expected 6: URScript is the "
-            "language of arms with six"
-        )
+    require_joints("urscript", len(path.joints), where)
     cycle = cycle_of("urscript", rate)
     if cycle is None:
         raise ProblemError(
@@ -104,11 +123,7 @@ def franka_of(path: JointPath, rate: float, where: Path) -> str:
 def _required(
     path: JointPath, rate: float, where: Path, format: str, known: str
 ) -> float:
-    if len(path.joints) != _JOINTS[format]:
-        raise ProblemError(
-            f"{where}: {len(path.joints)} joints, expected {_JOINTS[format]}, as "
-            "robots that read this format have"
-        )
+    require_joints(format, len(path.joints), where)
     cycle = cycle_of(format, rate)
     if cycle is None:
         raise ProblemError(

@@ -1,0 +1,58 @@
+"""A search on feet that is ended early keeps its best path."""
+
+import os
+import signal
+
+import numpy as np
+import pytest
+from quadrupeds import CORNERS, FEET, FOOT, quadruped_text
+
+import consistent_id as ci
+from consistent_id._support.run import Run, running, signals_raised
+from consistent_id.standing.forces_and_limits import StandingLimits
+from consistent_id.standing.stance import Stance, StandingFoot
+from consistent_id.standing.standing_design import design_standing, standing_tables
+
+POSE = np.tile([0.1, 0.2, -0.9], 4)
+
+
+@pytest.fixture(scope="module")
+def stance(tmp_path_factory):
+    file = tmp_path_factory.mktemp("standing") / "robot.xml"
+    file.write_text(quadruped_text(hips=CORNERS))
+    robot = ci.robot.load_mjcf(file, base="floating")
+    point = np.array([FOOT])
+    return Stance(robot, tuple(StandingFoot(f, point, False) for f in FEET), POSE)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("number", "stopped", "said"),
+    [
+        (None, "", "the time limit of 0.5 s"),
+        (signal.SIGINT, "interrupted", "an interrupt"),
+        (signal.SIGTERM, "terminated", "an interrupt"),
+    ],
+)
+def test_an_ended_search_keeps_its_best_path(stance, number, stopped, said):
+    drive = ci.DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.02)
+
+    def told(done, error):
+        if number is not None and np.isfinite(error):
+            os.kill(os.getpid(), number)
+
+    run = Run()
+    with signals_raised(run), running(run):
+        found = design_standing(
+            stance,
+            ci.TorqueModel(stance.robot, drive),
+            StandingLimits(velocity=6.0, effort=40.0),
+            duration=4.0,
+            candidates=1000,
+            time_limit=0.5 if number is None else np.inf,
+            tell=told,
+        )
+    assert run.stopped == stopped and found.cut_short == said
+    assert 1 <= found.candidates <= 32 and found.checked.largest <= 1.0
+    text = " ".join(standing_tables(found)[0].text().split())
+    assert f"{said} ended the search" in text
