@@ -172,6 +172,26 @@ def test_other_encodings_are_read_and_said(tmp_path, monkeypatch, encoding, said
     assert np.concatenate([p["temps"] for p in pieces]).tolist() == [1.0, 2.0]
 
 
+@pytest.mark.parametrize(("separator", "mark"), [(",", "."), (";", ",")])
+@pytest.mark.parametrize("zone", ["", "+00:00", "Z"])
+def test_dates_are_seconds(tmp_path, separator, mark, zone):
+    stamps = [f"2001-09-09T01:46:40.{half}{zone}" for half in ("000000", "500000")]
+    rows = [f"{t}{separator}{q}{mark}5" for t, q in zip(stamps, (1, 2), strict=True)]
+    text = "\n".join([f"time{separator}q_elbow", *rows])
+    log = read_recording(written(tmp_path, text), ["elbow"])
+    assert log.time.tolist() == [1e9, 1e9 + 0.5]  # the well-known round second
+    assert log.position[:, 0].tolist() == [1.5, 2.5]
+
+
+def test_a_date_that_is_none_is_refused(tmp_path):
+    refused(tmp_path, "time,q_elbow\n2001-13-09T01:46:40,1\n", "is not a number")
+
+
+def test_a_file_without_header_is_refused_where_columns_are_looked_for(tmp_path):
+    with pytest.raises(RecordingError, match=r"contains numbers .* the 3 columns"):
+        csv.array_names(written(tmp_path, "0,1,2\n1,2,3\n"))
+
+
 def test_bytes_that_are_no_text_are_refused(tmp_path):
     path = tmp_path / "log.csv"
     path.write_bytes(b"\x89PNG\x00\x01\xff,\n\xff\n")

@@ -12,6 +12,7 @@ from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from math import nan
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from consistent_id.recordings.readers.named_arrays import Arrays, omit_advice
 
 _SEPARATORS = (",", ";", "\t")
 _SPACE = " "  # separates where no other mark does: names may contain spaces
+_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
 _PIECE = 2**22  # characters of text that are read at a time
 _UTF_16, _WINDOWS = "utf-16", "cp1252"
 _CONTROLS = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
@@ -182,7 +184,10 @@ def array_names(path: Path) -> tuple[str, ...]:
         max((h.names for h in headers), key=len, default=())
         for headers in (first, above)
     )
-    return comment if comment and all(map(_is_number, names)) else names
+    if comment and all(map(_is_number, names)):
+        return comment
+    _require_words(path, names)
+    return names
 
 
 def _header(path: Path, text: str, names: Sequence[str]) -> _CsvHeader:
@@ -197,15 +202,21 @@ def _header(path: Path, text: str, names: Sequence[str]) -> _CsvHeader:
             f"rename columns that contain a separator"
         )
     header = fitting[0] if fitting else max(first, key=lambda h: len(h.names))
-    if not fitting and header.names and all(map(_is_number, header.names)):
-        raise RecordingError(
-            f"{path}: the first row contains numbers "
-            f"({', '.join(header.names[:3])}), expected a header that names the "
-            f"columns. Add one: joints are matched by "
-            "name"
-        )
+    if not fitting:
+        _require_words(path, header.names)
     require(str(path), names, header.names)
     return header
+
+
+def _require_words(path: Path, names: Sequence[str]) -> None:
+    """Refuse numbers in place of names."""
+    if names and all(map(_is_number, names)):
+        raise RecordingError(
+            f"{path}: the first row contains numbers ({', '.join(names[:3])}), "
+            f"expected a header that names the {len(names)} columns. Add one, such as "
+            "time,q1,q2,tau1,tau2, or read the file into a table with names (in "
+            "Python: recording_from)"
+        )
 
 
 def _headers(text: str) -> tuple[list[_CsvHeader], list[_CsvHeader]]:
@@ -363,6 +374,8 @@ def _is_number(cell: str) -> bool:
 def _decimal_mark(cells: Iterable[str]) -> str | None:
     """Return the mark of the first number that has one."""
     for cell in cells:
+        if _DATE.match(cell):
+            continue
         if _number(cell, None) is None and _number(cell, ",") is not None:
             return ","
         if "." in cell:
@@ -374,14 +387,31 @@ def _number(cell: str, mark: str | None) -> float | None:
     """Return the number in a cell, None if it is not one with this decimal mark."""
     if "_" in cell or not cell.isascii():  # Python's float() would accept them
         return None
-    if mark == ",":
+    if mark == "," and not _DATE.match(cell):
         if "." in cell:
             return None
         cell = cell.replace(",", ".")
     try:
         return float(cell)
     except ValueError:
+        return _seconds_of_date(cell)
+
+
+def _seconds_of_date(cell: str) -> float | None:
+    """Return the seconds from 1970 to a date and time of ISO 8601, in UTC if no zone.
+
+    Examples
+    --------
+    >>> _seconds_of_date("1970-01-02T00:00:00.25"), _seconds_of_date("1970-01-02")
+    (86400.25, None)
+    """
+    if _DATE.match(cell) is None:
         return None
+    try:
+        date = datetime.fromisoformat(cell)
+    except ValueError:
+        return None
+    return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
 
 
 def _fault(

@@ -122,11 +122,12 @@ def _faults(model: Any, moving: set[int]) -> Iterator[str]:
         word = words.get(mujoco.mjtJoint(int(model.jnt_type[j])))
         if word is not None:
             body = model.body(model.jnt_bodyid[j]).name
+            floats = ", --base floating if it moves" if word == "free" else ""
             yield (
                 f"body {body!r} hangs on a {word} joint; only hinge and slide joints "
-                "are supported, and a free one if the base is 'floating'. Remove the "
-                "joint, or choose a base beyond it or a tip "
-                "that it does not carry"
+                "are supported, and a free one if the base is 'floating'. Choose: "
+                f"--base {body} if this body stands still or hangs{floats}; or a "
+                "--tip that the joint does not carry"
             )
     yield from _equalities(model, moving)
     for t in range(model.ntendon):
