@@ -3,7 +3,8 @@
 ``python benchmarks/coverage_methods.py [--replicates 200] [--write docs/coverage.md]``
 
 A payload, drive gains, delays, instruments, Huber's loss: each on the three-jointed arm
-of `coverage`, under four kinds of noise.  Intervals are two-sided; too wide is wrong, too.
+of `coverage`, under four kinds of noise.  Intervals are two-sided; too wide is wrong,
+too.
 """
 
 import argparse

@@ -52,7 +52,8 @@ def _rows(text: str) -> tuple[int, ...]:
     return rows
 
 
-def _share(text: str) -> float:
+def percentage(text: str) -> float:
+    """Read a positive share in percent."""
     return 0.01 * positive(text)
 
 
@@ -64,6 +65,29 @@ def _frame(text: str) -> str | tuple[float, ...]:
         return text
 
 
+ROBOT_AND_LOAD = (
+    PROBLEM,
+    Option("log [...]", "logs without the load, if PROBLEM is a URDF or MJCF", Path),
+    Option("--loaded LOG ...", "logs with the load", Path, required=True),
+    Option(
+        "--loaded-rows FIRST,LAST",
+        "rows of these logs to use, from 1 (default: all)",
+        _rows,
+    ),
+    Option(
+        "--loaded-omit ROW,ROW",
+        "broken rows of these logs, from 1",
+        _numbers_from_1,
+    ),
+    Option(
+        "--link LINK",
+        "link or fixed frame that carries the load, in whose frame controllers get "
+        "it, such as tool0 (default: the last link)",
+    ),
+)
+"""Arguments and options of commands on a robot and its load."""
+
+
 def add_payload(command: argparse.ArgumentParser) -> None:
     """Give the command its options."""
     from consistent_id.service.controller_formats import CONTROLLER_FORMATS
@@ -71,26 +95,7 @@ def add_payload(command: argparse.ArgumentParser) -> None:
     add_command(
         command,
         run_payload,
-        PROBLEM,
-        Option(
-            "log [...]", "logs without the load, if PROBLEM is a URDF or MJCF", Path
-        ),
-        Option("--loaded LOG ...", "logs with the load", Path, required=True),
-        Option(
-            "--loaded-rows FIRST,LAST",
-            "rows of these logs to use, from 1 (default: all)",
-            _rows,
-        ),
-        Option(
-            "--loaded-omit ROW,ROW",
-            "broken rows of these logs, from 1",
-            _numbers_from_1,
-        ),
-        Option(
-            "--link LINK",
-            "link or fixed frame that carries the load, in whose frame controllers get "
-            "it, such as tool0 (default: the last link)",
-        ),
+        *ROBOT_AND_LOAD,
         Option(
             "--tool FRAME",
             "frame of the tool: a fixed frame of the file, or x,y,z or "
@@ -108,7 +113,7 @@ def add_payload(command: argparse.ArgumentParser) -> None:
             "--gain-errors PERCENT ...",
             "standard errors of these gains: one for all joints, or one each (default: "
             "they are exact)",
-            _share,
+            percentage,
         ),
         Option(
             "--controller NAME ...",
@@ -140,7 +145,7 @@ def run_payload(options: argparse.Namespace) -> int:
         require_writable(options.output, [_RECORD, *(form.file for form in forms)])
     errors = list(options.gain_errors)
     found = weigh_load(
-        _problem(options),
+        robot_without_load(options),
         options.loaded,
         rows=options.loaded_rows,
         omit=options.loaded_omit or (),
@@ -167,7 +172,7 @@ def run_payload(options: argparse.Namespace) -> int:
     return show(options, tables_answer(tables, record, usable=usable, write=write))
 
 
-def _problem(options: argparse.Namespace) -> "Problem":
+def robot_without_load(options: argparse.Namespace) -> "Problem":
     """Return the robot without the load, as it was if its results are named."""
     from consistent_id.problems.folder import is_results
     from consistent_id.report.results import open_results

@@ -7,6 +7,7 @@ from consistent_id.service.controller_formats import (
     ControllerLoad,
     controller_text,
 )
+from consistent_id.service.gain_check import GainCheck, check_gains
 from consistent_id.service.load_quantities import LoadQuantities
 from consistent_id.service.weighing import WeighedLoad, weigh_load
 
@@ -15,8 +16,10 @@ __all__ = [
     "ControlModel",
     "ControllerFormat",
     "ControllerLoad",
+    "GainCheck",
     "LoadQuantities",
     "WeighedLoad",
+    "check_gains",
     "control_model",
     "controller_text",
     "weigh_load",

@@ -1,41 +1,43 @@
 """A load weighed from logs of a robot with it and without: estimate and verdict."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import msgspec
 import numpy as np
 
-from consistent_id._support.arrays import BoolArray, Vector
+from consistent_id._support.arrays import Vector
 from consistent_id._support.tables import Table
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.gains import DriveGains, identify_gains
 from consistent_id.estimation.judgement import MISFIT_CARE, MISFIT_REFUSED
 from consistent_id.estimation.payload import Payload, identify_payload
+from consistent_id.estimation.uncertainties.parameter_scatter import NORMAL
 from consistent_id.estimation.verdict import Reason, Verdict, percent, weighed
-from consistent_id.problems.file import RecordingTable
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording
-from consistent_id.robot.kinematics import fixed_place
-from consistent_id.robot.loaders.urdf_inertial import rotation_of
-from consistent_id.robot.model import Datasheet, FixedFrame, Link, RobotModel
+from consistent_id.robot.model import Datasheet, FixedFrame, Link
 from consistent_id.service.controller_formats import ControllerLoad
+from consistent_id.service.gain_check import gains_off
 from consistent_id.service.load_quantities import (
     LoadQuantities,
     inertia_is_open,
     load_quantities,
+)
+from consistent_id.service.loaded_runs import (
+    LoadedRuns,
+    Recordings,
+    flange_of,
+    loaded_files,
+    require_arm,
+    tool_of,
 )
 
 FORMAT = "consistent_id payload 1"
 """Key ``format`` of the JSON record."""
 
 METHOD = "payload"
-
-Recordings = tuple[Recording, ...]
-
-_NORMAL = 1.96  # standard errors of half a 95 % interval
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -224,14 +226,11 @@ def weigh_load(
     RecordingError, InfeasibleError, NotExcitedError, SolverError
         See `identify_payload`.
     """
-    _require_arm(problem, known_mass)
+    require_arm(problem, known_mass)
     robot = problem.model.robot
-    stated = problem.table.payload
-    if link is None and stated is not None:
-        link = stated.link
-    flange = _flange(robot, link)
-    placed = _tool(robot, flange, tool)
-    runs = _Runs(problem, _files(loaded, rows), rows, tuple(omit))
+    flange = flange_of(problem, link)
+    placed = tool_of(robot, flange, tool)
+    runs = LoadedRuns(problem, loaded_files(loaded, rows), rows, tuple(omit))
     carrier = robot.link_names[flange.carrier]
     load = Link(name, datasheet=Datasheet())
     found = _estimated(runs, load, carrier, known_mass, gain_errors)
@@ -247,12 +246,6 @@ def weigh_load(
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Flange:
-    carrier: int
-    frame: FixedFrame
-
-
 class _Estimated(NamedTuple):
     """A load, factors of the gains if a mass was stated, and whether they apply."""
 
@@ -262,57 +255,8 @@ class _Estimated(NamedTuple):
     corrected: bool = False
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Runs:
-    """Logs of a robot with a load, beside the training recordings of its problem."""
-
-    problem: Problem
-    loaded: tuple[Path, ...]
-    rows: Sequence[int] | None
-    omit: tuple[int, ...]
-
-    def read(self, factors: Mapping[str, float]) -> tuple[Recordings, Recordings]:
-        """Return the prepared recordings with the load, and without it.
-
-        Parameters
-        ----------
-        factors : mapping of str to float
-            Of the gains of joints; others keep theirs.
-        """
-        problem, data = self.problem, self.problem.table.data
-        if data is None:
-            raise ProblemError(
-                f"problem {problem.name!r} has no recordings of the robot without the "
-                "load; add a [data] table, or give logs beside a robot's file"
-            )
-        own = [entry for entry in data.recordings if entry.role == "training"]
-        added = [
-            RecordingTable(
-                file=str(file.resolve()),
-                role="validation",
-                rows=None if self.rows is None else list(self.rows),
-                omit=list(self.omit),
-            )
-            for file in self.loaded
-        ]
-        joints, stated = problem.recorded_joints, data.torque_gain
-        each = [stated] * len(joints) if isinstance(stated, float | int) else stated
-        gains = [g * factors.get(j, 1.0) for g, j in zip(each, joints, strict=True)]
-        # They stand for the validation recordings, which are not used: so they are
-        # prepared with what was found in the training recordings.
-        changed = msgspec.structs.replace(
-            data,
-            recordings=[*own, *added],
-            torque_gain=gains if factors else stated,
-        )
-        both = replace(
-            problem, table=msgspec.structs.replace(problem.table, data=changed)
-        )
-        return both.validation, both.training
-
-
 def _estimated(
-    runs: _Runs,
+    runs: LoadedRuns,
     load: Link,
     carrier: str,
     known_mass: float | None,
@@ -343,103 +287,12 @@ def _estimated(
     known = {f"{load.name}.m": known_mass}
     gains = identify_gains(model, *logs, known=known, load=load, carrier=carrier)
     stated = problem.table.data is not None and problem.table.data.gains is not None
-    if gains.scale_open or stated or not _wrong(gains).any():
+    if gains.scale_open or stated or not gains_off(gains).any():
         return plain._replace(gains=gains)
     factors = dict(zip(gains.joints, gains.gains.tolist(), strict=True))
     weighed_one = replace(load, datasheet=Datasheet(mass=known_mass))
     better = of(runs.read(factors), weighed_one, gains.relative_errors)
     return better._replace(gains=gains, corrected=True)
-
-
-def _require_arm(problem: Problem, known_mass: float | None) -> None:
-    """Refuse problems whose payload is no body on a link of an arm."""
-    if problem.arm is not None:
-        raise ProblemError(
-            f"problem {problem.name!r} has a wrist sensor, whose model is the load "
-            "itself; identify estimates it"
-        )
-    if problem.model.robot.floating:
-        raise ProblemError(
-            f"the base of {problem.model.robot.name!r} floats; a payload is estimated "
-            "on robots whose base stands still. State the carrying body as a link of a "
-            "problem with and without it, and compare the two estimates"
-        )
-    if known_mass is not None and not (known_mass > 0.0 and np.isfinite(known_mass)):
-        raise ProblemError(f"the known mass is {known_mass}, expected more than 0 kg")
-
-
-def _flange(robot: RobotModel, link: str | None) -> _Flange:
-    """Return the frame that carries the load; by default the last link's."""
-    if link is None:
-        parents = {joint.parent for joint in robot.joints}
-        tips = [k for k in range(len(robot.link_names)) if k not in parents]
-        if len(tips) > 1:
-            found = ", ".join(robot.link_names[k] for k in tips)
-            raise ProblemError(
-                f"the robot ends in {found}; name the link that carries the load "
-                "(--link, link=)"
-            )
-        link = robot.link_names[tips[0]]
-    place = fixed_place(robot, link)
-    if place.link < 0:
-        raise ProblemError(
-            f"{link!r} does not move; name a link or frame that the load moves with: "
-            f"{', '.join(robot.link_names)}"
-        )
-    return _Flange(place.link, FixedFrame(link, place.rotation, place.translation))
-
-
-def _tool(
-    robot: RobotModel, flange: _Flange, tool: str | Sequence[float] | None
-) -> FixedFrame:
-    """Return the place of the tool's frame in the carrier."""
-    if tool is None:
-        return flange.frame
-    if isinstance(tool, str):
-        place = fixed_place(robot, tool)
-        if place.link != flange.carrier:
-            raise ProblemError(
-                f"the tool's frame {tool!r} is not fixed to "
-                f"{robot.link_names[flange.carrier]!r}, which carries the load; name a "
-                "frame that is, or its place: x,y,z or x,y,z,roll,pitch,yaw"
-            )
-        return FixedFrame(tool, place.rotation, place.translation)
-    numbers = np.asarray(tool, dtype=np.float64)
-    if numbers.shape not in ((3,), (6,)) or not np.isfinite(numbers).all():
-        raise ProblemError(
-            f"the tool's place is {list(tool)}; expected x, y, z [m], or these and "
-            "roll, pitch, yaw [rad]"
-        )
-    rotation = rotation_of(numbers[3:].tolist()) if len(numbers) == 6 else np.eye(3)
-    frame = flange.frame
-    return FixedFrame(
-        "tool",
-        frame.rotation @ rotation,
-        frame.rotation @ numbers[:3] + frame.translation,
-    )
-
-
-def _files(
-    loaded: str | Path | Sequence[str | Path], rows: Sequence[int] | None
-) -> tuple[Path, ...]:
-    """Return the logs with the load.
-
-    Raises
-    ------
-    ProblemError
-        If there is none, one is not there, or there are not two rows.
-    """
-    files = [loaded] if isinstance(loaded, str | Path) else list(loaded)
-    if not files:
-        raise ProblemError("no log with the load, expected at least one")
-    for file in files:
-        if not Path(file).is_file():
-            raise ProblemError(f"{file}: no such file, expected a log with the load")
-    if rows is not None and len(rows) != 2:
-        raise ProblemError(
-            f"rows with the load: {list(rows)}, expected the first and the last"
-        )
-    return tuple(map(Path, files))
 
 
 def _residual(payload: Payload, logs: Sequence[Recording]) -> float:
@@ -451,11 +304,6 @@ def _residual(payload: Payload, logs: Sequence[Recording]) -> float:
         error += float(np.sum((payload.predict(log) - torque) ** 2))
         size += float(np.sum(torque**2))
     return float(np.sqrt(error / size)) if size > 0.0 else np.inf
-
-
-def _wrong(gains: DriveGains) -> BoolArray:
-    """Return whether each factor's 95 % interval excludes one."""
-    return abs(gains.gains - 1.0) > _NORMAL * gains.standard_errors
 
 
 def _reasons(found: _Estimated) -> Iterator[Reason]:
@@ -512,11 +360,11 @@ def _of_gains(gains: DriveGains, *, corrected: bool) -> Iterator[Reason]:
     if gains.scale_open:
         yield Reason("gains not tested", "use with care", gains.verdict)
         return
-    wrong = np.flatnonzero(_wrong(gains))
+    wrong = np.flatnonzero(gains_off(gains))
     if not len(wrong):
         return
     worst = wrong[np.argmax(abs(np.log(gains.gains[wrong])))]
-    change, error = gains.gains[worst] - 1.0, _NORMAL * gains.standard_errors[worst]
+    change, error = gains.gains[worst] - 1.0, NORMAL * gains.standard_errors[worst]
     done = "; the load is estimated with changed gains" if corrected else ""
     yield Reason(
         "gains are off",
@@ -530,7 +378,7 @@ def _of_gains(gains: DriveGains, *, corrected: bool) -> Iterator[Reason]:
 
 def _gains_table(gains: DriveGains) -> Table:
     rows = tuple(
-        (joint, f"{factor:.4f}", f"{_NORMAL * error:.4f}")
+        (joint, f"{factor:.4f}", f"{NORMAL * error:.4f}")
         for joint, factor, error in zip(
             gains.joints, gains.gains, gains.standard_errors, strict=True
         )

@@ -12,7 +12,7 @@ from consistent_id.cli.tool import tool_parser
 from consistent_id.errors import ProblemError
 from consistent_id.problems.statement import declarations
 
-OF_LOGS = "check identify compare report export rollout info payload".split()
+OF_LOGS = "check identify compare report export rollout info payload gains".split()
 COMMANDS = {
     **dict.fromkeys(OF_LOGS, "consistent_id.problems.opening.open_problem"),
     "select": "consistent_id.problems.loading.stated_problem",
@@ -25,6 +25,7 @@ ROBOT = {
 MORE = {
     "export": ["--format", "json", "--output", "robot.json"],
     "payload": ["--loaded", "carrying.csv"],
+    "gains": ["--loaded", "carrying.csv", "--known-mass", "2.8"],
 }
 WORDS = {
     "lock": ["elbow=0.5"],

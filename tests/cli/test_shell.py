@@ -32,6 +32,7 @@ COMMANDS = [
     "report",
     "reproduce",
     "payload",
+    "gains",
     "completion",
 ]
 

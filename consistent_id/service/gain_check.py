@@ -1,0 +1,205 @@
+"""Gains between currents and torque, tested with a load of known mass."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from consistent_id._support.arrays import BoolArray, Vector, freeze_arrays
+from consistent_id._support.tables import Table
+from consistent_id.estimation.gains import DriveGains, identify_gains
+from consistent_id.estimation.uncertainties.parameter_scatter import NORMAL
+from consistent_id.estimation.verdict import Reason, Verdict, percent, weighed
+from consistent_id.problems.problem import Problem
+from consistent_id.robot.model import Link
+from consistent_id.service.loaded_runs import (
+    LoadedRuns,
+    flange_of,
+    loaded_files,
+    require_arm,
+)
+
+FORMAT = "consistent_id gains 1"
+"""Key ``format`` of the JSON record."""
+
+METHOD = "gains"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GainCheck:
+    """Gains that a load of known mass asks for, beside those that a problem states.
+
+    Parameters
+    ----------
+    factors : DriveGains
+        From the torques with the stated gains: one where these are right.
+    stated : array_like, shape (torque joints,), [N m/A or N/A]
+        One each if the problem states none.
+    verdict : Verdict
+        Whether the gains may be used.
+    """
+
+    factors: DriveGains
+    stated: Vector
+    verdict: Verdict
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self, {"stated": (len(self.factors.joints),)})
+
+    def __str__(self) -> str:
+        return self.table().text()
+
+    def _repr_html_(self) -> str:
+        return self.table().html()
+
+    @property
+    def gains(self) -> Vector:
+        """The gains, shape (torque joints,), [N m/A or N/A]."""
+        return np.asarray(self.stated * self.factors.gains)
+
+    @property
+    def half_intervals(self) -> Vector:
+        """Half of the gains' 95 % intervals; infinite where not identifiable."""
+        return np.asarray(NORMAL * self.stated * self.factors.standard_errors)
+
+    @property
+    def off(self) -> BoolArray:
+        """Whether each stated gain is outside of the 95 % interval."""
+        return gains_off(self.factors)
+
+    @property
+    def unknown(self) -> BoolArray:
+        """Whether a gain's 95 % interval is as wide as the gain, or wider."""
+        return np.asarray(~(NORMAL * self.factors.relative_errors < 1.0))
+
+    def table(self) -> Table:
+        """Return stated and identified gains, with 95 % intervals."""
+        rows = []
+        for place, joint in enumerate(self.factors.joints):
+            stated, found = f"{self.stated[place]:.4g}", ("-",) * 4
+            if not self.unknown[place]:
+                found = (
+                    f"{self.gains[place]:.4g}",
+                    f"{self.half_intervals[place]:.2g}",
+                    f"{100.0 * (self.factors.gains[place] - 1.0):+.1f}",
+                    "off" if self.off[place] else "-",
+                )
+            rows.append((joint, stated, *found))
+        header = ("joint", "stated", "gain", "95 % +-", "change, %", "stated gain is")
+        notes = self.verdict.brief
+        if not self.unknown.any():
+            listed = ", ".join(f"{gain:.5g}" for gain in self.gains)
+            notes = (*notes, f"torque_gain = [{listed}]")
+        return Table(self.verdict.sentence, header, tuple(rows), notes)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return verdict, and gains with their intervals; None where unknown."""
+        return {
+            "format": FORMAT,
+            **self.verdict.to_dict(),
+            "gains": {
+                joint: {
+                    "stated": stated,
+                    "gain": None if unknown else gain,
+                    "half_interval": None if unknown else half,
+                    "off": off,
+                }
+                for joint, stated, gain, half, off, unknown in zip(
+                    self.factors.joints,
+                    self.stated.tolist(),
+                    self.gains.tolist(),
+                    self.half_intervals.tolist(),
+                    self.off.tolist(),
+                    self.unknown.tolist(),
+                    strict=True,
+                )
+            },
+            "current_noise": self.factors.current_noise.tolist(),
+            "correlation": self.factors.correlation,
+        }
+
+
+def check_gains(
+    problem: Problem,
+    loaded: str | Path | Sequence[str | Path],
+    *,
+    known_mass: float,
+    rows: Sequence[int] | None = None,
+    omit: Sequence[int] = (),
+    link: str | None = None,
+    accuracy: float = 0.05,
+    accepted: Sequence[str] = (),
+) -> GainCheck:
+    """Identify gains between currents and torque, from logs with a load and without.
+
+    Parameters
+    ----------
+    problem : Problem
+        The robot without the load; see `weigh_load`.
+    loaded : str, Path or sequence of them
+        Logs with the load.
+    known_mass : float, [kg]
+        Of the load, from a scale.
+    rows, omit, link
+        See `weigh_load`.
+    accuracy : float
+        Relative standard error up to which a gain counts as identified.
+    accepted : sequence of str
+        Kinds of reasons for the verdict that are overlooked.
+
+    Raises
+    ------
+    ProblemError, ModelError
+        See `weigh_load`.
+    NotExcitedError, RecordingError, SolverError
+        See `identify_gains`.
+    """
+    require_arm(problem, known_mass)
+    flange = flange_of(problem, link)
+    runs = LoadedRuns(problem, loaded_files(loaded, rows), rows, tuple(omit))
+    factors = identify_gains(
+        problem.model,
+        *runs.read({}),
+        known={"load.m": known_mass},
+        load=Link("load"),
+        carrier=problem.model.robot.link_names[flange.carrier],
+        accuracy=accuracy,
+    )
+    stated = [runs.stated_gains[joint] for joint in factors.joints]
+    reasons = _reasons(factors)
+    verdict = weighed(METHOD, reasons, tuple(accepted), None, ())
+    return GainCheck(factors, np.array(stated), verdict)
+
+
+def gains_off(factors: DriveGains) -> BoolArray:
+    """Return whether each factor's 95 % interval excludes one."""
+    return np.asarray(abs(factors.gains - 1.0) > NORMAL * factors.standard_errors)
+
+
+def _reasons(factors: DriveGains) -> Iterator[Reason]:
+    poor = [
+        joint
+        for joint, good in zip(factors.joints, factors.identified, strict=True)
+        if not good
+    ]
+    if poor:
+        every = len(poor) == len(factors.joints)
+        yield Reason(
+            "gains not identifiable",
+            "do not use" if every else "use with care",
+            f"gains of {', '.join(poor)} have standard errors above "
+            f"{percent(factors.accuracy)}",
+            "check that the loaded logs have the load, and the others have not"
+            if every
+            else "use a heavier load, or motions in which it changes these torques",
+        )
+    wrong = int(gains_off(factors).sum())
+    if wrong:
+        yield Reason(
+            "gains are off",
+            "use",
+            f"stated gains of {wrong} of {len(factors.joints)} joints are outside of "
+            "the 95 % intervals",
+        )

@@ -1,0 +1,196 @@
+"""Runs of a robot with a load beside those of its problem, and where the load is."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from consistent_id.errors import ProblemError
+from consistent_id.problems.file import RecordingTable
+from consistent_id.problems.problem import Problem
+from consistent_id.recordings.recording import Recording
+from consistent_id.robot.kinematics import fixed_place
+from consistent_id.robot.loaders.urdf_inertial import rotation_of
+from consistent_id.robot.model import FixedFrame, RobotModel
+
+Recordings = tuple[Recording, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Flange:
+    """The frame that carries a load.
+
+    Parameters
+    ----------
+    carrier : int
+        Number of the moving link that it is fixed to.
+    frame : FixedFrame
+        Its place there.
+    """
+
+    carrier: int
+    frame: FixedFrame
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadedRuns:
+    """Logs of a robot with a load, beside the training recordings of its problem.
+
+    Parameters
+    ----------
+    problem : Problem
+    loaded : tuple of Path
+    rows : sequence of int, optional
+        The first and the last row of these logs that count, from 1.
+    omit : tuple of int
+        Broken rows of these logs, from 1.
+    """
+
+    problem: Problem
+    loaded: tuple[Path, ...]
+    rows: Sequence[int] | None
+    omit: tuple[int, ...]
+
+    @property
+    def stated_gains(self) -> dict[str, float]:
+        """The gains that the problem states, by joint; one where it states none."""
+        joints, data = self.problem.recorded_joints, self.problem.table.data
+        stated = 1.0 if data is None else data.torque_gain
+        each = [stated] * len(joints) if isinstance(stated, float | int) else stated
+        return dict(zip(joints, each, strict=True))
+
+    def read(self, factors: Mapping[str, float]) -> tuple[Recordings, Recordings]:
+        """Return the prepared recordings with the load, and without it.
+
+        Parameters
+        ----------
+        factors : mapping of str to float
+            Of the gains of joints; others keep theirs.
+        """
+        problem, data = self.problem, self.problem.table.data
+        if data is None:
+            raise ProblemError(
+                f"problem {problem.name!r} has no recordings of the robot without the "
+                "load; add a [data] table, or give logs beside a robot's file"
+            )
+        own = [entry for entry in data.recordings if entry.role == "training"]
+        added = [
+            RecordingTable(
+                file=str(file.resolve()),
+                role="validation",
+                rows=None if self.rows is None else list(self.rows),
+                omit=list(self.omit),
+            )
+            for file in self.loaded
+        ]
+        gains = [g * factors.get(j, 1.0) for j, g in self.stated_gains.items()]
+        # They stand for the validation recordings, which are not used: so they are
+        # prepared with what was found in the training recordings.
+        changed = msgspec.structs.replace(
+            data,
+            recordings=[*own, *added],
+            torque_gain=gains if factors else data.torque_gain,
+        )
+        both = replace(
+            problem, table=msgspec.structs.replace(problem.table, data=changed)
+        )
+        return both.validation, both.training
+
+
+def require_arm(problem: Problem, known_mass: float | None) -> None:
+    """Refuse problems whose payload is no body on a link of an arm."""
+    if problem.arm is not None:
+        raise ProblemError(
+            f"problem {problem.name!r} has a wrist sensor, whose model is the load "
+            "itself; identify estimates it"
+        )
+    if problem.model.robot.floating:
+        raise ProblemError(
+            f"the base of {problem.model.robot.name!r} floats; a payload is estimated "
+            "on robots whose base stands still. Identify the robot with the load and "
+            "without it, and compare the two estimates of the link that carries it"
+        )
+    if known_mass is not None and not (known_mass > 0.0 and np.isfinite(known_mass)):
+        raise ProblemError(f"the known mass is {known_mass}, expected more than 0 kg")
+
+
+def flange_of(problem: Problem, link: str | None) -> Flange:
+    """Return the frame that carries the load.
+
+    By default it is the problem's ``payload.link``, or the last link's of a chain.
+    """
+    robot, stated = problem.model.robot, problem.table.payload
+    if link is None and stated is not None:
+        link = stated.link
+    if link is None:
+        parents = {joint.parent for joint in robot.joints}
+        tips = [k for k in range(len(robot.link_names)) if k not in parents]
+        if len(tips) > 1:
+            found = ", ".join(robot.link_names[k] for k in tips)
+            raise ProblemError(
+                f"the robot ends in {found}; name the link that carries the load "
+                "(--link, link=)"
+            )
+        link = robot.link_names[tips[0]]
+    place = fixed_place(robot, link)
+    if place.link < 0:
+        raise ProblemError(
+            f"{link!r} does not move; name a link or frame that the load moves with: "
+            f"{', '.join(robot.link_names)}"
+        )
+    return Flange(place.link, FixedFrame(link, place.rotation, place.translation))
+
+
+def tool_of(
+    robot: RobotModel, flange: Flange, tool: str | Sequence[float] | None
+) -> FixedFrame:
+    """Return the place of the tool's frame in the carrier."""
+    if tool is None:
+        return flange.frame
+    if isinstance(tool, str):
+        place = fixed_place(robot, tool)
+        if place.link != flange.carrier:
+            raise ProblemError(
+                f"the tool's frame {tool!r} is not fixed to "
+                f"{robot.link_names[flange.carrier]!r}, which carries the load; name a "
+                "frame that is, or its place: x,y,z or x,y,z,roll,pitch,yaw"
+            )
+        return FixedFrame(tool, place.rotation, place.translation)
+    numbers = np.asarray(tool, dtype=np.float64)
+    if numbers.shape not in ((3,), (6,)) or not np.isfinite(numbers).all():
+        raise ProblemError(
+            f"the tool's place is {list(tool)}; expected x, y, z [m], or these and "
+            "roll, pitch, yaw [rad]"
+        )
+    rotation = rotation_of(numbers[3:].tolist()) if len(numbers) == 6 else np.eye(3)
+    frame = flange.frame
+    return FixedFrame(
+        "tool",
+        frame.rotation @ rotation,
+        frame.rotation @ numbers[:3] + frame.translation,
+    )
+
+
+def loaded_files(
+    loaded: str | Path | Sequence[str | Path], rows: Sequence[int] | None
+) -> tuple[Path, ...]:
+    """Return the logs with the load.
+
+    Raises
+    ------
+    ProblemError
+        If there is none, one is not there, or there are not two rows.
+    """
+    files = [loaded] if isinstance(loaded, str | Path) else list(loaded)
+    if not files:
+        raise ProblemError("no log with the load, expected at least one")
+    for file in files:
+        if not Path(file).is_file():
+            raise ProblemError(f"{file}: no such file, expected a log with the load")
+    if rows is not None and len(rows) != 2:
+        raise ProblemError(
+            f"rows with the load: {list(rows)}, expected the first and the last"
+        )
+    return tuple(map(Path, files))

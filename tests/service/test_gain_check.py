@@ -1,0 +1,80 @@
+"""Gains between currents and torque, by a load of known mass."""
+
+import json
+
+import numpy as np
+import pytest
+from carrying import JOINTS, LOAD, write_log, write_robot
+
+from consistent_id import draft_problem
+from consistent_id.cli import main
+from consistent_id.service import check_gains
+
+GAINS = np.array([12.0, 11.0, 9.0, 7.0])  # N m/A, of the simulated drives
+STATED = [12.0, 10.0, 10.0, 7.0]
+WORDS = ["--no-select", "--cutoff", "8", "--torque-gain", *map(str, STATED)]
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """The robot, and currents without and with the load."""
+    folder = tmp_path_factory.mktemp("currents")
+    return {
+        "robot": write_robot(folder),
+        "empty": write_log(folder / "empty.csv", None, gains=GAINS),
+        "loaded": write_log(folder / "loaded.csv", LOAD, gains=GAINS, seed=1),
+    }
+
+
+@pytest.fixture(scope="module")
+def found(files):
+    problem = draft_problem(
+        files["robot"], files["empty"], select=False, cutoff=8.0, torque_gain=STATED
+    ).problem()
+    return check_gains(problem, files["loaded"], known_mass=LOAD.mass, link="flange")
+
+
+def test_gains_are_those_of_the_simulated_drives(found):
+    half = found.half_intervals
+    assert (abs(found.gains - GAINS) < 1.5 * half).all()
+    # Joints that gravity loads show their gains; the first turns about the vertical.
+    assert (half[1:] < 0.1 * GAINS[1:]).all()
+    assert found.off[1:].tolist() == [True, True, False]
+    np.testing.assert_array_equal(found.stated, STATED)
+
+
+def test_the_table_states_what_the_problem_file_needs(found):
+    table = found.table()
+    (line,) = [note for note in table.notes if note.startswith("torque_gain")]
+    listed = [float(word) for word in line.split("[")[1].rstrip("]").split(",")]
+    np.testing.assert_allclose(listed, found.gains, rtol=1e-4)
+    assert [row[0] for row in table.rows] == list(JOINTS)
+
+
+def test_a_wrong_mass_makes_all_gains_wrong_by_the_same_factor(files, found):
+    problem = draft_problem(
+        files["robot"], files["empty"], select=False, cutoff=8.0, torque_gain=STATED
+    ).problem()
+    heavy = check_gains(problem, files["loaded"], known_mass=2.0 * LOAD.mass)
+    np.testing.assert_allclose(heavy.gains, 2.0 * found.gains, rtol=1e-3)
+
+
+def test_the_shell_prints_and_writes_gains(files, found, tmp_path, capsys):
+    words = ["gains", files["robot"], files["empty"], "--loaded", files["loaded"]]
+    words += ["--known-mass", LOAD.mass, *WORDS, "--output", tmp_path / "out"]
+    assert main(list(map(str, words))) == 0
+    assert "torque_gain = [" in capsys.readouterr().out
+    record = json.loads((tmp_path / "out" / "gains.json").read_text())
+    gains = [record["gains"][joint]["gain"] for joint in JOINTS]
+    np.testing.assert_allclose(gains, found.gains, rtol=1e-6)
+    assert record["verdict"] == found.verdict.word
+
+
+def test_logs_without_the_load_show_no_gain(files, tmp_path, capsys):
+    again = write_log(tmp_path / "again.csv", None, gains=GAINS, seed=2)
+    words = ["gains", files["robot"], files["empty"], "--loaded", again]
+    words += ["--known-mass", LOAD.mass, *WORDS]
+    assert main(list(map(str, words))) == 1
+    out = capsys.readouterr().out
+    assert out.startswith("do not use: gains; gains not identifiable")
+    assert "torque_gain" not in out and "e+" not in out
