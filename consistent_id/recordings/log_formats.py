@@ -152,6 +152,16 @@ def log_format(path: Path) -> LogFormat:
     )
 
 
+def files_of(path: Path) -> tuple[Path, ...]:
+    """Return the files of a log: itself, or those in its folder that are read."""
+    if not path.is_dir():
+        return (path,)
+    if not _is_lerobot(path):
+        return tuple(sorted(file for file in path.iterdir() if file.is_file()))
+    data = sorted((path / "data").rglob("*.parquet"))
+    return (path.joinpath(*_LEROBOT_INFO), *data)
+
+
 def _is_lerobot(path: Path) -> bool:
     """Return whether a path is a LeRobot data set, or a file of its data."""
     if path.is_dir():

@@ -19,6 +19,7 @@ from consistent_id._support.files import (
 from consistent_id._support.run import kept_going
 from consistent_id._support.tables import Table
 from consistent_id.estimation.method import Method
+from consistent_id.recordings.log_formats import files_of
 from consistent_id.report.results import (
     DELIVERED,
     FORMAT,
@@ -106,7 +107,8 @@ def _index(
     from consistent_id.diagnosis.findings import diagnosis_record
 
     problem, found = study.problem, study.diagnosis
-    inputs = {file for file in problem.files.values() if file.is_file()}
+    every = (part for file in problem.files.values() for part in files_of(file))
+    inputs = {file for file in every if file.is_file()}
     return Index(
         format=FORMAT,
         version=__version__,

@@ -9,7 +9,7 @@ from pyarrow import parquet
 
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_guess import guess_columns
-from consistent_id.recordings.log_formats import log_format
+from consistent_id.recordings.log_formats import files_of, log_format
 from consistent_id.recordings.readers import Columns, read_recording
 from consistent_id.recordings.readers.lerobot import array_names, notes, require_units
 
@@ -145,6 +145,21 @@ def test_positions_that_are_no_radians_are_refused(tmp_path):
     parquet.write_table(_table([(0, 2)], np.full((2, 3), 150.0)), file)
     with pytest.raises(RecordingError, match=r"150.*If it is in degrees: --units deg$"):
         require_units(tmp_path, [name.format("pan")])
+
+
+def test_the_files_of_a_log_are_those_that_are_read(tmp_path):
+    _data_set(tmp_path / "set", NAMES, old=True)
+    (tmp_path / "set" / "videos").mkdir()
+    (tmp_path / "set" / "videos" / "top.mp4").touch()
+    first, *data = files_of(tmp_path / "set")
+    assert first == tmp_path / "set" / "meta" / "info.json"
+    assert [f.name for f in data] == [f"episode_00000{k}.parquet" for k in (0, 1)]
+    assert files_of(data[0]) == (data[0],)
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    for name in ("metadata.yaml", "bag_0.mcap"):
+        (bag / name).touch()
+    assert files_of(bag) == (bag / "bag_0.mcap", bag / "metadata.yaml")
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"features": []}'])

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id.errors import RecordingError
+from consistent_id.recordings.log_formats import files_of
 from consistent_id.recordings.readers import parquet
 from consistent_id.recordings.readers.columns import require
 from consistent_id.recordings.readers.named_arrays import Arrays
@@ -116,7 +117,7 @@ def _files(path: Path) -> list[Path]:
     """Return a file, or all files of data in the order of their episodes."""
     if path.is_file():
         return [path]
-    files = sorted((path / "data").rglob("*.parquet"))
+    _, *files = files_of(path)
     if not files:
         raise RecordingError(
             f"{path}: no Parquet file under {path / 'data'}; download the data of the "
