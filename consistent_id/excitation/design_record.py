@@ -135,8 +135,8 @@ def design_tables(
     )
     return [
         found,
-        used_limits(design),
         *_clearances(design, proofs or {}),
+        used_limits(design),
         design.accuracy.table(),
         design.proof.margins.table(),
     ]

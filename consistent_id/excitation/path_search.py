@@ -37,7 +37,9 @@ _APART = 1e-3  # least margin of rows
 _FULL = 0.8  # share of the reach from which a step counts as full
 _CORRECTED = 3  # times that a step is computed, with the last one's curvature
 _QUADRATIC = 5.0  # work of a quadratic programme, in iterations
-_ROUNDS = 8  # of adding rows where a guard was violated
+_BEYOND = 12  # iterations in a row that violate a guard, after which a round ends
+_HALVED = 5  # times that the way to a path that violates a guard is halved
+_ROUNDS = 30  # of adding rows where a guard was violated
 
 Report = Callable[["FoundPath"], None]
 
@@ -152,6 +154,7 @@ class _PathSearch:
         self.best, self.meter, self.iterations = best, meter, 0
         self._problem, self._ended, self._report = problem, ended, report
         self._costs = problem.costs
+        self._beyond = False  # whether the last round ended because of a guard
         times = len(problem.grid)
         self._places = [guard.initial_places(times) for guard in problem.guards]
 
@@ -187,22 +190,47 @@ class _PathSearch:
                 return
 
     def sharpened(self, start: Matrix, power: float, iterations: int) -> Matrix:
-        """Minimise at one power, with more rows as long as a guard is violated."""
+        """Minimise at one power, with more rows as long as a guard is violated.
+
+        A round ends soon after its paths violate a guard, so that rows are added before
+        the work is spent on paths that are of no use.
+        """
         self._add_places(start)
         if self.best.variables is not None and self._slow:
             return self._from_clear(power, iterations)
         for round_ in range(_ROUNDS):
+            rows = sum(map(len, self._places))
             few = min(iterations, _AGAIN) if round_ else iterations
             candidate, end = self._minimised(start, power, few)
             if candidate is None:
                 candidate = self._problem.limits.within(end)
-            if self.consider(candidate):
+            if self.consider(candidate) and not self._beyond:
                 return candidate
-            grown = self._add_places(candidate) | self._add_places(end)
-            if not grown or self.over:
+            self._add_places(candidate)
+            self._add_places(end)
+            self._consider_between(candidate)
+            if sum(map(len, self._places)) == rows or self.over:
                 return end
             start = end
         return start
+
+    def _consider_between(self, variables: Matrix) -> None:
+        """Keep the path furthest from the best one towards another without violations.
+
+        The linear limits are kept by all paths between two that keep them.
+        """
+        start = self.best.variables
+        if start is None:
+            return
+        least, most = 0.0, 1.0
+        for _ in range(_HALVED):
+            share = (least + most) / 2.0
+            if self._is_clear(start + share * (variables - start)):
+                least = share
+            else:
+                most = share
+        if least > 0.0:
+            self._keep(start + least * (variables - start))
 
     @property
     def _slow(self) -> bool:
@@ -282,7 +310,8 @@ class _PathSearch:
         problem, shape = self._problem, start.shape
         criterion = problem.criterion(problem.objective, power)
         best: Matrix | None = None
-        score = np.inf
+        self._beyond = False
+        score, beyond = np.inf, 0
 
         def objective(x: Vector) -> tuple[float, Array]:
             self.meter.spent += self._costs.gradient
@@ -290,7 +319,7 @@ class _PathSearch:
             return value, gradient.ravel()
 
         def watch(x: Vector) -> bool:
-            nonlocal best, score
+            nonlocal best, score, beyond
             self.iterations += 1
             self.meter.spent += self._costs.iteration + self._costs.value
             candidate = problem.limits.within(x.reshape(shape))
@@ -300,11 +329,14 @@ class _PathSearch:
                     best, score = candidate, seen
                     return self.over
                 measures = self._measures(candidate)
+                clear = all(measure.max() <= _ROUNDING for measure in measures)
+                beyond = 0 if clear else beyond + 1
                 if self._keeps_rows(measures):
                     best, score = candidate, seen
-                    if all(measure.max() <= _ROUNDING for measure in measures):
+                    if clear:
                         self._keep(candidate)
-            return self.over
+            self._beyond = beyond >= _BEYOND
+            return self.over or self._beyond
 
         count = sum(map(len, self._places)) + bool(np.isfinite(problem.spread_bound))
         end = minimise(

@@ -3,6 +3,8 @@
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import msgspec
+
 from consistent_id.errors import ProblemError
 from consistent_id.problems.draft import DRIVE_COMMENTS
 from consistent_id.problems.excitation_tables import ExcitationTable
@@ -23,8 +25,13 @@ from consistent_id.robot.loaders import load_robot
 ROBOT_ENDINGS = (".urdf", ".xml", ".mjcf")
 """Suffixes of files that hold a robot."""
 
+_DRIVE = msgspec.structs.replace(DEFAULT_DRIVE, rotor_inertia=True)
+"""Drive terms that a motion is to excite: which of them matter, the log will say."""
+
 _COMMENTS = {
     **DRIVE_COMMENTS,
+    "drive": "GUESS: viscous friction, Coulomb friction, a constant offset, and the\n"
+    "rotors of geared motors.",
     "constraints.masses": '"datasheet" if the masses of the file are the robot\'s',
     "excitation": "What to move: consistent-id excite. Without harmonics, several\n"
     "numbers of them are tried.",
@@ -63,7 +70,7 @@ class RobotDraft:
         return ProblemTable(
             name=self.name,
             model=model_table(self.model, folder, self.stated),
-            drive=DEFAULT_DRIVE,
+            drive=_DRIVE,
             constraints=ConstraintsTable(masses="free"),
             excitation=excitation_table(self.stated, folder, self.excitation),
         )

@@ -110,6 +110,11 @@ def test_shapes_that_touch_where_the_robot_stands_are_left_out_and_named(tmp_pat
     assert (kept.distance > 0.0).all()
 
 
+def test_rotor_inertia_is_among_the_parameters_that_a_default_design_excites(tmp_path):
+    names = problem_to_excite(_robot(tmp_path), {}).model.layout.names
+    assert sum("rotor" in name for name in names) == 3
+
+
 def test_the_shell_says_what_is_kept_apart(tmp_path, capsys):
     file = _robot(tmp_path)
     asked = ["excite", str(file), "--acceleration", "5", "--dry-run", "--verbose"]

@@ -389,3 +389,19 @@ def test_published_files_load_without_their_meshes(file, masses):
     assert len(robot) >= 6
     for name, mass in masses.items():
         assert found[name] >= mass
+
+
+@pytest.mark.parametrize(("flag", "down"), [("enable", -3.7), ("disable", 0.0)])
+def test_gravity_that_is_disabled_is_none(tmp_path, flag, down):
+    """The torque of MuJoCo's own inverse dynamics at rest is that of the model."""
+    file = tmp_path / "arm.xml"
+    file.write_text(f"""<mujoco><option gravity="0 0 -3.7"><flag gravity="{flag}"/>
+      </option><worldbody><body name="arm"><joint name="j" axis="0 1 0"/>
+      <geom type="sphere" size="0.05" pos="0.4 0 0" mass="2"/></body></worldbody>
+      </mujoco>""")
+    robot = load_mjcf(file)
+    assert robot.gravity.tolist() == [0.0, 0.0, down]
+    model = mujoco.MjModel.from_xml_path(str(file))
+    data = mujoco.MjData(model)
+    mujoco.mj_inverse(model, data)
+    assert data.qfrc_inverse[0] == pytest.approx(2 * 0.4 * down, abs=1e-9)

@@ -91,7 +91,7 @@ def load_mjcf(
             selection = replace(selection, base=None)
         refuse_unsupported(model, moving, path)
         bound = _bindings(model, path)
-        gravity = model.opt.gravity if gravity is None else gravity
+        gravity = _gravity(model) if gravity is None else gravity
         robot = _robot(model, path.stem, gravity, bound.mimics, root)
     except UnicodeDecodeError as cause:  # MuJoCo accepts names of any encoding
         raise ModelError(f"{path}: a name is not UTF-8: {cause}") from None
@@ -258,6 +258,14 @@ def _joints_between(model: Any, selection: Selection, path: Path) -> set[int]:
         if body == start:
             found |= joints
     return found
+
+
+def _gravity(model: Any) -> ArrayLike:
+    """Return the file's gravity: none with ``<flag gravity="disable"/>``."""
+    import mujoco
+
+    disabled = model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY
+    return np.zeros(3) if disabled else np.asarray(model.opt.gravity)
 
 
 def _robot(
