@@ -121,7 +121,7 @@ def diagnose(
     constraints = datasheet_constraints(model) if constraints is None else constraints
 
     def ready(recording: Recording) -> Recording:
-        return _of_samples(recording if prepare is None else prepare(recording))
+        return of_samples(recording if prepare is None else prepare(recording))
 
     found = [*leak_findings(training, validation), *model_findings(model.robot)]
     if any(f.kind == "units" for f in found):
@@ -152,7 +152,7 @@ def diagnose(
     return Diagnosis(tuple(found), tuple(log.name for log in looked_at))
 
 
-def _of_samples(prepared: Recording) -> Recording:
+def of_samples(prepared: Recording) -> Recording:
     """Return a recording whose motion has no noise far above the band of its torque.
 
     Channels are turned, shifted and scaled by a diagnosis, sample by sample, so that
