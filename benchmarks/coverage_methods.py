@@ -3,14 +3,14 @@
 ``python benchmarks/coverage_methods.py [--replicates 200] [--write docs/coverage.md]``
 
 A payload, drive gains, delays, instruments, Huber's loss: each on the three-jointed arm
-of `coverage`, under four kinds of noise.  Intervals are two-sided; too wide is wrong,
-too.
+of `coverage`, under four kinds of noise.  Too wide intervals are wrong, too.
 """
 
 import argparse
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from scipy.interpolate import make_interp_spline
 
 sys.path.insert(0, str(Path(__file__).parent))
 from coverage import BEGIN, END, LEVEL, arm, motion
+from coverage_drives import calibrations, command_delays
 
 import consistent_id as ci
 from consistent_id.estimation.loaded_robot import loaded_robot
@@ -151,10 +152,19 @@ def delays(kind: str, replicates: int) -> Iterator[np.ndarray]:
         yield np.array(found)
 
 
+def of_drives(
+    method: Callable[[Callable[..., np.ndarray], int], Iterator[np.ndarray]],
+) -> Callable[[str, int], Iterator[np.ndarray]]:
+    """Return a method of `coverage_drives` as one of a kind of noise."""
+    return lambda kind, replicates: method(partial(noise, kind), replicates)
+
+
 METHODS: dict[str, Callable[[str, int], Iterator[np.ndarray]]] = {
     "payload": payloads,
     "drive gains": drive_gains,
     "delay": delays,
+    "delay of commands": of_drives(command_delays),
+    "drive calibration": of_drives(calibrations),
     "instrumental variables": instruments,
     "Huber": hubers,
 }

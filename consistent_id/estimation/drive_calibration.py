@@ -378,7 +378,10 @@ class CommandDelay:
             tuple(
                 (f"{1e3 * self.tried[i]:.3g}", f"{self.misfits[i]:.4f}") for i in order
             ),
-            ("the interval is 1 standard error, for this model of friction",),
+            (
+                "the interval is 1 standard error, for this model of friction. It does "
+                "not contain the error of interpolating commands between samples",
+            ),
         )
 
 
@@ -406,36 +409,37 @@ def command_delay(
     RecordingError
         If the recordings cannot be used.
     """
-    first = build_regression(model, recordings(0.0))
-    sigma = joint_noise(model, first)
-    effective = float(first.effective.sum())
     free = FreeParameters.of(constraints, model)
-    found = {0.0: free.misfit(first.weighted(sigma))}
+    built = {0.0: build_regression(model, recordings(0.0))}
+    sigma = joint_noise(model, built[0.0])
 
     def misfit(delay: float) -> float:
-        if delay not in found:
-            regression = build_regression(model, recordings(delay))
-            found[delay] = free.misfit(regression.weighted(sigma))
-        return found[delay]
+        if delay not in built:
+            built[delay] = build_regression(model, recordings(delay), noise=False)
+        return free.misfit(built[delay].weighted(sigma))
 
     step = longest / _SCANNED
     for delay in np.arange(1, _SCANNED + 1) * step:
         misfit(float(delay))
-    best = min(found, key=misfit)
+    best = min(built, key=misfit)
     for _ in range(_HALVINGS):
         step /= 2.0
         near = [d for d in (best - step, best + step) if 0.0 <= d <= longest]
         best = min((best, *near), key=misfit)
+    # Far from the delay, residuals are mostly its own error, which is correlated.
+    built[best] = build_regression(model, recordings(best))
+    sigma = joint_noise(model, built[best])
     seconds, bend = _parabola(best, step, misfit)
-    least = min(found.values())
+    tried = np.array(list(built))
+    misfits = np.array([misfit(delay) for delay in built])
+    least = misfits.min()
     # The misfit over its noise is a chi-square in as many samples as are independent.
-    curvature = bend / least * effective
-    tried = np.array(list(found))
+    curvature = bend / least * float(built[best].effective.sum())
     return CommandDelay(
         seconds=min(max(seconds, 0.0), longest),
         standard_error=float(np.sqrt(2.0 / curvature)) if curvature > 0.0 else np.inf,
         tried=tried,
-        misfits=np.array(list(found.values())) / least,
+        misfits=misfits / least,
     )
 
 

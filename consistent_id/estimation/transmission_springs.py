@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.arrays import Vector, freeze_arrays
+from consistent_id._support.arrays import BoolArray, Vector, freeze_arrays
 from consistent_id._support.tables import Table
 from consistent_id.constraints import Constraint
 from consistent_id.estimation.equalities import FreeParameters
@@ -131,7 +131,7 @@ def joint_springs(
         soft = candidates[place]
         found.append(left.pop(place))
     for unit in found:
-        soft = search.finer(soft, unit)
+        soft = search.at_vertex(search.finer(soft, unit), unit)
     for unit in found:
         errors[unit > 0.0] = search.standard_error(soft, unit)
     return JointSprings(names, soft, errors, search.misfit(soft) / stiff)
@@ -163,12 +163,27 @@ class _SpringSearch:
             soft = min((soft, *near), key=self.misfit)
         return soft
 
+    def at_vertex(self, soft: Vector, unit: Vector) -> Vector:
+        """Return the compliances with a group's at the vertex of the misfit's parabola.
+
+        Steps of the search are larger than the standard error from a long log.
+        """
+        own = unit > 0.0
+        step = _AROUND * float(soft[own][0])
+        low, least, high = self._around(soft, own, step)
+        bend = low - 2.0 * least + high
+        part = 0.5 * (low - high) / bend if bend > 0.0 else 0.0
+        return soft + float(np.clip(part, -1.0, 1.0)) * step * own
+
+    def _around(self, soft: Vector, own: BoolArray, step: float) -> list[float]:
+        """Return the misfit below, at and above a group's compliance."""
+        return [self.misfit(soft + k * step * own) for k in (-1, 0, 1)]
+
     def standard_error(self, soft: Vector, unit: Vector) -> float:
         """Return the standard error of a group's compliance."""
         own = unit > 0.0
         step = _AROUND * float(soft[own][0])
-        low, high = (self.misfit(soft + sign * step * own) for sign in (-1.0, 1.0))
-        least = self.misfit(soft)
+        low, least, high = self._around(soft, own, step)
         bend = (low - 2.0 * least + high) / step**2
         # The misfit over its noise is a chi-square in as many samples as independent.
         curvature = bend / least * self.effective(soft)

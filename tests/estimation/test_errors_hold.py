@@ -1,4 +1,4 @@
-"""Standard errors of payloads, instruments and Huber's loss hold under colour."""
+"""Standard errors of payloads, delays, instruments and Huber's loss hold."""
 
 import importlib.util
 import sys

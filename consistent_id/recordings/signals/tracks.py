@@ -453,8 +453,8 @@ def _with_error(
     error = y - gain * r
     variance = np.maximum((error**2).mean(axis=0), 1e-24 * (y**2).mean(axis=0) + tiny)
     slope, bend = (part(pair.time - shift) for part in (pair.slope, pair.bend))
-    products = [np.ones_like(y), r, y, slope, bend]
-    products += [r * r, r * y, slope * r, slope * y, bend * y]
+    alone = [np.ones_like(y), r, y, slope, bend]
+    products = [*alone, r * r, r * y, slope * r, slope * y, bend * y]
     span = pair.time[-1] - pair.time[0]
     number = int(np.clip(span * cutoff / _PERIODS, *_BLOCKS))
     parts = np.array_split(np.array(products), number, axis=1)
