@@ -33,6 +33,7 @@ from consistent_id.diagnosis.torque_channel import (
 )
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters
+from consistent_id.regression.friction_shapes import shapes_of, with_shapes
 from consistent_id.regression.linear import smallest_solution
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import Link, RobotModel
@@ -45,6 +46,7 @@ _EXPLAINED = 0.03  # of the torque: misfit below which gain and clock are not tr
 _OF_TIME = 1.6
 _GAINS = (1e-3, 0.01, 0.4, 0.55, 0.7, 0.85, 1.2, 1.4, 1.8, 2.5, 100.0, 1e3)
 _FEW = 300  # samples by which the speed of the clock is chosen
+_EDGES = ("velocity_scale", "stribeck_velocity")  # shapes of friction that are speeds
 _SPEEDS = (0.1, 0.2, 0.35, 0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 2.0, 2.8, 5.0, 10.0)
 
 
@@ -126,7 +128,9 @@ def _other_gain(as_is: FittedLog) -> Iterator[Candidate]:
 def _other_clock(as_is: FittedLog) -> Iterator[Candidate]:
     """Yield the log with the clock's speed that fits best.
 
-    Gravity torque does not depend on the clock, but inertial torque does.
+    Gravity torque does not depend on the clock, but inertial torque does.  So do the
+    velocities at which friction changes: a model that has them wrong is no wrong clock,
+    and explains the log as well with these velocities alone changed.
     """
     from scipy.optimize import minimize_scalar
 
@@ -145,6 +149,10 @@ def _other_clock(as_is: FittedLog) -> Iterator[Candidate]:
         return  # at the ends the torque is all gravity, or all inertia
     if min(tried) * _OF_TIME > tried[_SPEEDS.index(1.0)]:
         return
+    other_edges = (_with_edges(model, speed) for speed in _SPEEDS)
+    edges = [channel_factors(m, base, [few])[0].least_misfit() for m in other_edges]
+    if min(tried) * _OF_TIME > min(edges):
+        return
     inner = np.log(_SPEEDS)[[k - 1, k + 1]]
     speed = float(np.exp(minimize_scalar(left, bounds=inner, method="bounded").x))
     cause = Cause(
@@ -156,6 +164,15 @@ def _other_clock(as_is: FittedLog) -> Iterator[Candidate]:
     )
     (factors,) = channel_factors(model, base, [_at_speed(as_is.recording, speed)])
     yield Candidate(cause, factors, as_is.constraints)
+
+
+def _with_edges(model: TorqueModel, speed: float) -> TorqueModel:
+    """Return a model whose friction changes with velocity as a faster clock makes it.
+
+    Bounds of shapes are where they may be fitted; here they need not be kept.
+    """
+    shapes = {s.name: s.value / speed for s in shapes_of(model) if s.kind in _EDGES}
+    return with_shapes(model, shapes)
 
 
 def _at_speed(log: Recording, speed: float) -> Recording:
