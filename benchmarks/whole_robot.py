@@ -37,7 +37,11 @@ FAULTS = {
     "clock 1.5 times as fast": ("clock", 0, float(np.log(1.5))),
     "clock at 0.7 times": ("clock", 0, float(np.log(0.7))),
     "torques 1.4 times": ("masses or gain", 0, float(np.log(1.4))),
-    "zero of second joint off by 12 degrees": ("offset zero", 1, float(np.radians(12.0))),
+    "zero of second joint off by 12 degrees": (
+        "offset zero",
+        1,
+        float(np.radians(12.0)),
+    ),
     "base leans by 10 degrees": ("gravity", 0, float(np.radians(10.0))),
 }
 """Label -> kind of a factor, its place among those of the kind, and its size."""
