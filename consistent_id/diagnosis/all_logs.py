@@ -57,11 +57,7 @@ from consistent_id.robot.scaling import placeholders
 # model has leaves 0.3 to 2 %; a zero offset may take up 0.6 % of that by chance.
 _WORTH = 0.008
 _LARGE = 2.0  # score from which on a gain is large
-# Findings that matter only where a log is fitted.
-_OF_FITS = (
-    *("rank", "motion noise"),
-    *("short", "small motion", "slow motion", "standstill"),
-)
+_OF_FITS = ("rank", "motion noise")  # findings that matter only where a log is fitted
 # Faults that the log of another robot shows.
 _OF_OTHER_ROBOTS = {
     "clock",

@@ -28,6 +28,8 @@ from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.recordings.signals.masks import mask_onto
 
 _OF_JOINTS = ("noise", "torque resolution")
+# Of a part too short to tell, no change tells nothing.
+_OF_EXTENT = ("short", "small motion", "slow motion", "standstill")
 _AROUND = 3.0  # samples about an outlier that are left out with it
 _SEED = 0  # of the rounding errors that are added to a coarse position
 
@@ -73,7 +75,9 @@ def weighed_findings(
     """
     if drift_of(problem.table) != "none" or estimate.fitted_under is None:
         return tuple(findings)
-    warnings = [f for f in findings if f.severity == "warning"]
+    warnings = [
+        f for f in findings if f.severity == "warning" and f.kind not in _OF_EXTENT
+    ]
     held_out = {log.name for log in named_logs(problem)[1]}
     notes: dict[int, LogFinding] = {}
     parts: dict[int, _DataPart] = {}

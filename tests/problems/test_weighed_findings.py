@@ -100,13 +100,3 @@ def test_a_fault_is_never_weighed(tmp_path):
     faults = [f for f in spoilt.findings if f.severity == "fault"]
     assert faults == list(spoilt.diagnosis.faults)
     assert spoilt.verdict.word == "do not use"
-
-
-def test_a_short_validation_part_is_not_judged_as_a_log(tmp_path):
-    def end_still(table):
-        table[1650:, 1] = np.linspace(table[1650, 1], 0.4, len(table) - 1650)
-
-    found = study(tmp_path, end_still).diagnosis.findings
-    odd = ("short", "small motion", "slow motion", "standstill")
-    held_out = [f for f in found if f.kind in odd and "16.3" in f.recording]
-    assert all(f.severity == "note" for f in held_out)
