@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id.diagnosis.alternatives import last_links
 from consistent_id.diagnosis.linearise import (
     Jackknife,
     frictions,
@@ -77,12 +78,15 @@ class FactorLogs:
         Those to which masses, centres of mass and second moments are known.
     noise : ndarray, shape (torque joints,)
         Relative to the torque; of the logs as they are, see `relative_noise`.
+    loaded : bool
+        Whether links that carry no other may carry anything: their bodies are free.
     """
 
     model: TorqueModel
     logs: Sequence[Recording]
     widths: Vector
     noise: Vector
+    loaded: bool = False
 
     @classmethod
     def of(
@@ -156,7 +160,7 @@ def factor_system(
     model = state.model
     rows, A, torque = _rows(model, state.logs)
     weights = 1.0 / (state.noise * _size(torque))
-    pull, pulled_to = _pull(model, A.shape[1], state.widths)
+    pull, pulled_to = _pull(state, A.shape[1])
     if not nominal:
         pull, pulled_to = pull[:0], pulled_to[:0]
     c = np.zeros((len(A), 0, A.shape[2]))
@@ -267,12 +271,19 @@ def _by_gravity(
     return np.asarray((ahead - behind).T / (2.0 * _STEP))
 
 
-def _pull(model: TorqueModel, columns: int, widths: Vector) -> tuple[Matrix, Vector]:
+def _pull(state: FactorLogs, columns: int) -> tuple[Matrix, Vector]:
     """Return the rows and values that pull bodies to nominal ones."""
-    width = link_scales(model.robot).widths(widths)
-    rows = np.zeros((len(width), columns))
-    rows[:, : len(width)] = np.diag(1.0 / width)
-    return rows, reference_bodies(model.robot).ravel() / width
+    robot = state.model.robot
+    scales = link_scales(robot)
+    m, d = scales.mass, scales.length
+    mass, centre, moment = state.widths
+    width = np.column_stack([mass * m, *[centre * m * d] * 3, *[moment * m * d**2] * 6])
+    if state.loaded:
+        last = {link.name for link in last_links(robot)}
+        width[[link.name in last for link in robot.links]] = np.inf
+    rows = np.zeros((width.size, columns))
+    rows[:, : width.size] = np.diag(1.0 / width.ravel())
+    return rows, (reference_bodies(robot) / width).ravel()
 
 
 def relative_noise(model: TorqueModel, logs: Sequence[Recording]) -> Vector:

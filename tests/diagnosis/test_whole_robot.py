@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from known_arm import OTHER_ROWS, arm, logged, pendulum
 
+from consistent_id import InertialParameters
 from consistent_id.diagnosis import diagnose
 from consistent_id.diagnosis.factor_rows import (
     FactorLogs,
@@ -231,3 +232,16 @@ def test_a_factor_too_small_or_too_large_is_sure_and_not_reported(kind, place, s
 def test_a_clock_far_from_the_linear_makes_no_other_robot():
     model, log = logged(6, spread=0.1, noise=0.001)
     assert other_robot(_as_is(*faulty(log, model, "clock", 0, np.log(8.0)))) == []
+
+
+def test_what_the_last_link_carries_makes_no_other_robot():
+    """A large load and noise would, if the last link's body were taken for known."""
+    model, log = logged(1, spread=0.5)
+    load = InertialParameters.from_central(15.0, [0.3, 0.3, 0.4], 150.0 * np.eye(3))
+    body = np.zeros(len(model.layout))
+    body[30:40] = load.vector
+    carrying = model.predict(body, log.position, log.velocity, log.acceleration)
+    torque = log.torque + carrying
+    noise = 0.11 * np.sqrt(np.mean(torque**2, axis=0))
+    torque += noise * np.random.default_rng(0).normal(size=torque.shape)
+    assert other_robot(_as_is(model, replace(log, torque=torque))) == []
