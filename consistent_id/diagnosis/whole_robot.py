@@ -249,13 +249,13 @@ def other_robot(as_is: FactorLogs) -> list[LogFinding]:
     Two signs count together.  With all factors free, the nominal bodies still cost far
     more than in a right robot's log.  And least squares leaves much of the torque
     unexplained, whatever the bodies: then lengths or axes are not the model's.  If it
-    leaves as little as in a right log, the last links may carry anything.
+    leaves as little as in a right log, a load alone may be the cause.
     """
     unexplained, distance = least_misfit(as_is), _distance(as_is)
     score = max(distance, 0.0) / _OTHER + unexplained / _UNEXPLAINED
     if score > 1.0 and unexplained <= _AS_RIGHT:
         # What a last link carries changes no length and no axis.
-        distance = min(distance, _distance(replace(as_is, loaded=True)))
+        distance = min(distance, _distance_of_loaded(as_is))
         score = max(distance, 0.0) / _OTHER + unexplained / _UNEXPLAINED
     if score <= 1.0:
         return []
@@ -296,6 +296,16 @@ def _distance(as_is: FactorLogs) -> float:
         settled = _cost(without) - _cost(without, nominal=False)
         linear = min(linear, settled)
     return linear / _inertial(as_is.model)
+
+
+def _distance_of_loaded(as_is: FactorLogs) -> float:
+    """Return the same where the last links carry anything, and nothing else is wrong.
+
+    Bodies of all last links and all factors together would explain too much.
+    """
+    loaded = replace(as_is, loaded=True)
+    cost = _cost(loaded) - _cost(loaded, nominal=False)
+    return cost / _inertial(as_is.model)
 
 
 def _inertial(model: TorqueModel) -> int:
