@@ -67,8 +67,8 @@ def _without_common_start(names: Sequence[str]) -> tuple[str, ...]:
 def mapping_option(own: Sequence[str], joints: Sequence[str]) -> str:
     """Return the option that maps a log's names to the robot's joints, filled in.
 
-    A name that is part of one joint's name alone, or contains it, is that joint's; else
-    both are taken in their order, as far as there are such.
+    A name that equals a joint's, or that alone contains it or is a part of it, is that
+    joint's; the rest are taken in their order, as far as there are such.
 
     Examples
     --------
@@ -80,13 +80,26 @@ def mapping_option(own: Sequence[str], joints: Sequence[str]) -> str:
 
 
 def pairs_of(own: Sequence[str], joints: Sequence[str]) -> tuple[tuple[str, str], ...]:
-    """Return pairs of a log's name and a joint that may be meant."""
-    alike = {name: [j for j in joints if _alike(name, j)] for name in own}
-    found = [(name, hits[0]) for name, hits in alike.items() if len(hits) == 1]
-    taken = {joint for _, joint in found}
-    if len(taken) == len(found) == min(len(own), len(joints)):
-        return tuple(found)
-    return tuple(zip(own, joints, strict=False))
+    """Return pairs of a log's name and a joint that may be meant.
+
+    Equal names first, then those that are alike and have no rival; the rest in order.
+    """
+    left, open_ = list(own), list(joints)
+    found: dict[str, str] = {}
+    for related in (_equal, _alike):
+        alone = [
+            (name, joint)
+            for name in left
+            for joint in open_
+            if related(name, joint)
+            and sum(related(name, other) for other in open_) == 1
+            and sum(related(other, joint) for other in left) == 1
+        ]
+        found.update(alone)
+        left = [name for name in left if name not in found]
+        open_ = [joint for joint in open_ if joint not in found.values()]
+    found.update(zip(left, open_, strict=False))
+    return tuple((name, found[name]) for name in own if name in found)
 
 
 def mapping_advice(own: Sequence[str], joints: Sequence[str]) -> str:
@@ -106,6 +119,14 @@ def mapping_advice(own: Sequence[str], joints: Sequence[str]) -> str:
     )
 
 
+def _equal(name: str, joint: str) -> bool:
+    return _letters(name) == _letters(joint)
+
+
 def _alike(name: str, joint: str) -> bool:
-    one, other = (re.sub("[^a-z0-9]", "", word.lower()) for word in (name, joint))
+    one, other = _letters(name), _letters(joint)
     return one in other or other in one
+
+
+def _letters(word: str) -> str:
+    return re.sub("[^a-z0-9]", "", word.lower())

@@ -81,3 +81,22 @@ def test_a_joint_is_found_by_whole_words():
     found = guess_columns(Path("log"), ["a", "b"], names=names)
     assert found.columns.torque == "{joint}.tau"
     assert found.joints == ("a", "b")
+
+
+@pytest.mark.parametrize(
+    ("own", "joints", "expected"),
+    [
+        (
+            ("l_knee", "knee", "r_knee"),
+            ("l_knee", "r_knee", "knee"),
+            {"l_knee": "l_knee", "knee": "knee", "r_knee": "r_knee"},
+        ),
+        (
+            ("wrist", "elbow"),
+            ("elbow_joint", "forearm"),
+            {"wrist": "forearm", "elbow": "elbow_joint"},
+        ),
+    ],
+)
+def test_names_that_are_alike_go_before_the_order(own, joints, expected):
+    assert dict(pairs_of(own, joints)) == expected

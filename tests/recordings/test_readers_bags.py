@@ -13,6 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from consistent_id.errors import RecordingError
 from consistent_id.problems.loading import load_problem
+from consistent_id.recordings.column_guess import guess_columns
 from consistent_id.recordings.readers import JOINT_STATE, Columns, read_recording
 
 TYPES = get_typestore(Stores.ROS2_HUMBLE)
@@ -144,6 +145,14 @@ def test_the_topic_that_names_the_joints_is_taken(save):
     assert len(read_recording(path, ["gripper_joint"], renamed)) == 9
     with pytest.raises(RecordingError, match=r"2 topics .* 0 of thumb"):
         read_recording(path, ["thumb"])
+
+
+def test_a_gripper_on_the_same_topic_takes_no_effort_away(save):
+    claw = [(stamp + 1, ["claw"], [0.01], [], []) for stamp, *_ in states(5)]
+    both = sorted([*states(5), *claw], key=lambda one: one[0])
+    path = save({"/joint_states": both})
+    columns = guess_columns(path, JOINTS).columns
+    assert (columns.velocity, columns.torque) == ("velocity", "effort")
 
 
 def test_a_topic_of_another_type_is_refused(tmp_path):

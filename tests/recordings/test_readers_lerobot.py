@@ -145,6 +145,10 @@ def test_positions_that_are_no_radians_are_refused(tmp_path):
     parquet.write_table(_table([(0, 2)], np.full((2, 3), 150.0)), file)
     with pytest.raises(RecordingError, match=r"150.*If it is in degrees: --units deg$"):
         require_units(tmp_path, [name.format("pan")])
+    missing = np.array([[np.nan, 1.0, 1.0], [150.0, 1.0, 1.0]])
+    parquet.write_table(_table([(0, 2)], missing), file)
+    with pytest.raises(RecordingError, match=r"pan\.pos reaches 150"):
+        require_units(tmp_path, [name.format("pan"), name.format("lift")])
 
 
 def test_the_files_of_a_log_are_those_that_are_read(tmp_path):

@@ -418,8 +418,9 @@ def _named(
         if seen[connection.topic] < _OF_A_TOPIC:
             message = decode(raw, connection.msgtype)
             names[connection.topic] |= dict.fromkeys(message.name)
-            recorded = {f for f in FIELDS if _is_recorded(message, f, joints)}
-            fields[connection.topic] &= recorded
+            if not set(joints).isdisjoint(message.name):  # not a gripper's message
+                recorded = {f for f in FIELDS if _is_recorded(message, f, joints)}
+                fields[connection.topic] &= recorded
         seen[connection.topic] += 1
         if min(seen.values()) >= _OF_A_TOPIC:
             break

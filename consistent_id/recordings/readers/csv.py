@@ -29,7 +29,6 @@ _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
 _PIECE = 2**22  # characters of text that are read at a time
 _UTF_16, _WINDOWS = "utf-16", "cp1252"
 _CONTROLS = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
-_MANY_SPACES = re.compile(r" {2,}|(?<![^\r\n]) +| +(?=[\r\n]|$)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,19 +258,10 @@ def _values(
     """Return the named columns of the rows below a header, shape (rows, names)."""
     places = [header.names.index(name) for name in names]
     if header.separator == _SPACE:
-        body = _MANY_SPACES.sub(_one_space, body)
+        lines = body.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+        body = "\n".join(" ".join(line.split()) for line in lines)
     values = _fast(body, header, places)
     return _exact(path, body, header, places, omit) if values is None else values
-
-
-def _one_space(spaces: re.Match[str]) -> str:
-    """Return one space in place of several; none at the ends of a line."""
-    text, begin, end = spaces.string, spaces.start(), spaces.end()
-    around = (
-        text[max(begin - 1, 0) : begin].strip("\r\n"),
-        text[end : end + 1].strip("\r\n"),
-    )
-    return _SPACE if all(around) else ""
 
 
 def _fast(body: str, header: _CsvHeader, places: Sequence[int]) -> Matrix | None:

@@ -76,10 +76,11 @@ def require_units(path: Path, names: Sequence[str]) -> None:
         With the units that they may have.
     """
     read = read_arrays(path, names)
-    most = max(float(abs(values).max(initial=0.0)) for values in read.values())
+    largest = {n: float(np.fmax.reduce(abs(read[n]), initial=0.0)) for n in names}
+    which = max(largest, key=lambda name: largest[name])
+    most = largest[which]
     if most <= _MOST_RADIANS:
         return
-    which = next(n for n in names if abs(read[n]).max(initial=0.0) == most)
     said = f"{path}: {which} reaches {most:.4g}, which is no angle in radians. "
     if most > _MOST_NORMALISED:
         raise RecordingError(f"{said}If it is in degrees: --units deg")
