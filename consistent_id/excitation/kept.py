@@ -1,6 +1,7 @@
 """Sentences that say which limits a motion keeps, and what could not be checked."""
 
 from collections import Counter
+from itertools import compress
 
 import numpy as np
 
@@ -22,18 +23,33 @@ def clearance_words(scene: Scene) -> str:
     """Return how far a scene's pairs stay apart: "proven", or only "checked"."""
     if scene.unchecked:
         return f"{len(scene.pairs)} pairs of bodies checked; others are not"
-    return f"{len(scene.pairs)} pairs of bodies checked; {PROVEN}"
+    return f"{len(scene.pairs)} pairs of bodies checked; {PROVEN}{_adjacent(scene)}"
+
+
+def _adjacent(scene: Scene) -> str:
+    if not scene.adjacent:
+        return ""
+    return f"; pairs that one joint connects are not checked ({scene.adjacent})"
 
 
 def kept_limits(demands: Demands) -> str:
-    """Return which limits of motion and torque are kept, and which are not stated."""
+    """Return which limits of motion and torque are kept, and which are not stated.
+
+    A limit that only some joints have is named with the joints that lack it.
+    """
     limits = demands.limits
-    has = {name: np.isfinite(getattr(limits, name)).any() for name in _STATED}
-    has["effort"] &= demands.parameters is not None
+    has = {name: np.isfinite(getattr(limits, name)) for name in _STATED}
+    has["effort"] = has["effort"] & (demands.parameters is not None)
     words = {name: name for name in _STATED} | {"effort": "torque"}
-    kept = ", ".join(["position", *(words[n] for n in _STATED if has[n])])
-    missing = ", ".join(words[n] for n in _STATED if not has[n])
-    more = f"; no limit is kept of {missing}" if missing else ""
+    kept = ", ".join(["position", *(words[n] for n in _STATED if has[n].any())])
+    missing = [
+        words[name]
+        if not its.any()
+        else f"{words[name]} ({_some(tuple(compress(limits.joints, ~its)), ', ')})"
+        for name, its in has.items()
+        if not its.all()
+    ]
+    more = f"; no limit is kept of {', '.join(missing)}" if missing else ""
     return f"limits of {kept}: {PROVEN}{more}"
 
 
@@ -50,20 +66,17 @@ def kept_apart(scene: Scene | None) -> tuple[str, ...]:
 def _distances(scene: Scene) -> str:
     if not scene.pairs:
         return "bodies: no two can come together"
-    own = [p for p in scene.pairs if None not in _frames(scene, p.first, p.second)]
-    counts = Counter(pair.wanted for pair in own or scene.pairs)
-    usual = max(counts, key=lambda wanted: (counts[wanted], wanted))
-    touching = sum(n for wanted, n in counts.items() if wanted < usual)
-    relaxed = f" ({touching} pairs only must not touch)" if touching else ""
+    counts = Counter(pair.wanted for pair in scene.pairs)
+    apart = []
+    for wanted, count in sorted(counts.items(), reverse=True):
+        pairs = f"{count} pair{'s' if count > 1 else ''}"
+        if wanted == 0.0:
+            apart.append(f"{pairs} only must not touch")
+        else:
+            verb = "stay" if count > 1 else "stays"
+            apart.append(f"{pairs} {verb} {wanted * 1e3:.3g} mm apart")
     how = "checked" if scene.unchecked else PROVEN
-    return (
-        f"bodies: {len(scene.pairs)} pairs stay {usual * 1e3:.3g} mm apart{relaxed}, "
-        f"{how}; {_around(scene)}"
-    )
-
-
-def _frames(scene: Scene, *bodies: int) -> tuple[str | None, ...]:
-    return tuple(scene.bodies[body].frame for body in bodies)
+    return f"bodies: {', '.join(apart)}, {how}{_adjacent(scene)}; {_around(scene)}"
 
 
 def _around(scene: Scene) -> str:

@@ -218,18 +218,22 @@ def _along(way: Vector) -> Matrix:
 
 
 def _apart_at(scene: Scene, pose: dict[str, float]) -> Scene:
-    """Leave out pairs that touch in the start pose."""
+    """Leave out pairs that touch in the start pose; relax those that are near there."""
     if not scene.pairs:
         return scene
     q = [[pose[name] for name in scene.robot.joint_names]]
-    touching = nearest(scene, q).distance[0] <= 0.0
-    notes = [
-        PairNote(*scene.names(pair), False, "they touch in the start pose")
-        for pair, touches in zip(scene.pairs, touching, strict=True)
-        if touches
-    ]
-    pairs = [p for p, touches in zip(scene.pairs, touching, strict=True) if not touches]
-    return replace(scene, pairs=tuple(pairs), notes=(*scene.notes, *notes))
+    pairs, notes = [], list(scene.notes)
+    for pair, distance in zip(scene.pairs, nearest(scene, q).distance[0], strict=True):
+        names = scene.names(pair)
+        if distance <= 0.0:
+            notes.append(PairNote(*names, False, "they touch in the start pose"))
+            continue
+        if distance < pair.wanted:
+            seen = f"{distance * 1e3:.1f} mm apart in the start pose"
+            notes.append(PairNote(*names, True, f"{seen}; so they only must not touch"))
+            pair = replace(pair, wanted=0.0)
+        pairs.append(pair)
+    return replace(scene, pairs=tuple(pairs), notes=tuple(notes))
 
 
 _TABLE = "[excitation]"

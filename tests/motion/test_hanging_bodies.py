@@ -12,6 +12,7 @@ import pytest
 from published_robots import FOLDER
 
 from consistent_id import ProblemError
+from consistent_id.excitation.kept import clearance_words
 from consistent_id.motion.collisions.clearance import prove_clearance
 from consistent_id.motion.collisions.file_tree import FileTree, file_tree
 from consistent_id.motion.collisions.hanging import hanging_bodies, swept
@@ -167,8 +168,14 @@ def test_a_limb_that_nothing_can_avoid_is_refused_with_the_joints_to_lock(tmp_pa
     bent = _joint("elbow", "arm", "hand", axis="0 1 0", lower=-0.1, upper=0.1)
     path = _file(tmp_path, elbow=bent, grip=turned)
     robot = load_urdf(path, tip="hand")
-    with pytest.raises(ProblemError, match=r"'thumb' hangs on .*'arm'.*--lock grip=0"):
+    lock = "--lock grip=POSITION"
+    with pytest.raises(ProblemError, match=rf"'thumb' hangs on .*'arm'.*{lock}"):
         scene_from_urdf(path, robot)
+    # A scene by default keeps the other bodies apart, and says what is not checked.
+    scene = scene_from_urdf(path, robot, readable_only=True)
+    assert scene.pairs and "thumb" not in {body.name for body in scene.bodies}
+    assert any("thumb" in said and lock in said for said in scene.unchecked)
+    assert "proven" not in clearance_words(scene)
     locked = load_urdf(path, tip="hand", locked={"grip": 1.6, "tap": 0.0})
     assert scene_from_urdf(path, locked).pairs
 

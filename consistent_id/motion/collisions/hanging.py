@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
-from consistent_id.errors import ModelError, ProblemError
+from consistent_id.errors import ModelError
 from consistent_id.motion.collisions.bodies import Body, Box, Hull, Shape
 from consistent_id.motion.collisions.file_tree import FileJoint, FileTree
 from consistent_id.motion.collisions.scene import PairNote, Scene
@@ -50,26 +50,26 @@ class Hanging:
     joints: Mapping[str, tuple[str, ...]]
     lost: tuple[tuple[str, str], ...]
 
-    def require_room(self, scene: Scene) -> None:
-        """Refuse a scene in which some of the bodies touch the robot at all poses.
+    def touching(self, scene: Scene) -> dict[str, str]:
+        """Return the reasons why some of the bodies cannot be kept off, by name.
 
-        Raises
-        ------
-        ProblemError
-            With the two bodies, and the joints to lock.
+        In some of their positions they touch the robot, whatever its pose is.
         """
-        found = [(note, *self._swept_first(note)) for note in scene.notes]
-        touching = [one for one in found if one[1] in self.joints]
-        if not touching:
-            return
-        note, swept, other = touching[0]
-        joints = dict.fromkeys(j for _, name, _ in touching for j in self.joints[name])
-        raise ProblemError(
-            f"{swept!r} hangs on joints that do not belong to the motion, and in some "
-            f"of their positions it touches {other!r} whatever the robot's pose is "
-            f"({note.reason}). Lock them where they stand: --lock "
-            f"{' '.join(f'{joint}=0' for joint in joints)}, or [model] locked"
-        )
+        found: dict[str, str] = {}
+        for note in scene.notes:
+            swept, other = self._swept_first(note)
+            if swept in self.joints:
+                found[swept] = (
+                    f"{swept!r} hangs on joints that do not belong to the motion, and "
+                    f"in some of their positions it touches {other!r} whatever the "
+                    f"robot's pose is ({note.reason})"
+                )
+        return found
+
+    def locks(self, bodies: Iterable[str]) -> str:
+        """Return the options that lock the joints of some of the bodies."""
+        joints = dict.fromkeys(j for name in bodies for j in self.joints[name])
+        return f"--lock {' '.join(f'{joint}=POSITION' for joint in joints)}"
 
     def _swept_first(self, note: PairNote) -> tuple[str, str]:
         """Return the bodies of an unchecked pair, one of these bodies first."""

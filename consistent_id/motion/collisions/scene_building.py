@@ -1,6 +1,6 @@
 """Scenes from bodies, or from a robot's file: the choice of pairs."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -140,14 +140,16 @@ def scene_from_urdf(
     clearance, extra, allowed
         See `build_scene`.
     readable_only : bool
-        Leave out links whose shapes cannot be read; `Scene.unchecked` names them.
+        Leave out links whose shapes cannot be read, and those that hang on the robot
+        and touch it at all poses; `Scene.unchecked` names them.
 
     Raises
     ------
     ModelError
         If the file or a mesh cannot be read, or no shape is of a link of the robot.
     ProblemError
-        If a name is unknown, or an obstacle touches the robot at every random pose.
+        If a name is unknown, or an obstacle, or a body that hangs on the robot, touches
+        it at every random pose.
     """
     path = Path(path)
     shapes = urdf_shapes(path, package_dirs, elements, pieces)
@@ -173,17 +175,33 @@ def scene_from_urdf(
         return tree.connected(one, other, shaped)
 
     floor = [] if ground is None else [plane(ground)]
-    scene = build_scene(
-        robot,
-        [*floor, *added, *bodies, *hanging.bodies],
-        clearance=clearance,
-        extra=extra,
-        allowed=allowed,
-        connected=connected,
-    )
-    hanging.require_room(scene)
+
+    def with_hanging(left_out: Container[str]) -> Scene:
+        others = [body for body in hanging.bodies if body.name not in left_out]
+        return build_scene(
+            robot,
+            [*floor, *added, *bodies, *others],
+            clearance=clearance,
+            extra=extra,
+            allowed=allowed,
+            connected=connected,
+        )
+
+    scene = with_hanging(())
+    touching = hanging.touching(scene)
+    if touching and not readable_only:
+        raise ProblemError(
+            f"{next(iter(touching.values()))}. Lock them where they stand: "
+            f"{hanging.locks(touching)}, or [model] locked"
+        )
+    if touching:
+        scene = with_hanging(touching)
     unread = ((link.name, link.reason) for link in shapes.unread)
-    dropped = (*unread, *shapes.bare, *hanging.lost)
+    at_large = (
+        (name, f"{why}: {hanging.locks([name])}") for name, why in touching.items()
+    )
+    dropped = (*unread, *shapes.bare, *hanging.lost, *at_large)
+    swept = tuple(name for name in swept if name not in touching)
     return replace(scene, dropped=dropped, swept=swept)
 
 
@@ -284,13 +302,16 @@ def _with_room(scene: Scene, distance: Array) -> Scene:
     )
     near = distance < wanted + _ROOM
     may = ~(near & ~own).any(axis=1) & (distance > 0.0).all(axis=1)
-    if not len(scene.pairs) or not near.any(axis=1).all() or not may.any():
+    if not len(scene.pairs) or not (near & own).any(axis=1).all() or not may.any():
         return scene
     k = int(np.where(may, near.sum(axis=1), len(own) + 1).argmin())
     pairs, notes = list(scene.pairs), list(scene.notes)
     for i in np.flatnonzero(near[k] & (wanted > 0.0)):
         names = scene.names(pairs[i])
-        seen = f"no random pose keeps all bodies {wanted[i] * 1e3:.1f} mm apart"
+        seen = (
+            "no random pose keeps the robot's bodies, with room to move, "
+            f"{wanted[i] * 1e3:.1f} mm apart"
+        )
         notes.append(PairNote(*names, True, f"{seen}; so they only must not touch"))
         pairs[i] = replace(pairs[i], wanted=0.0)
     return replace(scene, pairs=tuple(pairs), notes=tuple(notes))
