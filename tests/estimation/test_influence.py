@@ -15,7 +15,12 @@ from consistent_id import (
 )
 from consistent_id.estimation import judge
 from consistent_id.estimation.body_slopes import Slopes
-from consistent_id.estimation.influence import confirmed_slopes, influence, without
+from consistent_id.estimation.influence import (
+    confirmed_slopes,
+    influence,
+    least_squares_on,
+    without,
+)
 from consistent_id.estimation.slope_reasons import confirmed_joints, doubtful_joints
 
 KNOWN = (PhysicalConsistency(), NonNegativeDrive())
@@ -36,7 +41,9 @@ def hidden(log, rows):
 
 def changed(estimate, log, **leaving):
     refit = without(estimate, [log], **leaving)
-    return influence(estimate.parameters - refit.parameters, refit.free)
+    change = estimate.parameters - refit.parameters
+    whole = least_squares_on(estimate, [log])
+    return influence(estimate, change, refit.free, whole)
 
 
 def verdict_on(estimate, log):
@@ -46,9 +53,12 @@ def verdict_on(estimate, log):
 
 def test_parameters_that_do_not_move_have_no_influence():
     model, log = logged(0)
-    refit = without(estimated(model, log), [log])
-    nothing = influence(np.zeros(len(model.layout)), refit.free)
+    estimate = estimated(model, log)
+    refit = without(estimate, [log])
+    nothing = influence(estimate, np.zeros(len(model.layout)), refit.free)
     assert (nothing.parameters, nothing.torque) == (0.0, 0.0)
+    assert nothing.elsewhere == 0.0
+    assert nothing.small
 
 
 def test_influence_is_the_change_of_a_draw_of_noise():
@@ -63,8 +73,11 @@ def test_influence_is_the_change_of_a_draw_of_noise():
         other = replace(
             other, torque=other.torque + 0.05 * rng.normal(size=other.torque.shape)
         )
-        first, second = (without(estimated(model, log), [log]) for log in (one, other))
-        found = influence(second.parameters - first.parameters, first.free)
+        estimate = estimated(model, one)
+        first = without(estimate, [one])
+        second = without(estimated(model, other), [other])
+        change = second.parameters - first.parameters
+        found = influence(estimate, change, first.free)
         changes.append((found.parameters, found.torque))
     assert np.mean(changes) == pytest.approx(1.0, abs=0.35)
 
@@ -79,6 +92,15 @@ def test_a_few_right_rows_change_less_than_an_error_and_wrong_ones_more():
     found = changed(estimated(model, spoilt), hidden(spoilt, rows))
     assert not found.small
     assert found.largest > 3.0
+
+
+def test_what_only_the_part_determines_is_not_small():
+    # Others determine the bodies; the joint's own friction is lost with its torque.
+    model, log = logged(1)
+    found = changed(estimated(model, log), log, joints=model.torque_joints[1:2])
+    assert found.largest < 1.0
+    assert found.elsewhere > 3.0
+    assert not found.small
 
 
 def test_without_all_joints_there_is_no_estimate():
