@@ -247,12 +247,14 @@ def confirmed_slopes(
         None if no joint is doubtful, or all are.
     """
     doubtful = () if estimate.fit is None else doubtful_joints(estimate.fit)
-    known: dict[str, tuple[float, float, float]] = {}
+    known: dict[str, tuple[float, float, float, float]] = {}
     while doubtful:
         found = _cross_slopes(estimate, recordings, doubtful)
         if found is None:
             break
-        values = zip(found.slopes, found.explained, found.expected, strict=True)
+        values = zip(
+            found.slopes, found.explained, found.expected, found.errors, strict=True
+        )
         known.update(zip(found.joints, values, strict=True))
         left = tuple(j for j in doubtful if j not in confirmed_joints(found))
         if len(left) == len(doubtful):
@@ -270,4 +272,9 @@ def _cross_slopes(
         return None
     own = replace(estimate.model, torque_joints=tuple(joints))
     bodies = refit.parameters[: own.layout.inertial_size]
-    return slopes_on(own, build_regression(own, recordings, noise=False), bodies)
+    regression = build_regression(own, recordings)
+    found = slopes_on(own, regression, bodies)
+    # Of a line through residuals: their share, over as many as are independent.
+    left = np.maximum(1.0 / np.maximum(found.explained, 1e-300) - 1.0, 0.0)
+    errors = abs(found.slopes) * np.sqrt(left / regression.effective)
+    return replace(found, errors=np.nan_to_num(errors, nan=np.inf))

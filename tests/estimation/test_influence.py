@@ -114,11 +114,13 @@ def test_joints_that_show_a_load_are_confirmed_by_the_others():
     doubtful = doubtful_joints(estimate.fit)
     assert doubtful
     crossed = confirmed_slopes(estimate, [log])
-    assert confirmed_joints(crossed) == doubtful
+    assert doubtful == ("joint3", "joint4")
+    assert confirmed_joints(crossed) == ("joint3",)
     assert "nominal model" in [r.kind for r in estimate.verdict.grounds]
     verdict = verdict_on(estimate, log)
-    assert "nominal model" not in [r.kind for r in verdict.grounds]
-    (note,) = [r for r in verdict.reasons if r.kind == "nominal model"]
+    (doubt,) = [r for r in verdict.grounds if r.kind == "nominal model"]
+    assert "joint3" not in doubt.statement.split(";")[0]
+    note = [r for r in verdict.reasons if r.kind == "nominal model"][1]
     assert "gains are right" in note.statement
 
 
@@ -148,5 +150,7 @@ def test_a_wrong_gain_beside_a_load_is_still_doubted():
 
 def test_slopes_that_bodies_hardly_explain_confirm_nothing():
     ones = np.ones(3)
-    crossed = Slopes(("a", "b", "c"), ones, [0.9, 0.2, 0.9], [0.5, 0.5, 0.01])
+    crossed = Slopes(("a", "b", "c"), ones, [0.9, 0.2, 0.9], [0.5, 0.5, 0.2], 0.01)
     assert confirmed_joints(crossed) == ("a",)
+    for error in (0.07, np.inf):
+        assert confirmed_joints(replace(crossed, errors=np.full(3, error))) == ()
