@@ -308,14 +308,14 @@ def explanations(
         includes the error of the friction model.
     """
     usual = max(_UNUSUAL, _WHITE * noise, _OF_FRICTION * as_is.friction)
-    usual = float(np.hypot(usual, as_is.rounded))
+    usual = float(np.hypot(usual, min(as_is.rounded, _MOST)))
     if as_is.friction >= _RUBS and as_is.misfit <= usual:
         candidates = ()
     factors = [c.factors.joined() for c in candidates]
     bounds = [least_within(R, ()) for R in factors]
     own = [b for b, c in zip(bounds, candidates, strict=True) if c.cause.excuse != 2]
     least = min([as_is.factors.least_misfit(), *own])
-    most = float(np.hypot(_MOST, as_is.rounded))
+    most = float(np.hypot(_MOST, min(as_is.rounded, _MOST)))
     floor = min(max(_WHITE * noise, _BEYOND * least), most)
     found: list[Explanation] = []
     cuts = cuts_at(as_is.factors, as_is.fit)

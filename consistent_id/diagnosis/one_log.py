@@ -51,7 +51,7 @@ from consistent_id.diagnosis.wrong_units import (
     speed_findings,
     travel_findings,
 )
-from consistent_id.errors import InfeasibleError, SolverError
+from consistent_id.errors import InfeasibleError, NotExcitedError, SolverError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regressor import TorqueModel
@@ -190,7 +190,7 @@ def _dynamic(
         return channel
     try:
         as_is = fitted_log(model, prepared, constraints, base)
-        rounded = rounded_misfit(model, rows, constraints, base)
+        rounded = _rounded(model, rows, constraints, base)
     except (InfeasibleError, SolverError) as failure:
         statement = f"no robot with the datasheet's values explains the log: {failure}"
         advice = "check masses and bounds; see the certificate of each method"
@@ -210,6 +210,19 @@ def _dynamic(
         return nothing
     excuse = [] if best is None else [explanation_finding(best)]
     return OpenLog(as_is, (), tuple(excuse or [*missing, *channel]))
+
+
+def _rounded(
+    model: TorqueModel,
+    rows: Recording,
+    constraints: Sequence[Constraint],
+    base: BaseParameters,
+) -> float:
+    """Return `rounded_misfit`; zero, which excuses nothing, if rows are too few."""
+    try:
+        return rounded_misfit(model, rows, constraints, base)
+    except NotExcitedError:
+        return 0.0
 
 
 def _undecided(finding: LogFinding, found: Explanations) -> LogFinding:

@@ -110,9 +110,7 @@ def spike_findings(
         return []
     found = []
     for joint, tau in zip(recording.joints, torque.T, strict=True):
-        others = (_channel(log, joint) for log in besides)
-        widest = max((_span(t) for t in others if t is not None), default=0.0)
-        count = int(spikes(tau, widest).sum())
+        count = int(spikes(tau, _widest(joint, besides)).sum())
         if count:
             sure = count - _CHANCE * np.sqrt(count)  # of a Poisson count
             found.append(
@@ -127,6 +125,28 @@ def spike_findings(
                 )
             )
     return found
+
+
+def torque_spikes(
+    recording: Recording, joint: str, besides: Sequence[Recording] = ()
+) -> BoolArray:
+    """Return which samples of a joint's torque `spike_findings` counts.
+
+    Parameters
+    ----------
+    recording : Recording
+        With torque of the joint.
+    joint : str
+    besides : sequence of Recording
+        See `spike_findings`.
+    """
+    tau = np.asarray(recording.of((joint,)).torque)[:, 0]
+    return spikes(tau, _widest(joint, besides))
+
+
+def _widest(joint: str, besides: Sequence[Recording]) -> float:
+    others = (_channel(log, joint) for log in besides)
+    return max((_span(t) for t in others if t is not None), default=0.0)
 
 
 def spikes(values: Vector, widest: float = 0.0) -> BoolArray:

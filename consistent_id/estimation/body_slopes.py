@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.arrays import Vector, freeze_arrays
+from consistent_id._support.arrays import Vector, array_default, freeze_arrays
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 
@@ -25,15 +25,20 @@ class Slopes:
         this slope.
     expected : array_like, shape (joints,)
         Torque of the bodies beyond drive terms, over the measured torque.
+    errors : array_like, shape (joints,) or (), optional
+        Standard errors of the slopes; infinite where they are not known.
     """
 
     joints: tuple[str, ...]
     slopes: Vector
     explained: Vector
     expected: Vector
+    errors: Vector = array_default(np.inf)
 
     def __post_init__(self) -> None:
-        names = ("slopes", "explained", "expected")
+        errors = np.broadcast_to(self.errors, (len(self.joints),))
+        object.__setattr__(self, "errors", errors)
+        names = ("slopes", "explained", "expected", "errors")
         shapes = dict.fromkeys(names, (len(self.joints),))
         freeze_arrays(self, shapes, "slopes", finite=False)
 

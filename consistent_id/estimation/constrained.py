@@ -9,7 +9,7 @@ from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import Constraint, PhysicalConsistency
 from consistent_id.constraints.cones.certificate import Certificate, OptimumProof
 from consistent_id.constraints.links import LinkCondition, link_conditions
-from consistent_id.constraints.priors import Prior
+from consistent_id.constraints.priors import Penalty, Prior
 from consistent_id.estimation.best_fit import FitProblem, ScaledFit
 from consistent_id.estimation.constrained_fit import (
     DEFAULT_CONSTRAINTS,
@@ -53,6 +53,8 @@ class FoundOptimum:
     shift : ndarray, shape (parameters,), optional
         How far the prior moved the parameters from the best fit: their bias.  Without
         it, no standard errors are computed.
+    penalised : bool
+        Whether a penalty moved them.
     """
 
     scaled: ScaledFit
@@ -60,6 +62,7 @@ class FoundOptimum:
     proof: OptimumProof
     note: str
     shift: Vector | None = None
+    penalised: bool = False
 
 
 @single_threaded
@@ -122,6 +125,7 @@ def constrained_estimate(
         fitted.proof,
         fitted.note,
         abs(fitted.parameters - fitted.best.parameters),
+        isinstance(prior, Penalty),
     )
     estimate = audited(problem, found, method=method, started=started)
     sigma = problem.free.regression.sigma
@@ -141,6 +145,8 @@ def audited(
     base, x, shift = free.base, found.parameters, found.shift
     known = found.scaled.constraints.A_eq
     moved = 0.0 if shift is None else shift
+    # Errors of the nominal bodies do not say how wrong the bodies of a penalty are.
+    pulled = shift is not None and not found.penalised
     found_by = determined(model, free, known, x, elsewhere="prior", shift=moved)
     links = link_conditions(model, x)
     return Estimate(
@@ -155,7 +161,7 @@ def audited(
         certificate=_certificate(problem, found, links),
         notes=(found.note, *_edges(links)),
         seconds=perf_counter() - started,
-        fit=fit_of(model, free, x, known=known, pulled=shift is not None),
+        fit=fit_of(model, free, x, known=known, pulled=pulled),
         parameter_errors=None if shift is None else found_by.errors,
     )
 

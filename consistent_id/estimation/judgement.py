@@ -308,20 +308,16 @@ def _of_channel(evidence: Evidence) -> Iterator[Reason]:
         said = ", ".join(f"{fit.joints[j]} {fit.efforts[j]:.2g} times" for j in beyond)
         statement = f"torque exceeds the model's effort limit: {said}"
         if agreeing(fit)[beyond].all():
-            slopes = slopes_of(fit, beyond)
-            yield Reason(
-                "effort limit",
-                "use",
-                f"{statement}; but measured over nominal torque is {slopes}, so that "
-                "the limit is wrong, not the gain",
+            statement += (
+                f"; but measured over nominal torque is {slopes_of(fit, beyond)}: "
+                "peaks, perhaps outliers, or a wrong limit"
             )
-        else:
-            yield Reason(
-                "effort limit",
-                "use with care",
-                statement,
-                "check the unit and gain of torque, or correct the limit",
-            )
+        yield Reason(
+            "effort limit",
+            "use with care",
+            statement,
+            "check the unit and gain of torque, or correct the limit",
+        )
     if fit.drive_share < FRICTIONLESS:
         yield Reason(
             "no friction",
@@ -392,12 +388,13 @@ def _of_guesses(evidence: Evidence) -> Iterator[Reason]:
         f"the base's, comes from the prior, not from the data: {why}"
     )
     if _prior_is_good(fit):
-        most = percent(float(np.max(fit.prior_errors)))
+        typical = percent(float(np.max(fit.prior_errors)))
         yield Reason(
             "mostly guessed",
             "use",
             f"{said}; but the prior's bodies are those of the model, which agree with "
-            f"the log, and their usual errors change that torque by {most} at most",
+            "the log, and their usual errors change that torque by typically "
+            f"{typical}",
         )
         return
     yield Reason(

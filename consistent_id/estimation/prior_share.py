@@ -26,12 +26,15 @@ from consistent_id.robot.scaling import (
     reference_bodies,
 )
 
-_FREE = (
-    1e4  # times the typical size of a drive term, which no nominal value is known of
-)
-
 ROW_MATTERS = 0.05
 """Torque relative to the strongest row of its unit, below which a row is left out."""
+
+
+AGREES = 1.5
+"""Distance of nominal bodies from the data, in usual errors, up to which they agree."""
+
+TOGETHER = 0.08
+"""Error of all rows' torque over that torque, beyond which the prior is not good."""
 
 
 def torque_shares(model: TorqueModel, torque: Vector) -> Vector:
@@ -111,8 +114,9 @@ def prior_errors(
     Returns
     -------
     ndarray, shape (torque joints,)
-        Over the torque of `x`; zero for rows that make little of it.  NaN where nominal
-        bodies are not known, are placeholders, or the base floats.
+        Standard deviations over the torque of `x`; zero for rows that make little of
+        it.  NaN where nominal bodies are not known, are placeholders or farther from
+        the data than `AGREES`, the base floats, or all rows together exceed `TOGETHER`.
     """
     robot = model.robot
     unknown = np.full(len(model.torque_joints), np.nan)
@@ -123,7 +127,10 @@ def prior_errors(
     rows, size = random_rows(model), model.layout.inertial_size
     width = _typical_widths(rows, x)
     width[:size] = link_scales(robot).widths(USUAL_WIDTHS)
-    width[:size] *= _distance(model, free, width)
+    distance = _distance(model, free, width)
+    if not distance <= AGREES:
+        return unknown
+    width[:size] *= distance
     open_steps = null_space(known * width, DATA_RANK_TOLERANCE)
     seen = _in_errors(free, width[:, None] * open_steps)
     kept = np.linalg.inv(seen.T @ seen + np.eye(open_steps.shape[1]))
@@ -131,6 +138,8 @@ def prior_errors(
     squares = np.sum([rows.rms(column) ** 2 for column in wrong.T], axis=0)
     torque = rows.rms(x)
     matters = (torque > 0.0) & (torque_shares(model, torque) >= ROW_MATTERS)
+    if np.sqrt(squares.sum()) > TOGETHER * np.linalg.norm(torque):
+        return unknown
     ratio = np.sqrt(squares) / np.where(matters, torque, 1.0)
     return np.asarray(np.where(matters, ratio, 0.0))
 
@@ -156,10 +165,13 @@ def _distance(model: TorqueModel, free: UnconstrainedFit, width: Vector) -> floa
     noise, size = free.noise, model.layout.inertial_size
     nominal = np.zeros(len(width))
     nominal[:size] = reference_bodies(model.robot).ravel()
-    wide = np.where(np.arange(len(width)) < size, width, _FREE * width)
-    M = noise.coordinates @ free.base.projection * wide
     y = noise.coordinates @ (free.solution.x - free.base.projection @ nominal)
-    squares = float(y @ np.linalg.solve(M @ M.T + noise.scatter, y))
+    M = noise.coordinates @ free.base.projection * width
+    L = np.linalg.cholesky(noise.scatter)
+    y, M = np.linalg.solve(L, y), np.linalg.solve(L, M)
+    others = null_space(M[:, size:].T, DATA_RANK_TOLERANCE)
+    M, y = others.T @ M[:, :size], others.T @ y
+    squares = float(y @ np.linalg.solve(M @ M.T + np.eye(len(y)), y))
     bodies = sum(k < size for k in free.base.independent)
     return float(np.sqrt(max(squares / bodies, 1.0)))
 

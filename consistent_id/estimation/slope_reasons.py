@@ -23,6 +23,7 @@ EFFORT_CARE = 1.2  # peak torque over effort limit: limits are often rounded dow
 EXPLAINED = 0.3  # squared share of torque from which a slope is significant
 EXPECTED = 0.1  # share of a joint's torque from which its slope is used
 EXPECTED_MUCH = 0.3  # share that cannot be missing for lack of excitation
+_SURE = 2.0  # standard errors of a slope, with which it confirms a gain
 JOINT_MATTERS = 0.05  # torque over that of the strongest joint
 
 
@@ -141,8 +142,10 @@ def confirmed_joints(crossed: Slopes) -> tuple[str, ...]:
         On bodies that the other joints determine.
     """
     low, high = SLOPE_CONFIRMED
-    right = (crossed.slopes >= low) & (crossed.slopes <= high)
-    right &= (crossed.explained >= EXPLAINED) & (crossed.expected >= EXPECTED)
+    least = crossed.slopes - _SURE * crossed.errors
+    most = crossed.slopes + _SURE * crossed.errors
+    right = (least >= low) & (most <= high)
+    right &= (crossed.explained >= EXPLAINED) & (crossed.expected >= EXPECTED_MUCH)
     return tuple(crossed.joints[j] for j in where(right))
 
 

@@ -188,9 +188,10 @@ class Study:
 
     @cached_property
     def findings(self) -> tuple[LogFinding, ...]:
-        """Findings that verdicts use: those of the diagnosis, weighed.
+        """Findings that the verdict on the recommended estimate uses, weighed for it.
 
-        Warnings that do not change the recommended estimate are notes.
+        Warnings that do not change the recommended estimate are notes.  Verdicts on
+        other estimates use those of the diagnosis.
         """
         if self.diagnosis is None:
             return ()
@@ -201,6 +202,25 @@ class Study:
             self.training,
             self.validation,
         )
+
+    @property
+    def _unweighed(self) -> tuple[LogFinding, ...]:
+        return () if self.diagnosis is None else self.diagnosis.findings
+
+    def _findings_for(self, estimate: Estimate) -> tuple[LogFinding, ...]:
+        """Return the weighed findings for the estimate that they were weighed for.
+
+        That is the recommended one, or its fit to all data.
+        """
+        if self.findings == self._unweighed:
+            return self.findings
+        own = estimate.method == self.recommendation.method
+        if own and (
+            _same_parameters(self._candidate, estimate)
+            or self._delivered_as(estimate) is not None
+        ):
+            return self.findings
+        return self._unweighed
 
     @cached_property
     def crossed(self) -> Slopes | None:
@@ -323,7 +343,7 @@ class Study:
             compare(
                 [own],
                 unseen or self.validation,
-                findings=self.findings,
+                findings=self._findings_for(estimate),
                 regression=self.regression,
                 crossed=self.crossed,
             )
@@ -369,9 +389,7 @@ class Study:
         if estimate.method not in self.recommendation.candidates:
             return None
         report = self.comparison[estimate.method]
-        same = np.allclose(
-            self._refitted(report).parameters, estimate.parameters, rtol=1e-6, atol=1e-9
-        )
+        same = _same_parameters(self._refitted(report), estimate)
         return report if same else None
 
     def answer(self, verdict: Verdict | None = None) -> dict[str, Any]:
@@ -428,14 +446,22 @@ class Study:
     @cached_property
     def comparison(self) -> Comparison:
         """The comparison of all estimates."""
-        return compare(
+        found = compare(
             self.estimates,
             self.validation,
             training=self.training,
-            findings=self.findings,
+            findings=self._unweighed,
             regression=self.regression,
             crossed=self.crossed,
         )
+        best = self.recommendation.method
+        reports = (
+            replace(report, findings=self.findings)
+            if report.estimate.method == best
+            else report
+            for report in found.reports
+        )
+        return replace(found, reports=tuple(reports))
 
     @cached_property
     def costs(self) -> tuple[ConstraintCost, ...]:
@@ -487,6 +513,12 @@ class Study:
         )
         spans = fitted_spans(self.training)
         return replace(estimate, accepted=self.accepted, fitted_to=spans)
+
+
+def _same_parameters(one: Estimate, other: Estimate) -> bool:
+    return one.parameters.shape == other.parameters.shape and np.allclose(
+        one.parameters, other.parameters, rtol=1e-6, atol=1e-9
+    )
 
 
 def _says_more(stated: Verdict | None, found: Verdict) -> bool:

@@ -15,10 +15,19 @@ from functools import reduce
 
 import numpy as np
 
-from consistent_id.diagnosis.signal_faults import position_steps, spikes
+from consistent_id.diagnosis.signal_faults import (
+    position_steps,
+    spike_findings,
+    torque_spikes,
+)
 from consistent_id.errors import RecordingError
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.influence import Influence, influence, without
+from consistent_id.estimation.influence import (
+    Influence,
+    influence,
+    least_squares_on,
+    without,
+)
 from consistent_id.problems.log_check import delay_of_torque, named_logs
 from consistent_id.problems.preparation import rest_reach
 from consistent_id.problems.problem import Problem
@@ -27,7 +36,10 @@ from consistent_id.recordings.recording import LogFinding, Recording
 from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.recordings.signals.masks import mask_onto
 
+_ROLES = ("training", "validation")
 _OF_JOINTS = ("noise", "torque resolution")
+# In a part that only validates: what concerns a joint's torque, or samples.
+_OF_A_PART = (*_OF_JOINTS, "outliers", "encoder resolution", "speed limit")
 # Of a part too short to tell, no change tells nothing.
 _OF_EXTENT = ("short", "small motion", "slow motion", "standstill")
 _AROUND = 3.0  # samples about an outlier that are left out with it
@@ -83,7 +95,9 @@ def weighed_findings(
     parts: dict[int, _DataPart] = {}
     for finding in warnings:
         if finding.recording in held_out:
-            change = _of_all(estimate, (*training, *validation))
+            if finding.kind not in _OF_A_PART:
+                continue
+            change = _of_more(problem, finding, estimate, training, validation)
             words = "with this recording"
         elif finding.kind == "encoder resolution":
             change = _of_rounding(problem, finding, estimate)
@@ -124,33 +138,64 @@ def _part(problem: Problem, finding: LogFinding) -> _DataPart | None:
     if not set(joints) <= set(problem.model.torque_joints):
         return None
     if finding.kind == "outliers" and len(joints) == 1:
-        return _DataPart("without these samples", cut=_outliers(problem, *joints))
+        cut = _outliers(problem, finding)
+        return cut and _DataPart("without these samples", cut=cut)
     if finding.kind in _OF_JOINTS:
         return _DataPart("without the torque of this joint", joints)
     return None
 
 
-def _outliers(problem: Problem, joint: str) -> _Cut:
-    """Return what makes the outliers of one joint's torque unknown, in all logs."""
-    delay = abs(delay_of_torque(problem))
-    masks = []
-    for log in problem.logs("training"):
-        own = log.of((joint,))
-        at = spikes(np.asarray(own.torque)[:, 0])
-        reach = delay + _AROUND * float(np.median(np.diff(log.time)))
-        masks.append((own, at[:, None], reach))
+def _outliers(problem: Problem, finding: LogFinding) -> _Cut | None:
+    """Return what makes the outliers of a finding's joint and recording unknown.
+
+    None if they are not found again.
+    """
+    training, _ = named_logs(problem)
+    joint, at = finding.where, None
+    for own in (log for log in training if log.name == finding.recording):
+        part = own.of((joint,))
+        for others in (training, ()):
+            said = [f.statement for f in spike_findings(part, others)]
+            if at is None and finding.statement in said:
+                at = own, torque_spikes(part, joint, others)
+    if at is None:
+        return None
+    log, mask = at
+    step = float(np.median(np.diff(log.time)))
+    reach = abs(delay_of_torque(problem)) + _AROUND * step
 
     def change(whole: Recording) -> Recording:
         known = np.ones(whole.position.shape, dtype=np.bool_)
         if whole.torque_known is not None:
             known &= whole.torque_known
         k = whole.joints.index(joint)
-        column = whole.of((joint,))
-        for own, at, reach in masks:
-            known[:, k] &= ~mask_onto(own, at, column, reach=reach)[:, 0]
+        column, part = whole.of((joint,)), log.of((joint,))
+        known[:, k] &= ~mask_onto(part, mask[:, None], column, reach=reach)[:, 0]
         return replace(whole, torque_known=known)
 
-    return lambda log: altered(log, change)
+    def cut(prepared: Recording) -> Recording:
+        own = _logged_as(problem, prepared) == finding.recording
+        return altered(prepared, change) if own else prepared
+
+    return cut
+
+
+def _logged_as(problem: Problem, prepared: Recording) -> str | None:
+    """Return the name by which findings call the log of a prepared recording.
+
+    None if it is not certain: names of parts begin with those of their log, and their
+    times are within it.
+    """
+    found = []
+    for role, named in zip(_ROLES, named_logs(problem), strict=True):
+        for raw, log in zip(problem.logs(role), named, strict=True):
+            step = float(np.median(np.diff(raw.time)))
+            first, last = prepared.time[[0, -1]]
+            within = raw.time[0] - step <= first and last <= raw.time[-1] + step
+            part = prepared.name.startswith((f"{raw.name} ", f"{raw.name},"))
+            if within and (part or prepared.name == raw.name):
+                found.append(log.name)
+    return found[0] if len(found) == 1 else None
 
 
 def _reach(problem: Problem) -> float:
@@ -169,14 +214,23 @@ def _of_part(
     except RecordingError:
         return None
     refit = without(estimate, logs, joints=tuple(joints))
-    if refit is None:
+    whole = least_squares_on(estimate, training)
+    if refit is None or whole is None:
         return None
-    return influence(estimate.parameters - refit.parameters, refit.free)
+    change = estimate.parameters - refit.parameters
+    return influence(estimate, change, refit.free, whole)
 
 
-def _of_all(estimate: Estimate, logs: Sequence[Recording]) -> Influence | None:
-    """Return what recordings change of which a part is already in the fit."""
-    return _of_part(estimate, logs, ())
+def _of_more(
+    problem: Problem,
+    finding: LogFinding,
+    estimate: Estimate,
+    training: Sequence[Recording],
+    validation: Sequence[Recording],
+) -> Influence | None:
+    """Return what the recording of a finding changes that is not in the fit."""
+    own = [r for r in validation if _logged_as(problem, r) == finding.recording]
+    return _of_part(estimate, (*training, *own), ()) if own else None
 
 
 def _of_rounding(
@@ -198,4 +252,4 @@ def _of_rounding(
     if refits[0] is None or refits[1] is None:
         return None
     change = refits[1].parameters - refits[0].parameters
-    return influence(change, refits[0].free)
+    return influence(estimate, change, refits[0].free)

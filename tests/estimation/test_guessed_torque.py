@@ -15,12 +15,15 @@ from consistent_id import (
     constrained_least_squares,
     simulate_torque,
 )
+from consistent_id.constraints import NonNegativeDrive, Penalty, PhysicalConsistency
 from consistent_id.estimation.determination import linear_errors
 from consistent_id.estimation.prior_share import guessed_share, prior_errors
 from consistent_id.recordings import BaseMotion
 from consistent_id.regression import base_parameters
 from consistent_id.regression.residual_noise import unconstrained_fit
 from consistent_id.robot import load_mjcf
+
+KNOWN = (PhysicalConsistency(), NonNegativeDrive())
 
 
 def known(model):
@@ -131,10 +134,10 @@ def test_a_rich_log_needs_no_prior_and_a_poor_one_a_good_prior():
     poor = replace(poor, torque=simulate_torque(model, x, poor).torque + 0.1 * noise)
     of_rich, of_poor = (errors_of_the_prior(model, log, x) for log in (rich, poor))
     assert of_rich.max() < 0.02
-    assert of_rich.max() < of_poor.max() < 0.5
+    assert np.isnan(of_poor).all()  # beyond the gate of all rows together
 
 
-def test_a_prior_that_the_log_contradicts_is_as_much_worse():
+def test_of_a_prior_that_the_log_contradicts_no_errors_are_known():
     model, right = logged(0)
     x = np.append(model.robot.nominal.ravel(), np.tile((1.0, 2.0, 0.3), 4))
     doubled = replace(right, velocity=0.5 * right.velocity)
@@ -142,7 +145,19 @@ def test_a_prior_that_the_log_contradicts_is_as_much_worse():
     of_right, of_doubled = (
         errors_of_the_prior(model, log, x) for log in (right, doubled)
     )
-    assert of_doubled.max() > 2.0 * of_right.max()
+    assert of_right.max() < 0.01
+    assert np.isnan(of_doubled).all()
+
+
+def test_of_a_penalty_no_errors_of_the_prior_are_known():
+    model, log = logged(0)
+    rows = build_regression(model, log)
+    near = constrained_least_squares(model, rows, constraints=KNOWN)
+    pulled = constrained_least_squares(
+        model, rows, constraints=KNOWN, prior=Penalty(100.0)
+    )
+    assert np.isfinite(near.fit.prior_errors).all()
+    assert np.isnan(pulled.fit.prior_errors).all()
 
 
 def test_of_placeholders_no_errors_are_known():

@@ -15,7 +15,12 @@ from consistent_id import (
 )
 from consistent_id.estimation import judge
 from consistent_id.estimation.body_slopes import Slopes
-from consistent_id.estimation.influence import confirmed_slopes, influence, without
+from consistent_id.estimation.influence import (
+    confirmed_slopes,
+    influence,
+    least_squares_on,
+    without,
+)
 from consistent_id.estimation.slope_reasons import confirmed_joints, doubtful_joints
 
 KNOWN = (PhysicalConsistency(), NonNegativeDrive())
@@ -36,7 +41,9 @@ def hidden(log, rows):
 
 def changed(estimate, log, **leaving):
     refit = without(estimate, [log], **leaving)
-    return influence(estimate.parameters - refit.parameters, refit.free)
+    change = estimate.parameters - refit.parameters
+    whole = least_squares_on(estimate, [log])
+    return influence(estimate, change, refit.free, whole)
 
 
 def verdict_on(estimate, log):
@@ -46,9 +53,12 @@ def verdict_on(estimate, log):
 
 def test_parameters_that_do_not_move_have_no_influence():
     model, log = logged(0)
-    refit = without(estimated(model, log), [log])
-    nothing = influence(np.zeros(len(model.layout)), refit.free)
+    estimate = estimated(model, log)
+    refit = without(estimate, [log])
+    nothing = influence(estimate, np.zeros(len(model.layout)), refit.free)
     assert (nothing.parameters, nothing.torque) == (0.0, 0.0)
+    assert nothing.elsewhere == 0.0
+    assert nothing.small
 
 
 def test_influence_is_the_change_of_a_draw_of_noise():
@@ -63,8 +73,11 @@ def test_influence_is_the_change_of_a_draw_of_noise():
         other = replace(
             other, torque=other.torque + 0.05 * rng.normal(size=other.torque.shape)
         )
-        first, second = (without(estimated(model, log), [log]) for log in (one, other))
-        found = influence(second.parameters - first.parameters, first.free)
+        estimate = estimated(model, one)
+        first = without(estimate, [one])
+        second = without(estimated(model, other), [other])
+        change = second.parameters - first.parameters
+        found = influence(estimate, change, first.free)
         changes.append((found.parameters, found.torque))
     assert np.mean(changes) == pytest.approx(1.0, abs=0.35)
 
@@ -81,6 +94,15 @@ def test_a_few_right_rows_change_less_than_an_error_and_wrong_ones_more():
     assert found.largest > 3.0
 
 
+def test_what_only_the_part_determines_is_not_small():
+    # Others determine the bodies; the joint's own friction is lost with its torque.
+    model, log = logged(1)
+    found = changed(estimated(model, log), log, joints=model.torque_joints[1:2])
+    assert found.largest < 1.0
+    assert found.elsewhere > 3.0
+    assert not found.small
+
+
 def test_without_all_joints_there_is_no_estimate():
     model, log = logged(0)
     assert without(estimated(model, log), [log], joints=model.torque_joints) is None
@@ -92,11 +114,13 @@ def test_joints_that_show_a_load_are_confirmed_by_the_others():
     doubtful = doubtful_joints(estimate.fit)
     assert doubtful
     crossed = confirmed_slopes(estimate, [log])
-    assert confirmed_joints(crossed) == doubtful
+    assert doubtful == ("joint3", "joint4")
+    assert confirmed_joints(crossed) == ("joint3",)
     assert "nominal model" in [r.kind for r in estimate.verdict.grounds]
     verdict = verdict_on(estimate, log)
-    assert "nominal model" not in [r.kind for r in verdict.grounds]
-    (note,) = [r for r in verdict.reasons if r.kind == "nominal model"]
+    (doubt,) = [r for r in verdict.grounds if r.kind == "nominal model"]
+    assert "joint3" not in doubt.statement.split(";")[0]
+    note = [r for r in verdict.reasons if r.kind == "nominal model"][1]
     assert "gains are right" in note.statement
 
 
@@ -126,5 +150,7 @@ def test_a_wrong_gain_beside_a_load_is_still_doubted():
 
 def test_slopes_that_bodies_hardly_explain_confirm_nothing():
     ones = np.ones(3)
-    crossed = Slopes(("a", "b", "c"), ones, [0.9, 0.2, 0.9], [0.5, 0.5, 0.01])
+    crossed = Slopes(("a", "b", "c"), ones, [0.9, 0.2, 0.9], [0.5, 0.5, 0.2], 0.01)
     assert confirmed_joints(crossed) == ("a",)
+    for error in (0.07, np.inf):
+        assert confirmed_joints(replace(crossed, errors=np.full(3, error))) == ()

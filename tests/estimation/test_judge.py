@@ -434,11 +434,11 @@ def good_with(**figures):
     return judge(replace(good.evidence(), fit=replace(good.fit, **changed)))
 
 
-def test_an_effort_limit_is_doubted_where_nominal_bodies_confirm_the_gain():
+def test_peaks_beyond_an_effort_limit_are_doubted_even_if_the_gain_is_confirmed():
     right = good_with(efforts=[2.0, 0.5], slopes=[1.02, 1.0])
-    assert right.word == "use"
-    (note,) = [r for r in right.reasons if r.kind == "effort limit"]
-    assert "shoulder 1.02" in note.statement
+    assert right.word == "use with care"
+    (doubt,) = [r for r in right.reasons if r.kind == "effort limit"]
+    assert "shoulder 1.02: peaks, perhaps outliers" in doubt.statement
     for slope in (1.2, 0.85, np.nan):
         assert kinds(good_with(efforts=[2.0, 0.5], slopes=[slope, 1.0])) == [
             "effort limit"
