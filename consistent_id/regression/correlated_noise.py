@@ -244,8 +244,8 @@ def _noise_along(
         gradients[:, used] += whole[j] / fit.weights[j] * part.gradients @ E
         normals[:, used[:, None], used] += E.T @ part.normals @ E
     of_joints, effective, freedom = zip(*found, strict=True)
-    # Where forces of contacts are taken out, joints share their noise, and blocks differ
-    # by their stances: of a simulated walk, the ratio is 4 for errors as of noise.
+    # Where forces of contacts are taken out, joints share their noise, and blocks
+    # differ by stances: of a simulated walk, the ratio is 4 for errors as of noise.
     ratio = 1.0
     if not motion.mixed:
         ratio = block_ratio(fit, BlockPart(gradients, normals), of_joints)

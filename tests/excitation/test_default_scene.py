@@ -1,8 +1,13 @@
 """A robot's own shapes are kept apart where nothing is said of collisions."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
 from consistent_id.cli import main
+from consistent_id.excitation.kept import kept_apart, kept_limits
 from consistent_id.excitation.request import default_scene, design_request
 from consistent_id.excitation.sources import problem_to_excite
 from consistent_id.motion.collisions.separation import nearest
@@ -110,6 +115,19 @@ def test_shapes_that_touch_where_the_robot_stands_are_left_out_and_named(tmp_pat
     assert (kept.distance > 0.0).all()
 
 
+def test_bodies_near_each_other_at_the_start_only_must_not_touch(tmp_path):
+    """The hand ends 10 mm before the upper arm, which ends at 0.45 m."""
+    problem = problem_to_excite(_robot(tmp_path, hand=_box(0.15, 1.38)), {})
+    start = dict.fromkeys(("shoulder", "elbow", "wrist"), 0.0)
+    scene, _ = default_scene(problem, start)
+    wanted = {frozenset(scene.names(pair)): pair.wanted for pair in scene.pairs}
+    near = nearest(scene, [[0.0] * 3]).distance[0]
+    assert sorted(near)[0] < 0.02  # the premise
+    for pair, distance in zip(scene.pairs, near, strict=True):
+        expected = 0.0 if distance < 0.02 else 0.02
+        assert wanted[frozenset(scene.names(pair))] == expected
+
+
 def test_rotor_inertia_is_among_the_parameters_that_a_default_design_excites(tmp_path):
     names = problem_to_excite(_robot(tmp_path), {}).model.layout.names
     assert sum("rotor" in name for name in names) == 3
@@ -124,3 +142,19 @@ def test_the_shell_says_what_is_kept_apart(tmp_path, capsys):
     assert main([*asked, "--no-collisions"]) == 0
     told = capsys.readouterr().out
     assert "Bodies kept apart" not in told and "as requested" in told
+
+
+def test_every_distance_is_said_with_its_pairs(tmp_path):
+    scene, _ = default_scene(problem_to_excite(_robot(tmp_path), {}), None)
+    first, *others = scene.pairs
+    said = kept_apart(replace(scene, pairs=(replace(first, wanted=0.0), *others)))[-1]
+    several = f"{len(others)} pairs stay" if len(others) > 1 else "1 pair stays"
+    assert said.startswith(f"bodies: {several} 20 mm apart, 1 pair only must not touch")
+    assert f"one joint connects are not checked ({scene.adjacent})" in said
+
+
+def test_a_limit_of_some_joints_is_said_with_the_joints_that_lack_it(tmp_path):
+    limits = _request(_robot(tmp_path)).limits
+    some = replace(limits, jerk=np.array([50.0, np.inf, 50.0]))
+    said = kept_limits(SimpleNamespace(limits=some, parameters=None))
+    assert "no limit is kept of jerk (elbow), torque" in said
