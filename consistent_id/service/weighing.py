@@ -155,7 +155,10 @@ class WeighedLoad:
     def tables(self) -> list[Table]:
         """Return verdict, quantities in each frame, and gains if they were tested."""
         verdict = self.verdict
-        head = Table(verdict.sentence, (), (), (*verdict.brief, self.payload.condition))
+        never = [r.kind for r in verdict.reasons if r.kind in NEVER_SENT]
+        notes = [f"controllers get nothing: {', '.join(never)}"] if never else []
+        notes += [*verdict.brief, self.payload.condition]
+        head = Table(verdict.sentence, (), (), tuple(notes))
         tables = [head, self.in_flange.table()]
         if self.tool.name != self.flange.name:
             tables.append(self.in_tool.table())
