@@ -131,7 +131,7 @@ def positive(text: str) -> float:
     return value
 
 
-_VECTORS = ("--gravity",)
+_VECTORS = ("--gravity", "--tool")
 _NUMBERS = re.compile(r"[-+.\d][-+.,\deE]*")
 
 

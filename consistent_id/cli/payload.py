@@ -156,7 +156,7 @@ def run_payload(options: argparse.Namespace) -> int:
         gain_errors=errors if len(errors) > 1 else sum(errors),
         accepted=options.accept,
     )
-    record, usable = found.to_dict(), found.verdict.usable
+    record, usable = found.to_dict(), found.sendable
 
     def write() -> list[Path]:
         folder = options.output

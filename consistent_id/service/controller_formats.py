@@ -16,6 +16,7 @@ another value.
 """
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import permutations, product
@@ -52,11 +53,14 @@ class ControllerLoad:
         Place of the tool's frame in that of the flange.
     inertia_open : bool
         Whether the load is sent as a point mass.
+    evidence : str
+        Verdict and interval of the mass, for the files' marks.
 
     Raises
     ------
     ModelError
-        If the body has no mass or is not physically consistent.
+        If the name is not a letter followed by at most 31 letters, digits and
+        underscores, or if the body has no mass or is not physically consistent.
     """
 
     name: str
@@ -65,8 +69,10 @@ class ControllerLoad:
     link: str
     tool: FixedFrame
     inertia_open: bool = False
+    evidence: str = ""
 
     def __post_init__(self) -> None:
+        require_load_name(self.name)
         if not (self.body.mass > 0.0 and self.body.is_consistent(1e-9)):
             raise ModelError(
                 f"load {self.name!r}: mass {self.body.mass:.4g} kg, consistent: "
@@ -89,7 +95,23 @@ class ControllerLoad:
     def mark(self) -> str:
         """The words by which a file is known as this tool's."""
         state = "a point mass" if self.inertia_open else "inertia about its centre"
-        return _MARK.format(name=self.name, frame=self.flange.name, state=state)
+        mark = _MARK.format(name=self.name, frame=self.flange.name, state=state)
+        return " ".join("; ".join(filter(None, (mark, self.evidence))).split())
+
+
+def require_load_name(name: str) -> None:
+    """Refuse a name of a load that a controller's file cannot hold.
+
+    Raises
+    ------
+    ModelError
+        If it is not a letter followed by at most 31 letters, digits and underscores.
+    """
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,31}", name):
+        raise ModelError(
+            f"name of the load is {name!r}; expected a letter, then at most 31 "
+            "letters, digits and underscores, such as box_2"
+        )
 
 
 class PrincipalInertia(NamedTuple):
@@ -239,7 +261,7 @@ def abb_loaddata(load: ControllerLoad) -> str:
     aom = ",".join(map(_text, quaternion_wxyz(axes)))
     rest = ",".join(map(_text, moments))
     return (
-        f"! {load.mark}; here in the frame {load.tool.name}\n"
+        f"! {load.mark}; here in the frame {_line(load.tool.name)}\n"
         f"PERS loaddata {load.name}:="
         f"[{_text(body.mass)},[{cog}],[{aom}],{rest}];\n"
     )
@@ -281,7 +303,7 @@ def mjcf_body(load: ControllerLoad) -> str:
     quat = _spaced(quaternion_wxyz(load.flange.rotation))
     return (
         f"<!-- {_comment(load.mark)} -->\n<mujoco>\n  <worldbody>\n"
-        f"    <!-- to put into the body {_comment(load.link)} -->\n"
+        f"    <!-- to put into the body {_comment(_line(load.link))} -->\n"
         f'    <body name={quoteattr(load.name)} pos="{place}" quat="{quat}">\n'
         f'      <inertial pos="{com}" mass="{m}" {form}/>\n'
         "    </body>\n  </worldbody>\n</mujoco>\n"
@@ -405,6 +427,10 @@ def _list(values: Any) -> str:
 
 def _spaced(values: Any) -> str:
     return " ".join(map(_text, values))
+
+
+def _line(text: str) -> str:
+    return " ".join(text.split())
 
 
 def _comment(text: str) -> str:

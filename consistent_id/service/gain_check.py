@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,9 @@ FORMAT = "consistent_id gains 1"
 """Key ``format`` of the JSON record."""
 
 METHOD = "gains"
+
+LEAST_OFF = 0.02
+"""Least relative error of a gain that is called off."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +70,7 @@ class GainCheck:
 
     @property
     def off(self) -> BoolArray:
-        """Whether each stated gain is outside of the 95 % interval."""
+        """Whether each stated gain is off; see `gains_off`."""
         return gains_off(self.factors)
 
     @property
@@ -174,8 +178,13 @@ def check_gains(
 
 
 def gains_off(factors: DriveGains) -> BoolArray:
-    """Return whether each factor's 95 % interval excludes one."""
-    return np.asarray(abs(factors.gains - 1.0) > NORMAL * factors.standard_errors)
+    """Return whether each factor differs from one, by at least `LEAST_OFF`.
+
+    All joints are tested together at 95 %: the quantile is that of Sidak.
+    """
+    share = 0.95 ** (1.0 / len(factors.joints))
+    half = NormalDist().inv_cdf(0.5 + 0.5 * share) * factors.standard_errors
+    return np.asarray(abs(factors.gains - 1.0) > np.maximum(half, LEAST_OFF))
 
 
 def _reasons(factors: DriveGains) -> Iterator[Reason]:
@@ -200,6 +209,6 @@ def _reasons(factors: DriveGains) -> Iterator[Reason]:
         yield Reason(
             "gains are off",
             "use",
-            f"stated gains of {wrong} of {len(factors.joints)} joints are outside of "
-            "the 95 % intervals",
+            f"stated gains of {wrong} of {len(factors.joints)} joints are off by "
+            f"{percent(LEAST_OFF)} or more (95 %, all joints together)",
         )

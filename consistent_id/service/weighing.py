@@ -10,6 +10,7 @@ import numpy as np
 from consistent_id._support.arrays import Vector
 from consistent_id._support.tables import Table
 from consistent_id.errors import ProblemError
+from consistent_id.estimation.determination import KNOWN
 from consistent_id.estimation.gains import DriveGains, identify_gains
 from consistent_id.estimation.judgement import MISFIT_CARE, MISFIT_REFUSED
 from consistent_id.estimation.payload import Payload, identify_payload
@@ -18,7 +19,7 @@ from consistent_id.estimation.verdict import Reason, Verdict, percent, weighed
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording
 from consistent_id.robot.model import Datasheet, FixedFrame, Link
-from consistent_id.service.controller_formats import ControllerLoad
+from consistent_id.service.controller_formats import ControllerLoad, require_load_name
 from consistent_id.service.gain_check import gains_off
 from consistent_id.service.load_quantities import (
     LoadQuantities,
@@ -38,6 +39,13 @@ FORMAT = "consistent_id payload 1"
 """Key ``format`` of the JSON record."""
 
 METHOD = "payload"
+
+NEVER_SENT = (
+    "mass not identifiable",
+    "no load is seen",
+    "centre of mass not identifiable",
+)
+"""Kinds of reasons with which a controller gets nothing, accepted or not."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,18 +103,27 @@ class WeighedLoad:
         return load_quantities(self.payload, self.tool)
 
     @property
+    def sendable(self) -> bool:
+        """Whether controllers may get the load; see `NEVER_SENT`."""
+        kinds = {reason.kind for reason in self.verdict.reasons}
+        return self.verdict.usable and kinds.isdisjoint(NEVER_SENT)
+
+    @property
     def for_controller(self) -> ControllerLoad:
         """The load as `controller_text` takes it.
 
         Raises
         ------
         ProblemError
-            If the load is not to be used.
+            If the load is not to be used, or if its mass or centre of mass is not
+            known: accepting that does not help.
         """
-        if not self.verdict.usable:
-            ground = self.verdict.grounds[0]
+        if not self.sendable:
+            reasons = self.verdict.reasons
+            unknown = [reason for reason in reasons if reason.kind in NEVER_SENT]
+            ground = (unknown or self.verdict.grounds)[0]
             raise ProblemError(
-                f"{self.verdict.sentence}: {ground.statement}. {ground.advice}"
+                f"do not use: {ground.kind}: {ground.statement}. {ground.advice}"
             )
         robot = self.payload.robot
         turned = self.flange.rotation.T
@@ -122,12 +139,26 @@ class WeighedLoad:
             robot.bare.robot.link_names[robot.carrier],
             tool,
             self.inertia_open,
+            self._evidence,
+        )
+
+    @property
+    def _evidence(self) -> str:
+        """Verdict, accepted kinds and the mass with its interval, in one line."""
+        verdict, flange = self.verdict, self.in_flange
+        accepted = ", ".join(verdict.accepted) or "nothing"
+        return (
+            f"{verdict.word} (accepted: {accepted}); mass {flange.body.mass:.4g} kg, "
+            f"95 % {flange.low[0]:.4g} to {flange.high[0]:.4g} kg"
         )
 
     def tables(self) -> list[Table]:
         """Return verdict, quantities in each frame, and gains if they were tested."""
         verdict = self.verdict
-        head = Table(verdict.sentence, (), (), (*verdict.brief, self.payload.condition))
+        never = [r.kind for r in verdict.reasons if r.kind in NEVER_SENT]
+        notes = [f"controllers get nothing: {', '.join(never)}"] if never else []
+        notes += [*verdict.brief, self.payload.condition]
+        head = Table(verdict.sentence, (), (), tuple(notes))
         tables = [head, self.in_flange.table()]
         if self.tool.name != self.flange.name:
             tables.append(self.in_tool.table())
@@ -209,8 +240,9 @@ def weigh_load(
     name : str
         Of the load.
     known_mass : float, optional, [kg]
-        If the load was weighed on a scale.  The gains that convert currents to torque
-        are then tested, and corrected if they are wrong.
+        If the load was weighed on a scale.  The load then has this mass, and the mass
+        that the torques show is compared with it.  The gains that convert currents to
+        torque are tested, and corrected where they are identified and wrong.
     gain_errors : float or sequence of float
         Relative standard errors of these gains; see `identify_payload`.
     accepted : sequence of str
@@ -226,6 +258,7 @@ def weigh_load(
     RecordingError, InfeasibleError, NotExcitedError, SolverError
         See `identify_payload`.
     """
+    require_load_name(name)
     require_arm(problem, known_mass)
     robot = problem.model.robot
     flange = flange_of(problem, link)
@@ -234,7 +267,7 @@ def weigh_load(
     carrier = robot.link_names[flange.carrier]
     load = Link(name, datasheet=Datasheet())
     found = _estimated(runs, load, carrier, known_mass, gain_errors)
-    reasons = _reasons(found)
+    reasons = _reasons(found, flange.frame, known_mass)
     return WeighedLoad(
         found.payload,
         flange.frame,
@@ -252,7 +285,11 @@ class _Estimated(NamedTuple):
     payload: Payload
     residual: float
     gains: DriveGains | None = None
-    corrected: bool = False
+    applied: tuple[str, ...] = ()
+
+    @property
+    def corrected(self) -> bool:
+        return bool(self.applied)
 
 
 def _estimated(
@@ -281,18 +318,21 @@ def _estimated(
         )
         return _Estimated(payload, _residual(payload, logs[0]))
 
-    plain = of(logs, load, gain_errors)
     if known_mass is None:
-        return plain
+        return of(logs, load, gain_errors)
     known = {f"{load.name}.m": known_mass}
     gains = identify_gains(model, *logs, known=known, load=load, carrier=carrier)
+    of_scale = replace(load, datasheet=Datasheet(mass=known_mass))
     stated = problem.table.data is not None and problem.table.data.gains is not None
-    if gains.scale_open or stated or not gains_off(gains).any():
-        return plain._replace(gains=gains)
-    factors = dict(zip(gains.joints, gains.gains.tolist(), strict=True))
-    weighed_one = replace(load, datasheet=Datasheet(mass=known_mass))
-    better = of(runs.read(factors), weighed_one, gains.relative_errors)
-    return better._replace(gains=gains, corrected=True)
+    change = gains_off(gains) & np.array(gains.identified)
+    if gains.scale_open or stated or not change.any():
+        return of(logs, of_scale, gain_errors)._replace(gains=gains)
+    factors = np.where(change, gains.gains, 1.0)
+    errors = np.where(change, gains.relative_errors, gain_errors)
+    changed = dict(zip(gains.joints, factors.tolist(), strict=True))
+    better = of(runs.read(changed), of_scale, errors)
+    applied = tuple(j for j, one in zip(gains.joints, change, strict=True) if one)
+    return better._replace(gains=gains, applied=applied)
 
 
 def _residual(payload: Payload, logs: Sequence[Recording]) -> float:
@@ -306,8 +346,33 @@ def _residual(payload: Payload, logs: Sequence[Recording]) -> float:
     return float(np.sqrt(error / size)) if size > 0.0 else np.inf
 
 
-def _reasons(found: _Estimated) -> Iterator[Reason]:
+def _reasons(
+    found: _Estimated, flange: FixedFrame, known_mass: float | None
+) -> Iterator[Reason]:
     payload = found.payload
+    yield from _of_mass(payload, known_mass)
+    if payload.free.mass > 0.0:
+        yield from _of_centre(load_quantities(payload, flange))
+    yield from _of_residual(found.residual)
+    if found.gains is not None:
+        yield from _of_gains(found.gains, found.applied)
+    if payload.estimate.certificate.verdict != "certified":
+        yield Reason(
+            "optimum not proven",
+            "use with care",
+            payload.estimate.certificate.reason,
+        )
+    if inertia_is_open(payload):
+        yield Reason(
+            "inertia is open",
+            "use with care",
+            "the data do not show the inertia about the centre of mass to a quarter; "
+            "controllers get a point mass",
+            "accelerate the last joints quickly, with the load and without it",
+        )
+
+
+def _of_mass(payload: Payload, known_mass: float | None) -> Iterator[Reason]:
     mass, half = payload.free.mass, payload.quantile * payload.standard_errors[0]
     if not np.isfinite(half):
         yield Reason(
@@ -317,30 +382,42 @@ def _reasons(found: _Estimated) -> Iterator[Reason]:
             "move joints that gravity loads, with the load and without it",
         )
         return
+    seen = f"{mass:.3g} +- {half:.2g} kg (95 %)"
     if mass <= half:
         yield Reason(
             "no load is seen",
             "do not use",
-            f"the mass is {mass:.3g} +- {half:.2g} kg (95 %)",
+            f"the mass is {seen}",
             "check that the log is the one with the load; record more motion of the "
             "joints that gravity loads",
         )
-    yield from _of_residual(found.residual)
-    if found.gains is not None:
-        yield from _of_gains(found.gains, corrected=found.corrected)
-    if payload.estimate.certificate.verdict != "certified":
+    elif known_mass is None and 2.0 * half > KNOWN * mass:
         yield Reason(
-            "optimum not proven",
+            "mass is uncertain",
             "use with care",
-            payload.estimate.certificate.reason,
+            f"the mass is {seen}: the interval is {percent(2.0 * half / mass)} wide",
+            "record more motion of the joints that gravity loads, or weigh the load",
         )
-    if mass > half and inertia_is_open(payload):
+    if known_mass is not None and abs(mass - known_mass) > half:
         yield Reason(
-            "inertia is open",
-            "use with care",
-            "the data do not show the inertia about the centre of mass to a quarter; "
-            "controllers get a point mass",
-            "accelerate the last joints quickly, with the load and without it",
+            "mass contradicts the scale",
+            "do not use",
+            f"the torques show {seen}, the scale {known_mass:.4g} kg",
+            "check the gains that convert currents to torque, and that the logs differ "
+            "by this load alone",
+        )
+
+
+def _of_centre(quantities: LoadQuantities) -> Iterator[Reason]:
+    width = quantities.high[1:4] - quantities.low[1:4]
+    unknown = [axis for axis, w in zip("xyz", width, strict=True) if not np.isfinite(w)]
+    if unknown:
+        yield Reason(
+            "centre of mass not identifiable",
+            "do not use",
+            f"the motion does not show the centre of mass along {', '.join(unknown)} "
+            f"of the frame {quantities.frame}",
+            "move joints whose torque depends on it, with the load and without it",
         )
 
 
@@ -356,19 +433,29 @@ def _of_residual(residual: float) -> Iterator[Reason]:
     )
 
 
-def _of_gains(gains: DriveGains, *, corrected: bool) -> Iterator[Reason]:
+def _of_gains(gains: DriveGains, applied: tuple[str, ...]) -> Iterator[Reason]:
     if gains.scale_open:
         yield Reason("gains not tested", "use with care", gains.verdict)
         return
+    known = zip(gains.joints, gains.identified, strict=True)
+    if poor := [joint for joint, good in known if not good]:
+        yield Reason(
+            "gains not tested",
+            "use with care",
+            f"the known mass does not show the gains of {', '.join(poor)} to "
+            f"{percent(gains.accuracy)}",
+            "use a heavier load, or motions in which it changes these torques",
+        )
     wrong = np.flatnonzero(gains_off(gains))
     if not len(wrong):
         return
     worst = wrong[np.argmax(abs(np.log(gains.gains[wrong])))]
     change, error = gains.gains[worst] - 1.0, NORMAL * gains.standard_errors[worst]
-    done = "; the load is estimated with changed gains" if corrected else ""
+    done = f"; those of {', '.join(applied)} are changed here" if applied else ""
+    every = {gains.joints[place] for place in wrong} <= set(applied)
     yield Reason(
         "gains are off",
-        "use with care" if corrected else "do not use",
+        "use with care" if every else "do not use",
         f"the mass asks for torque of {gains.joints[worst]} that differs by "
         f"{100.0 * change:+.0f} % (+- {100.0 * error:.0f} %), and for other gains in "
         f"{len(wrong)} of {len(gains.joints)} joints{done}",

@@ -2,8 +2,10 @@
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
+import carrying
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -12,6 +14,7 @@ from carrying import FLANGE, LOAD, write_log, write_robot
 from consistent_id import ModelError, ProblemError, draft_problem, load_problem
 from consistent_id.cli import main
 from consistent_id.service import weigh_load
+from consistent_id.service.weighing import _of_mass
 
 PLAIN = {"select": False, "cutoff": 8.0}
 WORDS = ["--no-select", "--cutoff", "8"]
@@ -109,6 +112,56 @@ def test_without_a_load_none_is_seen(problem, files):
         accepted=["no load is seen", "inertia is open", "misfit"],
     )
     assert overlooked.verdict.word == "use"
+    with pytest.raises(ProblemError, match="no load is seen: the mass is"):
+        overlooked.for_controller  # noqa: B018
+
+
+def test_arms_of_vertical_axes_do_not_show_the_height_of_the_centre(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr(carrying, "_AXES", ("0 0 1",) * 4)
+    logs = [
+        write_log(tmp_path / f"{name}.csv", load, seed=seed)
+        for seed, (name, load) in enumerate({"empty": None, "loaded": LOAD}.items())
+    ]
+    problem = draft_problem(write_robot(tmp_path), logs[0], **PLAIN).problem()
+    found = weigh_load(problem, logs[1], link="flange")
+    assert found.verdict.word == "do not use"
+    (ground,) = [r for r in found.verdict.grounds if r.kind.startswith("centre of")]
+    assert "along x of the frame flange" in ground.statement  # it is vertical
+
+
+def test_a_stated_mass_is_kept_and_a_right_one_contradicts_nothing(problem, files):
+    found = weigh_load(problem, files["loaded"], link="flange", known_mass=2.0)
+    assert found.in_flange.body.mass == pytest.approx(2.0, rel=1e-6)
+    stated = weigh_load(problem, files["loaded"], link="flange", known_mass=LOAD.mass)
+    assert stated.in_flange.body.mass == pytest.approx(LOAD.mass, rel=1e-6)
+    kinds = {r.kind for r in stated.verdict.reasons}
+    assert "mass contradicts the scale" not in kinds
+
+
+@pytest.mark.parametrize(
+    ("scale", "kinds"), [(3.0, ()), (2.0, ("mass contradicts the scale",))]
+)
+def test_the_scale_s_mass_is_compared_with_that_of_the_torques(found, scale, kinds):
+    assert tuple(r.kind for r in _of_mass(found.payload, scale)) == kinds
+
+
+def test_a_mass_of_a_wide_interval_is_used_with_care(found):
+    covariance = found.payload.covariance.copy()
+    covariance[0, 0] = (0.2 * LOAD.mass) ** 2
+    (reason,) = _of_mass(replace(found.payload, covariance=covariance), None)
+    assert (reason.kind, reason.word) == ("mass is uncertain", "use with care")
+
+
+@pytest.mark.parametrize("name", ["a\nrm", "2nd", "", "a" * 33, "a-b"])
+def test_a_name_that_files_cannot_hold_is_refused(problem, files, name):
+    with pytest.raises(ModelError, match="name of the load is"):
+        weigh_load(problem, files["loaded"], name=name)
+
+
+def test_files_say_verdict_and_interval_of_the_mass(found):
+    assert "; use (accepted: nothing); mass 3" in found.for_controller.mark
 
 
 def test_a_known_mass_shows_and_corrects_gains_that_are_off(files, tmp_path):
@@ -217,7 +270,7 @@ def test_the_ur10e_s_known_mass_shows_that_the_authors_gains_are_off():
     found = weigh_load(problem, log, known_mass=2.805, **settings)
     assert found.corrected
     (ground,) = [r for r in found.verdict.grounds if r.kind == "gains are off"]
-    assert "5 of 6 joints" in ground.statement
+    assert "4 of 6 joints" in ground.statement
     assert found.in_flange.low[0] < 2.805 < found.in_flange.high[0]
     # Gains that were identified with the other loaded log, as payload.toml has them.
     other = np.array([11.86, 12.22, 10.04, 10.63, 10.37, 10.44])
