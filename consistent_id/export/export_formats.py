@@ -192,7 +192,7 @@ def exported(
         floating base, or if the estimate is refused and `allow_refused` is false.
     """
     known, options = _format(form), dict[str, Any]()
-    _require_exportable(estimate, known, allow_refused)
+    require_exportable(estimate, known.name, allow_refused=allow_refused)
     if source is not None:
         if not known.takes_source:
             taking = [f.content for f in EXPORT_FORMATS if f.takes_source]
@@ -232,7 +232,7 @@ def exporter(form: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
         def checked(*args: P.args, **options: P.kwargs) -> R:
             estimate: Any = args[0] if args else options["estimate"]
             refused = bool(options.get("allow_refused", False))
-            _require_exportable(estimate, _format(form), refused)
+            require_exportable(estimate, form, allow_refused=refused)
             return function(*args, **options)
 
         return checked
@@ -249,11 +249,17 @@ def _format(form: str) -> ExportFormat:
     return formats[form]
 
 
-def _require_exportable(
-    estimate: "Estimate", known: ExportFormat, allow_refused: bool
+def require_exportable(
+    estimate: "Estimate", form: str, *, allow_refused: bool = False
 ) -> None:
-    """Refuse bases that a format cannot express, and estimates not to be used."""
-    robot = estimate.model.robot
+    """Refuse bases that a format cannot express, and estimates not to be used.
+
+    Raises
+    ------
+    ProblemError
+        With the reason of the verdict, or the formats that have such a base.
+    """
+    known, robot = _format(form), estimate.model.robot
     if robot.floating and not known.floating:
         others = ", ".join(f.name for f in EXPORT_FORMATS if f.floating)
         raise ProblemError(

@@ -17,7 +17,7 @@ from consistent_id._support.arrays import Array, Vector, freeze
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.casadi_functions import Functions, to_c, to_casadi
-from consistent_id.export.export_formats import Export, exporter
+from consistent_id.export.export_formats import Export, require_exportable
 from consistent_id.export.smooth_friction import (
     FRICTION_VELOCITY,
     with_smooth_friction,
@@ -42,6 +42,8 @@ class ControlModel:
     estimate : Estimate
     friction_velocity : float or sequence of float, [rad/s or m/s]
         See `with_smooth_friction`.
+    allow_refused : bool
+        Whether the estimate may be used if its verdict is ``do not use``.
 
     Attributes
     ----------
@@ -55,11 +57,13 @@ class ControlModel:
 
     estimate: Estimate
     friction_velocity: float | Sequence[float] = FRICTION_VELOCITY
+    allow_refused: bool = False
     model: TorqueModel = field(init=False)
     parameters: Vector = field(init=False)
     left_out: tuple[str, ...] = field(init=False)
 
     def __post_init__(self) -> None:
+        require_exportable(self.estimate, "numpy", allow_refused=self.allow_refused)
         # Joints without a measured torque have a torque, too.
         every = replace(self.estimate.model, torque_joints=())
         smooth = with_smooth_friction(every, self.friction_velocity)
@@ -94,6 +98,9 @@ class ControlModel:
 
     def friction(self, dq: ArrayLike, q: ArrayLike | None = None) -> Array:
         """Return friction: smooth at rest, and at most what was identified.
+
+        Friction by load takes the load at rest; while the arm accelerates, the load's
+        part may be more than the friction there is.
 
         Parameters
         ----------
@@ -136,7 +143,9 @@ class ControlModel:
     def casadi(self) -> Functions:
         """Return the same torques as CasADi functions, by the same recursion."""
         return to_casadi(
-            self.estimate, friction_velocity=self.friction_velocity, allow_refused=True
+            self.estimate,
+            friction_velocity=self.friction_velocity,
+            allow_refused=self.allow_refused,
         )
 
     def c(self, *, name: str | None = None) -> Export:
@@ -151,7 +160,7 @@ class ControlModel:
             self.estimate,
             name=name,
             friction_velocity=self.friction_velocity,
-            allow_refused=True,
+            allow_refused=self.allow_refused,
         )
 
     @property
@@ -213,7 +222,6 @@ class ControlModel:
         ], shape
 
 
-@exporter("numpy")
 def control_model(
     estimate: Estimate,
     *,
@@ -236,4 +244,4 @@ def control_model(
     ProblemError
         If the estimate is refused, its base floats, or velocities are not positive.
     """
-    return ControlModel(estimate, friction_velocity)
+    return ControlModel(estimate, friction_velocity, allow_refused)

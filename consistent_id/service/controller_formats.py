@@ -32,6 +32,7 @@ from consistent_id.robot.model import FixedFrame
 from consistent_id.robot.parameters import did_you_mean
 
 _DIGITS = ".9g"
+_ROUNDED = 1e-9  # of the largest moment of inertia
 _MARK = "consistent-id: load of {name} in the frame {frame}, {state}"
 
 
@@ -147,6 +148,7 @@ def principal_inertia(inertia: Matrix) -> PrincipalInertia:
     if not np.any(inertia - np.diag(np.diag(inertia))):
         return PrincipalInertia(np.diag(inertia).copy(), np.eye(3))
     moments, axes = np.linalg.eigh(inertia)
+    moments[moments < _ROUNDED * moments.max()] = 0.0  # a rod's, by rounding
     best, least = PrincipalInertia(moments, axes), -np.inf
     for order in map(list, permutations(range(3))):
         for signs in product((1.0, -1.0), repeat=3):
@@ -244,6 +246,8 @@ def kuka_load_data(load: ControllerLoad) -> str:
         f"LOAD_DATA[1]={{M {_text(load.body.mass)},"
         f"CM {{X {x},Y {y},Z {z},A {a},B {b},C {c}}},"
         f"J {{X {jx},Y {jy},Z {jz}}}}}\n"
+        "; of tool 1: change the index; it stands for everything on the flange, so\n"
+        "; add what was there without the load\n"
     )
 
 
@@ -264,6 +268,7 @@ def abb_loaddata(load: ControllerLoad) -> str:
         f"! {load.mark}; here in the frame {_line(load.tool.name)}\n"
         f"PERS loaddata {load.name}:="
         f"[{_text(body.mass)},[{cog}],[{aom}],{rest}];\n"
+        "! a line for a module of the task; the tool's own load is not in it\n"
     )
 
 

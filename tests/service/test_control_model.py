@@ -3,6 +3,7 @@
 import ctypes
 import shutil
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -11,8 +12,9 @@ from estimates import EVERY_TERM, coupling, estimate_of, random_estimate
 from robots import random_robot, random_states
 
 from consistent_id import DriveTerms, ProblemError, TorqueModel
+from consistent_id.estimation.verdict import Reason, Verdict
 from consistent_id.regression import DriveTerm
-from consistent_id.service import control_model
+from consistent_id.service import ControlModel, control_model
 
 JOINTS = len(EVERY_TERM)
 COMPILER = shutil.which("cc")
@@ -249,3 +251,13 @@ def test_what_cannot_be_computed_is_refused():
     for wrong in (0.0, [0.1, 0.2], -1.0, np.inf):
         with pytest.raises(ProblemError, match="expected one positive number"):
             control_model(driven(), friction_velocity=wrong)
+
+
+def test_no_door_leads_around_the_verdict():
+    reason = Reason("misfit", "do not use", "it does not fit", "check units")
+    verdict = Verdict("do not use", "constrained", (reason,))
+    refused = replace(driven(), judged=verdict)
+    for door in (control_model, ControlModel):
+        with pytest.raises(ProblemError, match="it does not fit"):
+            door(refused)
+    assert control_model(refused, allow_refused=True).c().content

@@ -199,3 +199,12 @@ def test_an_unknown_controller_is_refused_with_the_nearest():
         controller_text(load(), "kukas")
     names = [form.file for form in CONTROLLER_FORMATS]
     assert len(set(names)) == len(names)
+
+
+def test_a_rod_has_no_negative_moment():
+    """Turned by 0.3 rad, rounding makes the moment about its axis -1e-18."""
+    c, s = np.cos(0.3), np.sin(0.3)
+    axes = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    moments, _ = principal_inertia(axes @ np.diag([0.0, 0.1, 0.1]) @ axes.T)
+    np.testing.assert_allclose(sorted(moments), [0.0, 0.1, 0.1], atol=1e-15)
+    assert moments.min() == 0.0
