@@ -187,9 +187,15 @@ def design_standing(
     if found.best.path is None and stopped:
         raise KeyboardInterrupt
     if found.best.path is None:
+        ended = ""
+        if cut_short:
+            ended = (
+                f"{2 * time_limit:g} s, twice the time limit, ended the search after "
+                f"{found.count} of {candidates} paths: "
+            )
         raise InfeasibleError(
-            f"none of {found.count} paths of the trunk keeps its limits; allow more "
-            "velocity or friction, "
+            f"{ended}none of {found.count} paths of the trunk keeps its limits; allow "
+            "more velocity or friction, "
             "choose a pose further from stretched legs, or a longer duration"
         )
     motion, path = _checked(stance, chosen, found.best.path)

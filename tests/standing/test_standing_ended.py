@@ -56,3 +56,16 @@ def test_an_ended_search_keeps_its_best_path(stance, number, stopped, said):
     assert 1 <= found.candidates <= 32 and found.checked.largest <= 1.0
     text = " ".join(standing_tables(found)[0].text().split())
     assert f"{said} ended the search" in text
+
+
+def test_without_a_path_the_message_says_that_time_ended_the_search(stance):
+    drive = ci.DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.02)
+    with pytest.raises(ci.InfeasibleError, match=r"0 s, twice the time limit, ended"):
+        design_standing(
+            stance,
+            ci.TorqueModel(stance.robot, drive),
+            StandingLimits(velocity=1e-3, effort=40.0),
+            duration=4.0,
+            candidates=1000,
+            time_limit=0.0,
+        )
