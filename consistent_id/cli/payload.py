@@ -16,7 +16,10 @@ from consistent_id.cli.options import (
 from consistent_id.cli.source import PROBLEM, STATED, opened, statement
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from consistent_id.problems.problem import Problem
+    from consistent_id.service.controller_formats import ControllerFormat
 
 _RECORD = "payload.json"
 _MORE = """PROBLEM is the robot without the load: a URDF or MJCF file followed by
@@ -136,6 +139,7 @@ def run_payload(options: argparse.Namespace) -> int:
         write_atomically,
         write_json,
     )
+    from consistent_id._support.tables import Table
     from consistent_id.service.controller_formats import CONTROLLER_FORMATS
     from consistent_id.service.weighing import weigh_load
 
@@ -169,7 +173,17 @@ def run_payload(options: argparse.Namespace) -> int:
         ]
 
     tables = found.tables()
+    kept = [form for form in CONTROLLER_FORMATS if not usable or form not in forms]
+    old = [] if options.output is None else _present(options.output, kept)
+    if old:
+        note = f"{options.output} has {', '.join(old)} of an earlier run: delete them"
+        tables.insert(1, Table("Not of this load", (), (), (note,)))
     return show(options, tables_answer(tables, record, usable=usable, write=write))
+
+
+def _present(folder: Path, forms: "Sequence[ControllerFormat]") -> list[str]:
+    """Return the names of forms' files that are in a folder already."""
+    return [form.file for form in forms if (folder / form.file).exists()]
 
 
 def robot_without_load(options: argparse.Namespace) -> "Problem":

@@ -230,6 +230,9 @@ def test_the_shell_writes_what_controllers_take(files, tmp_path, capsys):
     mass = record["frames"]["flange"]["m"]
     assert mass["low"] < LOAD.mass < mass["high"]
     assert record["verdict"] == "use" and record["consistent"]
+    assert main([*map(str, words), "--controller", "kuka"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "has payload.script, payload.xml of an earlier run: delete them" in said
     assert main([*map(str, words), "--json", "--dry-run"]) == 0
     assert json.loads(capsys.readouterr().out)["frames"] == record["frames"]
 
