@@ -17,6 +17,7 @@ from consistent_id.constraints.priors import nominal_distance
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
 from consistent_id.diagnosis.coverage import saturation_findings
 from consistent_id.diagnosis.explain import (
+    RUBS,
     SAMPLES,
     FittedLog,
     datasheet_constraints,
@@ -238,9 +239,12 @@ def _shifts(logs: Sequence[FittedLog]) -> list[LogFinding]:
 
 
 def _of_whole_robot(logs: Sequence[FittedLog]) -> list[LogFinding]:
-    """Test clock, gain, zeros and base beside nominal bodies, if these are known."""
-    model = logs[0].factors.model
-    if not _bodies_known(model):
+    """Test clock, gain, zeros and base beside nominal bodies, if these are known.
+
+    Logs that are nearly all friction do not take part.
+    """
+    model, logs = logs[0].factors.model, [log for log in logs if log.friction < RUBS]
+    if not logs or not _bodies_known(model):
         return []
     recordings, known = [log.recording for log in logs], _known(logs[0].constraints)
     return whole_robot_findings(FactorLogs.of(model, recordings, masses_known=known))

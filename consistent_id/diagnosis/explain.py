@@ -39,6 +39,9 @@ from consistent_id.regression.regressor import TorqueModel
 SAMPLES = 1500
 """Most samples that are used; more samples cost time and change no result."""
 
+RUBS = 0.9
+"""Share of friction above which the bodies distinguish no causes."""
+
 _SCREENED = 300  # samples on which corrections of the motion are tried first
 _MARGIN = 1.1  # factor by which so few samples may overstate a misfit
 _WHITE = 3.0  # times the white noise: filters lower it, edges of friction raise it
@@ -55,7 +58,6 @@ _UNUSUAL = 0.06  # of the torque: clean logs without noise leave 0.5 to 3 %
 # Share of friction that laws with constant coefficients miss: up to 0.15 in recordings
 # of a UR10e, because drives warm up and gears mesh.
 _OF_FRICTION = 0.15
-_RUBS = 0.9  # share of friction above which the bodies distinguish no causes
 _BAD = 0.3  # of the torque: misfit that makes any estimate useless
 _SHOWN = 3  # candidates that are mentioned
 _STRETCHES = 20  # parts of a log, whose misfits scatter
@@ -251,7 +253,7 @@ def explanations(
         includes the error of the friction model.
     """
     usual = max(_UNUSUAL, _WHITE * noise, _OF_FRICTION * as_is.friction)
-    if as_is.friction >= _RUBS and as_is.misfit <= usual:
+    if as_is.friction >= RUBS and as_is.misfit <= usual:
         candidates = ()
     factors = [c.factors.joined() for c in candidates]
     bounds = [least_within(R, ()) for R in factors]

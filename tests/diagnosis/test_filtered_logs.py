@@ -17,11 +17,11 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.diagnosis import diagnose
-from consistent_id.diagnosis.all_logs import corrected_shifts
+from consistent_id.diagnosis.all_logs import _of_whole_robot, corrected_shifts
 from consistent_id.diagnosis.alternatives import gravity_in
 from consistent_id.diagnosis.channel_factors import channel_factors
 from consistent_id.diagnosis.contact import joint_residuals
-from consistent_id.diagnosis.explain import datasheet_constraints, fitted_log
+from consistent_id.diagnosis.explain import RUBS, datasheet_constraints, fitted_log
 from consistent_id.diagnosis.factor_rows import FactorLogs, factors_of, least_misfit
 from consistent_id.diagnosis.linearise import LEAST, linearised
 from consistent_id.diagnosis.sample_rows import SampleRows
@@ -181,3 +181,15 @@ def test_a_log_that_no_robot_explains_is_still_called_so_behind_a_filter():
     swing = np.sin(2 * np.pi * 0.43 * log.time + np.arange(3)[:, None]).T
     spoilt = replace(log, torque=log.torque + log.torque.std(axis=0) * swing)
     assert "model does not explain" in _kinds(model, spoilt, 1.0)
+
+
+@pytest.mark.parametrize(("times", "named"), [(0.5, True), (20.0, False)])
+def test_bodies_that_friction_hides_show_no_wrong_clock(times, named):
+    model, log = _run()
+    truth = _truth(model)
+    truth[10 * len(model.robot) :] *= times
+    log = simulate_torque(model, truth, replace(log, torque=None))
+    rates = {"velocity": log.velocity / 2, "acceleration": log.acceleration / 4}
+    as_is = _fitted(model, low_passed(replace(log, **rates), torque_cutoff=5.0))
+    assert (as_is.friction < RUBS) == named
+    assert [f.kind for f in _of_whole_robot([as_is])] == ["clock"] * named
