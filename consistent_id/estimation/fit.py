@@ -17,6 +17,7 @@ from consistent_id._support.arrays import (
     Vector,
     freeze_arrays,
 )
+from consistent_id._support.brief import brief
 from consistent_id.estimation.body_slopes import slopes_on
 from consistent_id.estimation.prior_share import (
     guessed_share,
@@ -35,6 +36,7 @@ _PER_JOINT = tuple(
 )
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
     """The errors of an estimate on its training data.

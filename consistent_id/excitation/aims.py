@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Vector, checked, freeze, frozen, number
+from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
 from consistent_id.excitation.criteria import Objective, Scaling
 from consistent_id.motion.limits import MotionLimits
@@ -27,6 +28,7 @@ _FASTER = 10.0  # most times as fast as usual
 _MOST = 24  # harmonics; beyond it, the base frequency is raised
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class PathForm:
     """The family of Fourier paths to choose from.
@@ -97,6 +99,7 @@ class PathForm:
         return np.asarray(every[new & (np.diff(every, prepend=0.0) > _COMMON * every)])
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Aim:
     """The objective of a design, and properties of the recording.

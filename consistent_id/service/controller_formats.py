@@ -26,6 +26,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import FixedFrame
@@ -36,6 +37,7 @@ _ROUNDED = 1e-9  # of the largest moment of inertia
 _MARK = "consistent-id: load of {name} in the frame {frame}, {state}"
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ControllerLoad:
     """A load to send to a controller.
