@@ -118,6 +118,7 @@ def test_an_interrupt_ends_with_130_and_leaves_nothing_half_written(
     capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_help_does_not_load_solvers():
     code = (
         "import sys; from consistent_id.cli.tool import tool_parser;"
@@ -128,6 +129,7 @@ def test_help_does_not_load_solvers():
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "most"),
     [
@@ -157,6 +159,7 @@ def test_every_error_of_the_package_has_one_root():
     assert all(issubclass(error, ConsistentIdError) for error in errors)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "form", some_fast(["mjcf", "urdf", "json", "pin", "numpy", "casadi", "c"])
 )
@@ -184,6 +187,7 @@ def test_what_is_exported_is_what_identify_delivers(tmp_path, capsys):
         assert link["mass"] == delivered[f"{link['name']}.m"]["value"]
 
 
+@pytest.mark.slow
 def test_a_source_is_for_formats_that_have_one(rx60_estimate, capsys):
     arguments = ["--format", "c", "--output", "x", "--estimate", str(rx60_estimate)]
     assert main(["export", RX60, *arguments, "--source", "robot.urdf"]) == 2

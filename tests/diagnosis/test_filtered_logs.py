@@ -103,12 +103,14 @@ def _kinds(model, log, cutoff):
     return {f.kind for f in found.suspicious}
 
 
+@pytest.mark.slow
 def test_a_clean_log_is_not_called_unexplained_for_its_filter():
     model, log = _run()
     assert _fitted(model, of_samples(low_passed(log, torque_cutoff=1.0))).misfit > 0.06
     assert not _kinds(model, log, 1.0)
 
 
+@pytest.mark.slow
 def test_a_log_that_no_robot_explains_is_still_called_so_behind_a_filter():
     model, log = _run()
     swing = np.sin(2 * np.pi * 0.43 * log.time + np.arange(3)[:, None]).T

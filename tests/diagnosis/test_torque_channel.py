@@ -174,6 +174,7 @@ def _swung_once(factor):
     return diagnose(model, replace(log, torque=factor * (log.torque + noise))).findings
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("factor", "kind", "severity"),
     [(0.5, "torque gain", "warning"), (1e3, "torque unit", "fault")],

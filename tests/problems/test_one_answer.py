@@ -207,6 +207,7 @@ def test_a_bad_estimate_that_claims_to_know_all_data_is_refused(kuka, capsys):
     assert {"misfit", "held-out error"} <= kinds
 
 
+@pytest.mark.slow
 def test_recordings_that_it_was_fitted_to_are_not_held_out(tmp_path):
     study = Study(load_problem("problems/rx60"))
     (first,), (second,) = fitted_spans(study.training), fitted_spans(study.validation)

@@ -205,6 +205,7 @@ def test_the_command_answers_in_text_json_and_sarif(linted, tmp_path, capsys):
     assert main(["lint", str(path), "--quiet"]) == 1
 
 
+@pytest.mark.slow
 def test_the_command_imports_what_it_needs_and_not_the_estimators(linted, tmp_path):
     linted()
     code = (

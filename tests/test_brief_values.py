@@ -60,6 +60,7 @@ def shown():
     return [part for value in values for part in parts(value, 2)]
 
 
+@pytest.mark.slow
 def test_values_show_themselves_in_thirty_lines(shown):
     assert len(shown) > 50
     for value in shown:
@@ -67,6 +68,7 @@ def test_values_show_themselves_in_thirty_lines(shown):
         assert len(repr(value)) < 15_000, type(value)
 
 
+@pytest.mark.slow
 def test_a_table_of_fields_names_shapes_and_lengths(shown):
     (regression, *_) = [v for v in shown if type(v).__name__ == "Regression"]
     table = regression._repr_html_()
