@@ -183,9 +183,11 @@ class PredictedAccuracy:
         errors = self.standard_errors()
         names, leaders = self.base.names, self.base.independent
         shown = self.interest or range(len(names))
+        unknown = len(names) - len(shown)
         others = (
-            f"for the parameters of interest, with {len(names) - len(shown)} other "
-            f"unknown parameters",
+            f"for the parameters of interest, with {unknown} other unknown parameters"
+            if unknown
+            else "for the parameters of interest, all others being known",
         )
         return Table(
             "Predicted standard errors, one repetition",

@@ -132,6 +132,36 @@ def base_parameters(
     return replace(exact, near=tuple(sentences))
 
 
+def base_of_some(
+    model: RowModel, named: Sequence[int], *, seed: int = 0
+) -> BaseParameters:
+    """Find the base parameters of some parameters, all others being known.
+
+    Those of a load, for one, that a second log adds to a robot that is identified.
+
+    Parameters
+    ----------
+    model : TorqueModel or SensorRows
+    named : sequence of int
+        The unknown parameters.  The others count as dependent, without effect.
+    seed : int
+    """
+    kinds, order = model.layout.kinds, np.array(sorted(named), dtype=int)
+    columns = random_rows(model, seed=seed).stacked()[:, order]
+    found = split_at_gap(columns, [kinds[i] for i in order]).split
+    independent, among, own = _in_places(found, order)
+    others = [i for i in range(len(kinds)) if i not in independent]
+    regrouping = np.zeros((len(independent), len(others)))
+    regrouping[:, [others.index(i) for i in among]] = own
+    return BaseParameters(
+        model.layout,
+        independent,
+        tuple(others),
+        regrouping,
+        fingerprint=model.fingerprint,
+    )
+
+
 def _in_places(split: ColumnSplit, order: Array) -> ColumnSplit:
     """Return the split of columns that were taken in an order, by their own places."""
     independent, dependent = (

@@ -62,9 +62,9 @@ class LoadQuantities:
         )
 
     def table(self) -> Table:
-        """Return the quantities with their intervals."""
+        """Return the quantities with their intervals; "-" where not identifiable."""
         rows = tuple(
-            (name, f"{value:.4g}", f"{low:.4g}", f"{high:.4g}", unit)
+            (name, *_shown(value, low, high), unit)
             for name, value, low, high, unit in zip(
                 QUANTITIES, self.values, self.low, self.high, UNITS, strict=True
             )
@@ -107,6 +107,12 @@ def load_quantities(payload: Payload, frame: FixedFrame) -> LoadQuantities:
     centre = np.nan_to_num(centre)
     body = InertialParameters(change @ payload.body.vector)
     return LoadQuantities(frame.name, body, centre - half, centre + half)
+
+
+def _shown(value: float, low: float, high: float) -> tuple[str, ...]:
+    if not np.isfinite(high - low):
+        return ("-",) * 3
+    return f"{value:.4g}", f"{low:.4g}", f"{high:.4g}"
 
 
 def inertia_is_open(payload: Payload) -> bool:

@@ -236,8 +236,19 @@ def test_the_shell_writes_what_controllers_take(files, tmp_path, capsys):
     assert main([*map(str, words), "--controller", "kuka"]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "has payload.script, payload.xml of an earlier run: delete them" in said
+    again = json.loads((out / "payload.json").read_text())
+    assert again["files_of_earlier_runs"] == ["payload.script", "payload.xml"]
     assert main([*map(str, words), "--json", "--dry-run"]) == 0
     assert json.loads(capsys.readouterr().out)["frames"] == record["frames"]
+    (out / "load_data.dat").write_text("; consistent-id: mine\n")
+    assert main([*map(str, words), "--controller", "kuka"]) == 2  # an edited file
+
+
+@pytest.mark.parametrize("name", ["2nd", "record"])
+def test_the_shell_refuses_a_name_before_it_reads_logs(tmp_path, capsys, name):
+    words = ["payload", "no.urdf", "no.csv", "--loaded", "no.csv", "--name", name]
+    assert main([*words, "--output", str(tmp_path / "out")]) == 2
+    assert f"name of the load is {name!r}" in capsys.readouterr().err
 
 
 def test_the_shell_writes_nothing_of_a_load_that_is_not_seen(files, tmp_path, capsys):
