@@ -8,6 +8,7 @@ are on the boundary of the cone.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import Literal
 
 import numpy as np
@@ -138,6 +139,13 @@ class FixedMasses:
 
     masses: Mapping[str, float] | None = None
 
+    def __post_init__(self) -> None:
+        for link, mass in (self.masses or {}).items():
+            if not (isfinite(mass) and mass >= 0.0):
+                raise ProblemError(
+                    f"fixed mass of {link}: {mass:g} kg, expected zero or more"
+                )
+
     def lower(self, model: TorqueModel) -> ConicSet:
         """Return ``m_k = value``."""
         masses = self.masses
@@ -167,6 +175,10 @@ class MassBounds:
             if not low <= high:
                 raise ProblemError(
                     f"mass bounds of {link}: {low:g} kg is not below {high:g} kg"
+                )
+            if high < 0.0:
+                raise ProblemError(
+                    f"mass bounds of {link}: at most {high:g} kg, which no body has"
                 )
             row = unit_row(model.layout, f"{link}.m")
             rows += [-row, row]

@@ -103,7 +103,11 @@ def test_wrong_usage_ends_with_2(capsys):
     with pytest.raises(SystemExit) as ended:
         main(["frobnicate"])
     assert ended.value.code == 2
-    capsys.readouterr()
+    assert "'frobnicate'; --help lists the commands" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as ended:
+        main(["identifi", "robot.urdf"])
+    assert ended.value.code == 2
+    assert "did you mean identify?" in capsys.readouterr().err
 
 
 def test_an_interrupt_ends_with_130_and_leaves_nothing_half_written(
