@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+from schemas import parsed
 from some_fast import some_fast
 
 from consistent_id import ConsistentIdError, Estimate, Study, load_problem
@@ -65,7 +66,7 @@ def test_info_shows_the_robot_and_its_base_parameters(capsys):
 @pytest.mark.slow
 def test_identify_writes_estimates_that_can_be_read_back(tmp_path, capsys):
     assert main(["identify", RX60, "--json", "--output", str(tmp_path)]) == 0
-    printed = json.loads(capsys.readouterr().out)["estimates"]
+    printed = parsed(capsys.readouterr().out)["estimates"]
     assert "constrained" in [e["method"] for e in printed]
     from consistent_id.regression import base_parameters
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from faulty_logs import DRIVE, logs
 from logged import write_arm
+from schemas import parsed
 
 import consistent_id as ci
 from consistent_id import TorqueModel
@@ -98,6 +99,7 @@ def test_the_shell_checks_a_log_without_a_problem_file(tmp_path, capsys, sign, c
     out = capsys.readouterr().out
     assert ("torque sign" in out and "elbow" in out) == (code == 1)
     assert main([*arguments, "--json"]) == code
+    parsed(capsys.readouterr().out)
 
 
 @pytest.mark.slow

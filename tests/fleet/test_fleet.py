@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from excited import arm
 from fleet_folders import FILE, write_robots
+from schemas import parsed
 from scipy.optimize import lsq_linear
 
 import consistent_id as ci
@@ -262,7 +263,7 @@ def test_the_shell_names_the_robot_that_carries_something(folders, tmp_path, cap
     pattern = str(folders / "robot*" / "problem.toml")
     code = main(["fleet", pattern, "--output", str(tmp_path), "--json"])
     printed = capsys.readouterr()
-    record = json.loads(printed.out)
+    record = parsed(printed.out)
     assert "0/5 problem files" in printed.err and "0/5 robots" in printed.err
     assert record["outliers"] == ["robot2"] and code in (0, 1)
     assert sorted(record["robots"]) == [f"robot{k}" for k in range(5)]

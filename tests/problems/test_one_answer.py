@@ -9,6 +9,7 @@ from shutil import copytree
 import numpy as np
 import pytest
 from logged import write_arm
+from schemas import parsed
 
 from consistent_id import Estimate, Recording, compare, load_problem
 from consistent_id.cli import main
@@ -82,7 +83,7 @@ def said(capsys, *arguments):
     """Return what a command prints as JSON, and its exit code."""
     capsys.readouterr()
     code = main([*map(str, arguments), "--json", "--quiet"])
-    return json.loads(capsys.readouterr().out), code
+    return parsed(capsys.readouterr().out, "answer-1"), code
 
 
 # A study of these takes several seconds: at two doors, which are others for each.

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from carrying import FLANGE, LOAD, write_log, write_robot
+from schemas import parsed
 
 from consistent_id import ModelError, ProblemError, draft_problem, load_problem
 from consistent_id.cli import main
@@ -267,7 +268,7 @@ def test_a_folder_of_results_stands_for_the_robot(files, tmp_path, capsys):
     capsys.readouterr()
     loaded = ["--loaded", str(files["loaded"]), "--link", "flange", "--json"]
     assert main(["payload", str(out), *loaded]) == 0
-    mass = json.loads(capsys.readouterr().out)["frames"]["flange"]["m"]
+    mass = parsed(capsys.readouterr().out)["frames"]["flange"]["m"]
     assert mass["low"] < LOAD.mass < mass["high"]
 
 
