@@ -21,6 +21,7 @@ from consistent_id.constraints.robot_size import robot_size
 from consistent_id.errors import ProblemError, SolverError
 from consistent_id.estimation.body_slopes import Slopes
 from consistent_id.estimation.estimate import Estimate, torque_errors
+from consistent_id.estimation.fit import usual_efforts
 from consistent_id.estimation.judgement import Evidence, judge
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.torque_error import (
@@ -64,6 +65,8 @@ class EstimateReport:
     crossed : Slopes, optional
         Of joints whose torque is not that of the nominal bodies; see
         `confirmed_slopes`.
+    usual_efforts : Vector, optional
+        Of the training recordings; see `usual_efforts`.
     """
 
     estimate: Estimate
@@ -76,6 +79,7 @@ class EstimateReport:
     findings: tuple[LogFinding, ...] = ()
     consistency: ConsistencyTest | None = None
     crossed: Slopes | None = None
+    usual_efforts: Vector | None = None
 
     @property
     def possible_links(self) -> tuple[bool, ...]:
@@ -112,6 +116,7 @@ class EstimateReport:
             loose_trunk=own.loose_trunk,
             size=robot_size(own.model, own.parameters),
             crossed=self.crossed,
+            usual_efforts=self.usual_efforts,
         )
 
     @property
@@ -272,6 +277,7 @@ def compare(
         [torque_errors(estimates, recording) for recording in recordings]
         for recordings in (training, validation)
     )
+    efforts = usual_efforts(model, training)
     reports = [
         EstimateReport(
             estimate=estimate,
@@ -297,6 +303,7 @@ def compare(
             ),
             findings=tuple(findings),
             crossed=crossed,
+            usual_efforts=efforts,
         )
         for i, estimate in enumerate(estimates)
     ]

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from consistent_id._support.arrays import Vector
 from consistent_id._support.brief import brief
 from consistent_id.constraints.cones.certificate import OptimumVerdict
 from consistent_id.constraints.links import LinkCondition
@@ -99,6 +100,9 @@ class Evidence:
     crossed : Slopes, optional
         Of doubtful joints, on bodies that the other joints determine; see
         `confirmed_slopes`.
+    usual_efforts : Vector, optional
+        Torque that 99 % of the samples do not exceed, over each joint's effort limit;
+        see `usual_efforts`.
     loose_trunk : tuple of str
         Mass and first moments of a floating base's body of which the data determine at
         most sums with other bodies; see `Estimate.loose_trunk`.
@@ -119,6 +123,7 @@ class Evidence:
     loose_trunk: tuple[str, ...] = ()
     size: RobotSize | None = None
     crossed: Slopes | None = None
+    usual_efforts: Vector | None = None
 
 
 def judge(evidence: Evidence) -> Verdict:
@@ -305,7 +310,19 @@ def _of_channel(evidence: Evidence) -> Iterator[Reason]:
     fit = evidence.fit
     if fit is None:
         return
-    beyond = where(fit.efforts > EFFORT_CARE)
+    exceeds, usual = fit.efforts > EFFORT_CARE, evidence.usual_efforts
+    if usual is not None:
+        few = where(exceeds & (usual <= EFFORT_CARE))
+        exceeds = exceeds & (usual > EFFORT_CARE)
+        if few:
+            said = ", ".join(f"{fit.joints[j]} {fit.efforts[j]:.2g} times" for j in few)
+            yield Reason(
+                "effort limit",
+                "use",
+                f"peaks of torque exceed the model's effort limit: {said}; 99 % of the "
+                "samples do not",
+            )
+    beyond = where(exceeds)
     if beyond:
         said = ", ".join(f"{fit.joints[j]} {fit.efforts[j]:.2g} times" for j in beyond)
         statement = f"torque exceeds the model's effort limit: {said}"

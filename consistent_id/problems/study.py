@@ -345,6 +345,7 @@ class Study:
             compare(
                 [own],
                 unseen or self.validation,
+                training=self.training,
                 findings=self._findings_for(estimate),
                 regression=self.regression,
                 crossed=self.crossed,

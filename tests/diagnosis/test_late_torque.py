@@ -97,6 +97,7 @@ def test_a_wrong_velocity_of_friction_is_no_clock(velocity_scale):
     model = replace(known_arm.arm(), drive=DRIVE)
     found = diagnose(model, _slow_log(model, velocity_scale))
     assert found.of("clock") == ()
+    assert found.of("masses or gain") == ()
     assert found.faults == ()
 
 
