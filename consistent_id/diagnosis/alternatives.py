@@ -25,7 +25,7 @@ from consistent_id.diagnosis.corrections import Cause
 from consistent_id.diagnosis.explain import LOAD, Candidate, FittedLog, Screen
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.diagnosis.linearise import RANK
-from consistent_id.diagnosis.log_rows import LogRows
+from consistent_id.diagnosis.sample_rows import SampleRows
 from consistent_id.diagnosis.torque_causes import late_torque, lost_signs, missing_parts
 from consistent_id.diagnosis.torque_channel import (
     TorqueParts,
@@ -327,7 +327,7 @@ def gravity_in(model: TorqueModel, recording: Recording) -> Vector:
     The torque is linear in it: three unknowns, beside friction and the inertial torque
     of each joint.
     """
-    robot, log = model.robot, LogRows.of(model, recording)
+    robot, log = model.robot, SampleRows.of(model, recording)
     bodies = reference_bodies(robot).ravel()
     rows = model.torque_joints
     turned = (

@@ -15,7 +15,7 @@ from consistent_id._support.arrays import BoolArray, IntArray, Matrix, Vector
 from consistent_id.diagnosis.channel_factors import channel_factors
 from consistent_id.diagnosis.corrections import Cause
 from consistent_id.diagnosis.explain import Candidate, FittedLog
-from consistent_id.diagnosis.log_rows import LogRows
+from consistent_id.diagnosis.sample_rows import SampleRows
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import speed_share
 from consistent_id.recordings.signals.filtered_rows import counting
@@ -136,7 +136,7 @@ def joint_residuals(as_is: FittedLog, rows: BoolArray) -> list[JointResidual]:
     The lag is computed from the whole log.
     """
     model = as_is.factors.model
-    log = LogRows.of(model, as_is.recording)
+    log = SampleRows.of(model, as_is.recording)
     Y = log.regressor()
     torque = np.einsum("jps,p->js", Y, as_is.fit.parameters)
     friction = log.frictions(log.along.predicted(model, as_is.fit.parameters).T)

@@ -13,7 +13,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.diagnosis.alternatives import last_links
 from consistent_id.diagnosis.linearise import Jackknife, jackknife
-from consistent_id.diagnosis.log_rows import LogRows, of_own_row
+from consistent_id.diagnosis.sample_rows import SampleRows, of_own_row
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.regression.correlated_noise import correlation_lengths
@@ -208,7 +208,7 @@ class _Rows:
 
     Parameters
     ----------
-    log : LogRows
+    log : SampleRows
     columns : ndarray, shape (torque joints, columns, samples)
         The model's, then rotor inertias and friction that it may lack.
     at_rest : ndarray, shape (torque joints, inertial, samples)
@@ -216,14 +216,14 @@ class _Rows:
     torque : ndarray, shape (torque joints, samples)
     """
 
-    log: LogRows
+    log: SampleRows
     columns: Array
     at_rest: Array
     torque: Matrix
 
     @classmethod
     def of(cls, model: TorqueModel, log: Recording) -> "_Rows":
-        rows = LogRows.of(model, log)
+        rows = SampleRows.of(model, log)
         rotors = rows.filtered(rows.change[:, None])
         own = np.concatenate([rotors, rows.frictions(rows.smooth_torque())], axis=1)
         columns = np.concatenate([rows.regressor(), of_own_row(own)], axis=1)
@@ -241,9 +241,10 @@ class _Rows:
         bodies = np.zeros(len(layout))
         bodies[:inertial] = x[:inertial]
         moving = self.columns[:, :inertial] - self.at_rest
+        moved = [f.joint for f in factors if f.kind == "offset zero"]
         zeros = np.zeros((0, 0, 0))
-        if any(factor.kind == "offset zero" for factor in factors):
-            zeros = self.log.slopes_by_position(bodies)
+        if moved:
+            zeros = self.log.slopes_by_position(bodies, moved)
         found = []
         for factor in factors:
             if factor.kind == "clock":
@@ -251,14 +252,14 @@ class _Rows:
             elif factor.kind == "masses or gain":
                 part = np.einsum("jps,p->js", self.columns, x)
             elif factor.kind == "offset zero":
-                part = zeros[:, factor.joint]
+                part = zeros[:, moved.index(factor.joint)]
             else:
                 part = _by_gravity(self.log.at_rest, bodies, factor.axis)
             found.append(part)
         return np.stack(found, axis=1)
 
 
-def _by_gravity(rows: LogRows, bodies: Vector, axis: Sequence[float]) -> Matrix:
+def _by_gravity(rows: SampleRows, bodies: Vector, axis: Sequence[float]) -> Matrix:
     """Return the slope of the torque over the angle by which the base leans."""
     ahead, behind = (
         replace(rows, model=leaning(rows.model, axis, step)).predicted(bodies)

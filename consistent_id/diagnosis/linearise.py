@@ -20,7 +20,7 @@ from itertools import accumulate
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
-from consistent_id.diagnosis.log_rows import LogRows, of_own_row
+from consistent_id.diagnosis.sample_rows import SampleRows, of_own_row
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.filters import zero_phase
@@ -218,7 +218,7 @@ def linearised(
 ) -> Linearised:
     """Return how the torque changes with zero offsets, gains and lag.
 
-    Rows are filtered like the torque (`LogRows`).  Columns and torque pass one more
+    Rows are filtered like the torque (`SampleRows`).  Columns and torque pass one more
     low-pass filter, which removes noise and the edges of friction.
 
     Parameters
@@ -229,7 +229,7 @@ def linearised(
         With velocity, acceleration and torque.
     """
     recording = recording.of(model.robot.joint_names)
-    rate, rows_of_log = recording.rate, LogRows.of(model, recording)
+    rate, rows_of_log = recording.rate, SampleRows.of(model, recording)
     columns, torque = rows_of_log.regressor(), rows_of_log.torque
     predicted = np.einsum("jps,p->js", columns, x)
     lag = -np.gradient(predicted, 1.0 / rate, axis=1)
@@ -237,7 +237,8 @@ def linearised(
     shapes = rows_of_log.frictions(along)
     known = [columns[:, list(base.independent)], of_own_row(shapes)]
     late = of_own_row(np.gradient(shapes, axis=2))
-    unknown = [late, lag[:, None], rows_of_log.slopes_by_position(x)]
+    slopes = rows_of_log.slopes_by_position(x, range(len(model.robot)))
+    unknown = [late, lag[:, None], slopes]
     gains = of_own_row(predicted[:, None])
     rows = np.concatenate([*known, *unknown, gains, torque[:, None]], axis=1)
     cutoff = _BAND * _bandwidth(rows_of_log.motion.dq, rate)

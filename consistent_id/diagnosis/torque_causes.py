@@ -17,7 +17,7 @@ from itertools import combinations
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
 from consistent_id.diagnosis.channel_factors import (
     ChannelFactors,
     channel_factors,
@@ -25,7 +25,7 @@ from consistent_id.diagnosis.channel_factors import (
 )
 from consistent_id.diagnosis.corrections import Cause
 from consistent_id.diagnosis.explain import Candidate, FittedLog
-from consistent_id.diagnosis.log_rows import LogRows
+from consistent_id.diagnosis.sample_rows import SampleRows
 from consistent_id.diagnosis.torque_channel import nominal_parts
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.filtered_rows import altered
@@ -38,6 +38,7 @@ _OF_DRIFT = 2.0
 _SHARE = 0.5  # least share of the squared residual that a missing part explains
 _BOTH = 0.25  # the same, in each of two coupled joints
 _MATTERS = 0.1  # of the largest squared residual: smaller ones are skipped
+_RANK = 1e-6  # of the largest singular value of unit columns
 _CREEP = 0.02  # rad/s or m/s, of the smooth Coulomb term
 
 
@@ -77,12 +78,12 @@ class Residual:
 
 def residuals(log: FittedLog) -> list[Residual]:
     """Return the residual of each joint's row in least squares of its own."""
-    rows = LogRows.of(log.factors.model, log.recording)
+    rows = SampleRows.of(log.factors.model, log.recording)
     found = []
     for row, tau in zip(rows.regressor(), rows.torque, strict=True):
         columns = row[list(log.factors.base.independent)].T
         U, s, _ = np.linalg.svd(_unit(columns), full_matrices=False)
-        spanned = U[:, s > 1e-6 * s.max(initial=0.0)]
+        spanned = U[:, s > _RANK * s.max(initial=0.0)]
         rest = tau - spanned @ (spanned.T @ tau)
         found.append(Residual(spanned, rest, max(float(np.linalg.norm(tau)), 1e-300)))
     return found
@@ -108,7 +109,7 @@ def _of_one_joint(
     as_is: FittedLog, left: list[Residual], matter: list[int]
 ) -> Iterator[Candidate]:
     names = as_is.factors.model.torque_joints
-    log = LogRows.of(as_is.factors.model, as_is.recording)
+    log = SampleRows.of(as_is.factors.model, as_is.recording)
     lapse = np.linspace(-1.0, 1.0, len(log.along.q))[:, None]
     for j in matter:
         q = log.place[j]
@@ -148,7 +149,7 @@ def _of_pairs(
     as_is: FittedLog, left: list[Residual], matter: list[int]
 ) -> Iterator[Candidate]:
     names = as_is.factors.model.torque_joints
-    log = LogRows.of(as_is.factors.model, as_is.recording)
+    log = SampleRows.of(as_is.factors.model, as_is.recording)
     for i, j in combinations(matter, 2):
         both = np.tanh((log.speed[i] + log.speed[j]) / _CREEP)[:, None]
         seen = {k: log.motion.through(both, k) for k in (i, j)}
@@ -196,17 +197,19 @@ def lost_signs(as_is: FittedLog) -> Iterator[Candidate]:
     if as_is.misfit < _EXPLAINED:
         return
     model, log = as_is.factors.model, as_is.recording
-    rows = LogRows.of(model, log)
+    rows = SampleRows.of(model, log)
     logged = rows.along.torque  # before the filter, which a lost sign goes through
     size, smooth = abs(logged), rows.torque.T
     bare = smooth.min(axis=0) >= -_BELOW * abs(smooth).max(axis=0)
     if not bare.any():
         return
-    expected = sum(nominal_parts(rows))
+    expected, torque = sum(nominal_parts(rows)), logged
     for _ in range(_PASSES):
-        torque = np.where(bare, np.copysign(size, expected), logged)
+        before, torque = torque, np.where(bare, np.copysign(size, expected), logged)
         signed = _with_torque(log, model.torque_joints, torque)
-        expected = _explained(as_is.factors, LogRows.of(model, signed))
+        if (torque == before).all():
+            break
+        expected = _explained(as_is.factors, SampleRows.of(model, signed), bare)
     share = np.mean(torque * logged < 0.0, axis=0)
     turned = share > _TURNS
     if not turned.any():
@@ -229,20 +232,25 @@ def lost_signs(as_is: FittedLog) -> Iterator[Candidate]:
     yield Candidate(cause, factors, as_is.constraints)
 
 
-def _explained(factors: ChannelFactors, rows: LogRows) -> Matrix:
-    """Return the torque of each joint's own least squares, before the filter.
+def _explained(factors: ChannelFactors, rows: SampleRows, joints: BoolArray) -> Matrix:
+    """Return the torque of some joints' own least squares, before the filter.
+
+    Parameters
+    ----------
+    joints : ndarray of bool, shape (torque joints,)
 
     Returns
     -------
     ndarray, shape (samples of `along`, torque joints)
+        Zero for the other joints.
     """
-    model, kept = rows.model, list(factors.base.independent)
-    explained = []
-    for j, (row, tau) in enumerate(zip(rows.regressor(), rows.torque, strict=True)):
+    model, kept, Y = rows.model, list(factors.base.independent), rows.regressor()
+    explained = np.zeros(rows.along.torque.shape)
+    for j in np.flatnonzero(joints):
         x = np.zeros(len(model.layout))
-        x[kept] = smallest_solution(row[kept].T, tau, 1e-6)
-        explained.append(rows.along.predicted(model, x)[:, j])
-    return np.column_stack(explained)
+        x[kept] = smallest_solution(Y[j, kept].T, rows.torque[j], _RANK)
+        explained[:, j] = rows.along.predicted(model, x)[:, j]
+    return explained
 
 
 def _with_torque(log: Recording, joints: Sequence[str], torque: Matrix) -> Recording:
@@ -271,7 +279,7 @@ def late_torque(as_is: FittedLog) -> Iterator[Candidate]:
     if as_is.misfit < _EXPLAINED:
         return
     log, model, base = as_is.recording, as_is.factors.model, as_is.factors.base
-    rows = LogRows.of(model, log)
+    rows = SampleRows.of(model, log)
     Y, torque = rows.regressor()[:, list(base.independent)], rows.torque.T
     tried: list[tuple[float, float, float]] = []
     for constant in (0.0, *_CONSTANTS):

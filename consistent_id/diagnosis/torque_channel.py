@@ -22,7 +22,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
 from consistent_id.diagnosis.findings import LogFinding, Severity
 from consistent_id.diagnosis.linearise import Fitted, jackknife
-from consistent_id.diagnosis.log_rows import LogRows
+from consistent_id.diagnosis.sample_rows import SampleRows
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.drive.laws import RotorInertia, Spring
 from consistent_id.regression.drive.term import DriveTerm
@@ -77,7 +77,7 @@ class TorqueParts:
 
 def torque_parts(model: TorqueModel, prepared: Recording) -> TorqueParts:
     """Regress a prepared log's torque on the parts of the nominal model."""
-    log = LogRows.of(model, prepared)
+    log = SampleRows.of(model, prepared)
     parts = np.stack(nominal_parts(log), axis=-1)  # (samples, joints, parts)
     parts = log.filtered(parts.transpose(1, 2, 0)).transpose(0, 2, 1)
     rubbing = log.filtered(friction_shapes(log)).transpose(0, 2, 1)
@@ -98,8 +98,8 @@ def torque_parts(model: TorqueModel, prepared: Recording) -> TorqueParts:
     return TorqueParts(model.torque_joints, *map(np.array, zip(*rows, strict=True)))
 
 
-def nominal_parts(log: LogRows) -> tuple[Matrix, Matrix]:
-    """Return gravity and inertial torque of the nominal robot along `LogRows.along`.
+def nominal_parts(log: SampleRows) -> tuple[Matrix, Matrix]:
+    """Return gravity and inertial torque of the nominal robot along `SampleRows.along`.
 
     Returns
     -------
@@ -114,10 +114,10 @@ def nominal_parts(log: LogRows) -> tuple[Matrix, Matrix]:
     return gravity, whole - gravity
 
 
-def friction_shapes(log: LogRows) -> Array:
+def friction_shapes(log: SampleRows) -> Array:
     """Return viscous and Coulomb friction and an offset, (torque joints, 3, samples).
 
-    Along `LogRows.along`, not filtered.
+    Along `SampleRows.along`, not filtered.
     """
     speed = log.speed
     return np.stack([speed, np.tanh(speed / _CREEP), np.ones_like(speed)], axis=1)

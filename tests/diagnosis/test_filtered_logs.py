@@ -24,7 +24,7 @@ from consistent_id.diagnosis.contact import joint_residuals
 from consistent_id.diagnosis.explain import datasheet_constraints, fitted_log
 from consistent_id.diagnosis.factor_rows import FactorLogs, factors_of, least_misfit
 from consistent_id.diagnosis.linearise import LEAST, linearised
-from consistent_id.diagnosis.log_rows import LogRows
+from consistent_id.diagnosis.sample_rows import SampleRows
 from consistent_id.diagnosis.torque_causes import lost_signs, residuals
 from consistent_id.diagnosis.torque_channel import torque_parts
 from consistent_id.regression.base import base_parameters
@@ -89,7 +89,7 @@ def test_rows_filtered_like_the_torque_explain_a_log_without_noise(cutoff):
 def test_what_a_diagnosis_compares_with_a_filtered_torque_leaves_nothing(cutoff):
     model, log = _run()
     smooth, base = low_passed(log, torque_cutoff=cutoff), base_parameters(model)
-    rows = LogRows.of(model, smooth)
+    rows = SampleRows.of(model, smooth)
     assert np.array_equal(rows.motion.q, smooth.position)
     missed = rows.torque - rows.predicted(_truth(model))
     assert abs(missed).max() < 1e-9 * abs(rows.torque).max()

@@ -16,7 +16,7 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.diagnosis import diagnose
-from consistent_id.diagnosis.log_rows import LogRows
+from consistent_id.diagnosis.sample_rows import SampleRows
 from consistent_id.diagnosis.torque_channel import (
     channel_findings,
     nominal_parts,
@@ -50,7 +50,7 @@ def _parts(rng=None):
     motion = Recording(model.robot.joint_names, time, q, dq, ddq)
     bodies = np.asarray(model.robot.nominal)
     whole = simulate_torque(model, np.append(bodies, np.tile(FRICTION, 4)), motion)
-    gravity, inertial = nominal_parts(LogRows.of(model, whole))
+    gravity, inertial = nominal_parts(SampleRows.of(model, whole))
     return model, motion, gravity, inertial, whole.torque - gravity - inertial
 
 
@@ -98,7 +98,7 @@ def test_a_spring_of_the_model_is_no_slope_of_gravity():
     drives = [DriveTerms(terms=DRIVE.terms, spring=joint == 1) for joint in range(4)]
     sprung = TorqueModel(model.robot, drives)
     motion = replace(motion, position=0.2 * motion.position)  # gravity is near linear
-    rows = LogRows.of(model, replace(motion, torque=gravity))
+    rows = SampleRows.of(model, replace(motion, torque=gravity))
     gravity, inertial = nominal_parts(rows)
     spring = motion.position * [0.0, 15.0, 0.0, 0.0]
     log = replace(motion, torque=gravity + inertial + friction + spring)

@@ -6,6 +6,7 @@ filter, and passes the same filter: ``F Y x = F tau`` holds exactly for a log wi
 noise.  Torque and motion are changed before the filter, too (`altered`).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -21,7 +22,7 @@ _SPEEDS = (0.01, 0.05, 0.25)  # shares of top speed at which friction changes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LogRows:
+class SampleRows:
     """Rows at the samples of a log.
 
     Parameters
@@ -36,7 +37,7 @@ class LogRows:
     motion: Motion
 
     @classmethod
-    def of(cls, model: TorqueModel, recording: Recording) -> "LogRows":
+    def of(cls, model: TorqueModel, recording: Recording) -> "SampleRows":
         """Return the rows of a prepared recording.
 
         Raises
@@ -77,7 +78,7 @@ class LogRows:
         return [names.index(name) for name in self.model.torque_joints]
 
     @property
-    def at_rest(self) -> "LogRows":
+    def at_rest(self) -> "SampleRows":
         """The rows of the same positions without motion."""
         still, rows = np.zeros_like(self.motion.dq), self.motion.filtered
         rest = self.motion._replace(dq=still, ddq=still)
@@ -127,18 +128,32 @@ class LogRows:
         """
         return self.filtered(frictions(self.speed, torque))
 
-    def slopes_by_position(self, x: Vector) -> Array:
-        """Return slopes of the torque over positions, (torque joints, joints, samples).
+    def slopes_by_position(self, x: Vector, joints: Sequence[int]) -> Array:
+        """Return slopes of the torque over positions of some joints.
 
         By finite differences.
+
+        Parameters
+        ----------
+        x : ndarray, shape (parameters,)
+        joints : sequence of int
+
+        Returns
+        -------
+        ndarray, shape (torque joints, joints given, samples)
         """
-        along, slopes = self.along, []
-        for step in _STEP * np.eye(along.q.shape[1]):
-            ahead, behind = (
-                self.model.predict(x, q, along.dq, along.ddq)
-                for q in (along.q + step, along.q - step)
-            )
-            slopes.append((ahead - behind).T / (2 * _STEP))
+        model, (q, dq, ddq), slopes = self.model, self.along[:3], []
+        bodies, drives = np.split(x, [model.layout.inertial_size])
+
+        def torque(moved: Array) -> Array:
+            if drives.any():
+                return model.predict(x, moved, dq, ddq)
+            return model.rigid_torque(bodies, (moved, dq, ddq))
+
+        for joint in joints:
+            step = _STEP * (np.arange(q.shape[1]) == joint)
+            change = torque(q + step) - torque(q - step)
+            slopes.append(change.T / (2 * _STEP))
         return self.filtered(np.stack(slopes, axis=1))
 
 
