@@ -109,6 +109,11 @@ class Payload:
     @property
     def condition(self) -> str:
         """The assumption behind the standard errors."""
+        if self.robot.bare.robot.floating and not self.gain_errors.any():
+            return (
+                "the wrist sensor is assumed to be calibrated, with one bias in all "
+                "logs"
+            )
         if not self.gain_errors.any():
             return (
                 "gains that convert currents to torque are assumed to be exact; if "

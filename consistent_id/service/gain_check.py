@@ -159,7 +159,8 @@ def check_gains(
     Raises
     ------
     ProblemError
-        See `weigh_load`; also if the torques come from commands and PD gains.
+        See `weigh_load`; also if the torques come from commands and PD gains, or
+        there is a wrist sensor in place of torques.
     ModelError
         See `weigh_load`.
     NotExcitedError, RecordingError, SolverError
@@ -185,7 +186,12 @@ def check_gains(
 
 
 def _require_currents(problem: Problem) -> None:
-    """Refuse torques that are computed from the joints' commands."""
+    """Refuse wrist sensors, and torques that are computed from joints' commands."""
+    if problem.arm is not None:
+        raise ProblemError(
+            f"problem {problem.name!r} is of a wrist sensor, which measures forces: "
+            "there are no gains of currents"
+        )
     data = problem.table.data
     if data is not None and data.gains is not None:
         raise ProblemError(

@@ -19,6 +19,7 @@ from consistent_id.estimation.uncertainties.parameter_scatter import NORMAL
 from consistent_id.estimation.verdict import Reason, Verdict, percent, weighed
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording
+from consistent_id.regression.torque_along import measured_torque
 from consistent_id.robot.model import Datasheet, FixedFrame, Link
 from consistent_id.service.controller_formats import ControllerLoad, require_load_name
 from consistent_id.service.gain_check import gains_off
@@ -138,11 +139,19 @@ class WeighedLoad:
             robot.load,
             self.in_flange.body,
             self.flange,
-            robot.bare.robot.link_names[robot.carrier],
+            self._link,
             tool,
             self.inertia_open,
             self._evidence,
         )
+
+    @property
+    def _link(self) -> str:
+        """Name of the moving link that carries the load, or of a wrist sensor."""
+        robot = self.payload.robot
+        if robot.bare.robot.floating:
+            return self.flange.name
+        return robot.bare.robot.link_names[robot.carrier]
 
     @property
     def _evidence(self) -> str:
@@ -187,7 +196,7 @@ class WeighedLoad:
             "format": FORMAT,
             "load": payload.robot.load,
             **self.verdict.to_dict(),
-            "link": payload.robot.bare.robot.link_names[payload.robot.carrier],
+            "link": self._link,
             "frames": {
                 quantities.frame: quantities.to_dict()
                 for quantities in (self.in_flange, self.in_tool)
@@ -218,8 +227,9 @@ def weigh_load(
 ) -> WeighedLoad:
     """Estimate what a robot carries, from a log with the load and those without.
 
-    Logs with the load are read and prepared as the problem's own training recordings,
-    which are without it: the same columns, units, filters and delays.
+    Logs with the load are read and prepared as the problem's own recordings, which are
+    without it: the same columns, units, filters and delays.  Torques, currents or the
+    forces of a wrist sensor show the load.
 
     Parameters
     ----------
@@ -327,9 +337,11 @@ def _estimated(
 
     if known_mass is None:
         return of(logs, load, gain_errors)
+    of_scale = replace(load, datasheet=Datasheet(mass=known_mass))
+    if problem.arm is not None:  # forces are measured, without gains
+        return of(logs, of_scale, gain_errors)
     known = {f"{load.name}.m": known_mass}
     gains = identify_gains(model, *logs, known=known, load=load, carrier=carrier)
-    of_scale = replace(load, datasheet=Datasheet(mass=known_mass))
     stated = problem.table.data is not None and problem.table.data.gains is not None
     change = gains_off(gains) & np.array(gains.identified)
     if gains.scale_open or stated or not change.any():
@@ -346,8 +358,7 @@ def _residual(payload: Payload, logs: Sequence[Recording]) -> float:
     """Return the error of the loaded torques over the torques, all joints."""
     error, size = 0.0, 0.0
     for log in logs:
-        joints = payload.robot.bare.torque_joints
-        torque = np.asarray(log.of(joints).torque)
+        torque = measured_torque(payload.robot.bare, log)
         error += float(np.sum((payload.predict(log) - torque) ** 2))
         size += float(np.sum(torque**2))
     return float(np.sqrt(error / size)) if size > 0.0 else np.inf

@@ -181,6 +181,8 @@ def test_the_shell_and_the_problem_file_name_parameters_of_interest(tmp_path, ca
     assert ["for", "*.viscous, link1"] in plan[0]["rows"]
     assert main([*call, "--others", "known", "--dry-run"]) == 0
     assert "others" in capsys.readouterr().out
+    assert main(["rehearse", str(file), "--others", "known"]) == 2
+    assert "a load on a known robot" in capsys.readouterr().err
     assert main([*call, "--start-pose", "joint1=0.25", "--dry-run"]) == 0
     assert "joint1 = 0.25" in capsys.readouterr().out
     assert main([*call, "--interest", "joint9.viscous", "--dry-run"]) != 0
