@@ -47,6 +47,7 @@ from consistent_id.estimation.uncertainties.parameter_uncertainty import (
     uncertainty,
 )
 from consistent_id.estimation.verdict import Verdict, confirmed
+from consistent_id.problems.drawn_robot import drawn_parts
 from consistent_id.problems.log_check import check_problem
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.problem_estimates import (
@@ -75,6 +76,7 @@ from consistent_id.regression.segments import (
     merged,
     segment_sources,
 )
+from consistent_id.robot.drawn_parts import DrawnParts
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,6 +229,11 @@ class Study:
         """Slopes of doubtful joints' torque on bodies that other joints determine."""
         return confirmed_slopes(self._candidate, self.training)
 
+    @cached_property
+    def drawn(self) -> DrawnParts:
+        """Shapes of links and nominal drives, of the robot's file."""
+        return drawn_parts(self.problem)
+
     @property
     def _candidate(self) -> Estimate:
         """The recommended estimate, not judged yet."""
@@ -347,6 +354,7 @@ class Study:
                 findings=self._findings_for(estimate),
                 regression=self.regression,
                 crossed=self.crossed,
+                drawn=self.drawn,
             )
             .reports[0]
             .verdict
@@ -454,6 +462,7 @@ class Study:
             findings=self._unweighed,
             regression=self.regression,
             crossed=self.crossed,
+            drawn=self.drawn,
         )
         best = self.recommendation.method
         reports = (
