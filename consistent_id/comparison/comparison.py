@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.tables import Table
 from consistent_id.comparison.feasibility import (
@@ -43,6 +44,7 @@ from consistent_id.robot.scaling import reference_bodies
 _UNCONSTRAINED = (Method.LEAST_SQUARES, Method.WEIGHTED_LEAST_SQUARES, Method.HUBER)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class EstimateReport:
     """All evidence on one estimate.
@@ -152,6 +154,7 @@ class EstimateReport:
         return stacked_error(self.validation)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
     """Reports on several estimates of one robot, in the order given.

@@ -18,6 +18,7 @@ from consistent_id._support.arrays import (
     Vector,
     freeze_arrays,
 )
+from consistent_id._support.brief import brief
 from consistent_id.estimation.body_slopes import slopes_on
 from consistent_id.estimation.prior_share import (
     guessed_share,
@@ -39,6 +40,7 @@ _PER_JOINT = tuple(
 _USUAL = 0.99  # quantile of the torque that is held against effort limits
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
     """The errors of an estimate on its training data.

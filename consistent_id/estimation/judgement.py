@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Vector
+from consistent_id._support.brief import brief
 from consistent_id.constraints.cones.certificate import OptimumVerdict
 from consistent_id.constraints.links import LinkCondition
 from consistent_id.constraints.robot_size import RobotSize
@@ -69,6 +70,7 @@ INERTIA_REFUSED = 2.0
 EXTENT_CARE = 3.0
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
     """The evidence for a verdict; unknown parts are None or empty.

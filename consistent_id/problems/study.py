@@ -8,6 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from consistent_id._support.brief import brief
 from consistent_id._support.progress import stages
 from consistent_id.comparison.comparison import Comparison, EstimateReport, compare
 from consistent_id.comparison.constraint_prices import (
@@ -79,6 +80,7 @@ from consistent_id.regression.segments import (
 from consistent_id.robot.drawn_parts import DrawnParts
 
 
+@brief
 @dataclass(frozen=True, eq=False)
 class Study:
     """The study of a problem: each part is computed once, when first needed.

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
+from consistent_id._support.brief import brief
 from consistent_id._support.tables import Table
 from consistent_id.comparison.speed_trend import (
     TrendAt,
@@ -84,6 +85,7 @@ class FormLoss(NamedTuple):
         return Table(title, (), (), notes)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ProblemRollout:
     """A replay of a problem's commands, with the verdict on the replayed estimate.

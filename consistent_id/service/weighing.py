@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.tables import Table
-from consistent_id.errors import ProblemError
+from consistent_id.errors import ModelError, ProblemError
 from consistent_id.estimation.determination import KNOWN
 from consistent_id.estimation.gains import DriveGains, identify_gains
 from consistent_id.estimation.judgement import MISFIT_CARE, MISFIT_REFUSED
@@ -48,6 +49,7 @@ NEVER_SENT = (
 """Kinds of reasons with which a controller gets nothing, accepted or not."""
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class WeighedLoad:
     """A load, its frames, and whether its estimate may be sent to a controller.
@@ -209,7 +211,7 @@ def weigh_load(
     omit: Sequence[int] = (),
     link: str | None = None,
     tool: str | Sequence[float] | None = None,
-    name: str = "load",
+    name: str = "payload",
     known_mass: float | None = None,
     gain_errors: float | Sequence[float] = 0.0,
     accepted: Sequence[str] = (),
@@ -238,7 +240,7 @@ def weigh_load(
         The tool's frame: a fixed frame of the same link, or ``x, y, z`` [m] and
         optionally ``roll, pitch, yaw`` [rad] in the frame of `link`.
     name : str
-        Of the load.
+        Of the load; none of the robot's links has it.
     known_mass : float, optional, [kg]
         If the load was weighed on a scale.  The load then has this mass, and the mass
         that the torques show is compared with it.  The gains that convert currents to
@@ -254,13 +256,18 @@ def weigh_load(
         If the problem has no recordings or a base that floats, if a frame is on another
         link, or if `rows` or `known_mass` make no sense.
     ModelError
-        If there is no such link or frame.
+        If there is no such link or frame, or the load has a link's name.
     RecordingError, InfeasibleError, NotExcitedError, SolverError
         See `identify_payload`.
     """
     require_load_name(name)
     require_arm(problem, known_mass)
     robot = problem.model.robot
+    if name in robot.link_names:
+        raise ModelError(
+            f"name of the load is {name!r}, which is a link of {robot.name!r}; choose "
+            "another name"
+        )
     flange = flange_of(problem, link)
     placed = tool_of(robot, flange, tool)
     runs = LoadedRuns(problem, loaded_files(loaded, rows), rows, tuple(omit))

@@ -16,6 +16,7 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.diagnosis import diagnose
+from consistent_id.diagnosis.sample_rows import SampleRows
 from consistent_id.diagnosis.torque_channel import (
     channel_findings,
     nominal_parts,
@@ -49,7 +50,7 @@ def _parts(rng=None):
     motion = Recording(model.robot.joint_names, time, q, dq, ddq)
     bodies = np.asarray(model.robot.nominal)
     whole = simulate_torque(model, np.append(bodies, np.tile(FRICTION, 4)), motion)
-    gravity, inertial = nominal_parts(model, replace(motion, torque=whole.torque))
+    gravity, inertial = nominal_parts(SampleRows.of(model, whole))
     return model, motion, gravity, inertial, whole.torque - gravity - inertial
 
 
@@ -97,7 +98,8 @@ def test_a_spring_of_the_model_is_no_slope_of_gravity():
     drives = [DriveTerms(terms=DRIVE.terms, spring=joint == 1) for joint in range(4)]
     sprung = TorqueModel(model.robot, drives)
     motion = replace(motion, position=0.2 * motion.position)  # gravity is near linear
-    gravity, inertial = nominal_parts(model, replace(motion, torque=gravity))
+    rows = SampleRows.of(model, replace(motion, torque=gravity))
+    gravity, inertial = nominal_parts(rows)
     spring = motion.position * [0.0, 15.0, 0.0, 0.0]
     log = replace(motion, torque=gravity + inertial + friction + spring)
     np.testing.assert_allclose(torque_parts(sprung, log).gravity[1:], 1.0, atol=1e-6)
@@ -195,6 +197,7 @@ def test_a_short_validation_recording_is_judged_by_what_it_tests():
     assert "the bodies are hardly identifiable" in fitted.statement
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("factor", "kind", "severity"),
     [(0.5, "torque gain", "warning"), (1e3, "torque unit", "fault")],

@@ -14,6 +14,7 @@ from consistent_id.problems.log_check import check_problem
 from tests.problems.test_drafts_of_commands import GAINS, commanded_logs
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late", some_fast([6, 0]))
 def test_late_commands_are_to_be_given_their_delay(tmp_path, late):
     urdf, (log,) = commanded_logs(tmp_path, 1.0)

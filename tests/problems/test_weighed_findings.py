@@ -50,6 +50,7 @@ def severities(found, kind):
     return {f.severity for f in found if f.kind == kind}
 
 
+@pytest.mark.slow
 def test_one_outlier_among_noise_is_a_note(tmp_path):
     one = study(tmp_path, outlier(25.0, TRAINED))
     assert severities(one.diagnosis.findings, "outliers") == {"warning"}
@@ -69,12 +70,14 @@ def test_one_outlier_among_noise_is_a_note(tmp_path):
         assert ("outliers" in grounds) == doubted
 
 
+@pytest.mark.slow
 def test_outliers_that_change_the_estimate_stay_a_warning(tmp_path):
     three = study(tmp_path, outlier(400.0, TRAINED, 900, 1200))
     assert severities(three.findings, "outliers") == {"warning"}
     assert "outliers" in [r.kind for r in three.verdict.grounds]
 
 
+@pytest.mark.slow
 def test_coarse_torque_of_a_joint_whose_friction_no_other_shows_stays(tmp_path):
     coarse = study(tmp_path, steps(ELBOW, 1.0))
     assert severities(coarse.diagnosis.findings, "torque resolution") == {"warning"}
@@ -96,6 +99,7 @@ def test_coarse_positions_are_weighed_by_other_rounding_errors(tmp_path):
     assert "warning" in severities(quiet.findings, "encoder resolution")
 
 
+@pytest.mark.slow
 def test_an_outlier_in_the_validation_part_is_a_note_where_the_fit_can_take_it(
     tmp_path,
 ):
@@ -106,6 +110,7 @@ def test_an_outlier_in_the_validation_part_is_a_note_where_the_fit_can_take_it(
     assert "with this recording" in note.statement
 
 
+@pytest.mark.slow
 def test_a_fault_is_never_weighed(tmp_path):
     def reverse(table):
         table[:, ELBOW] *= -1.0
