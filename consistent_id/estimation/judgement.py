@@ -17,6 +17,7 @@ from consistent_id.constraints.cones.certificate import OptimumVerdict
 from consistent_id.constraints.links import LinkCondition
 from consistent_id.constraints.robot_size import RobotSize
 from consistent_id.estimation.body_slopes import Slopes
+from consistent_id.estimation.drive_ratios import DriveRatios, drive_reasons
 from consistent_id.estimation.fit import Fit
 from consistent_id.estimation.slope_reasons import (
     EFFORT_CARE,
@@ -103,6 +104,8 @@ class Evidence:
     usual_efforts : Vector, optional
         Torque that 99 % of the samples do not exceed, over each joint's effort limit;
         see `usual_efforts`.
+    drives : DriveRatios, optional
+        Friction and rotor inertia over those of the robot's file.
     loose_trunk : tuple of str
         Mass and first moments of a floating base's body of which the data determine at
         most sums with other bodies; see `Estimate.loose_trunk`.
@@ -124,6 +127,7 @@ class Evidence:
     size: RobotSize | None = None
     crossed: Slopes | None = None
     usual_efforts: Vector | None = None
+    drives: DriveRatios | None = None
 
 
 def judge(evidence: Evidence) -> Verdict:
@@ -306,6 +310,12 @@ def _of_size(evidence: Evidence) -> Iterator[Reason]:
             )
 
 
+def _of_drives(evidence: Evidence) -> Iterator[Reason]:
+    """Hold friction and rotor inertia against those of the robot's file."""
+    if evidence.drives is not None:
+        yield from drive_reasons(evidence.drives)
+
+
 def _of_channel(evidence: Evidence) -> Iterator[Reason]:
     fit = evidence.fit
     if fit is None:
@@ -478,6 +488,7 @@ RULES: tuple[Rule, ...] = (
     _of_held_out,
     _of_bodies,
     _of_size,
+    _of_drives,
     _of_channel,
     _of_optimum,
     _of_noise,

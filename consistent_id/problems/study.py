@@ -48,6 +48,7 @@ from consistent_id.estimation.uncertainties.parameter_uncertainty import (
     uncertainty,
 )
 from consistent_id.estimation.verdict import Verdict, confirmed
+from consistent_id.problems.drawn_robot import drawn_parts
 from consistent_id.problems.log_check import check_problem
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.problem_estimates import (
@@ -76,6 +77,7 @@ from consistent_id.regression.segments import (
     merged,
     segment_sources,
 )
+from consistent_id.robot.drawn_parts import DrawnParts
 
 
 @brief
@@ -229,6 +231,11 @@ class Study:
         """Slopes of doubtful joints' torque on bodies that other joints determine."""
         return confirmed_slopes(self._candidate, self.training)
 
+    @cached_property
+    def drawn(self) -> DrawnParts:
+        """Shapes of links and nominal drives, of the robot's file."""
+        return drawn_parts(self.problem)
+
     @property
     def _candidate(self) -> Estimate:
         """The recommended estimate, not judged yet."""
@@ -349,6 +356,7 @@ class Study:
                 findings=self._findings_for(estimate),
                 regression=self.regression,
                 crossed=self.crossed,
+                drawn=self.drawn,
             )
             .reports[0]
             .verdict
@@ -456,6 +464,7 @@ class Study:
             findings=self._unweighed,
             regression=self.regression,
             crossed=self.crossed,
+            drawn=self.drawn,
         )
         best = self.recommendation.method
         reports = (
