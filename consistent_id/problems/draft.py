@@ -258,7 +258,7 @@ DRIVE_COMMENTS = {
 
 _GAINS_COMMENTS = {
     "data.gains": "GUESS: the delay [s] with which the torque fits best, at most\n"
-    "one sample; consistent-id rollout --choose finds a better one.",
+    "one sample; consistent-id rollout finds a better one.",
     "data.gains.delay": "",
 }
 

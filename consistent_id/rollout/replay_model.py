@@ -73,6 +73,7 @@ def replay_model(
     *,
     locked: Mapping[str, float] | None = None,
     period: float = STEP,
+    step: float = STEP,
 ) -> ReplayModel:
     """Return a model for replaying the robot's commands.
 
@@ -84,6 +85,8 @@ def replay_model(
         Positions of other joints of a file; zero where none is given.
     period : float, [s]
         Of the commands; the time step is a whole fraction of it.
+    step : float, [s]
+        The longest time step.
 
     Raises
     ------
@@ -91,7 +94,7 @@ def replay_model(
         If MuJoCo is not installed or refuses the robot, or a joint is not in it.
     """
     name = robot.method if isinstance(robot, Estimate) else Path(robot).name
-    spec = replay_spec(robot, joints, gains, locked=locked, period=period)
+    spec = replay_spec(robot, joints, gains, locked=locked, period=period, step=step)
     return compiled_model(spec, name, joints, gains)
 
 
@@ -102,6 +105,7 @@ def replay_spec(
     *,
     locked: Mapping[str, float] | None = None,
     period: float = STEP,
+    step: float = STEP,
 ) -> Any:
     """Return the specification (``mujoco.MjSpec``) that `replay_model` compiles."""
     mujoco = require_mujoco()
@@ -114,7 +118,7 @@ def replay_spec(
     _strip(spec)
     _hold(spec, joints, {} if locked is None else locked, name, mujoco)
     _drive(spec, joints, gains.of(len(joints)), mujoco)
-    spec.option.timestep = period / np.ceil(period / STEP * (1.0 - 1e-9))
+    spec.option.timestep = period / np.ceil(period / step * (1.0 - 1e-9))
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     flags = mujoco.mjtDisableBit
     spec.option.disableflags |= flags.mjDSBL_CONTACT | flags.mjDSBL_LIMIT

@@ -30,7 +30,9 @@ DOORS = {
     "export": lambda problem, out: [
         *("--format", "json", "--output", f"{out}/robot.json", "--dry-run")
     ],
-    "rollout": lambda problem, out: ["--dry-run"] if problem.gains else None,
+    "rollout": lambda problem, out: (
+        ["--dry-run", "--stated"] if problem.gains else None
+    ),
 }
 
 
