@@ -31,6 +31,7 @@ _COMMANDS = {
     "fleet": "identify robots of one type together, and name outliers",
     "payload": "weigh what a robot carries, and write it as controllers take it",
     "gains": "identify gains between currents and torque by a load of known mass",
+    "servo": "identify hobby servos from position, goal and duty, without torque",
     "completion": "print a script for tab completion",
 }
 _EPILOG = """examples:
@@ -51,6 +52,7 @@ _EPILOG = """examples:
   consistent-id fleet 'logs/*/problem.toml' --output results/fleet
   consistent-id payload robot.urdf empty.csv --loaded carrying.csv --link tool0
   consistent-id gains problems/ur10e --loaded carrying.csv --known-mass 2.805
+  consistent-id servo arm.urdf a.csv b.csv --validate c.csv
 
 consistent-id COMMAND --help has more. Exit codes: 0 done, 1 do not use (the
 estimate, or a faulty log), 2 wrong usage or input, 3 solver failure or out of time,
