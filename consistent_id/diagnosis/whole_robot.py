@@ -14,6 +14,8 @@ each joint gets a rotor inertia and friction that the model may lack.
 
 The error of ``f`` joins two: that of the likelihood, and the scatter when one of twenty
 segments is left out (`Jackknife`), which contains what the model does not explain.
+Noise is in both, so the error is too large where nothing else is wrong: under white
+noise 1.6 times for the zero of a joint (`benchmarks/coverage_bodies.py`).
 Some robots' bodies are worse known than the widths say.  That shows when ``f`` is taken
 out of the log: the sum of squares then exceeds that without the nominal bodies by more
 than one for each base parameter, and all widths are multiplied by the root of that
@@ -232,7 +234,7 @@ def factor_findings(
             severity,
             best.factor.where,
             f"bodies like the nominal ones explain the log much better {causes} "
-            "(standard errors); without that, bodies would be "
+            "(standard errors, rather too large); without that, bodies would be "
             f"{_WITHOUT[best.factor.kind]}",
             _ADVICE[best.factor.kind],
             min(best.ratio / _gate(best.factor), abs(best.size) / best.factor.least),
