@@ -43,6 +43,7 @@ def build_scene(
     bodies: Iterable[Body],
     *,
     clearance: float = 0.0,
+    relax: bool = True,
     extra: Mapping[str, float] | None = None,
     allowed: Sequence[tuple[str, str]] = (),
     connected: Connected = lambda first, second: True,
@@ -64,6 +65,10 @@ def build_scene(
         Bodies of the robot, with a frame, and obstacles, without one.
     clearance : float, [m]
         Least distance of any two bodies.
+    relax : bool
+        Whether two bodies of the robot that are nearer at most random poses only must
+        not touch.  Without, only those that are nearer at all of them: the distance was
+        stated, and motion has to be found that keeps it.
     extra : mapping of str to float, optional, [m]
         Additional distance of a body, or of all bodies of a link, from all others: of a
         tool, for instance.
@@ -95,7 +100,7 @@ def build_scene(
             pairs.append(Pair(i, j, clearance + extra_of[i] + extra_of[j]))
     adjacent = _adjacent(robot, bodies, connected)
     scene = Scene(robot, bodies, tuple(pairs), tuple(notes), adjacent=adjacent)
-    return _sifted(scene, random_poses(robot, poses, seed)) if pairs else scene
+    return _sifted(scene, random_poses(robot, poses, seed), relax) if pairs else scene
 
 
 def scene_from_urdf(
@@ -108,6 +113,7 @@ def scene_from_urdf(
     ground: float | None = None,
     added: Iterable[Body] = (),
     clearance: float = 0.0,
+    relax: bool = True,
     extra: Mapping[str, float] | None = None,
     allowed: Sequence[tuple[str, str]] = (),
     readable_only: bool = False,
@@ -182,6 +188,7 @@ def scene_from_urdf(
             robot,
             [*floor, *added, *bodies, *others],
             clearance=clearance,
+            relax=relax,
             extra=extra,
             allowed=allowed,
             connected=connected,
@@ -251,7 +258,7 @@ def _adjacent(robot: RobotModel, bodies: tuple[Body, ...], connected: Connected)
     )
 
 
-def _sifted(scene: Scene, q: ArrayLike) -> Scene:
+def _sifted(scene: Scene, q: ArrayLike, relax: bool) -> Scene:
     """Leave out pairs that nearly always touch; relax those that are always near."""
     largest = max(pair.wanted for pair in scene.pairs)
     near = nearest(scene, q, within=largest)
@@ -271,7 +278,8 @@ def _sifted(scene: Scene, q: ArrayLike) -> Scene:
                 notes.append(PairNote(*names, False, seen))
                 continue
         near_by = int(np.count_nonzero(distance < pair.wanted))
-        usual = len(distance) - 1 if obstacle else _USUALLY * len(distance)
+        strict = obstacle or not relax
+        usual = len(distance) - 1 if strict else _USUALLY * len(distance)
         if near_by > usual and pair.wanted > 0.0:
             seen = (
                 f"nearer than {pair.wanted * 1e3:.1f} mm at {near_by} of "
@@ -282,7 +290,7 @@ def _sifted(scene: Scene, q: ArrayLike) -> Scene:
         pairs.append(pair)
         kept.append(k)
     sifted = replace(scene, pairs=tuple(pairs), notes=tuple(notes))
-    return _with_room(sifted, near.distance[:, kept])
+    return _with_room(sifted, near.distance[:, kept]) if relax else sifted
 
 
 def _with_room(scene: Scene, distance: Array) -> Scene:
