@@ -261,7 +261,7 @@ def _adjacent(robot: RobotModel, bodies: tuple[Body, ...], connected: Connected)
 def _sifted(scene: Scene, q: ArrayLike, relax: bool) -> Scene:
     """Leave out pairs that nearly always touch; relax those that are always near."""
     largest = max(pair.wanted for pair in scene.pairs)
-    near = nearest(scene, q, within=largest)
+    near = nearest(scene, q, within=largest + _ROOM)
     pairs, kept, notes = [], [], list(scene.notes)
     for k, pair in enumerate(scene.pairs):
         names, distance = scene.names(pair), near.distance[:, k]
@@ -277,12 +277,17 @@ def _sifted(scene: Scene, q: ArrayLike, relax: bool) -> Scene:
             if not obstacle:
                 notes.append(PairNote(*names, False, seen))
                 continue
-        near_by = int(np.count_nonzero(distance < pair.wanted))
-        strict = obstacle or not relax
+        stated = not relax and not obstacle
+        least = pair.wanted + (_ROOM if stated else 0.0)
+        near_by = int(np.count_nonzero(distance < least))
+        strict = obstacle or stated
         usual = len(distance) - 1 if strict else _USUALLY * len(distance)
         if near_by > usual and pair.wanted > 0.0:
             seen = (
-                f"nearer than {pair.wanted * 1e3:.1f} mm at {near_by} of "
+                f"no random pose keeps them {pair.wanted * 1e3:.1f} mm apart, with "
+                "room to move"
+                if stated
+                else f"nearer than {pair.wanted * 1e3:.1f} mm at {near_by} of "
                 f"{len(distance)} random poses"
             )
             notes.append(PairNote(*names, True, f"{seen}; so they only must not touch"))
