@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from consistent_id._support.brief import brief
 from consistent_id._support.tables import Table
 from consistent_id.comparison.speed_trend import (
     TrendAt,
@@ -69,6 +70,7 @@ class FormLoss(NamedTuple):
         return Table(title, (), (), notes)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ProblemRollout:
     """A replay of a problem's commands, with the verdict on the replayed estimate.

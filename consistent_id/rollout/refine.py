@@ -16,6 +16,7 @@ from time import perf_counter
 import numpy as np
 
 from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded, worker_threads
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.constraints.cones.certificate import Certificate
@@ -124,6 +125,7 @@ class Replays:
         return RolloutErrors(self.errors(x, delay), by_parameter)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Refined:
     """An estimate refined by rollout.

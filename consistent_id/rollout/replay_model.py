@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import IntArray, Vector
+from consistent_id._support.brief import brief
 from consistent_id.errors import ModelError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.mjcf_bodies import require_mujoco, spec_tree
@@ -43,6 +44,7 @@ stiffness is added to its damping, at 1 ms a few per cent of it.
 """
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayModel:
     """A compiled model whose controls are the drives' torque at rest in zero.
