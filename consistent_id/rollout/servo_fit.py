@@ -62,11 +62,12 @@ WINDOW = 1.0
 """Length of a window [s]: a joint that wrongly rests is wrong for so long."""
 
 _POPULATION = 28
-_GENERATIONS = 60  # over windows
+_GENERATIONS = 110  # over windows
 _POLISHING = 16  # over windows and whole logs
 _AGAIN = 10  # without one log
 _WIDE, _NARROW = 0.25, 0.04  # first widths of the search, of the box
 _WARM = 5.0  # K: least difference of temperature from which its effect is fitted
+_WIDEST = 0.3  # of the box: width of a search
 _WIDER = 3.0  # times its last width, the search without a log begins
 _MIDDLE = {"zero": 0.5, "heat": 0.5}  # where the search begins, in the box
 _BLOCKS = 3  # parts in time of a single log
@@ -446,7 +447,9 @@ def _fitted(
     spread = np.array(parts)
     scatter = (count - 1) / count * ((spread - spread.mean(axis=0)) ** 2).sum(axis=0)
     factor = float(stdtrit(count - 1, 0.975))
-    half = factor * np.sqrt(scatter) * (high - low)
+    # The search is part of the scatter: the fit to all logs is not the mean of parts.
+    apart = best - spread.mean(axis=0)
+    half = np.sqrt(factor**2 * scatter + apart**2) * (high - low)
     best_values = low + best * (high - low)
     return ServoForm(
         form,
@@ -531,6 +534,7 @@ def evolved(
         sizes = (1.0 - c_s) * sizes + np.sqrt(c_s * (2.0 - c_s) * mass) * plain
         size = np.linalg.norm(sizes)
         width *= float(np.exp(c_s / damping * (size / usual - 1.0)))
+        width = min(width, _WIDEST)  # at the border it would grow for ever
         steady = np.sqrt(1.0 - (1.0 - c_s) ** (2 * generation + 2))
         grows = float(size / steady < (1.4 + 2.0 / (n + 1.0)) * usual)
         path = (1.0 - c_c) * path + grows * np.sqrt(c_c * (2.0 - c_c) * mass) * step
