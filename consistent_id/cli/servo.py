@@ -71,6 +71,12 @@ def add_servo(command: argparse.ArgumentParser) -> None:
             positive,
         ),
         Option(
+            "--gain NUMBER",
+            "of the firmware, for logs without a duty: share of full duty over "
+            "position error, 1/rad",
+            positive,
+        ),
+        Option(
             "--friction FORM",
             "fit this form alone (default: both, chosen by logs left out)",
             choices=("plain", "load"),
@@ -114,7 +120,7 @@ def _answer(options: argparse.Namespace) -> Answer:
     training = [log for log in logs if log.name.split(", part ")[0] not in kept]
     validation = [log for log in logs if log.name.split(", part ")[0] in kept]
     forms = tuple(FORMS) if options.friction is None else (options.friction,)
-    fit = identify_servos(robot, training, validation, forms=forms)
+    fit = identify_servos(robot, training, validation, forms=forms, gain=options.gain)
     tables, record = fit.tables(), fit.to_dict()
     if still:
         names = ", ".join(sorted(still))
@@ -151,10 +157,7 @@ def _simulator(
         return None
 
     def gains(log: "ServoLog") -> list[float]:
-        return [
-            servo.gains.get(log.name, servo.form(FORM).values.get("gain", 1.0))
-            for servo in fit.joints
-        ]
+        return [servo.gains[log.name] for servo in fit.joints]
 
     try:
         errors = {

@@ -205,6 +205,8 @@ def test_bodies_have_to_be_known(pendulum):
         identify_servos(replace(pendulum, links=links), [a_log(pendulum)])
     with pytest.raises(RecordingError, match="no log of servos"):
         identify_servos(pendulum, [])
+    with pytest.raises(RecordingError, match="state the firmware's gain"):
+        identify_servos(pendulum, [replace(a_log(pendulum), duty=None)])
 
 
 def test_one_command_writes_the_servo_and_its_simulator(
