@@ -5,6 +5,7 @@ input, 3 solver failure or out of time, 70 a bug, 130 interrupted, 143 terminate
 """
 
 import argparse
+from difflib import get_close_matches
 from importlib import import_module
 
 from consistent_id.cli.answers import warnings_unless
@@ -82,6 +83,10 @@ def tool_parser(wanted: str | None = None) -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=__version__)
+    if wanted and wanted not in _COMMANDS:
+        near = get_close_matches(wanted, _COMMANDS, n=1)
+        hint = f"did you mean {near[0]}?" if near else "--help lists the commands"
+        parser.error(f"there is no command {wanted!r}; {hint}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, text in _COMMANDS.items():
         command = commands.add_parser(
