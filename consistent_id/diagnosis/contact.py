@@ -15,11 +15,11 @@ from consistent_id._support.arrays import BoolArray, IntArray, Matrix, Vector
 from consistent_id.diagnosis.channel_factors import channel_factors
 from consistent_id.diagnosis.corrections import Cause
 from consistent_id.diagnosis.explain import Candidate, FittedLog
-from consistent_id.diagnosis.linearise import frictions
+from consistent_id.diagnosis.sample_rows import SampleRows
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import speed_share
+from consistent_id.recordings.signals.filtered_rows import counting
 from consistent_id.recordings.signals.masks import standstill
-from consistent_id.regression.motion_arrays import motion_of
 
 _THRESHOLD = 1.3  # ratio of misfits, as in the table of corrections
 _FELT = 0.03  # of the torque: misfit below which there is no contact
@@ -121,7 +121,7 @@ def contact(as_is: FittedLog) -> Iterator[Candidate]:
         of_residual=True,
     )
     model, base = as_is.factors.model, as_is.factors.base
-    (factors,) = channel_factors(model, base, [log.samples(np.flatnonzero(~inside))])
+    (factors,) = channel_factors(model, base, [counting(log, ~inside)])
     yield Candidate(cause, factors, as_is.constraints)
 
 
@@ -136,15 +136,14 @@ def joint_residuals(as_is: FittedLog, rows: BoolArray) -> list[JointResidual]:
     The lag is computed from the whole log.
     """
     model = as_is.factors.model
-    motion = motion_of(model, as_is.recording, None)
-    Y = model.regressor(motion.q, motion.dq, motion.ddq)
+    log = SampleRows.of(model, as_is.recording)
+    Y = log.regressor()
     torque = np.einsum("jps,p->js", Y, as_is.fit.parameters)
-    speed = np.asarray(as_is.recording.of(model.torque_joints).velocity).T
-    lacking = np.concatenate(
-        [frictions(speed, torque), np.gradient(torque, axis=1)[:, None]], axis=1
-    )
+    friction = log.frictions(log.along.predicted(model, as_is.fit.parameters).T)
+    late = np.gradient(torque, axis=1)[:, None]
+    lacking = np.concatenate([friction, late], axis=1)
     found = []
-    for row, more, tau in zip(Y, lacking, motion.torque.T, strict=True):
+    for row, more, tau in zip(Y, lacking, log.torque, strict=True):
         columns = np.vstack([row[list(as_is.factors.base.independent)], more]).T[rows]
         norms = np.linalg.norm(columns, axis=0)
         unit = columns[:, norms > 0.0] / norms[norms > 0.0]

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector, checked
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.tables import Table
 from consistent_id.errors import NotExcitedError, ProblemError
@@ -47,6 +48,7 @@ _SHARE = 0.005  # of the effort limit; 0.4 to 0.7 % in a UR10e's six joints
 _SENSOR = (0.2,) * 3 + (0.02,) * 3
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class PredictedAccuracy:
     """Predicted accuracy of the base parameters from a recording of a path.

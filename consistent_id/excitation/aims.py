@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Vector, checked, freeze, frozen, number
+from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
 from consistent_id.excitation.criteria import Objective, Scaling
 from consistent_id.motion.limits import MotionLimits
@@ -31,6 +32,7 @@ Others = Literal["unknown", "known"]
 """Whether parameters that a motion is not for are known already."""
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class PathForm:
     """The family of Fourier paths to choose from.
@@ -101,6 +103,7 @@ class PathForm:
         return np.asarray(every[new & (np.diff(every, prepend=0.0) > _COMMON * every)])
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Aim:
     """The objective of a design, and properties of the recording.

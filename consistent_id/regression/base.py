@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.regression.linear import (
@@ -30,6 +31,7 @@ _PURE = 1e-6  # part of a unit vector outside a row space, or in it, that is rou
 _ROUND = 1e-10  # entries of K below this are rounding errors
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class BaseParameters:
     """The linear map from parameters to base parameters, and its readable form.

@@ -26,6 +26,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import FixedFrame
@@ -51,6 +52,7 @@ RAPID_WORDS = frozenset(
 """Reserved words of RAPID, and its own names that a load might be given."""
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ControllerLoad:
     """A load to send to a controller.

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import BoolArray, Vector, freeze_arrays
+from consistent_id._support.brief import brief
 from consistent_id._support.tables import Table
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.gains import DriveGains, identify_gains
@@ -32,6 +33,7 @@ LEAST_OFF = 0.02
 """Least relative error of a gain that is called off."""
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class GainCheck:
     """Gains that a load of known mass asks for, beside those that a problem states.

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector, freeze_arrays
+from consistent_id._support.brief import brief
 from consistent_id._support.tables import Table
 from consistent_id.estimation.determination import KNOWN
 from consistent_id.estimation.payload import Payload
@@ -28,6 +29,7 @@ _COM, _INERTIA = slice(1, 4), slice(4, 10)
 _TOUCHED = 1e-9  # entry of a map, relative to its largest, that is not rounding
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadQuantities:
     """A load's mass, centre of mass and inertia about it, in one frame.

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.tables import Table
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.estimation.determination import KNOWN
@@ -49,6 +50,7 @@ NEVER_SENT = (
 """Kinds of reasons with which a controller gets nothing, accepted or not."""
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class WeighedLoad:
     """A load, its frames, and whether its estimate may be sent to a controller.

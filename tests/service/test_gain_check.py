@@ -1,12 +1,12 @@
 """Gains between currents and torque, by a load of known mass."""
 
-import json
 from dataclasses import replace
 
 import msgspec
 import numpy as np
 import pytest
 from carrying import JOINTS, LOAD, urdf, write_log, write_robot
+from schemas import parsed
 
 from consistent_id import ModelError, ProblemError, draft_problem
 from consistent_id.cli import main
@@ -68,7 +68,7 @@ def test_the_shell_prints_and_writes_gains(files, found, tmp_path, capsys):
     words += ["--known-mass", LOAD.mass, *WORDS, "--output", tmp_path / "out"]
     assert main(list(map(str, words))) == 0
     assert "torque_gain = [" in capsys.readouterr().out
-    record = json.loads((tmp_path / "out" / "gains.json").read_text())
+    record = parsed((tmp_path / "out" / "gains.json").read_text())
     gains = [record["gains"][joint]["gain"] for joint in JOINTS]
     np.testing.assert_allclose(gains, found.gains, rtol=1e-6)
     assert record["verdict"] == found.verdict.word

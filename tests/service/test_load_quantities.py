@@ -29,6 +29,7 @@ def test_a_body_in_another_frame_is_pinocchio_s():
     assert found.values[0] == pytest.approx(LOAD.mass)
 
 
+@pytest.mark.slow
 def test_intervals_are_those_of_many_draws():
     small = payload(scale=2e-4)
     rng = np.random.default_rng(1)
