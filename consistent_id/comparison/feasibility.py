@@ -36,6 +36,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, frozen
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import Executor, single_threaded, worker_threads
 from consistent_id.constraints import Constraint, PhysicalConsistency, lowered
 from consistent_id.constraints.cones.certificate import OptimumVerdict, solve_certified
@@ -120,6 +121,7 @@ class NearestRobot:
     verdict: OptimumVerdict
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class BaseFeasibility:
     """Answer to "is there a consistent robot with these base parameters?".

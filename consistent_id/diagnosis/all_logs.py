@@ -5,7 +5,7 @@ sampled at other phases and another rate, so that spans of one recording are lai
 the other at the time at which they fit best.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +21,6 @@ from consistent_id.diagnosis.explain import (
     FittedLog,
     datasheet_constraints,
     fitted_log,
-    of_samples,
     thinned,
 )
 from consistent_id.diagnosis.factor_rows import FactorLogs
@@ -48,6 +47,7 @@ from consistent_id.diagnosis.wrong_units import (
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.penalised import penalised_fit
 from consistent_id.recordings.recording import Recording, positions_at
+from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
@@ -137,13 +137,41 @@ def diagnose(
     found += _of_all(open_) if open_ else []
     signs = [f for f in found if f.severity != "note" and f.kind in _OF_OTHER_ROBOTS]
     if signs:
-        logs = [of_samples(rows(log)).of(model.robot.joint_names) for log in training]
+        logs = [rows(log).of(model.robot.joint_names) for log in training]
         others = _of_another_robot(model, logs, constraints)
         # What follows from it comes after, and it is no graver than its effects.
         first = max(f.score for f in found)
         severity = min((f.severity for f in signs), key=["fault", "warning"].index)
         found += [replace(f, severity=severity, score=first + f.score) for f in others]
+    names = {log.name for log in looked_at[len(training) :]}
+    found = _of_short_validation(found, names - {log.name for log in training})
     return Diagnosis(tuple(found), tuple(log.name for log in looked_at))
+
+
+def _of_short_validation(
+    found: Sequence[LogFinding], names: Collection[str]
+) -> list[LogFinding]:
+    """Judge short validation recordings by what they are for: they are not fitted.
+
+    Beside a longer one they are notes.  If all are short, the held-out error is tested
+    on little motion.
+    """
+    short = {f.recording for f in found if f.kind == "short"} & set(names)
+    left = set(names) - short
+
+    def judged(finding: LogFinding) -> LogFinding:
+        if finding.kind != "short" or finding.recording not in short:
+            return finding
+        seen, _, _ = finding.statement.partition(";")
+        return replace(
+            finding,
+            severity="note" if left else finding.severity,
+            statement=f"{seen} of validation; so little motion hardly tests the "
+            "estimate, and its held-out error says little of other motion",
+            advice="hold out a longer recording",
+        )
+
+    return [judged(f) for f in found]
 
 
 def _of_validation(of_one: list[LogFinding] | OpenLog) -> list[LogFinding] | OpenLog:
@@ -219,7 +247,8 @@ def _shifts(logs: Sequence[FittedLog]) -> list[LogFinding]:
     model = logs[0].factors.model
     try:
         moved = moved_channels(
-            model, lambda sizes: [_linearised(_moved(log, sizes)) for log in logs]
+            model,
+            lambda sizes: [_linearised(corrected_shifts(log, sizes)) for log in logs],
         )
     except (InfeasibleError, SolverError):
         return []  # no robot explains the corrected logs: there is no correction
@@ -269,7 +298,7 @@ def _bodies_known(model: TorqueModel) -> bool:
 
 def _explained(logs: Sequence[FittedLog], sizes: Vector) -> float:
     """Return the torque that shifts explain, relative to all torque."""
-    left = [_moved(log, sizes).misfit for log in logs]
+    left = [corrected_shifts(log, sizes).misfit for log in logs]
     gain = [log.misfit**2 - rest**2 for log, rest in zip(logs, left, strict=True)]
     return float(max(sum(gain) / len(gain), 0.0) ** 0.5)
 
@@ -287,7 +316,7 @@ def _unsure(finding: LogFinding) -> LogFinding:
     )
 
 
-def _moved(log: FittedLog, sizes: Vector) -> FittedLog:
+def corrected_shifts(log: FittedLog, sizes: Vector) -> FittedLog:
     """Return a log with corrected zero offsets and gains, fitted again."""
     if not sizes.any():
         return log
@@ -296,11 +325,12 @@ def _moved(log: FittedLog, sizes: Vector) -> FittedLog:
     factor = np.ones(count)
     places = [model.robot.joint_names.index(name) for name in model.torque_joints]
     factor[places] += sizes[count:]
-    moved = replace(
-        recording,
-        position=recording.position + sizes[:count],
-        torque=np.asarray(recording.torque) / factor,
-    )
+
+    def corrected(raw: Recording) -> Recording:
+        position = raw.position + sizes[:count]
+        return replace(raw, position=position, torque=np.asarray(raw.torque) / factor)
+
+    moved = altered(recording, corrected)
     return fitted_log(model, moved, log.constraints, log.factors.base)
 
 

@@ -22,16 +22,19 @@ from consistent_id.constraints import (
 from consistent_id.diagnosis.channel_factors import ChannelFactors, channel_factors
 from consistent_id.diagnosis.contact import contact
 from consistent_id.diagnosis.corrections import Cause
-from consistent_id.diagnosis.explain import LOAD, Candidate, FittedLog, thinned
+from consistent_id.diagnosis.explain import LOAD, Candidate, FittedLog, Screen
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.diagnosis.linearise import RANK
+from consistent_id.diagnosis.sample_rows import SampleRows
 from consistent_id.diagnosis.torque_causes import late_torque, lost_signs, missing_parts
 from consistent_id.diagnosis.torque_channel import (
     TorqueParts,
+    friction_shapes,
     nominal_parts,
     torque_parts,
 )
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.friction_shapes import shapes_of, with_shapes
 from consistent_id.regression.linear import smallest_solution
@@ -45,7 +48,6 @@ _EXPLAINED = 0.03  # of the torque: misfit below which gain and clock are not tr
 # friction, which gives clean logs a ratio of up to 1.45.
 _OF_TIME = 1.6
 _GAINS = (1e-3, 0.01, 0.4, 0.55, 0.7, 0.85, 1.2, 1.4, 1.8, 2.5, 100.0, 1e3)
-_FEW = 300  # samples by which the speed of the clock is chosen
 _EDGES = ("velocity_scale", "stribeck_velocity")  # shapes of friction that are speeds
 _SPEEDS = (0.1, 0.2, 0.35, 0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 2.0, 2.8, 5.0, 10.0)
 
@@ -137,11 +139,13 @@ def _other_clock(as_is: FittedLog) -> Iterator[Candidate]:
     if as_is.misfit < _EXPLAINED:
         return
     model, base = as_is.factors.model, as_is.factors.base
-    few = thinned(as_is.recording, _FEW)
+    screen = Screen.of(as_is)
+
+    def least(model: TorqueModel, log: Recording) -> float:
+        return screen.least_misfit(channel_factors(model, base, [log])[0])
 
     def left(logarithm: float) -> float:
-        log = _at_speed(few, float(np.exp(logarithm)))
-        return channel_factors(model, base, [log])[0].least_misfit()
+        return least(model, _at_speed(screen.few, float(np.exp(logarithm))))
 
     tried = [left(float(s)) for s in np.log(_SPEEDS)]
     k = int(np.argmin(tried))
@@ -150,7 +154,7 @@ def _other_clock(as_is: FittedLog) -> Iterator[Candidate]:
     if min(tried) * _OF_TIME > tried[_SPEEDS.index(1.0)]:
         return
     other_edges = (_with_edges(model, speed) for speed in _SPEEDS)
-    edges = [channel_factors(m, base, [few])[0].least_misfit() for m in other_edges]
+    edges = [least(other, screen.few) for other in other_edges]
     if min(tried) * _OF_TIME > min(edges):
         return
     inner = np.log(_SPEEDS)[[k - 1, k + 1]]
@@ -177,8 +181,13 @@ def _with_edges(model: TorqueModel, speed: float) -> TorqueModel:
 
 def _at_speed(log: Recording, speed: float) -> Recording:
     """Return a prepared recording with a faster clock."""
-    velocity, acceleration = np.asarray(log.velocity), np.asarray(log.acceleration)
-    return replace(log, velocity=speed * velocity, acceleration=speed**2 * acceleration)
+
+    def faster(raw: Recording) -> Recording:
+        rates = np.asarray(raw.velocity), np.asarray(raw.acceleration)
+        velocity, acceleration = speed * rates[0], speed**2 * rates[1]
+        return replace(raw, velocity=velocity, acceleration=acceleration)
+
+    return altered(log, faster)
 
 
 def _other_channels(as_is: FittedLog) -> Iterator[Candidate]:
@@ -231,7 +240,6 @@ def _row_misfits(factor: Matrix, base: int) -> Vector:
 _CLEARLY = 1.5
 _TURNED = np.radians(5.0)  # less may be a floor that is not level
 _G = (0.7, 1.4)  # ratio of sizes within which an estimated vector is gravity
-_CREEP = 0.02  # rad/s or m/s, of the smooth Coulomb term
 _TURN_BASE = (
     "turn the base or gravity in the model as the robot is mounted; or check "
     "the zero offset of the first joint, if its axis is level"
@@ -319,25 +327,22 @@ def gravity_in(model: TorqueModel, recording: Recording) -> Vector:
     The torque is linear in it: three unknowns, beside friction and the inertial torque
     of each joint.
     """
-    robot, torque = model.robot, np.asarray(recording.of(model.torque_joints).torque)
-    bodies, q = (
-        reference_bodies(robot).ravel(),
-        recording.of(robot.joint_names).position,
-    )
+    robot, log = model.robot, SampleRows.of(model, recording)
+    bodies = reference_bodies(robot).ravel()
     rows = model.torque_joints
     turned = (
         TorqueModel(replace(robot, gravity=axis), torque_joints=rows)
         for axis in np.eye(3)
     )
-    unit = [one.rigid_torque(bodies, (q, None, None)) for one in turned]
-    _, inertial = nominal_parts(model, recording)
-    speed = np.asarray(recording.of(model.torque_joints).velocity)
+    state = log.along.q, None, None
+    unit = np.stack([one.rigid_torque(bodies, state).T for one in turned], axis=1)
+    _, inertial = nominal_parts(log)
+    others = np.concatenate([inertial.T[:, None], friction_shapes(log)], axis=1)
+    pairs = zip(log.filtered(unit), log.filtered(others), strict=True)
     left, right = [], []
-    for j, tau in enumerate(torque.T):
-        own = [inertial[:, j], speed[:, j], np.tanh(speed[:, j] / _CREEP)]
-        own.append(np.ones(len(tau)))
-        Q, _ = np.linalg.qr(np.column_stack(own))
-        seen = np.column_stack([u[:, j] for u in unit])
+    for (along_axes, own), tau in zip(pairs, log.torque, strict=True):
+        Q, _ = np.linalg.qr(own.T)
+        seen = along_axes.T
         scale = float(np.sqrt(np.mean(tau**2))) or 1.0
         left.append((seen - Q @ (Q.T @ seen)) / scale)
         right.append((tau - Q @ (Q.T @ tau)) / scale)

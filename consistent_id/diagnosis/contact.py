@@ -14,12 +14,13 @@ import numpy as np
 from consistent_id._support.arrays import BoolArray, IntArray, Matrix, Vector
 from consistent_id.diagnosis.channel_factors import channel_factors
 from consistent_id.diagnosis.corrections import Cause
-from consistent_id.diagnosis.explain import Candidate, FittedLog
-from consistent_id.diagnosis.linearise import frictions
+from consistent_id.diagnosis.explain import Candidate, FittedLog, fitted_log
+from consistent_id.diagnosis.sample_rows import SampleRows
+from consistent_id.diagnosis.signal_faults import without_spikes
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import speed_share
+from consistent_id.recordings.signals.filtered_rows import altered, counting
 from consistent_id.recordings.signals.masks import standstill
-from consistent_id.regression.motion_arrays import motion_of
 
 _THRESHOLD = 1.3  # ratio of misfits, as in the table of corrections
 _FELT = 0.03  # of the torque: misfit below which there is no contact
@@ -99,9 +100,15 @@ def contact(as_is: FittedLog) -> Iterator[Candidate]:
 
     Stretches nearer to an end of the log than half their length are left out, because
     filters settle there; so are stretches in which the robot mostly rests, because dry
-    friction can hold any remaining torque.
+    friction can hold any remaining torque.  A contact lasts longer than an outlier:
+    stretches are looked for in torque without outliers.
     """
-    log = as_is.recording
+    log, behind = as_is.recording, as_is.recording.torque_filter
+    model, base = as_is.factors.model, as_is.factors.base
+    raw = log if behind is None else behind.source
+    if without_spikes(raw) is not raw:
+        log = altered(log, without_spikes)
+        as_is = fitted_log(model, log, as_is.constraints, base)
     moving = ~resting(log)
     if as_is.misfit < _FELT or moving.sum() < 2 * _CELLS:
         return
@@ -120,8 +127,7 @@ def contact(as_is: FittedLog) -> Iterator[Candidate]:
         _THRESHOLD,
         of_residual=True,
     )
-    model, base = as_is.factors.model, as_is.factors.base
-    (factors,) = channel_factors(model, base, [log.samples(np.flatnonzero(~inside))])
+    (factors,) = channel_factors(model, base, [counting(log, ~inside)])
     yield Candidate(cause, factors, as_is.constraints)
 
 
@@ -136,15 +142,14 @@ def joint_residuals(as_is: FittedLog, rows: BoolArray) -> list[JointResidual]:
     The lag is computed from the whole log.
     """
     model = as_is.factors.model
-    motion = motion_of(model, as_is.recording, None)
-    Y = model.regressor(motion.q, motion.dq, motion.ddq)
+    log = SampleRows.of(model, as_is.recording)
+    Y = log.regressor()
     torque = np.einsum("jps,p->js", Y, as_is.fit.parameters)
-    speed = np.asarray(as_is.recording.of(model.torque_joints).velocity).T
-    lacking = np.concatenate(
-        [frictions(speed, torque), np.gradient(torque, axis=1)[:, None]], axis=1
-    )
+    friction = log.frictions(log.along.predicted(model, as_is.fit.parameters).T)
+    late = np.gradient(torque, axis=1)[:, None]
+    lacking = np.concatenate([friction, late], axis=1)
     found = []
-    for row, more, tau in zip(Y, lacking, motion.torque.T, strict=True):
+    for row, more, tau in zip(Y, lacking, log.torque, strict=True):
         columns = np.vstack([row[list(as_is.factors.base.independent)], more]).T[rows]
         norms = np.linalg.norm(columns, axis=0)
         unit = columns[:, norms > 0.0] / norms[norms > 0.0]

@@ -14,9 +14,11 @@ from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals.clocks import is_uniform
+from consistent_id.recordings.signals.clocks import is_uniform, uniform_rate
 from consistent_id.recordings.signals.derivatives import noise_gain
 from consistent_id.recordings.signals.drive_limits import saturated
+from consistent_id.recordings.signals.filtered_rows import altered
+from consistent_id.recordings.signals.filters import low_passed
 from consistent_id.recordings.signals.masks import standstill
 from consistent_id.recordings.signals.smoother import ORDERS, motion_noise
 from consistent_id.regression.base import BaseParameters, excitation_of
@@ -25,6 +27,7 @@ from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
 
+_ABOVE = 2.0  # cut-off of the motion over the torque's: beyond, its noise alone is left
 _STILL = 0.02  # of a joint's largest velocity: slower joints stand still
 _IDLE = 0.2  # least share of samples with all joints at rest that is reported
 _RESTS = 0.9  # share of samples at rest from which on a joint does not count as moving
@@ -34,6 +37,28 @@ _BRIEF = 3.0  # s: in a shorter log joints may not turn back
 _TURNS, _TURNING = 2.5, 0.05  # least turns of the median joint; share of top speed
 _MOVES = 2e-3  # rad or m of travel: with less a joint rests and its readings flicker,
 _STEPS = 2.0  # also within so many steps of its encoder
+
+
+def of_samples(prepared: Recording) -> Recording:
+    """Return a recording whose motion has no noise far above the band of its torque.
+
+    The filter of the torque takes such noise out of the rows.  The motion itself is
+    examined sample by sample, without that filter.
+    """
+    behind = prepared.torque_filter
+    if behind is None:
+        return prepared
+    moved = replace(behind.source, torque=None, wrenches=(), torque_known=None)
+    rate = uniform_rate(behind.source)
+    if _ABOVE * behind.cutoff >= 0.5 * rate:
+        return replace(prepared, torque_filter=None)
+    smooth = low_passed(moved, motion_cutoff=_ABOVE * behind.cutoff)
+    channels = {
+        name: values[behind.kept]
+        for name in ("position", "velocity", "acceleration")
+        if (values := getattr(smooth, name)) is not None
+    }
+    return replace(prepared, torque_filter=None, **channels)
 
 
 def standstill_findings(recording: Recording) -> list[LogFinding]:
@@ -176,7 +201,7 @@ def rank_findings(
     recording = recording.of(model.robot.joint_names)
     travel = np.ptp(recording.position, axis=0)
     at_rest = travel < np.maximum(_MOVES, _STEPS * np.asarray(steps))
-    steady = _without_motion(recording, at_rest)
+    steady = altered(recording, lambda raw: _without_motion(raw, at_rest))
     excitation = excitation_of(build_regression(model, steady), base)
     missing = excitation.structural_rank - excitation.data_rank
     if missing == 0:

@@ -8,7 +8,7 @@ below the best misfit, so that few of them need a cone programme.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,17 +26,16 @@ from consistent_id.diagnosis.channel_factors import (
     least_within,
 )
 from consistent_id.diagnosis.corrections import LOOKS_ALIKE, Cause, Correction
+from consistent_id.diagnosis.coverage import of_samples
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.best_fit import BestFit, best_fit
 from consistent_id.recordings.recording import Recording
-from consistent_id.recordings.signals.clocks import uniform_rate
-from consistent_id.recordings.signals.filters import low_passed
+from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.regression.regressor import TorqueModel
 
-_ABOVE = 2.0  # cut-off of the motion over the torque's: beyond, its noise alone is left
 SAMPLES = 1500
 """Most samples that are used; more samples cost time and change no result."""
 
@@ -70,16 +69,13 @@ class FittedLog:
     Parameters
     ----------
     recording : Recording
-        Prepared, with the robot's joints.
-    rounded : float
-        Misfit that rows of samples add: `rounded_misfit`.
+        Prepared, with the robot's joints.  Rows are filtered like its torque.
     """
 
     constraints: Sequence[Constraint]
     recording: Recording
     factors: ChannelFactors
     fit: BestFit
-    rounded: float = 0.0
 
     @property
     def misfit(self) -> float:
@@ -232,59 +228,6 @@ def fitted_log(
     return FittedLog(constraints, recording, factors, _fit(factors, constraints))
 
 
-def of_samples(prepared: Recording) -> Recording:
-    """Return a recording whose motion has no noise far above the band of its torque.
-
-    Channels are turned, shifted and scaled by a diagnosis, sample by sample, so that
-    its rows are those of the samples.  `rounded_misfit` says what such rows miss.
-    """
-    behind = prepared.torque_filter
-    if behind is None:
-        return prepared
-    moved = replace(behind.source, torque=None, wrenches=(), torque_known=None)
-    rate = uniform_rate(behind.source)
-    if _ABOVE * behind.cutoff >= 0.5 * rate:
-        return replace(prepared, torque_filter=None)
-    smooth = low_passed(moved, motion_cutoff=_ABOVE * behind.cutoff)
-    channels = {
-        name: values[behind.kept]
-        for name in ("position", "velocity", "acceleration")
-        if (values := getattr(smooth, name)) is not None
-    }
-    return replace(prepared, torque_filter=None, **channels)
-
-
-def rounded_misfit(
-    model: TorqueModel,
-    rows: Recording,
-    constraints: Sequence[Constraint],
-    base: BaseParameters,
-) -> float:
-    """Return the misfit, over the torque, that rows of samples add to a filtered log.
-
-    The filter rounds the edges of friction in the torque, and in rows that are filtered
-    alike (`motion_of`), but not in the friction of a filtered speed.  Both are fitted
-    under constraints at the same samples; the misfit is the root of the difference of
-    the squares.
-
-    Parameters
-    ----------
-    rows : Recording
-        Prepared.  Without a filter the misfit is zero.
-
-    Raises
-    ------
-    InfeasibleError, NotExcitedError, SolverError
-        See `best_fit`.
-    """
-    places = motion_of(model, rows, None).places
-    if places is None:
-        return 0.0
-    logs = rows, of_samples(rows).samples(places)
-    exact, coarse = (fitted_log(model, log, constraints, base).misfit for log in logs)
-    return float(np.sqrt(max(coarse**2 - exact**2, 0.0)))
-
-
 def thinned(recording: Recording, samples: int) -> Recording:
     """Return evenly spaced samples of a recording, at most `samples` of them."""
     return recording.samples(slice(None, None, -(-len(recording) // samples)))
@@ -308,15 +251,13 @@ def explanations(
         includes the error of the friction model.
     """
     usual = max(_UNUSUAL, _WHITE * noise, _OF_FRICTION * as_is.friction)
-    usual = float(np.hypot(usual, min(as_is.rounded, _MOST)))
     if as_is.friction >= _RUBS and as_is.misfit <= usual:
         candidates = ()
     factors = [c.factors.joined() for c in candidates]
     bounds = [least_within(R, ()) for R in factors]
     own = [b for b, c in zip(bounds, candidates, strict=True) if c.cause.excuse != 2]
     least = min([as_is.factors.least_misfit(), *own])
-    most = float(np.hypot(_MOST, min(as_is.rounded, _MOST)))
-    floor = min(max(_WHITE * noise, _BEYOND * least), most)
+    floor = min(max(_WHITE * noise, _BEYOND * least), _MOST)
     found: list[Explanation] = []
     cuts = cuts_at(as_is.factors, as_is.fit)
     for i in sorted(range(len(bounds)), key=bounds.__getitem__):
@@ -371,26 +312,62 @@ def _fit(
     return best_fit(model, factors.regression(), constraints, base=base, gap=gap)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Screen:
+    """Few samples of a log, on which changes of its motion are tried first.
+
+    Filtered rows take all samples of a log, for each change.  Rows of the few samples
+    alone miss how a filter rounds the edges of friction; what they miss in the log as
+    it is, is taken off.  What is left by them is fitted with filtered rows.
+
+    Parameters
+    ----------
+    few : Recording
+        Not filtered any more.
+    as_is : float
+        Least misfit of the log as it is, at few samples, its rows filtered.
+    missed : float
+        Square of the misfit that rows of samples add.
+    """
+
+    few: Recording
+    as_is: float
+    missed: float
+
+    @classmethod
+    def of(cls, log: FittedLog) -> "Screen":
+        """Return the samples of a log on which changes are tried."""
+        model, base = log.factors.model, log.factors.base
+        few = thinned(log.recording, _SCREENED)
+        bare = thinned(of_samples(log.recording), _SCREENED)
+        filtered, coarse = (
+            channel_factors(model, base, [one])[0].least_misfit() for one in (few, bare)
+        )
+        return cls(bare, filtered, max(coarse**2 - filtered**2, 0.0))
+
+    def least_misfit(self, factors: ChannelFactors) -> float:
+        """Return the least misfit of samples, less what their rows miss."""
+        return float(np.sqrt(max(factors.least_misfit() ** 2 - self.missed, 0.0)))
+
+
 def _moved(
     as_is: FittedLog, corrections: Sequence[Correction]
 ) -> list[tuple[Correction, ChannelFactors]]:
     """Return corrections of the motion that a few samples do not exclude."""
     model, base = as_is.factors.model, as_is.factors.base
-    few = thinned(as_is.recording, _SCREENED)
-    logs = [few, *(c.applied(few) for c in corrections)]
-    drives = [None, *_drives(few, corrections)]
-    tried = channel_factors(model, base, logs, drives=drives)
-    of_few = [factors.least_misfit() for factors in tried]
+    screen = Screen.of(as_is)
+    logs = [c.applied(screen.few) for c in corrections]
+    tried = channel_factors(model, base, logs, drives=_drives(screen.few, corrections))
     # Constraints are assumed to cost the same with few samples as with all.
     of_all = as_is.factors.least_misfit()
-    fewer = of_few[0] / of_all if of_all > 0.0 else 1.0
+    fewer = screen.as_is / of_all if of_all > 0.0 else 1.0
     allowed = _MARGIN * fewer * as_is.misfit
     left = [
         c
-        for c, misfit in zip(corrections, of_few[1:], strict=True)
-        if misfit * c.fault.threshold <= allowed
+        for c, factors in zip(corrections, tried, strict=True)
+        if screen.least_misfit(factors) * c.fault.threshold <= allowed
     ]
-    whole = [c.applied(as_is.recording) for c in left]
+    whole = [altered(as_is.recording, c.applied) for c in left]
     drives = _drives(as_is.recording, left)
     factors = channel_factors(model, base, whole, drives=drives)
     return list(zip(left, factors, strict=True))

@@ -12,14 +12,10 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.diagnosis.alternatives import last_links
-from consistent_id.diagnosis.linearise import (
-    Jackknife,
-    frictions,
-    jackknife,
-    of_own_row,
-    slopes_by_position,
-)
+from consistent_id.diagnosis.linearise import Jackknife, jackknife
+from consistent_id.diagnosis.sample_rows import SampleRows, of_own_row
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.regression.correlated_noise import correlation_lengths
 from consistent_id.regression.linear import smallest_solution
 from consistent_id.regression.regression import triangle
@@ -107,7 +103,13 @@ class FactorLogs:
         """Take a factor out."""
         if factor.kind == "gravity":
             return replace(self, model=leaning(self.model, factor.axis, size))
-        return replace(self, logs=[_without(log, factor, size) for log in self.logs])
+        return replace(
+            self,
+            logs=[
+                altered(log, lambda raw: _without(raw, factor, size))
+                for log in self.logs
+            ],
+        )
 
 
 def _without(log: Recording, factor: Factor, size: float) -> Recording:
@@ -152,10 +154,12 @@ def factor_system(
     factors: Sequence[Factor],
     *,
     nominal: bool = True,
+    instruments: bool = False,
 ) -> Jackknife:
     """Return rows of the factors, with bodies and drives eliminated.
 
-    Without `nominal`, nothing pulls the bodies.
+    Without `nominal`, nothing pulls the bodies.  With `instruments`, the columns of the
+    factors are followed by those that they have with nominal bodies.
     """
     model = state.model
     rows, A, torque = _rows(model, state.logs)
@@ -165,13 +169,18 @@ def factor_system(
         pull, pulled_to = pull[:0], pulled_to[:0]
     c = np.zeros((len(A), 0, A.shape[2]))
     if factors:
-        x = _solution(A, torque, weights, pull, pulled_to)
-        pairs = zip(rows, state.logs, strict=True)
-        slopes = [r.slopes(model, x, log, factors) for r, log in pairs]
+        at = [_solution(A, torque, weights, pull, pulled_to)]
+        if instruments:
+            drawn = np.zeros(A.shape[1])
+            drawn[: model.layout.inertial_size] = reference_bodies(model.robot).ravel()
+            at.append(drawn)
+        slopes = [
+            np.concatenate([r.slopes(x, factors) for x in at], axis=1) for r in rows
+        ]
         c = np.concatenate(slopes, axis=2)
     every = np.concatenate([A, c], axis=1).transpose(0, 2, 1) * weights[:, None, None]
     free = jackknife(every, torque * weights[:, None])
-    prior = np.column_stack([pull, np.zeros((len(pull), len(factors))), pulled_to])
+    prior = np.column_stack([pull, np.zeros((len(pull), c.shape[1])), pulled_to])
     whole, *others = (
         triangle(np.asfortranarray(np.vstack([F, prior])))
         for F in (free.whole, *free.others)
@@ -195,10 +204,11 @@ def _size(torque: Matrix) -> Vector:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rows:
-    """Rows of one log.
+    """Rows of one log, filtered like its torque.
 
     Parameters
     ----------
+    log : SampleRows
     columns : ndarray, shape (torque joints, columns, samples)
         The model's, then rotor inertias and friction that it may lack.
     at_rest : ndarray, shape (torque joints, inertial, samples)
@@ -206,46 +216,35 @@ class _Rows:
     torque : ndarray, shape (torque joints, samples)
     """
 
+    log: SampleRows
     columns: Array
     at_rest: Array
     torque: Matrix
 
     @classmethod
     def of(cls, model: TorqueModel, log: Recording) -> "_Rows":
-        q, dq, ddq = (
-            log.position,
-            np.asarray(log.velocity),
-            np.asarray(log.acceleration),
-        )
-        driven = log.of(model.torque_joints)
-        torque = np.asarray(driven.torque).T
-        speed, change = np.asarray(driven.velocity).T, np.asarray(driven.acceleration).T
-        own = np.concatenate([change[:, None], frictions(speed, torque)], axis=1)
-        columns = [model.regressor(q, dq, ddq), of_own_row(own)]
-        rest = model.regressor(q, 0.0 * dq, 0.0 * ddq)
-        inertial = model.layout.inertial_size
-        return cls(np.concatenate(columns, axis=1), rest[:, :inertial], torque)
+        rows = SampleRows.of(model, log)
+        rotors = rows.filtered(rows.change[:, None])
+        own = np.concatenate([rotors, rows.frictions(rows.smooth_torque())], axis=1)
+        columns = np.concatenate([rows.regressor(), of_own_row(own)], axis=1)
+        rest = rows.at_rest.regressor()[:, : model.layout.inertial_size]
+        return cls(rows, columns, rest, rows.torque)
 
-    def slopes(
-        self, model: TorqueModel, x: Vector, log: Recording, factors: Sequence[Factor]
-    ) -> Array:
+    def slopes(self, x: Vector, factors: Sequence[Factor]) -> Array:
         """Return what a unit of each factor adds, (torque joints, factors, samples).
 
         Torque is changed by a clock ``exp(f)`` times too slow, by a gain ``exp(f)``, by
         positions that are ``f`` too small, by gravity that leans.
         """
-        inertial = model.layout.inertial_size
-        bodies = np.zeros(len(model.layout))
+        layout = self.log.model.layout
+        inertial = layout.inertial_size
+        bodies = np.zeros(len(layout))
         bodies[:inertial] = x[:inertial]
         moving = self.columns[:, :inertial] - self.at_rest
-        q, dq, ddq = (
-            log.position,
-            np.asarray(log.velocity),
-            np.asarray(log.acceleration),
-        )
+        moved = [f.joint for f in factors if f.kind == "offset zero"]
         zeros = np.zeros((0, 0, 0))
-        if any(factor.kind == "offset zero" for factor in factors):
-            zeros = slopes_by_position(model, bodies, q, dq, ddq)
+        if moved:
+            zeros = self.log.slopes_by_position(bodies, moved)
         found = []
         for factor in factors:
             if factor.kind == "clock":
@@ -253,22 +252,20 @@ class _Rows:
             elif factor.kind == "masses or gain":
                 part = np.einsum("jps,p->js", self.columns, x)
             elif factor.kind == "offset zero":
-                part = zeros[:, factor.joint]
+                part = zeros[:, moved.index(factor.joint)]
             else:
-                part = _by_gravity(model, bodies, q, factor.axis)
+                part = _by_gravity(self.log.at_rest, bodies, factor.axis)
             found.append(part)
         return np.stack(found, axis=1)
 
 
-def _by_gravity(
-    model: TorqueModel, bodies: Vector, q: Array, axis: Sequence[float]
-) -> Matrix:
+def _by_gravity(rows: SampleRows, bodies: Vector, axis: Sequence[float]) -> Matrix:
     """Return the slope of the torque over the angle by which the base leans."""
     ahead, behind = (
-        leaning(model, axis, step).predict(bodies, q, 0.0 * q, 0.0 * q)
+        replace(rows, model=leaning(rows.model, axis, step)).predicted(bodies)
         for step in (_STEP, -_STEP)
     )
-    return np.asarray((ahead - behind).T / (2.0 * _STEP))
+    return np.asarray((ahead - behind) / (2.0 * _STEP))
 
 
 def _pull(state: FactorLogs, columns: int) -> tuple[Matrix, Vector]:

@@ -20,6 +20,7 @@ from itertools import accumulate
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id.diagnosis.sample_rows import SampleRows, of_own_row
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.filters import zero_phase
@@ -85,6 +86,26 @@ class Jackknife:
         errors = np.where(lost, np.inf, np.maximum(errors, _TINY))
         return Fitted(x, errors, float(np.linalg.norm(z - A @ x)))
 
+    def by_instrument(self, column: int, instrument: int) -> Fitted:
+        """Solve ``a x = z`` for one column ``a`` by an instrument ``w``.
+
+        It is ``x = w^T z / w^T a``, with errors as of `fitted`.  Where ``a`` contains
+        the same errors as ``z``, least squares is biased; a ``w`` without them is not.
+        The error is infinite where ``w`` says nothing of ``a``.
+        """
+        w, a, z = (self.whole[:, k] for k in (instrument, column, -1))
+        if w @ a <= RANK * np.linalg.norm(w) * np.linalg.norm(a):
+            return Fitted(np.zeros(1), np.full(1, np.inf), float(np.linalg.norm(z)))
+        x = float(w @ z / (w @ a))
+        moves = [
+            float(F[:, instrument] @ F[:, -1] / (F[:, instrument] @ F[:, column])) - x
+            for F in self.others
+        ]
+        share = (len(moves) - 1) / len(moves)
+        error = max(float(np.sqrt(share * np.sum(np.square(moves)))), _TINY)
+        left = float(np.linalg.norm(z - x * a))
+        return Fitted(np.array([x]), np.array([error]), left)
+
     def __add__(self, other: "Jackknife") -> "Jackknife":
         """Return the factors of both together; each pair of segments is left out."""
         others = map(_factor, self.others, other.others)
@@ -145,12 +166,11 @@ def _independent(columns: Matrix) -> list[int]:
 
 _HARMONICS = 10  # of the Fourier series that finds a period: enough for phases
 _PERIODS = 20  # above this number single periods are segments
-_STEP = 1e-4  # rad or m, of the finite differences
 _PAD = 15  # samples by which the filter extends either end
 _BAND = 8.0  # times the motion's bandwidth: above it is only noise and friction
 _POWER = 0.99  # share of the velocity's power within the bandwidth
-_SPEEDS = (0.01, 0.05, 0.25)  # shares of top speed at which friction changes
-_LEAST = 1e-3  # share of a joint's torque: least misfit that weights its rows
+LEAST = 1e-3
+"""Share of a joint's torque: least misfit by which its rows are weighted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -198,9 +218,8 @@ def linearised(
 ) -> Linearised:
     """Return how the torque changes with zero offsets, gains and lag.
 
-    Columns and torque pass the same low-pass filter, so that its effect cancels.  It
-    removes noise and the edges of friction, which preparation rounded only in the
-    torque.
+    Rows are filtered like the torque (`SampleRows`).  Columns and torque pass one more
+    low-pass filter, which removes noise and the edges of friction.
 
     Parameters
     ----------
@@ -210,20 +229,19 @@ def linearised(
         With velocity, acceleration and torque.
     """
     recording = recording.of(model.robot.joint_names)
-    rate, states = recording.rate, _states(recording)
-    columns = model.regressor(*states)
-    driven = recording.of(model.torque_joints)
-    torque = np.asarray(driven.torque).T
+    rate, rows_of_log = recording.rate, SampleRows.of(model, recording)
+    columns, torque = rows_of_log.regressor(), rows_of_log.torque
     predicted = np.einsum("jps,p->js", columns, x)
     lag = -np.gradient(predicted, 1.0 / rate, axis=1)
-    speed = np.asarray(driven.velocity).T
-    friction = of_own_row(frictions(speed, predicted))
-    known = [columns[:, list(base.independent)], friction]
-    late = of_own_row(np.gradient(frictions(speed, predicted), axis=2))
-    unknown = [late, lag[:, None], slopes_by_position(model, x, *states)]
+    along = rows_of_log.along.predicted(model, x).T
+    shapes = rows_of_log.frictions(along)
+    known = [columns[:, list(base.independent)], of_own_row(shapes)]
+    late = of_own_row(np.gradient(shapes, axis=2))
+    slopes = rows_of_log.slopes_by_position(x, range(len(model.robot)))
+    unknown = [late, lag[:, None], slopes]
     gains = of_own_row(predicted[:, None])
     rows = np.concatenate([*known, *unknown, gains, torque[:, None]], axis=1)
-    cutoff = _BAND * _bandwidth(states[1], rate)
+    cutoff = _BAND * _bandwidth(rows_of_log.motion.dq, rate)
     rows = np.swapaxes(_smooth(rows, cutoff, rate), 1, 2)
     count = sum(part.shape[1] for part in known)
     rows = rows / _misfits(rows[:, :, :count], rows[:, :, -1])[:, None, None]
@@ -242,42 +260,6 @@ def _phase(recording: Recording) -> Vector | None:
     except RecordingError:
         return None
     return np.asarray(recording.time / period % 1.0)
-
-
-def frictions(speed: Matrix, torque: Matrix) -> Array:
-    """Return shapes of friction that models may lack, (joints, shapes, samples).
-
-    These are friction at several velocity scales, whose differences are Stribeck
-    friction, and friction that grows with the transmitted torque.
-    """
-    fastest = np.maximum(abs(speed).max(axis=1, keepdims=True), 1e-300)
-    shapes = [np.tanh(speed / (share * fastest)) for share in _SPEEDS]
-    return np.stack([*shapes, abs(torque) * shapes[0]], axis=1)
-
-
-def of_own_row(columns: Array) -> Array:
-    """Return columns that are zero in other joints' rows, (joints, all, samples)."""
-    joints, shapes, samples = columns.shape
-    rows = np.zeros((joints, joints, shapes, samples))
-    rows[range(joints), range(joints)] = columns
-    return rows.reshape(joints, joints * shapes, samples)
-
-
-def _states(recording: Recording) -> tuple[Array, Array, Array]:
-    dq, ddq = recording.velocity, recording.acceleration
-    return recording.position, np.asarray(dq), np.asarray(ddq)
-
-
-def slopes_by_position(
-    model: TorqueModel, x: Vector, q: Array, dq: Array, ddq: Array
-) -> Array:
-    """Return slopes over positions, shape (torque joints, joints, samples)."""
-    steps = _STEP * np.eye(q.shape[1])
-    moved = np.concatenate([q + step for step in (*steps, *-steps)])
-    times = (2 * q.shape[1], 1)
-    torque = model.predict(x, moved, np.tile(dq, times), np.tile(ddq, times))
-    ahead, behind = torque.reshape(2, q.shape[1], len(q), -1)
-    return np.moveaxis(ahead - behind, 2, 0) / (2 * _STEP)
 
 
 def _bandwidth(velocity: Array, rate: float) -> float:
@@ -313,4 +295,4 @@ def _misfits(rows: Array, torque: Matrix) -> Vector:
     R = triangle(np.asfortranarray(weighted))
     rest = torque - rows @ smallest_solution(R[:, :-1], R[:, -1], RANK)
     misfit = np.sqrt(np.mean(rest**2, axis=1))
-    return np.asarray(np.maximum(misfit, _LEAST * scale))
+    return np.asarray(np.maximum(misfit, LEAST * scale))

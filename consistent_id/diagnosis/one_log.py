@@ -13,6 +13,7 @@ from consistent_id.diagnosis.coverage import (
     extent_findings,
     in_motion,
     motion_noise_findings,
+    of_samples,
     rank_findings,
     saturation_findings,
     standstill_findings,
@@ -25,8 +26,6 @@ from consistent_id.diagnosis.explain import (
     explanation_finding,
     explanations,
     fitted_log,
-    of_samples,
-    rounded_misfit,
     thinned,
     unexplained_findings,
 )
@@ -51,7 +50,7 @@ from consistent_id.diagnosis.wrong_units import (
     speed_findings,
     travel_findings,
 )
-from consistent_id.errors import InfeasibleError, NotExcitedError, SolverError
+from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regressor import TorqueModel
@@ -103,9 +102,10 @@ def findings_of(
     if any(f.severity == "fault" for f in found):
         return found
     rows = prepare(log).of(model.robot.joint_names)
+    prepared = thinned(rows, SAMPLES)
     whole = of_samples(rows)
-    prepared = thinned(whole, SAMPLES)
-    found += [] if found else extent_findings(prepared)
+    motion = thinned(whole, SAMPLES)
+    found += [] if found else extent_findings(motion)
     ranks = rank_findings(model, prepared, base, position_steps(log))
     found += ranks
     if any(f.severity == "fault" or f.kind in _LITTLE for f in found):
@@ -114,7 +114,7 @@ def findings_of(
         found += motion_noise_findings(
             model, log, lambda raw: of_samples(prepare(raw)), base, prepared=whole
         )
-    moving = in_motion(model, prepared)
+    moving = in_motion(model, motion)
     if moving.torque_joints != model.torque_joints:
         model, base = moving, base_parameters(moving)
     torque = log.of(model.torque_joints)
@@ -130,7 +130,7 @@ def findings_of(
         return found
     noise = float(np.sqrt(np.mean(noise_share(np.asarray(torque.torque)) ** 2)))
     short = any(f.kind == "short" for f in found)
-    more = _dynamic(model, prepared, rows, constraints, base, noise, short)
+    more = _dynamic(model, prepared, constraints, base, noise, short)
     if isinstance(more, list):
         return found + more
     return replace(more, signals=tuple(found))
@@ -164,7 +164,6 @@ def _with_torque_of(log: Recording, model: TorqueModel) -> Recording:
 def _dynamic(
     model: TorqueModel,
     prepared: Recording,
-    rows: Recording,
     constraints: Sequence[Constraint],
     base: BaseParameters,
     noise: float,
@@ -190,12 +189,10 @@ def _dynamic(
         return channel
     try:
         as_is = fitted_log(model, prepared, constraints, base)
-        rounded = _rounded(model, rows, constraints, base)
     except (InfeasibleError, SolverError) as failure:
         statement = f"no robot with the datasheet's values explains the log: {failure}"
         advice = "check masses and bounds; see the certificate of each method"
         return [LogFinding("datasheet", "fault", prepared.name, statement, advice)]
-    as_is = replace(as_is, rounded=rounded)
     candidates = corrected(as_is, corrections(model.robot, model.torque_joints))
     candidates += alternatives(as_is)
     found = explanations(as_is, candidates, noise)
@@ -210,19 +207,6 @@ def _dynamic(
         return nothing
     excuse = [] if best is None else [explanation_finding(best)]
     return OpenLog(as_is, (), tuple(excuse or [*missing, *channel]))
-
-
-def _rounded(
-    model: TorqueModel,
-    rows: Recording,
-    constraints: Sequence[Constraint],
-    base: BaseParameters,
-) -> float:
-    """Return `rounded_misfit`; zero, which excuses nothing, if rows are too few."""
-    try:
-        return rounded_misfit(model, rows, constraints, base)
-    except NotExcitedError:
-        return 0.0
 
 
 def _undecided(finding: LogFinding, found: Explanations) -> LogFinding:

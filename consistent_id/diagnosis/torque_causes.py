@@ -17,7 +17,7 @@ from itertools import combinations
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
 from consistent_id.diagnosis.channel_factors import (
     ChannelFactors,
     channel_factors,
@@ -25,9 +25,11 @@ from consistent_id.diagnosis.channel_factors import (
 )
 from consistent_id.diagnosis.corrections import Cause
 from consistent_id.diagnosis.explain import Candidate, FittedLog
+from consistent_id.diagnosis.sample_rows import SampleRows
 from consistent_id.diagnosis.torque_channel import nominal_parts
 from consistent_id.recordings.recording import Recording
-from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.recordings.signals.filtered_rows import altered
+from consistent_id.regression.linear import smallest_solution
 from consistent_id.regression.regression import triangle
 
 _THRESHOLD = 1.3  # ratio of misfits, as in the table of corrections
@@ -36,6 +38,7 @@ _OF_DRIFT = 2.0
 _SHARE = 0.5  # least share of the squared residual that a missing part explains
 _BOTH = 0.25  # the same, in each of two coupled joints
 _MATTERS = 0.1  # of the largest squared residual: smaller ones are skipped
+_RANK = 1e-6  # of the largest singular value of unit columns
 _CREEP = 0.02  # rad/s or m/s, of the smooth Coulomb term
 
 
@@ -61,30 +64,26 @@ class Residual:
         """Squared norm over the torque's."""
         return float(self.rest @ self.rest) / self.size**2
 
-    def taken_up(self, columns: Matrix) -> Vector:
-        """Return the part of the torque that further columns explain."""
+    def amount(self, columns: Matrix) -> Vector:
+        """Return the factors of further columns that explain most."""
         beside = columns - self.spanned @ (self.spanned.T @ columns)
-        amount = np.linalg.lstsq(beside, self.rest, rcond=1e-6)[0]
-        part: Vector = np.dot(columns, amount)
-        return part
+        return np.asarray(np.linalg.lstsq(beside, self.rest, rcond=1e-6)[0])
 
     def share(self, columns: Matrix) -> float:
         """Return the share of the squared residual that further columns explain."""
-        part = self.taken_up(columns)
+        part = columns @ self.amount(columns)
         left = self.rest - part + self.spanned @ (self.spanned.T @ part)
         return 1.0 - float(left @ left) / max(float(self.rest @ self.rest), 1e-300)
 
 
 def residuals(log: FittedLog) -> list[Residual]:
     """Return the residual of each joint's row in least squares of its own."""
-    model = log.factors.model
-    motion = motion_of(model, log.recording, None)
-    Y = motion.regressor(model)
+    rows = SampleRows.of(log.factors.model, log.recording)
     found = []
-    for row, tau in zip(Y, motion.torque.T, strict=True):
+    for row, tau in zip(rows.regressor(), rows.torque, strict=True):
         columns = row[list(log.factors.base.independent)].T
         U, s, _ = np.linalg.svd(_unit(columns), full_matrices=False)
-        spanned = U[:, s > 1e-6 * s.max(initial=0.0)]
+        spanned = U[:, s > _RANK * s.max(initial=0.0)]
         rest = tau - spanned @ (spanned.T @ tau)
         found.append(Residual(spanned, rest, max(float(np.linalg.norm(tau)), 1e-300)))
     return found
@@ -110,10 +109,10 @@ def _of_one_joint(
     as_is: FittedLog, left: list[Residual], matter: list[int]
 ) -> Iterator[Candidate]:
     names = as_is.factors.model.torque_joints
-    log = as_is.recording.of(names)
-    lapse = np.linspace(-1.0, 1.0, len(log))[:, None]
+    log = SampleRows.of(as_is.factors.model, as_is.recording)
+    lapse = np.linspace(-1.0, 1.0, len(log.along.q))[:, None]
     for j in matter:
-        q = log.position[:, j]
+        q = log.place[j]
         spring = np.column_stack([q, q**2, q**3, np.sin(2 * q), np.cos(2 * q)])
         for columns, kind, statement, advice in (
             (
@@ -130,7 +129,8 @@ def _of_one_joint(
                 "counterbalance, a cable or a spring",
             ),
         ):
-            if left[j].share(columns) >= _SHARE:
+            seen = log.motion.through(columns, j)
+            if left[j].share(seen) >= _SHARE:
                 cause = Cause(
                     kind,
                     names[j],
@@ -140,7 +140,7 @@ def _of_one_joint(
                     excuse=2 if kind == "spring" else 0,
                     of_residual=True,
                 )
-                parts = {names[j]: left[j].taken_up(columns)}
+                parts = {names[j]: columns @ left[j].amount(seen)}
                 yield _without(as_is, cause, parts)
                 break
 
@@ -149,10 +149,11 @@ def _of_pairs(
     as_is: FittedLog, left: list[Residual], matter: list[int]
 ) -> Iterator[Candidate]:
     names = as_is.factors.model.torque_joints
-    speed = np.asarray(as_is.recording.of(names).velocity)
+    log = SampleRows.of(as_is.factors.model, as_is.recording)
     for i, j in combinations(matter, 2):
-        both = np.tanh((speed[:, i] + speed[:, j]) / _CREEP)[:, None]
-        if min(left[i].share(both), left[j].share(both)) < _BOTH:
+        both = np.tanh((log.speed[i] + log.speed[j]) / _CREEP)[:, None]
+        seen = {k: log.motion.through(both, k) for k in (i, j)}
+        if min(left[k].share(columns) for k, columns in seen.items()) < _BOTH:
             continue
         cause = Cause(
             "coupling",
@@ -162,18 +163,21 @@ def _of_pairs(
             _THRESHOLD,
             of_residual=True,
         )
-        parts = {names[k]: left[k].taken_up(both) for k in (i, j)}
+        parts = {names[k]: both @ left[k].amount(seen[k]) for k in (i, j)}
         yield _without(as_is, cause, parts)
 
 
 def _without(as_is: FittedLog, cause: Cause, parts: dict[str, Vector]) -> Candidate:
-    """Return the log without the given parts of its torque."""
-    log = as_is.recording
-    torque = np.array(log.torque)
-    for name, part in parts.items():
-        torque[:, log.joints.index(name)] -= part
+    """Return the log without the given parts of its torque before the filter."""
+
+    def without(raw: Recording) -> Recording:
+        torque = np.array(raw.torque)
+        for name, part in parts.items():
+            torque[:, raw.joints.index(name)] -= part
+        return replace(raw, torque=torque)
+
     model, base = as_is.factors.model, as_is.factors.base
-    (factors,) = channel_factors(model, base, [replace(log, torque=torque)])
+    (factors,) = channel_factors(model, base, [altered(as_is.recording, without)])
     return Candidate(cause, factors, as_is.constraints)
 
 
@@ -193,17 +197,19 @@ def lost_signs(as_is: FittedLog) -> Iterator[Candidate]:
     if as_is.misfit < _EXPLAINED:
         return
     model, log = as_is.factors.model, as_is.recording
-    logged = np.asarray(log.of(model.torque_joints).torque)
-    size = abs(logged)
-    bare = logged.min(axis=0) >= -_BELOW * size.max(axis=0)
+    rows = SampleRows.of(model, log)
+    logged = rows.along.torque  # before the filter, which a lost sign goes through
+    size, smooth = abs(logged), rows.torque.T
+    bare = smooth.min(axis=0) >= -_BELOW * abs(smooth).max(axis=0)
     if not bare.any():
         return
-    expected = sum(nominal_parts(model, log))
+    expected, torque = sum(nominal_parts(rows)), logged
     for _ in range(_PASSES):
-        torque = np.where(bare, np.copysign(size, expected), logged)
+        before, torque = torque, np.where(bare, np.copysign(size, expected), logged)
         signed = _with_torque(log, model.torque_joints, torque)
-        left = residuals(replace(as_is, recording=signed))
-        expected = torque - np.column_stack([r.rest for r in left])
+        if (torque == before).all():
+            break
+        expected = _explained(as_is.factors, SampleRows.of(model, signed), bare)
     share = np.mean(torque * logged < 0.0, axis=0)
     turned = share > _TURNS
     if not turned.any():
@@ -226,11 +232,36 @@ def lost_signs(as_is: FittedLog) -> Iterator[Candidate]:
     yield Candidate(cause, factors, as_is.constraints)
 
 
+def _explained(factors: ChannelFactors, rows: SampleRows, joints: BoolArray) -> Matrix:
+    """Return the torque of some joints' own least squares, before the filter.
+
+    Parameters
+    ----------
+    joints : ndarray of bool, shape (torque joints,)
+
+    Returns
+    -------
+    ndarray, shape (samples of `along`, torque joints)
+        Zero for the other joints.
+    """
+    model, kept, Y = rows.model, list(factors.base.independent), rows.regressor()
+    explained = np.zeros(rows.along.torque.shape)
+    for j in np.flatnonzero(joints):
+        x = np.zeros(len(model.layout))
+        x[kept] = smallest_solution(Y[j, kept].T, rows.torque[j], _RANK)
+        explained[:, j] = rows.along.predicted(model, x)[:, j]
+    return explained
+
+
 def _with_torque(log: Recording, joints: Sequence[str], torque: Matrix) -> Recording:
-    """Return a log with another torque of some joints."""
-    every = np.array(log.torque)
-    every[:, [log.joints.index(name) for name in joints]] = torque
-    return replace(log, torque=every)
+    """Return a log with another torque of some joints before the filter."""
+
+    def signed(raw: Recording) -> Recording:
+        every = np.array(raw.torque)
+        every[:, [raw.joints.index(name) for name in joints]] = torque
+        return replace(raw, torque=every)
+
+    return altered(log, signed)
 
 
 _LAGS = 1e-3 * np.arange(-60.0, 320.0, 20.0)  # s, of the torque behind the motion
@@ -248,14 +279,14 @@ def late_torque(as_is: FittedLog) -> Iterator[Candidate]:
     if as_is.misfit < _EXPLAINED:
         return
     log, model, base = as_is.recording, as_is.factors.model, as_is.factors.base
-    motion = motion_of(model, log, None)
-    Y = model.regressor(motion.q, motion.dq, motion.ddq)[:, list(base.independent)]
+    rows = SampleRows.of(model, log)
+    Y, torque = rows.regressor()[:, list(base.independent)], rows.torque.T
     tried: list[tuple[float, float, float]] = []
     for constant in (0.0, *_CONSTANTS):
         columns = low_pass(Y, constant * log.rate)
         for lags in (_LAGS, None):
             grid = tried[-1][1] + _FINE if lags is None else lags
-            misfits = _misfits(columns, motion.torque, grid * log.rate)
+            misfits = _misfits(columns, torque, grid * log.rate)
             k = int(np.argmin(misfits))
             tried.append((float(misfits[k]), float(grid[k]), constant))
     delay, best = min(t for t in tried if not t[2]), min(tried)
@@ -263,9 +294,9 @@ def late_torque(as_is: FittedLog) -> Iterator[Candidate]:
     if abs(lag) + constant < _LEAST or (constant and lag < -_EARLY):
         return
     columns = low_pass(Y, constant * log.rate)
-    inner, moved = _moved(motion.torque, np.array([lag * log.rate]))
+    inner, moved = _moved(torque, np.array([lag * log.rate]))
     kept = columns[:, :, inner]
-    factors = tuple(joint_factor(rows, moved[0]) for rows in kept)
+    factors = tuple(joint_factor(own, moved[0]) for own in kept)
     other = ChannelFactors(model, base, factors, kept.shape[2])
     yield Candidate(_cause(lag, constant), other, as_is.constraints)
 

@@ -19,9 +19,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.arrays import BoolArray, Matrix, Vector
+from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
 from consistent_id.diagnosis.findings import LogFinding, Severity
 from consistent_id.diagnosis.linearise import Fitted, jackknife
+from consistent_id.diagnosis.sample_rows import SampleRows
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.drive.laws import RotorInertia, Spring
 from consistent_id.regression.drive.term import DriveTerm
@@ -76,18 +77,19 @@ class TorqueParts:
 
 def torque_parts(model: TorqueModel, prepared: Recording) -> TorqueParts:
     """Regress a prepared log's torque on the parts of the nominal model."""
-    g, inertial = nominal_parts(model, prepared)
-    log = prepared.of(model.torque_joints)
-    torque, speed = np.asarray(log.torque), np.asarray(log.velocity)
+    log = SampleRows.of(model, prepared)
+    parts = np.stack(nominal_parts(log), axis=-1)  # (samples, joints, parts)
+    parts = log.filtered(parts.transpose(1, 2, 0)).transpose(0, 2, 1)
+    rubbing = log.filtered(friction_shapes(log)).transpose(0, 2, 1)
+    springs = log.filtered(log.place[:, None]).transpose(0, 2, 1)
     sprung, rotors = _having(model, Spring), _having(model, RotorInertia)
+    none = np.zeros((len(log.motion.q), 0))
     rows = [
         (
             *_of_joint(
-                g[:, j],
-                inertial[:, j],
-                speed[:, j],
-                torque[:, j],
-                log.position[:, [j]] if joint in sprung else None,
+                parts[j],
+                np.hstack([rubbing[j], springs[j] if joint in sprung else none]),
+                log.torque[j],
             ),
             joint in rotors,
         )
@@ -96,15 +98,29 @@ def torque_parts(model: TorqueModel, prepared: Recording) -> TorqueParts:
     return TorqueParts(model.torque_joints, *map(np.array, zip(*rows, strict=True)))
 
 
-def nominal_parts(model: TorqueModel, prepared: Recording) -> tuple[Matrix, Matrix]:
-    """Return gravity and inertial torque of the nominal robot, (samples, joints)."""
+def nominal_parts(log: SampleRows) -> tuple[Matrix, Matrix]:
+    """Return gravity and inertial torque of the nominal robot along `SampleRows.along`.
+
+    Returns
+    -------
+    two ndarray, each shape (samples of `along`, torque joints)
+        Not filtered.
+    """
+    model, (q, dq, ddq) = log.model, log.along[:3]
     rigid = TorqueModel(model.robot, torque_joints=model.torque_joints)
     bodies = reference_bodies(model.robot).ravel()
-    log = prepared.of(model.robot.joint_names)
-    rates = np.asarray(log.velocity), np.asarray(log.acceleration)
-    gravity = rigid.rigid_torque(bodies, (log.position, None, None))
-    whole = rigid.rigid_torque(bodies, (log.position, *rates))
+    gravity = rigid.rigid_torque(bodies, (q, None, None))
+    whole = rigid.rigid_torque(bodies, (q, dq, ddq))
     return gravity, whole - gravity
+
+
+def friction_shapes(log: SampleRows) -> Array:
+    """Return viscous and Coulomb friction and an offset, (torque joints, 3, samples).
+
+    Along `SampleRows.along`, not filtered.
+    """
+    speed = log.speed
+    return np.stack([speed, np.tanh(speed / _CREEP), np.ones_like(speed)], axis=1)
 
 
 def _having(model: TorqueModel, law: type[DriveTerm]) -> set[str]:
@@ -117,14 +133,20 @@ def _having(model: TorqueModel, law: type[DriveTerm]) -> set[str]:
 
 
 def _of_joint(
-    g: Vector, inertial: Vector, speed: Vector, torque: Vector, spring: Matrix | None
+    bodies: Matrix, others: Matrix, torque: Vector
 ) -> tuple[float | bool, ...]:
-    changing = float(np.std(torque)) or 1.0
-    friction = [speed, np.tanh(speed / _CREEP), np.ones_like(speed)]
-    friction += [] if spring is None else [spring]
-    parts = np.column_stack([g, inertial, *friction])
+    """Return the slopes of a joint on gravity and inertial torque, beside others.
+
+    Parameters
+    ----------
+    bodies : ndarray, shape (samples, 2)
+    others : ndarray, shape (samples, columns)
+        Friction, offset and spring.
+    """
+    changing, (g, inertial) = float(np.std(torque)) or 1.0, bodies.T
+    parts = np.column_stack([bodies, others])
     fit = _fitted(parts, torque)
-    whole = _fitted(np.column_stack([g + inertial, *friction]), torque)
+    whole = _fitted(np.column_stack([g + inertial, others]), torque)
     a, b = fit.solution[:2]
     rubbed = parts[:, 2:4] @ fit.solution[2:4]
     return (

@@ -102,7 +102,7 @@ def whole_robot_factors(as_is: FactorLogs) -> list[FoundFactor]:
         Those that the logs determine.
     """
     factors = factors_of(as_is.model)
-    system = factor_system(as_is, factors)
+    system = factor_system(as_is, factors, instruments=True)
     level = [k for k, f in enumerate(factors) if f.kind == "gravity"]
     first = [f for f in _alone(system, factors) if f.factor.kind != "gravity"]
     if level:
@@ -178,20 +178,33 @@ def _cost(state: FactorLogs, *, nominal: bool = True) -> float:
 
 def _estimated(state: FactorLogs, factors: Sequence[Factor]) -> list[FoundFactor]:
     """Linearise once, and estimate each factor without the others."""
-    return _alone(factor_system(state, factors), factors)
+    return _alone(factor_system(state, factors, instruments=True), factors)
 
 
 def _alone(system: Jackknife, factors: Sequence[Factor]) -> list[FoundFactor]:
-    """Estimate each factor without the others; those that the logs determine."""
+    """Estimate each factor without the others; those that the logs determine.
+
+    A gain scales all bodies.  Estimated bodies have errors, which a smaller scale makes
+    smaller: least squares would prefer it.  So nominal bodies are the instrument.
+    """
     z = system.whole[:, -1]
     found = []
     for k, factor in enumerate(factors):
-        size = float(np.linalg.norm(system.whole[:, k]))
+        column = system.whole[:, k]
+        size = float(np.linalg.norm(column))
         if size == 0.0:
             continue
-        fit = system.fitted([k])
-        error = float(np.hypot(fit.errors[0], 1.0 / size))
-        explained = float(z @ z) - fit.misfit**2
+        if factor.kind == "masses or gain":
+            w = system.whole[:, len(factors) + k]
+            fit = system.by_instrument(k, len(factors) + k)
+            if not np.isfinite(fit.errors[0]):
+                continue
+            likely = float(np.linalg.norm(w) / (w @ column))
+            explained = float((w @ z) ** 2 / (w @ w))
+        else:
+            fit, likely = system.fitted([k]), 1.0 / size
+            explained = float(z @ z) - fit.misfit**2
+        error = float(np.hypot(fit.errors[0], likely))
         found.append(FoundFactor(factor, float(fit.solution[0]), error, explained))
     return found
 

@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import (
     Constraint,
@@ -78,6 +79,7 @@ _TRIES = 3
 _LEAST = 1e-5  # share below which a link still counts as on the boundary
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ScaledFit:
     """``minimise ||M u - z||`` over a set, ``u = x / unit``.

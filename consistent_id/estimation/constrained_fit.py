@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import (
     Constraint,
@@ -306,6 +307,7 @@ class Resolution:
         )
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class Contradiction:
     """An irreducible set of constraints without a common point.

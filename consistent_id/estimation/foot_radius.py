@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Matrix
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import Constraint
 from consistent_id.errors import RecordingError
@@ -31,6 +32,7 @@ _PASSES = 4  # until the vertex is within a step
 _SAID = 0.1  # prior standard deviation of a radius, relative to it
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class ContactRadius:
     """The correction of the radius of each round foot.

@@ -251,6 +251,7 @@ def request_tables(
         ("start pose", "any" if pose is None else _pose(pose)),
         ("objective", objectives),
         *[("for", ", ".join(aim.interest))] * bool(aim.interest),
+        *[("others", "known")] * (aim.others == "known"),
         ("column scaling", aim.scaling),
         ("noise", "by default" if aim.noise is None else "as given"),
         ("samples", f"{aim.rate:g} Hz"),

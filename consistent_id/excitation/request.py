@@ -309,6 +309,7 @@ def design_request(problem: Problem) -> DesignRequest:
         rate=table.rate,
         correlation_time=table.correlation_time,
         interest=_interest(problem, refine),
+        others=table.others,
     )
     pose = _pose(table.start_pose, limits) if table.start_pose else None
     scene = requested_scene(problem)

@@ -15,6 +15,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeVar
 
+from consistent_id._support.brief import brief
 from consistent_id._support.files import write_atomically
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.verdict import HELP
@@ -107,6 +108,7 @@ class SideFile(NamedTuple):
     content: bytes
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class Export:
     """The content of a file, before it is written.

@@ -121,6 +121,7 @@ class ExcitationTable(FileTable, frozen=True, kw_only=True):
     objective: Literal["condition", "D", "A", "E"] = "D"
     refine: Literal["D", "A", "E", "none"] | None = None
     interest: list[str] = []
+    others: Literal["unknown", "known"] = "unknown"
     growth: Annotated[float, Meta(ge=1.0)] = 1.5
     condition_at_most: Annotated[float, Meta(ge=1.0)] | None = None
     scaling: Literal["none", "unit columns"] = "none"

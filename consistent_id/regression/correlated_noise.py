@@ -36,6 +36,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id.regression.linear import DATA_RANK_TOLERANCE, extended, triangle
 from consistent_id.regression.regressor import TorqueModel
@@ -71,6 +72,7 @@ _AUTOCOVARIANCE_WINDOW = 2**16
 which are few beside noise of up to a thousand samples."""
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class CorrelatedNoise:
     """Noise behind a regression's factors.

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.files import together, write_atomically
 from consistent_id._support.run import kept_going, noted_interrupts
@@ -61,6 +62,7 @@ _UNITS = ("kg", *["kg m"] * 3, *["kg m^2"] * 6)
 NAMES = ("standing.csv", "standing.yaml", "standing.png", "standing.json")
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class StandingDesign:
     """A motion on feet that was searched for.

@@ -68,6 +68,7 @@ def test_of_noise_alone_little_scatter_is_left():
     assert single.between.tolist() == [0.0, 0.0]
 
 
+@pytest.mark.slow
 def test_intervals_hold_other_blocks_as_often_as_they_say():
     held, by_noise = [], []
     for seed in range(20):

@@ -57,6 +57,7 @@ def size_of_errors(path, aim):
     return np.linalg.norm(accuracy.standard_errors())
 
 
+@pytest.mark.slow
 def test_a_design_is_proven_and_better_than_random():
     design = designed(arm(3), Aim("condition"))
     assert [stage.objective for stage in design.stages] == ["condition", "D"]
@@ -147,6 +148,7 @@ def test_paths_that_never_repeat_are_proven_too():
 # Predicted accuracy -----------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_predicted_errors_are_those_of_simulated_least_squares():
     model, rng = TorqueModel(arm(2), FRICTION), np.random.default_rng(0)
     base = base_parameters(model)
@@ -162,6 +164,7 @@ def test_predicted_errors_are_those_of_simulated_least_squares():
     assert np.allclose(errors.std(axis=1), predicted, rtol=0.08)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("repetitions", some_fast([12.5, 3.0, 1.0]))
 def test_repetitions_add_their_information_to_what_is_known(repetitions):
     model = TorqueModel(arm(2))
@@ -191,6 +194,7 @@ def test_repetitions_add_their_information_to_what_is_known(repetitions):
     assert np.allclose(accuracy.standard_errors(repetitions), expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_repetitions_for_a_wanted_error_reach_it_and_no_fewer_do():
     design = designed(aim=Aim(refine=None, noise=0.5))
     name = design.base.names[1]
@@ -203,6 +207,7 @@ def test_repetitions_for_a_wanted_error_reach_it_and_no_fewer_do():
         design.accuracy.repetitions_for({name: 0.0})
 
 
+@pytest.mark.slow
 def test_the_table_says_what_errors_are_of():
     design = designed(aim=Aim(refine=None))
     text = design.accuracy.table().text()
@@ -370,6 +375,7 @@ def test_a_motor_without_a_torque_sensor_has_a_limit_all_the_same():
     assert [m.joint for m in of_torque] == ["joint1"]
 
 
+@pytest.mark.slow
 def test_a_path_that_cannot_be_proven_never_leaves(monkeypatch):
     true_proof = Demands.proof
 
