@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import IntArray, Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.tables import Table
 from consistent_id.errors import ModelError, RecordingError
@@ -97,6 +98,7 @@ class ServoForm:
     left_out: float
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class JointServo:
     """One joint's servo.
@@ -146,6 +148,7 @@ class JointServo:
         return Table(title, ("parameter", "value", "+-", "unit"), rows, tuple(notes))
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class ServoFit:
     """Servos of a robot.

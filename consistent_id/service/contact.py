@@ -19,6 +19,7 @@ from consistent_id._support.arrays import (
     Matrix,
     Vector,
 )
+from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.service.residual_spread import (
@@ -93,6 +94,7 @@ class Contacts:
         return np.flatnonzero(np.diff(self.contact.astype(int), prepend=0) > 0)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactDetector:
     """Detector of contacts by a short memory; made by `ContactDetector.fit`.

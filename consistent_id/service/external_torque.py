@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Vector, checked, freeze, frozen
+from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.service.contact_place import RADIUS, ContactPlace, contact_place
@@ -47,6 +48,7 @@ class ObserverState:
     expected: Vector
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class MomentumObserver:
     """Observer of the torque that acts on the joints from outside.
