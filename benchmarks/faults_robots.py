@@ -69,9 +69,9 @@ class Robot:
 def robots() -> dict[str, Robot]:
     """Return the five robots by name."""
     found = (
-        _arm("two_links", [("y", 0.4, 6.0), ("y", 0.35, 3.0)]),
-        _arm("rx60_like", [("z", 0.24, 15.0), ("y", 0.29, 8.6), ("y", 0.31, 3.6)]),
-        _arm(
+        arm("two_links", [("y", 0.4, 6.0), ("y", 0.35, 3.0)]),
+        arm("rx60_like", [("z", 0.24, 15.0), ("y", 0.29, 8.6), ("y", 0.31, 3.6)]),
+        arm(
             "ur10_like",
             [
                 ("z", 0.13, 7.8),
@@ -82,7 +82,7 @@ def robots() -> dict[str, Robot]:
                 ("y", 0.09, 0.4),
             ],
         ),
-        _arm(
+        arm(
             "seven_joints",
             [
                 ("z", 0.33, 4.5),
@@ -99,7 +99,7 @@ def robots() -> dict[str, Robot]:
     return {robot.name: robot for robot in found}
 
 
-def _arm(name: str, table: Sequence[tuple[str, float, float]]) -> Robot:
+def arm(name: str, table: Sequence[tuple[str, float, float]]) -> Robot:
     """Return a chain that stands up: an axis, a length [m] and a mass [kg] per link."""
     axes = {"y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
     parts, below = [], 0.1

@@ -35,10 +35,9 @@ from consistent_id.estimation.uncertainties.block_scatter import (
 from consistent_id.problems.loading import problem_of
 from consistent_id.regression.segments import merged, segments_of
 from consistent_id.rollout import rollout
+from consistent_id.rollout.choice import chosen_ridge, chosen_settings
 from consistent_id.rollout.refine import RIDGE, refined
 from consistent_id.rollout.settings import (
-    chosen_ridge,
-    chosen_settings,
     gains_of,
     rollout_error,
     torque_fit,
@@ -71,7 +70,7 @@ def main() -> None:
             found = chosen_settings(problem)
             problem = with_settings(problem, found.settings)
             print(
-                f"{found.settings}, error {1e3 * found.error:.2f}, "
+                f"{found.settings}, {found.delay}, error {1e3 * found.error:.2f}, "
                 f"{len(found.tried)} tried in {process_time() - started:.1f} s"
             )
         if options.ridges:

@@ -138,6 +138,7 @@ def test_rivals_are_measured_within_the_limits():
         rivals.random_search(rivals.Judge(case, 0.2), 0)
 
 
+@pytest.mark.slow
 def test_every_mutant_is_python_with_one_line_changed():
     mutation = _benchmark("mutation")
     file = mutation.ROOT / "consistent_id" / "regression" / "correlated_noise.py"

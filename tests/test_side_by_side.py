@@ -88,6 +88,7 @@ WORK = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", WHERE)
 @pytest.mark.parametrize("work", WORK, ids=lambda work: work.__name__.strip("_"))
 def test_results_are_the_same_wherever_the_work_is_done(work, where):

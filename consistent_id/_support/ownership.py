@@ -21,7 +21,7 @@ EDITED = (".toml",)  # files that people go on writing; their mark is the last l
 _TOML_MARK = re.compile(r"(?m)^# consistent-id: digest [0-9a-f]{16} .*(?:\n|\Z)")
 _LARGEST_EDITED = 2**20  # characters; longer ones were not written here
 _PLACE = re.compile(
-    rb'(?:<!--|#|//|/\*|"""|content=")\s*consistent-id: (?=.)'
+    rb'(?:<!--|#|//|/\*|"""|content="|^[;!])\s*consistent-id: (?=.)'
     rb'|"format": ?"consistent_id [a-z]+ \d+"'
 )
 _COMMENTED = re.compile(rb"(?<=consistent-id: )digest ([0-9a-f]{16}); ")

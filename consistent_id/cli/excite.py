@@ -37,6 +37,7 @@ consistent-id excite problems/rx60 --time-limit 3 --output results/motion
 consistent-id excite problems/rx60 --objective D --output results/least-errors
 consistent-id excite problems/ur10e --sequential --starts 8 --seed 1
 consistent-id excite problems/arm --earlier regression.json
+consistent-id excite robot.urdf --for tool0 --others known --start-pose elbow=1.2
 consistent-id excite go2.xml --standing --velocity 4 --effort 23
 """
 _FILE = "problem.toml"
@@ -50,6 +51,17 @@ def _absolute(text: str) -> str:
 def _words(text: str) -> list[str]:
     """Return what commas separate."""
     return [word.strip() for word in text.split(",")]
+
+
+def _position(text: str) -> tuple[str, float]:
+    """Read a joint and its position."""
+    joint, _, position = text.partition("=")
+    try:
+        return joint, float(position)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text}: expected JOINT=POSITION in rad or m, such as elbow=0.5"
+        ) from None
 
 
 _LIMITS = (
@@ -101,6 +113,18 @@ _MOTION = (
         "open (default: all; on a wrench sensor the tool's ten)",
         _words,
         dest="interest",
+    ),
+    Option(
+        "--others WHAT",
+        "parameters that --for does not name: unknown, or known, as for a load that is "
+        "weighed by the difference between two logs (default: unknown)",
+        choices=("unknown", "known"),
+    ),
+    Option(
+        "--start-pose JOINT=POSITION ...",
+        "where the robot stands before and after, in rad or m; joints that are not "
+        "named, in the middle of their range (default: where the path begins)",
+        _position,
     ),
     *_LIMITS,
     Option(
@@ -161,8 +185,8 @@ def parameters(more: str = "") -> Option:
 
 def motion_changes(options: argparse.Namespace) -> dict[str, Any]:
     """Return the keys of ``[excitation]`` that were given, None for the others."""
-    keys = (option.name for option in _MOTION)
-    return {key: getattr(options, key) for key in keys}
+    changes = {option.name: getattr(options, option.name) for option in _MOTION}
+    return changes | {"start_pose": dict(options.start_pose) or None}
 
 
 _RATE = 200.0  # Hz, of the files of samples

@@ -4,6 +4,11 @@ import argparse
 from pathlib import Path
 
 from consistent_id.cli.answers import show, tables_answer
+from consistent_id.cli.load_options import (
+    ROBOT_AND_LOAD,
+    percentage,
+    robot_without_load,
+)
 from consistent_id.cli.options import (
     ACCEPT,
     OUTPUT,
@@ -12,7 +17,6 @@ from consistent_id.cli.options import (
     add_command,
     positive,
 )
-from consistent_id.cli.payload import ROBOT_AND_LOAD, percentage, robot_without_load
 from consistent_id.cli.source import STATED
 
 _RECORD = "gains.json"

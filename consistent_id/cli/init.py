@@ -62,7 +62,7 @@ def run_init(options: argparse.Namespace) -> int:
             shown = chosen.table().text() + "\n\n" + shown
         command, more = "compare" if options.log else "excite", " --trust" * outside
         if options.gains:  # of commands, whose delay nobody has stated yet
-            command, more = "rollout", f" --choose{more}"
+            command = "rollout"
         shown += f"\nnext: consistent-id {command} {file}{more}"
     record = {
         "problem": draft.name,

@@ -5,6 +5,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from consistent_id.cli.answers import show, tables_answer
+from consistent_id.cli.load_options import (
+    ROBOT_AND_LOAD,
+    numbers,
+    percentage,
+    robot_without_load,
+)
 from consistent_id.cli.options import (
     ACCEPT,
     OUTPUT,
@@ -13,12 +19,11 @@ from consistent_id.cli.options import (
     add_command,
     positive,
 )
-from consistent_id.cli.source import PROBLEM, STATED, opened, statement
+from consistent_id.cli.source import STATED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from consistent_id.problems.problem import Problem
     from consistent_id.service.controller_formats import ControllerFormat
 
 _RECORD = "payload.json"
@@ -37,58 +42,12 @@ consistent-id payload problem.toml --loaded a.csv b.csv --tool 0,0,0.12 --contro
 """
 
 
-def _numbers(text: str) -> tuple[float, ...]:
-    return tuple(float(word) for word in text.split(","))
-
-
-def _numbers_from_1(text: str) -> tuple[int, ...]:
-    rows = tuple(int(word) for word in text.split(","))
-    if min(rows) < 1:
-        raise ValueError
-    return rows
-
-
-def _rows(text: str) -> tuple[int, ...]:
-    rows = _numbers_from_1(text)
-    if len(rows) != 2:
-        raise ValueError
-    return rows
-
-
-def percentage(text: str) -> float:
-    """Read a positive share in percent."""
-    return 0.01 * positive(text)
-
-
 def _frame(text: str) -> str | tuple[float, ...]:
     """Return the name of a frame, or its place."""
     try:
-        return _numbers(text)
+        return numbers(text)
     except ValueError:
         return text
-
-
-ROBOT_AND_LOAD = (
-    PROBLEM,
-    Option("log [...]", "logs without the load, if PROBLEM is a URDF or MJCF", Path),
-    Option("--loaded LOG ...", "logs with the load", Path, required=True),
-    Option(
-        "--loaded-rows FIRST,LAST",
-        "rows of these logs to use, from 1 (default: all)",
-        _rows,
-    ),
-    Option(
-        "--loaded-omit ROW,ROW",
-        "broken rows of these logs, from 1",
-        _numbers_from_1,
-    ),
-    Option(
-        "--link LINK",
-        "link or fixed frame that carries the load, in whose frame controllers get "
-        "it, such as tool0 (default: the last link)",
-    ),
-)
-"""Arguments and options of commands on a robot and its load."""
 
 
 def add_payload(command: argparse.ArgumentParser) -> None:
@@ -105,7 +64,7 @@ def add_payload(command: argparse.ArgumentParser) -> None:
             "x,y,z,roll,pitch,yaw (m, rad) in the frame of --link (default: that one)",
             _frame,
         ),
-        Option("--name NAME", "of the load in files", default="load"),
+        Option("--name NAME", "of the load in files", default="payload"),
         Option(
             "--known-mass KG",
             "if the load was weighed: gains that convert currents to torque are "
@@ -140,11 +99,18 @@ def run_payload(options: argparse.Namespace) -> int:
         write_json,
     )
     from consistent_id._support.tables import Table
-    from consistent_id.service.controller_formats import CONTROLLER_FORMATS
+    from consistent_id.service.controller_formats import (
+        CONTROLLER_FORMATS,
+        controller_text,
+        require_load_name,
+    )
     from consistent_id.service.weighing import weigh_load
 
     chosen = options.controller or [known.name for known in CONTROLLER_FORMATS]
     forms = [known for known in CONTROLLER_FORMATS if known.name in chosen]
+    require_load_name(options.name)
+    for form in forms if options.output is not None else ():
+        form.require_name(options.name)
     if options.output is not None and not options.dry_run:
         require_writable(options.output, [_RECORD, *(form.file for form in forms)])
     errors = list(options.gain_errors)
@@ -167,14 +133,16 @@ def run_payload(options: argparse.Namespace) -> int:
         if folder is None or not usable:
             return []
         load = found.for_controller
+        texts = {form.file: controller_text(load, form.name) for form in forms}
         return [
-            *(write_atomically(folder / form.file, form.text(load)) for form in forms),
+            *(write_atomically(folder / file, text) for file, text in texts.items()),
             write_json(folder / _RECORD, record),
         ]
 
     tables = found.tables()
     kept = [form for form in CONTROLLER_FORMATS if not usable or form not in forms]
     old = [] if options.output is None else _present(options.output, kept)
+    record["files_of_earlier_runs"] = old
     if old:
         note = f"{options.output} has {', '.join(old)} of an earlier run: delete them"
         tables.insert(1, Table("Not of this load", (), (), (note,)))
@@ -184,14 +152,3 @@ def run_payload(options: argparse.Namespace) -> int:
 def _present(folder: Path, forms: "Sequence[ControllerFormat]") -> list[str]:
     """Return the names of forms' files that are in a folder already."""
     return [form.file for form in forms if (folder / form.file).exists()]
-
-
-def robot_without_load(options: argparse.Namespace) -> "Problem":
-    """Return the robot without the load, as it was if its results are named."""
-    from consistent_id.problems.folder import is_results
-    from consistent_id.report.results import open_results
-
-    stated = statement(options).given
-    if not options.log and not stated and is_results(options.problem):
-        return open_results(options.problem).problem
-    return opened(options).problem

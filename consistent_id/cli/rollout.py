@@ -12,13 +12,14 @@ if TYPE_CHECKING:
     from consistent_id.rollout.problem_rollout import ProblemRollout
 
 _MORE = """For logs of command, position and gains ([data.gains]).  MuJoCo replays the
-commands of the validation logs through the estimate that identify recommends, with the
-same verdict, and through other files of the robot.  With --output FOLDER the estimate,
-rollout.json and a page are written.  MuJoCo is the extra mjcf."""
+commands of the validation logs through an estimate, and through other files of the
+robot.  By default settings are chosen and the estimate is refined (--choose --refine);
+--stated replays the one that identify recommends, with the same verdict.  With --output
+FOLDER the estimate, rollout.json and a page are written.  MuJoCo is the extra mjcf."""
 _EXAMPLES = """
 consistent-id rollout problems/unitree_go2
-consistent-id rollout problems/unitree_go2 --against shipped.xml --refine
-consistent-id rollout problems/unitree_z1 --choose --refine --output results/z1
+consistent-id rollout problems/unitree_go2 --against shipped.xml --stated
+consistent-id rollout problems/unitree_z1 --output results/z1
 """
 
 
@@ -35,11 +36,17 @@ def add_rollout(command: argparse.ArgumentParser) -> None:
         Option(
             "--refine",
             "refine the weighted constrained estimate on rollouts of the training "
-            "logs, and replay that one",
+            "logs, unless that predicts worse, and replay that one",
         ),
         Option(
             "--choose",
-            "choose delay, cut-off and shape of friction on the training logs",
+            "choose delay, cut-off, shape of friction and equal motors on the training "
+            "logs",
+        ),
+        Option(
+            "--stated",
+            "replay the estimate that identify recommends for the problem as it is "
+            "stated",
         ),
         Option(
             "--form FORMAT",
@@ -68,11 +75,12 @@ def _rollout(options: argparse.Namespace) -> Answer:
     if options.output is not None and not options.dry_run:
         require_writable(options.output, ["rollout.json", "rollout.html"])
     study = study_of(options, source)
+    chosen = options.refine or options.choose or options.form or options.stated
     done = rollout_of(
         study,
         against=options.against,
-        refine=options.refine,
-        choose=options.choose,
+        refine=options.refine or not chosen,
+        choose=options.choose or not chosen,
         form=options.form,
     )
 

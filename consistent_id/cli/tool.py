@@ -5,6 +5,7 @@ input, 3 solver failure or out of time, 70 a bug, 130 interrupted, 143 terminate
 """
 
 import argparse
+from difflib import get_close_matches
 from importlib import import_module
 
 from consistent_id.cli.answers import warnings_unless
@@ -30,6 +31,7 @@ _COMMANDS = {
     "fleet": "identify robots of one type together, and name outliers",
     "payload": "weigh what a robot carries, and write it as controllers take it",
     "gains": "identify gains between currents and torque by a load of known mass",
+    "servo": "identify hobby servos from position, goal and duty, without torque",
     "completion": "print a script for tab completion",
 }
 _EPILOG = """examples:
@@ -50,6 +52,7 @@ _EPILOG = """examples:
   consistent-id fleet 'logs/*/problem.toml' --output results/fleet
   consistent-id payload robot.urdf empty.csv --loaded carrying.csv --link tool0
   consistent-id gains problems/ur10e --loaded carrying.csv --known-mass 2.805
+  consistent-id servo arm.urdf a.csv b.csv --validate c.csv
 
 consistent-id COMMAND --help has more. Exit codes: 0 done, 1 do not use (the
 estimate, or a faulty log), 2 wrong usage or input, 3 solver failure or out of time,
@@ -80,6 +83,10 @@ def tool_parser(wanted: str | None = None) -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=__version__)
+    if wanted and wanted not in _COMMANDS:
+        near = get_close_matches(wanted, _COMMANDS, n=1)
+        hint = f"did you mean {near[0]}?" if near else "--help lists the commands"
+        parser.error(f"there is no command {wanted!r}; {hint}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, text in _COMMANDS.items():
         command = commands.add_parser(

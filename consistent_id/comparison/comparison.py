@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.tables import Table
 from consistent_id.comparison.feasibility import (
@@ -19,7 +20,9 @@ from consistent_id.constraints.priors import pullback_distance
 from consistent_id.constraints.robot_size import robot_size
 from consistent_id.errors import ProblemError, SolverError
 from consistent_id.estimation.body_slopes import Slopes
+from consistent_id.estimation.drive_ratios import drive_ratios
 from consistent_id.estimation.estimate import Estimate, torque_errors
+from consistent_id.estimation.fit import usual_efforts
 from consistent_id.estimation.judgement import Evidence, judge
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.torque_error import (
@@ -35,11 +38,13 @@ from consistent_id.regression.mass_matrix import (
 )
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.drawn_parts import DrawnParts
 from consistent_id.robot.scaling import reference_bodies
 
 _UNCONSTRAINED = (Method.LEAST_SQUARES, Method.WEIGHTED_LEAST_SQUARES, Method.HUBER)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class EstimateReport:
     """All evidence on one estimate.
@@ -62,6 +67,10 @@ class EstimateReport:
     crossed : Slopes, optional
         Of joints whose torque is not that of the nominal bodies; see
         `confirmed_slopes`.
+    usual_efforts : Vector, optional
+        Of the training recordings; see `usual_efforts`.
+    drawn : DrawnParts, optional
+        Shapes of links and nominal drives, of the robot's file.
     """
 
     estimate: Estimate
@@ -74,6 +83,8 @@ class EstimateReport:
     findings: tuple[LogFinding, ...] = ()
     consistency: ConsistencyTest | None = None
     crossed: Slopes | None = None
+    usual_efforts: Vector | None = None
+    drawn: DrawnParts | None = None
 
     @property
     def possible_links(self) -> tuple[bool, ...]:
@@ -93,7 +104,7 @@ class EstimateReport:
     @property
     def evidence(self) -> Evidence:
         """The evidence for the verdict."""
-        own = self.estimate
+        own, drawn = self.estimate, self.drawn or DrawnParts()
         return Evidence(
             method=own.method,
             optimum=own.certificate.verdict,
@@ -108,8 +119,10 @@ class EstimateReport:
             undetermined=own.undetermined,
             accepted=own.accepted,
             loose_trunk=own.loose_trunk,
-            size=robot_size(own.model, own.parameters),
+            size=robot_size(own.model, own.parameters, drawn.reach),
+            drives=drive_ratios(own.model, own.parameters, drawn),
             crossed=self.crossed,
+            usual_efforts=self.usual_efforts,
         )
 
     @property
@@ -141,6 +154,7 @@ class EstimateReport:
         return stacked_error(self.validation)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
     """Reports on several estimates of one robot, in the order given.
@@ -233,6 +247,7 @@ def compare(
     findings: Sequence[LogFinding] = (),
     regression: Regression | None = None,
     crossed: Slopes | None = None,
+    drawn: DrawnParts | None = None,
     seed: int = 0,
 ) -> Comparison:
     """Compare estimates of one robot on recordings.
@@ -251,6 +266,8 @@ def compare(
     crossed : Slopes, optional
         Of joints whose torque is not that of the nominal bodies; see
         `confirmed_slopes`.
+    drawn : DrawnParts, optional
+        Shapes of links and nominal drives, of the robot's file.
     seed : int
         Of the poses at which the mass matrix is examined.
 
@@ -269,6 +286,7 @@ def compare(
         [torque_errors(estimates, recording) for recording in recordings]
         for recordings in (training, validation)
     )
+    efforts = usual_efforts(model, training)
     reports = [
         EstimateReport(
             estimate=estimate,
@@ -294,6 +312,8 @@ def compare(
             ),
             findings=tuple(findings),
             crossed=crossed,
+            usual_efforts=efforts,
+            drawn=drawn,
         )
         for i, estimate in enumerate(estimates)
     ]

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.certificate import OptimumVerdict, solve_certified
@@ -29,6 +30,7 @@ STEP = 0.01
 _FREE = 1e-6  # price, relative to the residual, that counts as zero
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class ShadowPrice:
     """The cost of one constraint, with all others in force.

@@ -8,11 +8,13 @@ are on the boundary of the cone.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import Literal
 
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
+from consistent_id._support.brief import brief
 from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
 from consistent_id.constraints.rows import (
     equalities,
@@ -45,6 +47,7 @@ _NO_MASS = "no mass"
 _EDGE = 1e-5  # shares of a typical link's mass or second moment that count as zero
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class PhysicalConsistency:
     """Pseudo-inertias of all links positive semidefinite [Wensing2018]_.
@@ -84,6 +87,7 @@ class PhysicalConsistency:
         return ConicSet.semidefinite(blocks, len(layout))
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class FixedBodies:
     """Bodies as in the robot's file.
@@ -122,6 +126,7 @@ class FixedBodies:
         return fixed_values(values, model.layout)
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class FixedMasses:
     """Masses known exactly.
@@ -134,6 +139,14 @@ class FixedMasses:
 
     masses: Mapping[str, float] | None = None
 
+    def __post_init__(self) -> None:
+        for link, mass in (self.masses or {}).items():
+            if not (isfinite(mass) and mass >= 0.0):
+                raise ProblemError(
+                    f"fixed mass of {link}: {mass:g} kg, expected a finite one that is "
+                    "not negative"
+                )
+
     def lower(self, model: TorqueModel) -> ConicSet:
         """Return ``m_k = value``."""
         masses = self.masses
@@ -145,6 +158,7 @@ class FixedMasses:
         )
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class MassBounds:
     """Masses between bounds [kg]; by default those of the datasheet."""
@@ -163,6 +177,10 @@ class MassBounds:
                 raise ProblemError(
                     f"mass bounds of {link}: {low:g} kg is not below {high:g} kg"
                 )
+            if high < 0.0:
+                raise ProblemError(
+                    f"mass bounds of {link}: at most {high:g} kg, which no body has"
+                )
             row = unit_row(model.layout, f"{link}.m")
             rows += [-row, row]
             limits += [-low, high]
@@ -170,6 +188,7 @@ class MassBounds:
         return inequalities(rows, limits, labels, model)
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class FixedCentresOfMass:
     """Centres of mass known exactly: ``h = m c``.
@@ -200,6 +219,7 @@ class FixedCentresOfMass:
         return equalities(rows, [0.0] * len(rows), labels, model)
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class CentreOfMassBoxes:
     """Centres of mass inside boxes: ``lower m <= h <= upper m``.
@@ -228,6 +248,7 @@ class CentreOfMassBoxes:
         return inequalities(rows, [0.0] * len(rows), labels, model)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class CentreOfMassIn:
     """A link's centre of mass lies in an ellipsoid or a polytope.
@@ -270,6 +291,7 @@ class CentreOfMassIn:
         return ConicSet.semidefinite([block], size)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class DensityOn:
     """A link's material lies in an ellipsoid or a polytope.
@@ -323,6 +345,7 @@ def _symmetric(a: Vector, b: Vector) -> Array:
     return (np.outer(a, b) + np.outer(b, a)) / 2
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class EqualLinks:
     """Two links with equal parameters in their own frames, or mirror images.
@@ -355,6 +378,7 @@ class EqualLinks:
         return equalities(rows, [0.0] * len(rows), labels, model)
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class SymmetricLink:
     """A link symmetric in planes through its frame's origin.
@@ -383,6 +407,7 @@ class SymmetricLink:
         return equalities(rows, [0.0] * len(rows), labels, model)
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class TotalMass:
     """The moving links' masses add up to a value, or lie between bounds, [kg].
@@ -426,6 +451,7 @@ def _require_axes(axes: Sequence[str], what: str) -> None:
         raise ProblemError(f"{what}: {wrong} are not among x, y and z")
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class LinkCondition:
     """One link's consistency margin.

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from consistent_id._support.brief import brief
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.constraints.rows import (
     equalities,
@@ -19,6 +20,7 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.parameters import did_you_mean
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class Motor:
     """A motor behind a gear.
@@ -56,6 +58,7 @@ class Motor:
         return self.gear_ratio**2 * self.inertia
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class RotorInertias:
     """Rotor inertias as in their motors' datasheets.
@@ -108,6 +111,7 @@ class RotorInertias:
         ).lower(model)
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class EqualMotors:
     """Joints whose motors and gears are of one type: terms of equal value.
@@ -153,6 +157,7 @@ class EqualMotors:
         return equalities(rows, [0.0] * len(rows), labels, model)
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class NonNegativeDrive:
     """Friction dissipates energy; rotors and springs store it.
@@ -212,6 +217,7 @@ class NonNegativeDrive:
         return inequalities(rows, [0.0] * len(rows), labels, model)
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class SharedMotors:
     """Couplings from one motor that turns with the sum of two joints' rates.
@@ -253,6 +259,7 @@ class SharedMotors:
         return inequalities(rows, [0.0] * len(rows), labels, model)
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class FixedParameters:
     """Parameters known exactly, by name, such as ``{"link2.hx": 1.48}``."""
@@ -264,6 +271,7 @@ class FixedParameters:
         return fixed_values(self.values, model.layout)
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class ParameterBounds:
     """Parameters between bounds, by name, such as ``{"elbow.viscous": (0, 20)}``.
@@ -288,6 +296,7 @@ class ParameterBounds:
         return inequalities(rows, limits, labels, model)
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class LinearRelation:
     """A linear relation of parameters: ``lower <= sum_i c_i x_i <= upper``.

@@ -17,6 +17,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id.constraints.cones.sets import svec
 from consistent_id.errors import ProblemError
 from consistent_id.regression.regressor import TorqueModel
@@ -34,6 +35,7 @@ thickness is at least a third of the nominal one.
 _THINNEST = 1e-13  # relative eigenvalues below which a link is flat up to rounding
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class PointToSet:
     """Among all estimates that fit nearly best, take the one nearest to the nominal.
@@ -43,7 +45,8 @@ class PointToSet:
     slack : float, optional
         Relative increase of the weighted misfit norm that counts as "nearly best".  By
         default the increase for one standard error of all determined parameters
-        together (``chi^2 <= 1``, noise as correlated as the residuals).
+        together (``chi^2 <= 1``, noise as correlated as the residuals).  A slack of
+        1e-6 delivers the optimum itself, to 2e-6 of the squared misfit.
     distance : {"pullback", "euclidean", "entropic"}
         See `nominal_distance`.
     inside : float
@@ -80,6 +83,7 @@ class PointToSet:
         return misfit_increase(error, least) if self.slack is None else self.slack
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class Penalty:
     """Weigh the distance to nominal against the misfit.

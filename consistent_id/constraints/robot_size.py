@@ -10,6 +10,7 @@ Sizes come from the robot's file, never from the estimate: a centre of mass far 
 must not make a link long.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,17 +68,21 @@ class RobotSize:
         freeze_arrays(self, shapes, "robot size", finite=False)
 
 
-def robot_size(model: TorqueModel, parameters: Vector) -> RobotSize:
+def robot_size(
+    model: TorqueModel, parameters: Vector, reach: Mapping[str, float] | None = None
+) -> RobotSize:
     """Compare the bodies of a parameter vector with the robot's geometry.
 
     Parameters
     ----------
     model : TorqueModel
     parameters : ndarray, shape (parameters,)
+    reach : mapping of str to float, optional, [m]
+        Of links whose shapes are known; see `DrawnParts`.
     """
     robot = model.robot
     bodies = parameters[: model.layout.inertial_size].reshape(-1, 10)
-    size = _sizes(robot, bodies[:, 0])
+    size = _sizes(robot, bodies[:, 0], reach or {})
     known = _rotor_known(model)
     centre, radius = np.full((2, len(bodies)), np.nan)
     for k, body in enumerate(bodies):
@@ -105,12 +110,12 @@ def robot_size(model: TorqueModel, parameters: Vector) -> RobotSize:
     return RobotSize(robot.link_names, carried_by, names, size, centre, radius, inertia)
 
 
-def _sizes(robot: RobotModel, masses: Vector) -> Vector:
+def _sizes(robot: RobotModel, masses: Vector, reach: Mapping[str, float]) -> Vector:
     """Return how far each link's mass is from its joint at most, shape (links,), [m].
 
     The farthest of the joints at the link, of the joint before, where a motor may be,
-    of the nominal body, and of a ball of the link's mass.  Infinite without a nominal
-    body: it may be long beyond its last joint.
+    of the link's shapes or else of the nominal body, and of a ball of the link's mass.
+    Infinite where neither is known: it may be long beyond its last joint.
     """
     sizes = (3.0 * np.maximum(masses, 0.0) / (4.0 * np.pi * _THIN)) ** (1.0 / 3.0)
     for k, joint in enumerate(robot.joints):
@@ -120,7 +125,9 @@ def _sizes(robot: RobotModel, masses: Vector) -> Vector:
             sizes[joint.parent] = max(sizes[joint.parent], before)
     for k, link in enumerate(robot.links):
         body = link.nominal
-        if body is None:
+        if link.name in reach:
+            sizes[k] = max(sizes[k], reach[link.name])
+        elif body is None:
             sizes[k] = np.inf
         elif body.mass > 0.0:
             spread = max(float(np.trace(body.central_inertia)), 0.0) / (2.0 * body.mass)

@@ -5,7 +5,7 @@ sampled at other phases and another rate, so that spans of one recording are lai
 the other at the time at which they fit best.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -144,7 +144,35 @@ def diagnose(
         first = max(f.score for f in found)
         severity = min((f.severity for f in signs), key=["fault", "warning"].index)
         found += [replace(f, severity=severity, score=first + f.score) for f in others]
+    names = {log.name for log in looked_at[len(training) :]}
+    found = _of_short_validation(found, names - {log.name for log in training})
     return Diagnosis(tuple(found), tuple(log.name for log in looked_at))
+
+
+def _of_short_validation(
+    found: Sequence[LogFinding], names: Collection[str]
+) -> list[LogFinding]:
+    """Judge short validation recordings by what they are for: they are not fitted.
+
+    Beside a longer one they are notes.  If all are short, the held-out error is tested
+    on little motion.
+    """
+    short = {f.recording for f in found if f.kind == "short"} & set(names)
+    left = set(names) - short
+
+    def judged(finding: LogFinding) -> LogFinding:
+        if finding.kind != "short" or finding.recording not in short:
+            return finding
+        seen, _, _ = finding.statement.partition(";")
+        return replace(
+            finding,
+            severity="note" if left else finding.severity,
+            statement=f"{seen} of validation; so little motion hardly tests the "
+            "estimate, and its held-out error says little of other motion",
+            advice="hold out a longer recording",
+        )
+
+    return [judged(f) for f in found]
 
 
 def _of_validation(of_one: list[LogFinding] | OpenLog) -> list[LogFinding] | OpenLog:

@@ -154,10 +154,12 @@ def factor_system(
     factors: Sequence[Factor],
     *,
     nominal: bool = True,
+    instruments: bool = False,
 ) -> Jackknife:
     """Return rows of the factors, with bodies and drives eliminated.
 
-    Without `nominal`, nothing pulls the bodies.
+    Without `nominal`, nothing pulls the bodies.  With `instruments`, the columns of the
+    factors are followed by those that they have with nominal bodies.
     """
     model = state.model
     rows, A, torque = _rows(model, state.logs)
@@ -167,11 +169,18 @@ def factor_system(
         pull, pulled_to = pull[:0], pulled_to[:0]
     c = np.zeros((len(A), 0, A.shape[2]))
     if factors:
-        x = _solution(A, torque, weights, pull, pulled_to)
-        c = np.concatenate([r.slopes(x, factors) for r in rows], axis=2)
+        at = [_solution(A, torque, weights, pull, pulled_to)]
+        if instruments:
+            drawn = np.zeros(A.shape[1])
+            drawn[: model.layout.inertial_size] = reference_bodies(model.robot).ravel()
+            at.append(drawn)
+        slopes = [
+            np.concatenate([r.slopes(x, factors) for x in at], axis=1) for r in rows
+        ]
+        c = np.concatenate(slopes, axis=2)
     every = np.concatenate([A, c], axis=1).transpose(0, 2, 1) * weights[:, None, None]
     free = jackknife(every, torque * weights[:, None])
-    prior = np.column_stack([pull, np.zeros((len(pull), len(factors))), pulled_to])
+    prior = np.column_stack([pull, np.zeros((len(pull), c.shape[1])), pulled_to])
     whole, *others = (
         triangle(np.asfortranarray(np.vstack([F, prior])))
         for F in (free.whole, *free.others)

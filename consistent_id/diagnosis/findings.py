@@ -3,6 +3,7 @@
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from consistent_id._support.brief import brief
 from consistent_id._support.tables import Table
 from consistent_id.recordings.recording import LogFinding, Severity
 
@@ -19,6 +20,7 @@ _OF_SIGNALS = (
 )
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
     """All findings, the gravest first.

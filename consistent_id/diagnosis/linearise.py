@@ -86,6 +86,26 @@ class Jackknife:
         errors = np.where(lost, np.inf, np.maximum(errors, _TINY))
         return Fitted(x, errors, float(np.linalg.norm(z - A @ x)))
 
+    def by_instrument(self, column: int, instrument: int) -> Fitted:
+        """Solve ``a x = z`` for one column ``a`` by an instrument ``w``.
+
+        It is ``x = w^T z / w^T a``, with errors as of `fitted`.  Where ``a`` contains
+        the same errors as ``z``, least squares is biased; a ``w`` without them is not.
+        The error is infinite where ``w`` says nothing of ``a``.
+        """
+        w, a, z = (self.whole[:, k] for k in (instrument, column, -1))
+        if w @ a <= RANK * np.linalg.norm(w) * np.linalg.norm(a):
+            return Fitted(np.zeros(1), np.full(1, np.inf), float(np.linalg.norm(z)))
+        x = float(w @ z / (w @ a))
+        moves = [
+            float(F[:, instrument] @ F[:, -1] / (F[:, instrument] @ F[:, column])) - x
+            for F in self.others
+        ]
+        share = (len(moves) - 1) / len(moves)
+        error = max(float(np.sqrt(share * np.sum(np.square(moves)))), _TINY)
+        left = float(np.linalg.norm(z - x * a))
+        return Fitted(np.array([x]), np.array([error]), left)
+
     def __add__(self, other: "Jackknife") -> "Jackknife":
         """Return the factors of both together; each pair of segments is left out."""
         others = map(_factor, self.others, other.others)

@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import (
     Constraint,
@@ -78,6 +79,7 @@ _TRIES = 3
 _LEAST = 1e-5  # share below which a link still counts as on the boundary
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ScaledFit:
     """``minimise ||M u - z||`` over a set, ``u = x / unit``.
@@ -204,7 +206,11 @@ class BestFit:
     @property
     def misfit(self) -> float:
         """Norm of the whole misfit, in the units of the regression's rows."""
-        excess = self.scaled.excess(self.solution.u)
+        return self.misfit_of(self.solution.u)
+
+    def misfit_of(self, u: Vector) -> float:
+        """Norm of the misfit of other parameters, in units of the problem."""
+        excess = self.scaled.excess(u)
         return self.scaled.size * float(np.sqrt(excess + self.scaled.residual**2))
 
 
@@ -219,8 +225,9 @@ def best_fit(
 ) -> BestFit:
     """Return the least weighted misfit over the constraints, certified.
 
-    With a larger relative `gap` of the squared misfit, the fit is certified to that
-    gap.
+    It is the first stage of `constrained_least_squares`, whose second one moves within
+    one standard error to the point nearest to nominal.  With a larger relative `gap` of
+    the squared misfit, the fit is certified to that gap.
 
     Raises
     ------

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import (
     Constraint,
@@ -235,9 +236,12 @@ def _nearest(
     notes: tuple[str, ...],
 ) -> ConstrainedFit:
     slack = near.slack
+    delivered = best.misfit_of(near.fit.solution.u)
     note = (
         f"nearest to nominal ({prior.distance} distance) among estimates whose misfit "
-        f"is within {slack:.2g} (relative) of the best constrained fit"
+        f"is at most {slack:.2g} of the least misfit above it; squared weighted "
+        f"residuals {delivered**2:.7g}, least within the constraints "
+        f"{best.misfit**2:.7g}"
         + (
             ""
             if prior.slack
@@ -306,6 +310,7 @@ class Resolution:
         )
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class Contradiction:
     """An irreducible set of constraints without a common point.

@@ -18,6 +18,7 @@ from consistent_id._support.arrays import (
     freeze_arrays,
     frozen,
 )
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import (
     Executor,
     all_but_each,
@@ -57,6 +58,7 @@ _FOLD_GAP = 1e-4
 _WORKERS = 2  # Clarabel frees the interpreter's lock
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class RegularisationPath:
     """Penalised estimates for a series of weights, and their prediction errors.

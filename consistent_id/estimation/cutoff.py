@@ -28,6 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded, worker_threads
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.estimation.estimate import Estimate
@@ -45,6 +46,7 @@ Estimator = Callable[[TorqueModel, Regression], Estimate]
 _Fit = Callable[[Regression], Vector]
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class CutoffChoice:
     """Cut-offs tried, and the error of the predicted torque for each.

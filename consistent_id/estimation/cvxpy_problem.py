@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.certificate import (
@@ -47,6 +48,7 @@ from consistent_id.robot.inertia import PSEUDO_INERTIA_BASIS
 _ALLOWED = f"{GAP_TOLERANCE:.0e} of the optimum, {FEASIBILITY_TOLERANCE:.0e}"
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class CvxpyProblem:
     """A constrained estimate as a `cvxpy.Problem`; see `to_cvxpy`.

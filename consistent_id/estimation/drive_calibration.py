@@ -22,6 +22,7 @@ from consistent_id._support.arrays import (
     Vector,
     freeze_arrays,
 )
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.tables import Table
 from consistent_id.constraints import Constraint
@@ -68,6 +69,7 @@ _SCANNED = 6  # steps; the misfit is smooth, as commands are filtered like torqu
 _HALVINGS = 3  # of the step around the least, each with two more delays
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibrationFit:
     """A calibration, and its standard errors.
@@ -343,6 +345,7 @@ def _turned(
     return np.asarray((ahead - behind) / (2.0 * _TURNED))
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class CommandDelay:
     """A delay of commands, and its standard error.

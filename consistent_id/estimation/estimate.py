@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Self, cast
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
+from consistent_id._support.brief import brief
 from consistent_id._support.extras import pandas
 from consistent_id._support.files import write_json
 from consistent_id._support.tables import Table
@@ -62,6 +63,7 @@ ERRORS = (
 """What `Estimate.parameter_errors` are, for people."""
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
     """Parameters of a torque model, estimated from data.

@@ -42,6 +42,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import Prior, nominal_distance
@@ -159,6 +160,7 @@ def expected_error(left_out: LeftOutErrors) -> ExpectedError | None:
     return ExpectedError(float(error), float(error) / factor, float(error) * factor)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ErrorForecast:
     """The error to expect of an estimate, on any motion or on a known one.

@@ -6,6 +6,7 @@ effect on torque. On other motions they have, and a prior or a convention chose 
 see `guessed_share`.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -17,6 +18,7 @@ from consistent_id._support.arrays import (
     Vector,
     freeze_arrays,
 )
+from consistent_id._support.brief import brief
 from consistent_id.estimation.body_slopes import slopes_on
 from consistent_id.estimation.prior_share import (
     guessed_share,
@@ -24,6 +26,7 @@ from consistent_id.estimation.prior_share import (
     torque_shares,
 )
 from consistent_id.estimation.torque_error import holding, moving_shares
+from consistent_id.recordings.recording import Recording
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import UnconstrainedFit
@@ -34,7 +37,10 @@ _PER_JOINT = tuple(
     "prior_errors".split()
 )
 
+_USUAL = 0.99  # quantile of the torque that is held against effort limits
 
+
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
     """The errors of an estimate on its training data.
@@ -232,6 +238,43 @@ def _on_nominal(model: TorqueModel, regression: Regression) -> dict[str, Array]:
         "explained": found.explained,
         "expected": found.expected,
     }
+
+
+def usual_efforts(model: TorqueModel, recordings: Sequence[Recording]) -> Vector | None:
+    """Return the torque that 99 % of all samples do not exceed, over effort limits.
+
+    A few outliers do not change it; a wrong gain or limit does.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        With the torque of the model's joints.
+
+    Returns
+    -------
+    ndarray, shape (joints,), or None
+        None where no recording has all torques.
+    """
+    logs = [
+        log.of(model.torque_joints)
+        for log in recordings
+        if log.torque is not None and set(model.torque_joints) <= set(log.joints)
+    ]
+    if not logs:
+        return None
+    torque = np.concatenate([abs(np.asarray(log.torque)) for log in logs])
+    rows = [log.torque_known for log in logs]
+    known = np.concatenate(
+        [
+            np.ones(log.position.shape, dtype=np.bool_) if own is None else own
+            for log, own in zip(logs, rows, strict=True)
+        ]
+    )
+    if not known.any(axis=0).all():
+        return None
+    columns = zip(torque.T, known.T, strict=True)
+    usual = [np.quantile(tau[seen], _USUAL) for tau, seen in columns]
+    return np.asarray(np.array(usual) / _effort_limits(model))
 
 
 def _effort_limits(model: TorqueModel) -> Vector:

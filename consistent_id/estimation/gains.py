@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import IntArray, Matrix, Vector, freeze_arrays
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id.errors import RecordingError, SolverError
 from consistent_id.estimation.loaded_robot import (
@@ -41,6 +42,7 @@ _ROUNDS = 20  # rounds of gains and noise in turn
 _SETTLED = 1e-4  # relative change of the noise that ends the rounds
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class DriveGains:
     """Drive gains, and whether they are identifiable from the runs.

@@ -18,6 +18,7 @@ from time import perf_counter
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.errors import ProblemError, RecordingError
@@ -311,6 +312,7 @@ def _certificate(rows: Instrumented, solution: LinearSolution) -> Certificate:
     return Certificate("uncertified", reason, figures)
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class EndogeneityTest:
     """The result of `endogeneity_test`.

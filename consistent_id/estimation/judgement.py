@@ -11,10 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from consistent_id._support.arrays import Vector
+from consistent_id._support.brief import brief
 from consistent_id.constraints.cones.certificate import OptimumVerdict
 from consistent_id.constraints.links import LinkCondition
 from consistent_id.constraints.robot_size import RobotSize
 from consistent_id.estimation.body_slopes import Slopes
+from consistent_id.estimation.drive_ratios import DriveRatios, drive_reasons
 from consistent_id.estimation.fit import Fit
 from consistent_id.estimation.slope_reasons import (
     EFFORT_CARE,
@@ -67,6 +70,7 @@ INERTIA_REFUSED = 2.0
 EXTENT_CARE = 3.0
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
     """The evidence for a verdict; unknown parts are None or empty.
@@ -97,6 +101,11 @@ class Evidence:
     crossed : Slopes, optional
         Of doubtful joints, on bodies that the other joints determine; see
         `confirmed_slopes`.
+    usual_efforts : Vector, optional
+        Torque that 99 % of the samples do not exceed, over each joint's effort limit;
+        see `usual_efforts`.
+    drives : DriveRatios, optional
+        Friction and rotor inertia over those of the robot's file.
     loose_trunk : tuple of str
         Mass and first moments of a floating base's body of which the data determine at
         most sums with other bodies; see `Estimate.loose_trunk`.
@@ -117,6 +126,8 @@ class Evidence:
     loose_trunk: tuple[str, ...] = ()
     size: RobotSize | None = None
     crossed: Slopes | None = None
+    usual_efforts: Vector | None = None
+    drives: DriveRatios | None = None
 
 
 def judge(evidence: Evidence) -> Verdict:
@@ -299,11 +310,29 @@ def _of_size(evidence: Evidence) -> Iterator[Reason]:
             )
 
 
+def _of_drives(evidence: Evidence) -> Iterator[Reason]:
+    """Hold friction and rotor inertia against those of the robot's file."""
+    if evidence.drives is not None:
+        yield from drive_reasons(evidence.drives)
+
+
 def _of_channel(evidence: Evidence) -> Iterator[Reason]:
     fit = evidence.fit
     if fit is None:
         return
-    beyond = where(fit.efforts > EFFORT_CARE)
+    exceeds, usual = fit.efforts > EFFORT_CARE, evidence.usual_efforts
+    if usual is not None:
+        few = where(exceeds & (usual <= EFFORT_CARE))
+        exceeds = exceeds & (usual > EFFORT_CARE)
+        if few:
+            said = ", ".join(f"{fit.joints[j]} {fit.efforts[j]:.2g} times" for j in few)
+            yield Reason(
+                "effort limit",
+                "use",
+                f"peaks of torque exceed the model's effort limit: {said}; 99 % of the "
+                "samples do not",
+            )
+    beyond = where(exceeds)
     if beyond:
         said = ", ".join(f"{fit.joints[j]} {fit.efforts[j]:.2g} times" for j in beyond)
         statement = f"torque exceeds the model's effort limit: {said}"
@@ -459,6 +488,7 @@ RULES: tuple[Rule, ...] = (
     _of_held_out,
     _of_bodies,
     _of_size,
+    _of_drives,
     _of_channel,
     _of_optimum,
     _of_noise,

@@ -22,7 +22,7 @@ from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_structure import random_rows
 from consistent_id.regression.segments import merged
-from consistent_id.regression.torque_along import predicted_torque
+from consistent_id.regression.torque_along import measured_torque, predicted_torque
 from consistent_id.robot.inertia import (
     InertialParameters,
     inertial_vector,
@@ -68,7 +68,7 @@ class LoadedRobot:
     @property
     def load_slice(self) -> slice:
         """Indices of the load's ten parameters."""
-        return self.model.layout.link_slice(len(self.model.robot) - 1)
+        return self.model.layout.link_slice(len(self.model.robot.links) - 1)
 
     def torque_model(self, *, loaded: bool) -> TorqueModel:
         """Return the bare model; load friction includes the load.
@@ -154,7 +154,7 @@ class LoadedRobot:
         parts = []
         for k, runs in enumerate((unloaded, loaded)):
             for log in runs:
-                torque = np.asarray(log.of(self.bare.torque_joints).torque)
+                torque = measured_torque(self.bare, log)
                 parts.append(self.predict(x, log, loaded=k == 1) - torque)
         return np.vstack(parts).T
 

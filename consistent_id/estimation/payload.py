@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import (
     CentreOfMassBoxes,
@@ -47,6 +48,7 @@ from consistent_id.robot.model import Datasheet, Link
 _CERTAIN = 5.0  # standard errors
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Payload:
     """A load, in the frame of the link that carries it.
@@ -107,6 +109,11 @@ class Payload:
     @property
     def condition(self) -> str:
         """The assumption behind the standard errors."""
+        if self.robot.bare.robot.floating and not self.gain_errors.any():
+            return (
+                "the wrist sensor is assumed to be calibrated, with one bias in all "
+                "logs"
+            )
         if not self.gain_errors.any():
             return (
                 "gains that convert currents to torque are assumed to be exact; if "

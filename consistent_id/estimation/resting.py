@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector, freeze_arrays
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import Constraint
 from consistent_id.errors import NotExcitedError, ProblemError
@@ -59,6 +60,7 @@ _HALF = 0.5  # of all samples of joints that move, slower than the first speed t
 _HALVINGS = 7  # of the speed: the last but zero is a hundredth of the first
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class RestSpeed:
     """The speed below which a joint rests, and the speeds tried.

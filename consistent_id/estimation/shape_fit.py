@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import Executor, single_threaded
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.shape_profile import (
@@ -29,6 +30,7 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import joint_noise
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeFit:
     """Shapes of friction found by variable projection.

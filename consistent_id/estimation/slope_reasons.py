@@ -14,6 +14,11 @@ from consistent_id.estimation.verdict import Reason
 # Of simulated logs without a fault (see `judge`), slopes were 0.92-1.12.
 SLOPE_CARE = (0.8, 1.25)
 
+# Slopes that all significant joints exceed, and that their mean exceeds, either way: as
+# by one gain of all torques.  Bodies that are wrong differ from joint to joint.
+COMMON_EACH = 1.10
+COMMON_MEAN = 1.15
+
 # Slopes on bodies that other joints determine, that confirm a joint's gain.  A gain of
 # 1.3 on one joint of a UR10e leaves 1.24 to 1.55 (its last two joints say nothing).
 SLOPE_CONFIRMED = (0.89, 1.12)
@@ -23,6 +28,7 @@ EFFORT_CARE = 1.2  # peak torque over effort limit: limits are often rounded dow
 EXPLAINED = 0.3  # squared share of torque from which a slope is significant
 EXPECTED = 0.1  # share of a joint's torque from which its slope is used
 EXPECTED_MUCH = 0.3  # share that cannot be missing for lack of excitation
+_SEVERAL = 2  # joints whose slopes one gain may move
 _SURE = 2.0  # standard errors of a slope, with which it confirms a gain
 JOINT_MATTERS = 0.05  # torque over that of the strongest joint
 
@@ -35,6 +41,7 @@ class _Found(NamedTuple):
     off: list[int]
     far: list[int]  # of those that are off
     alike: bool  # all significant slopes are off, as by one gain
+    common: list[int]  # all significant ones, if they are all off a little to one side
 
 
 def slope_reasons(fit: Fit, crossed: Slopes | None) -> Iterator[Reason]:
@@ -73,7 +80,19 @@ def slope_reasons(fit: Fit, crossed: Slopes | None) -> Iterator[Reason]:
             "measured over nominal torque: " + slopes_of(fit, found.off),
             "check the unit and gain of torque, and the model's masses",
         )
-    elif found.off:
+        return
+    if found.common:
+        mean = _mean(fit.slopes[found.common])
+        yield Reason(
+            "gain or unit",
+            "use with care",
+            f"measured over nominal torque: {slopes_of(fit, found.common)}; nothing in "
+            f"the log separates a gain of {mean:.2f}, or a wrong clock, from bodies "
+            f"that are {mean:.2f} times the nominal ones",
+            "check the gain of torque, the unit of time, and the model's masses; if "
+            'these are known to be right, --accept "gain or unit"',
+        )
+    if found.off:
         yield from _of_nominal(fit, found.off, crossed)
 
 
@@ -168,7 +187,29 @@ def _found(fit: Fit) -> _Found:
     off = means & ((most < low) | (least > high)) & ~reversed_ & ~missing
     alike = bool(off.any()) and bool((off == means).all()) and _alike(fit.slopes[off])
     far = where(off & (least > SLOPE_FAR))
-    return _Found(where(reversed_), where(missing), where(off), far, alike)
+    common = _common(means, least, most, fit.slopes)
+    return _Found(where(reversed_), where(missing), where(off), far, alike, common)
+
+
+def _common(means: BoolArray, least: Vector, most: Vector, slopes: Vector) -> list[int]:
+    """Return the significant joints, if one gain may have moved all their slopes.
+
+    Two joints or more; what friction at rest may change counts against it.
+    """
+    joints = where(means)
+    if len(joints) < _SEVERAL:
+        return []
+    large = bool((least[joints] > COMMON_EACH).all())
+    small = bool((most[joints] < 1.0 / COMMON_EACH).all() and (least[joints] > 0).all())
+    if not large and not small:
+        return []
+    mean = _mean(slopes[joints])
+    return joints if max(mean, 1.0 / mean) > COMMON_MEAN else []
+
+
+def _mean(slopes: Vector) -> float:
+    """Return the geometric mean of positive slopes."""
+    return float(np.exp(np.mean(np.log(slopes))))
 
 
 def _held_slopes(fit: Fit) -> Vector:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import BoolArray, Vector, freeze_arrays
+from consistent_id._support.brief import brief
 from consistent_id._support.tables import Table
 from consistent_id.constraints import Constraint
 from consistent_id.estimation.equalities import FreeParameters
@@ -39,6 +40,7 @@ _FACTOR = 2.0**0.5  # between frequencies
 _AROUND = 0.05  # step of the compliance to either side, for the curvature of the misfit
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class JointSprings:
     """Springs between motors and links, and their standard errors.

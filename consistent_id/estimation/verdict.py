@@ -9,6 +9,8 @@ from dataclasses import asdict, dataclass, replace
 from textwrap import shorten
 from typing import Any, Literal, Self
 
+from consistent_id._support.brief import brief
+
 Word = Literal["use", "use with care", "do not use"]
 """The word of a verdict."""
 
@@ -26,6 +28,7 @@ _WIDE = 180  # characters of each
 _NAMED = 2  # most recordings that are named
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class Reason:
     """One reason for a verdict.
@@ -48,6 +51,7 @@ class Reason:
     advice: str = ""
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class Verdict:
     """Whether an estimate may be used, and why.

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector, checked
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.tables import Table
 from consistent_id.errors import NotExcitedError, ProblemError
@@ -47,6 +48,7 @@ _SHARE = 0.005  # of the effort limit; 0.4 to 0.7 % in a UR10e's six joints
 _SENSOR = (0.2,) * 3 + (0.02,) * 3
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class PredictedAccuracy:
     """Predicted accuracy of the base parameters from a recording of a path.
@@ -181,9 +183,11 @@ class PredictedAccuracy:
         errors = self.standard_errors()
         names, leaders = self.base.names, self.base.independent
         shown = self.interest or range(len(names))
+        unknown = len(names) - len(shown)
         others = (
-            f"for the parameters of interest, with {len(names) - len(shown)} other "
-            f"unknown parameters",
+            f"for the parameters of interest, with {unknown} other unknown parameters"
+            if unknown
+            else "for the parameters of interest, all others being known",
         )
         return Table(
             "Predicted standard errors, one repetition",

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Vector, checked, freeze, frozen, number
+from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
 from consistent_id.excitation.criteria import Objective, Scaling
 from consistent_id.motion.limits import MotionLimits
@@ -27,6 +28,11 @@ _FASTER = 10.0  # most times as fast as usual
 _MOST = 24  # harmonics; beyond it, the base frequency is raised
 
 
+Others = Literal["unknown", "known"]
+"""Whether parameters that a motion is not for are known already."""
+
+
+@brief
 @dataclass(frozen=True, slots=True)
 class PathForm:
     """The family of Fourier paths to choose from.
@@ -97,6 +103,7 @@ class PathForm:
         return np.asarray(every[new & (np.diff(every, prepend=0.0) > _COMMON * every)])
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Aim:
     """The objective of a design, and properties of the recording.
@@ -137,6 +144,9 @@ class Aim:
         Parameters whose errors D, A and E describe, with all others unknown: names of
         parameters, of links or joints for all their parameters, ``*`` for any letters.
         By default all.
+    others : {"unknown", "known"}
+        Of the parameters that are not of interest.  For a load that is weighed by the
+        difference between two logs they are known: by the log without it.
     """
 
     objective: Objective = "D"
@@ -151,6 +161,7 @@ class Aim:
     task: Recording | None = None
     assumed_noise: bool = False
     interest: Sequence[str] = ()
+    others: Others = "unknown"
 
     def __post_init__(self) -> None:
         for name in ("objective", "refine"):
@@ -200,6 +211,15 @@ class Aim:
             raise ProblemError(
                 "interest needs an objective of errors, but the objective is "
                 f"{', '.join(self.objectives)}; choose D, A or E"
+            )
+
+        if self.others not in get_args(Others):
+            known = ", ".join(get_args(Others))
+            raise ProblemError(f"others is {self.others!r}, expected one of {known}")
+        if self.others == "known" and (self.recordings or not words):
+            raise ProblemError(
+                "others are known: expected parameters of interest, and no earlier "
+                "recordings; name those that the motion is for, such as 'payload'"
             )
 
     def noise_of(self, joints: tuple[str, ...]) -> Vector:

@@ -132,11 +132,11 @@ def design_trajectory(
     for one in forms:
         _require_long_enough(one, aim, limits)
     require_clear_pose(required, seed)
-    base = base_for(measured, aim.interest)
+    base = base_for(measured, aim.interest, known=aim.others == "known")
     searched = partial(search_problem, measured, base, seed=seed)
     problems = {one: searched(one, aim, limits, required.guards) for one in forms}
     meter = Meter(time_limit)
-    with noted_interrupts() as interrupted:
+    with noted_interrupts(keeps_results=True) as interrupted:
         means = Means(starts, lanes, time_limit, interrupted, where, progress)
         chosen = best_form(list(problems.values()), means, meter)
         stages = design_stages(chosen, required, aim, means, meter)
@@ -191,6 +191,8 @@ def _useful(
     aim: Aim,
 ) -> RelativeAccuracy | None:
     """Return predicted errors beside the parameters."""
+    if aim.others == "known":  # a load's parameters are not those of the link
+        return None
     reference = None
     if parameters is not None:
         reference = np.atleast_2d(np.asarray(parameters, dtype=float)).mean(axis=0)

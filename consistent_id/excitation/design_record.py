@@ -84,6 +84,7 @@ def _aim(design: ExcitationDesign) -> dict[str, Any]:
         "objective": aim.objective,
         "refine": aim.objectives[1] if len(aim.objectives) == 2 else None,
         "interest": list(aim.interest),
+        "others": aim.others,
         "growth": aim.growth,
         "condition_at_most": aim.condition_at_most,
         "column_scaling": aim.scaling,

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from consistent_id._support.brief import brief
 from consistent_id._support.tables import Table
 from consistent_id.excitation.accuracy import PredictedAccuracy, RelativeAccuracy
 from consistent_id.excitation.aims import Aim, PathForm
@@ -59,6 +60,7 @@ class Stage:
         return self.candidates[0].number
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ExcitationDesign:
     """An exciting trajectory, with its proof and its predicted accuracy.

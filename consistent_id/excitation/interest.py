@@ -1,10 +1,14 @@
-"""Parameters of interest: a motion is designed for them, with all others unknown."""
+"""Parameters of interest: a motion is for them; others are unknown, or known."""
 
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 
 from consistent_id.errors import ProblemError
-from consistent_id.regression.base import BaseParameters, base_parameters
+from consistent_id.regression.base import (
+    BaseParameters,
+    base_of_some,
+    base_parameters,
+)
 from consistent_id.regression.row_structure import RowModel
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import ParameterLayout, did_you_mean
@@ -79,8 +83,18 @@ def interest_names(robot: RobotModel, words: Sequence[str]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def base_for(model: RowModel, words: Sequence[str]) -> BaseParameters:
+def base_for(
+    model: RowModel, words: Sequence[str], *, known: bool = False
+) -> BaseParameters:
     """Return base parameters of which some contain only those of interest.
+
+    Parameters
+    ----------
+    model : TorqueModel or SensorRows
+    words : sequence of str
+    known : bool
+        Whether all other parameters are known: base parameters are then those of
+        interest alone.
 
     Raises
     ------
@@ -88,7 +102,8 @@ def base_for(model: RowModel, words: Sequence[str]) -> BaseParameters:
         If a word names nothing, or nothing of interest can be separated from the
         others.
     """
-    base = base_parameters(model, last=parameters_named(model.layout, words))
+    named = parameters_named(model.layout, words)
+    base = base_of_some(model, named) if known else base_parameters(model, last=named)
     if words and not places_of_interest(base, words):
         raise ProblemError(
             f"interest: no motion separates {', '.join(words)} from the other "

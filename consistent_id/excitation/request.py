@@ -150,7 +150,8 @@ def _of_urdf(problem: Problem, table: SceneTable, bodies: list[Body]) -> Scene:
         pieces=table.pieces,
         ground=table.ground,
         added=bodies,
-        clearance=table.clearance,
+        clearance=CLEARANCE if table.clearance is None else table.clearance,
+        relax=table.clearance is None,
         extra=table.extra,
         allowed=table.allowed,
     )
@@ -166,7 +167,8 @@ def _of_bodies(problem: Problem, table: SceneTable, bodies: list[Body]) -> Scene
     return build_scene(
         problem.moving,
         [*floor, *bodies],
-        clearance=table.clearance,
+        clearance=CLEARANCE if table.clearance is None else table.clearance,
+        relax=table.clearance is None,
         extra=table.extra,
         allowed=table.allowed,
     )
@@ -309,6 +311,7 @@ def design_request(problem: Problem) -> DesignRequest:
         rate=table.rate,
         correlation_time=table.correlation_time,
         interest=_interest(problem, refine),
+        others=table.others,
     )
     pose = _pose(table.start_pose, limits) if table.start_pose else None
     scene = requested_scene(problem)

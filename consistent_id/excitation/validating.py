@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id.errors import InfeasibleError
 from consistent_id.excitation.accuracy import predicted_accuracy
@@ -24,6 +25,7 @@ _AMONG_BODIES = 6  # random paths to choose from in a scene, where each takes lo
 _GRID = 8  # samples per period of the highest frequency, at which guards measure
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ValidationPath:
     """A motion to validate estimates on.

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Vector, freeze_arrays
+from consistent_id._support.brief import brief
 from consistent_id._support.tables import Table
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
@@ -18,6 +19,7 @@ FORMAT = "consistent_id fleet 1"
 _SHOWN = 30  # robots in a table: those with the largest excess; a file has all
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class FleetRobot:
     """One robot of a fleet.
@@ -59,6 +61,7 @@ class FleetRobot:
         freeze_arrays(self, {"parameters": (None,)}, self.name)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Fleet:
     """Robots of one type.

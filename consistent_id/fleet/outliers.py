@@ -21,6 +21,7 @@ from itertools import accumulate
 import numpy as np
 
 from consistent_id._support.arrays import BoolArray, Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id.regression.linear import DATA_RANK_TOLERANCE
 from consistent_id.regression.regression import triangle
 
@@ -39,6 +40,7 @@ _TINY = 1e-300
 _NEAR = 0.5  # of the largest excess, from which outliers are named in one round
 
 
+@brief
 @dataclass(frozen=True, eq=False)
 class Outliers:
     """The cost of sharing for each robot.

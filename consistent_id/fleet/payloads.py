@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
+from consistent_id._support.brief import brief
 from consistent_id.constraints import Constraint, PhysicalConsistency
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.errors import ProblemError
@@ -50,6 +51,7 @@ _OPEN = 1e-6  # part of a unit vector that is not told, beyond rounding
 _TOLD = ("data", "loose", "constraint")
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class CarriedBody:
     """The payload of a robot of a fleet.
@@ -264,6 +266,7 @@ def _ratio(multipliers: Array, slacks: Array) -> Array:
     return np.maximum(multipliers, 0.0) / np.maximum(slacks, least)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundPayload:
     """The payload of one robot of a fleet.

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Vector, freeze, freeze_arrays, frozen
+from consistent_id._support.brief import brief
 from consistent_id.errors import ModelError, ProblemError, SolverError
 from consistent_id.laboratory.sensors import Encoders
 from consistent_id.recordings.recording import Recording, states
@@ -42,6 +43,7 @@ class ControllerGains(NamedTuple):
     share: float
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Controller:
     """``tau = Y(q_d, dq_d, ddq_d) x + K e + D de``, ``e = q_d - q``.
@@ -93,6 +95,7 @@ class Controller:
         )
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulatedRobot:
     """A torque model with its true parameters.

@@ -9,6 +9,7 @@ from typing import Self
 import numpy as np
 
 from consistent_id._support.arrays import Vector
+from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
 from consistent_id.laboratory.closed_loop import Controller, SimulatedRobot, controlled
 from consistent_id.laboratory.sensors import Cameras, Encoders, LoadCell
@@ -24,6 +25,7 @@ from consistent_id.recordings.signals.tracks import (
 )
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Laboratory:
     """A robot, its controller and its sensors.
@@ -69,6 +71,7 @@ class Laboratory:
         return replace(self, robot=self.robot.without_friction())
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ExperimentLog:
     """The logs of an experiment.
@@ -176,6 +179,7 @@ def _filmed(
     )
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class SynchronisedLog:
     """Motion and torque on one clock, and the corrected delay.

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Vector, checked
+from consistent_id._support.brief import brief
 from consistent_id.errors import PathError, ProblemError
 from consistent_id.laboratory.curves import arc_length
 from consistent_id.laboratory.writing_tasks import (
@@ -33,6 +34,7 @@ _TRIES = 24  # random poses from which the first point is searched
 _CHECKED = 2000  # instants at which limits and singularities are checked
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class TaskPath:
     """A writing task as motion of joints: positions at any time, exactly on the curve.

@@ -6,9 +6,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Vector, array_default, freeze, frozen
+from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Encoders:
     """Joint positions, rounded to whole steps, on the controller's clock.
@@ -25,6 +27,7 @@ class Encoders:
         freeze(self, step=_each(self.step, "encoders: step"))
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadCell:
     """Joint torques, on the encoders' clock, ``torque + offset + white noise``.
@@ -49,6 +52,7 @@ class LoadCell:
         return torque + self.offset + self.noise * rng.normal(size=torque.shape)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Cameras:
     """Joint positions and accelerations, on a clock of their own.

@@ -22,6 +22,7 @@ from consistent_id._support.arrays import (
     freeze_arrays,
     frozen,
 )
+from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
 from consistent_id.laboratory.curves import Curve, arc_length
 from consistent_id.robot.kinematics import (
@@ -93,6 +94,7 @@ def _law(law: TimeLaw, s: Vector, order: int) -> Vector:
     return np.asarray(straight - wave)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Orientation:
     """How a tool is held while it writes: still, or turning about one axis.
@@ -132,6 +134,7 @@ class Orientation:
         return np.asarray(turns(self.axis, self.angle * u) @ self.start)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class WritingTask:
     """A curve written from rest to rest.
@@ -200,6 +203,7 @@ class WritingTask:
         return self.start + self.duration * float(share)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Writer:
     """The writing point of a robot's frame, and the joints that move it.

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Vector, array_default, freeze, freeze_arrays
+from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
 from consistent_id.robot.model import Joint, RobotModel, limits_with_followers
 from consistent_id.robot.parameters import require_known
@@ -17,6 +18,7 @@ _OVER_TIME = ("effort_rate", "effort_rms")
 _EFFORTS = ("effort", *_OVER_TIME)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionLimits:
     """Limits of each joint's motion and torque; infinite where there is none.

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, BoolArray, Vector, checked, freeze
+from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
 from consistent_id.motion.polynomial_path import PolynomialPath
 from consistent_id.recordings.joint_paths import FourierTrajectory, sampled
@@ -17,6 +18,7 @@ _ROUNDING = 1e-9  # jump of any joint that is rounding
 _JUMP = 1e-6  # share of its bound by which a derivative may jump
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Move:
     """A run-in from rest, a trajectory, a run-out to rest; a joint path itself.

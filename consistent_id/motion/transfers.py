@@ -20,6 +20,7 @@ from consistent_id._support.arrays import (
     freeze_arrays,
     frozen,
 )
+from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
 from consistent_id.motion import bernstein
 from consistent_id.motion.limits import MotionLimits
@@ -40,6 +41,7 @@ _INSIDE = 1e-9  # reserve, as a share of a limit, for rounding
 Family = Callable[[Vector], Array]
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionState:
     """Positions and derivatives of joints at one time.

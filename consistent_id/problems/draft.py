@@ -7,6 +7,7 @@ from typing import Literal
 
 import msgspec
 
+from consistent_id._support.brief import brief
 from consistent_id._support.files import relative_path
 from consistent_id._support.tables import Table
 from consistent_id.problems.base_tables import beside_tables
@@ -54,6 +55,7 @@ class DraftRecording:
     rows: tuple[int, int]
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class Draft:
     """The content of a problem file that is to be written, and the reasons for it.
@@ -256,7 +258,7 @@ DRIVE_COMMENTS = {
 
 _GAINS_COMMENTS = {
     "data.gains": "GUESS: the delay [s] with which the torque fits best, at most\n"
-    "one sample; consistent-id rollout --choose finds a better one.",
+    "one sample; consistent-id rollout finds a better one.",
     "data.gains.delay": "",
 }
 

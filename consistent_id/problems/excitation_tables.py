@@ -104,7 +104,7 @@ class SceneTable(FileTable, frozen=True, kw_only=True):
     planning_scene: str | None = None
     workspaces: list[WorkspaceTable] = []
     cones: list[ConeTable] = []
-    clearance: NonNegative = CLEARANCE
+    clearance: NonNegative | None = None  # CLEARANCE, where it can be kept
     extra: dict[str, NonNegative] = {}
     allowed: list[tuple[str, str]] = []
 
@@ -121,6 +121,7 @@ class ExcitationTable(FileTable, frozen=True, kw_only=True):
     objective: Literal["condition", "D", "A", "E"] = "D"
     refine: Literal["D", "A", "E", "none"] | None = None
     interest: list[str] = []
+    others: Literal["unknown", "known"] = "unknown"
     growth: Annotated[float, Meta(ge=1.0)] = 1.5
     condition_at_most: Annotated[float, Meta(ge=1.0)] | None = None
     scaling: Literal["none", "unit columns"] = "none"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from consistent_id._support.brief import brief
 from consistent_id._support.tables import Table
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import Prior
@@ -62,6 +63,7 @@ if TYPE_CHECKING:
     from consistent_id.recordings.signals.tracks import Track
 
 
+@brief
 @dataclass(frozen=True)
 class Problem:
     """A problem read from its folder; recordings are read when needed.

@@ -7,6 +7,7 @@ from time import perf_counter
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id.comparison.feasibility import BaseFeasibility, base_feasibility
 from consistent_id.constraints import (
     Constraint,
@@ -63,6 +64,7 @@ class RankReport:
     null_directions: tuple[str, ...]
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class PublishedVector:
     """One printed vector, examined.
@@ -83,6 +85,7 @@ class PublishedVector:
     torque_change: Vector
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class PublishedReport:
     """A paper's parametrisation and estimates, checked.

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeVar
 
+from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
 from consistent_id.problems import statement_words as words
 
@@ -71,6 +72,7 @@ def _said(*declared: Any, default: Any = None, **more: Any) -> Any:
 _COLUMN = "the log's column, with {joint} or {number} (default: found by its name)"
 
 
+@brief
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Statement:
     """The statement of a user on a robot and its logs; None for fields not stated.

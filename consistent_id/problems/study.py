@@ -8,6 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from consistent_id._support.brief import brief
 from consistent_id._support.progress import stages
 from consistent_id.comparison.comparison import Comparison, EstimateReport, compare
 from consistent_id.comparison.constraint_prices import (
@@ -47,6 +48,7 @@ from consistent_id.estimation.uncertainties.parameter_uncertainty import (
     uncertainty,
 )
 from consistent_id.estimation.verdict import Verdict, confirmed
+from consistent_id.problems.drawn_robot import drawn_parts
 from consistent_id.problems.log_check import check_problem
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.problem_estimates import (
@@ -75,8 +77,10 @@ from consistent_id.regression.segments import (
     merged,
     segment_sources,
 )
+from consistent_id.robot.drawn_parts import DrawnParts
 
 
+@brief
 @dataclass(frozen=True, eq=False)
 class Study:
     """The study of a problem: each part is computed once, when first needed.
@@ -227,6 +231,11 @@ class Study:
         """Slopes of doubtful joints' torque on bodies that other joints determine."""
         return confirmed_slopes(self._candidate, self.training)
 
+    @cached_property
+    def drawn(self) -> DrawnParts:
+        """Shapes of links and nominal drives, of the robot's file."""
+        return drawn_parts(self.problem)
+
     @property
     def _candidate(self) -> Estimate:
         """The recommended estimate, not judged yet."""
@@ -343,9 +352,11 @@ class Study:
             compare(
                 [own],
                 unseen or self.validation,
+                training=self.training,
                 findings=self._findings_for(estimate),
                 regression=self.regression,
                 crossed=self.crossed,
+                drawn=self.drawn,
             )
             .reports[0]
             .verdict
@@ -453,6 +464,7 @@ class Study:
             findings=self._unweighed,
             regression=self.regression,
             crossed=self.crossed,
+            drawn=self.drawn,
         )
         best = self.recommendation.method
         reports = (

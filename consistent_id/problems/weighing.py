@@ -102,7 +102,7 @@ def weighed_findings(
         elif finding.kind == "encoder resolution":
             change = _of_rounding(problem, finding, estimate)
             words = "with other rounding errors"
-        elif part := _part(problem, finding):
+        elif part := _part(problem, finding, training):
             change = _of_part(estimate, training, [part])
             words = part.words
             parts[id(finding)] = part
@@ -126,7 +126,9 @@ def _noted(finding: LogFinding, words: str, change: Influence) -> LogFinding:
     return replace(finding, severity="note", statement=said)
 
 
-def _part(problem: Problem, finding: LogFinding) -> _DataPart | None:
+def _part(
+    problem: Problem, finding: LogFinding, training: Sequence[Recording]
+) -> _DataPart | None:
     """Return the part of the training data that a finding concerns, if it is one."""
     if finding.kind == "speed limit":
         robot, reach = problem.moving, _reach(problem)
@@ -138,6 +140,8 @@ def _part(problem: Problem, finding: LogFinding) -> _DataPart | None:
     if not set(joints) <= set(problem.model.torque_joints):
         return None
     if finding.kind == "outliers" and len(joints) == 1:
+        if finding.recording not in {_logged_as(problem, r) for r in training}:
+            return None  # nothing would be left out
         cut = _outliers(problem, finding)
         return cut and _DataPart("without these samples", cut=cut)
     if finding.kind in _OF_JOINTS:

@@ -17,6 +17,7 @@ from consistent_id._support.arrays import (
     freeze,
     freeze_arrays,
 )
+from consistent_id._support.brief import brief
 from consistent_id.errors import RecordingError
 
 _BASE_CHANNELS = ("angular_velocity", "angular_acceleration", "specific_force")
@@ -24,6 +25,7 @@ _BASE_CHANNELS = ("angular_velocity", "angular_acceleration", "specific_force")
 Axes = Literal["frame", "base", "world"]
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class BaseMotion:
     """Motion of a base, in the axes of its own frame.
@@ -130,6 +132,7 @@ class BaseMotion:
         return np.hstack([getattr(self, channel) for channel in _BASE_CHANNELS])
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Wrench:
     """Force and moment on the robot from outside, at a point of one of its frames.
@@ -170,6 +173,7 @@ class Wrench:
         return replace(self, values=self.values[keep])
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactFlags:
     """Contact of a point, or a flat face, of the robot with its surroundings.

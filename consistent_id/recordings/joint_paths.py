@@ -28,6 +28,7 @@ from consistent_id._support.arrays import (
     frozen,
     number,
 )
+from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.recording import Recording
 
@@ -64,6 +65,7 @@ class JointPath(Protocol):
         """
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class FourierTrajectory:
     """Joint paths that are sums of sines and cosines of the same frequencies.

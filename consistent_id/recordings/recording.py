@@ -14,6 +14,7 @@ from consistent_id._support.arrays import (
     freeze,
     frozen,
 )
+from consistent_id._support.brief import brief
 from consistent_id._support.extras import pandas, xarray
 from consistent_id._support.tables import Table
 from consistent_id.errors import RecordingError
@@ -85,6 +86,7 @@ class TorqueFilter:
         return int(np.gcd.reduce(np.diff(self.kept))) if len(self.kept) > 1 else 1
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
     """Motion and torque of named joints on one clock.
@@ -372,6 +374,7 @@ class Recording:
         )
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class LogFinding:
     """One fault, warning or note on a log.

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.regression.linear import (
@@ -30,6 +31,7 @@ _PURE = 1e-6  # part of a unit vector outside a row space, or in it, that is rou
 _ROUND = 1e-10  # entries of K below this are rounding errors
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class BaseParameters:
     """The linear map from parameters to base parameters, and its readable form.
@@ -128,6 +130,36 @@ def base_parameters(
     nearly = ((i, c) for i, c in enumerate(split.dependent) if c in near)
     sentences = [_near_sentence(exact, i, near[c]) for i, c in nearly]
     return replace(exact, near=tuple(sentences))
+
+
+def base_of_some(
+    model: RowModel, named: Sequence[int], *, seed: int = 0
+) -> BaseParameters:
+    """Find the base parameters of some parameters, all others being known.
+
+    Those of a load, for one, that a second log adds to a robot that is identified.
+
+    Parameters
+    ----------
+    model : TorqueModel or SensorRows
+    named : sequence of int
+        The unknown parameters.  The others count as dependent, without effect.
+    seed : int
+    """
+    kinds, order = model.layout.kinds, np.array(sorted(named), dtype=int)
+    columns = random_rows(model, seed=seed).stacked()[:, order]
+    found = split_at_gap(columns, [kinds[i] for i in order]).split
+    independent, among, own = _in_places(found, order)
+    others = [i for i in range(len(kinds)) if i not in independent]
+    regrouping = np.zeros((len(independent), len(others)))
+    regrouping[:, [others.index(i) for i in among]] = own
+    return BaseParameters(
+        model.layout,
+        independent,
+        tuple(others),
+        regrouping,
+        fingerprint=model.fingerprint,
+    )
 
 
 def _in_places(split: ColumnSplit, order: Array) -> ColumnSplit:

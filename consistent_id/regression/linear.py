@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id.errors import NotExcitedError
 
 _BLOCK = 32  # columns that LAPACK eliminates at a time, of wide matrices
@@ -74,6 +75,7 @@ count as zero: ten times beyond what rounding leaves of an exact zero."""
 _SILENT = 1e-13  # norm of a column, relative to the largest, that is rounding alone
 
 
+@brief
 @dataclass(frozen=True, eq=False)
 class LinearSolution:
     """Solution of ``min ||A x - b||`` with its rank and null space.

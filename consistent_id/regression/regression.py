@@ -22,6 +22,7 @@ from consistent_id._support.arrays import (
     freeze,
     frozen,
 )
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded, worker_threads
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recordings.recording import Recording
@@ -41,6 +42,7 @@ from consistent_id.robot.parameters import ParameterLayout
 _WORKERS = 2
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Regression:
     """All that least squares needs of any number of samples.

@@ -24,6 +24,7 @@ from consistent_id._support.arrays import (
     freeze,
     frozen,
 )
+from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.beside import BaseMotion
 from consistent_id.regression.drive.drive_terms import DriveTerms
@@ -104,6 +105,7 @@ class _KeptColumns:
 _Room = TypeVar("_Room", Array, _KeptColumns)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class TorqueModel:
     """A robot's torque as a linear function of its parameters.

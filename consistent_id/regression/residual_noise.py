@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id.errors import ProblemError
 from consistent_id.regression.base import BaseParameters, base_parameters, require_match
@@ -118,6 +119,7 @@ def _solved(R: Matrix) -> Vector:
     return np.asarray(solve_triangular(R[:n, :n], R[:n, n]))
 
 
+@brief
 class Scatter(NamedTuple):
     """A covariance, shape (rank, rank), and its degrees of freedom."""
 
@@ -125,6 +127,7 @@ class Scatter(NamedTuple):
     freedom: float
 
 
+@brief
 @dataclass(frozen=True, eq=False)
 class ResidualNoise:
     """Noise of each joint, and the covariance of least squares under it.
@@ -288,6 +291,7 @@ class ResidualNoise:
         )
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class UnconstrainedFit:
     """Least squares on a regression, and the noise in its residuals.

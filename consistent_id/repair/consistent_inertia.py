@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id.robot.inertia import second_moments
 
 ROUNDING = 1e-12  # of the largest moment: printed numbers may be off by so much
@@ -12,6 +13,7 @@ THINNEST = 1e-3  # thickness of a repaired link, over its own size
 POINT = 1e-6  # [m]; what is smaller has no extent, and its moments are rounding
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class NearestInertia:
     """A central inertia, and its distance from the stated one.

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from consistent_id._support.brief import brief
 from consistent_id._support.files import write_atomically
 from consistent_id._support.tables import Table
 from consistent_id.errors import ModelError
@@ -35,6 +36,7 @@ class Suggestion:
     cost: float
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class LinkRepair:
     """The fault of a link, and its repair.
@@ -77,6 +79,7 @@ class LinkRepair:
     suggestions: tuple[Suggestion, ...] = ()
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class Repair:
     """A repaired file, and a record of each of its links.

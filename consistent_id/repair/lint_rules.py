@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id.regression.newton_euler import (
     floats,
     joint_geometry,
@@ -34,6 +35,7 @@ RULES = {
 }
 
 
+@brief
 @dataclass(frozen=True, slots=True, order=True)
 class LintFinding:
     """A fault that a simulator refuses, or accepts and should not.

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from consistent_id._support.brief import brief
 from consistent_id.comparison.comparison import Comparison, EstimateReport
 from consistent_id.diagnosis import Diagnosis
 from consistent_id.estimation.method import Method
@@ -13,6 +14,7 @@ _FIRST = (Method.CONSTRAINED, Method.WEIGHTED_CONSTRAINED, Method.CROSS_VALIDATE
 _NOTABLE = 0.02  # relative difference of held-out errors
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class Advice:
     """The advice on the estimates.

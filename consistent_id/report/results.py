@@ -17,6 +17,7 @@ from weakref import finalize
 
 import msgspec
 
+from consistent_id._support.brief import brief
 from consistent_id._support.inputs import LARGEST_MODEL, read_input
 from consistent_id._support.tables import Table
 from consistent_id.errors import ProblemError
@@ -191,6 +192,7 @@ class StudyOutcome(Protocol):
         """Return the tables of a command: ``identify``, ``compare``, ..."""
 
 
+@brief
 @dataclass(frozen=True)
 class Results:
     """A folder of results, opened: a `StudyOutcome`.

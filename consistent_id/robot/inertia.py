@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze, frozen
+from consistent_id._support.brief import brief
 from consistent_id.errors import ModelError
 
 INERTIAL_NAMES = ("m", "hx", "hy", "hz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -93,6 +94,7 @@ def inertial_vector(matrix: ArrayLike) -> Array:
     return np.concatenate([J[..., 3, 3:], J[..., :3, 3], entries], axis=-1)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class InertialParameters:
     """Mass, first moment and inertia of a body, as one value with many views.

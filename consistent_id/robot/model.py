@@ -17,6 +17,7 @@ from consistent_id._support.arrays import (
     freeze,
     frozen,
 )
+from consistent_id._support.brief import brief
 from consistent_id.errors import ModelError
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.parameters import did_you_mean, require_known
@@ -27,6 +28,7 @@ STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 _ORTHONORMAL = 1e-9  # entries of R^T R - 1; what a double rotation chain accumulates
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class JointLimits:
     """Bounds of a joint's motion; infinite where the source states none.
@@ -47,6 +49,7 @@ class JointLimits:
                 raise ModelError(f"joint limits: {name} is {getattr(self, name)} < 0")
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class Mimic:
     """The leader of a joint: ``q = multiplier q_leader + offset``.
@@ -90,6 +93,7 @@ class Mimic:
         return self.multiplier * leader + self.offset
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint:
     """A joint that turns about, or slides along, a fixed axis; or a free one.
@@ -162,6 +166,7 @@ def _rotation(matrix: Matrix, where: str) -> Matrix:
     return rotation
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Datasheet:
     """Prior knowledge of a link.
@@ -201,6 +206,7 @@ class Datasheet:
             freeze(self, com_box=box)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class FixedFrame:
     """Where a link without a joint of its own, such as a tool, is fixed.
@@ -227,6 +233,7 @@ class FixedFrame:
         freeze(self, rotation=_rotation(self.rotation, where), translation=translation)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Link:
     """A moving body: its name, nominal parameters if known, and datasheet.
@@ -249,6 +256,7 @@ class Transmission(NamedTuple):
     offset: float
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotModel:
     """An immutable tree of moving links; joint ``k`` moves link ``k``.

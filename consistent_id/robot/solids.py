@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze, frozen
+from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
 
 _STEPS = 20_000  # of the search for the smallest ellipsoid
 _ROUND = 1e-7  # excess of a point's squared distance at which it ends
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Ellipsoid:
     """``{x : ||axes^-1 rotation^T (x - centre)|| <= 1}`` in a link's frame.
@@ -121,6 +123,7 @@ class Ellipsoid:
         return np.asarray(np.diag([0.0, 0.0, 0.0, 1.0]) - V.T @ V)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Polytope:
     """``{x : normals x <= offsets}`` in a link's frame, bounded and not empty.

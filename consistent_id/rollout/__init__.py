@@ -6,17 +6,26 @@ from consistent_id.rollout.problem_rollout import ProblemRollout, rollout_of
 from consistent_id.rollout.refine import Refined, refined
 from consistent_id.rollout.replay_model import ReplayModel, replay_model
 from consistent_id.rollout.rollout_page import rollout_html
+from consistent_id.rollout.servo_export import servo_mjcf
+from consistent_id.rollout.servo_fit import JointServo, ServoFit, identify_servos
+from consistent_id.rollout.servo_log import ServoLog, read_servo_logs
 
 __all__ = [
+    "JointServo",
     "ProblemRollout",
     "Refined",
     "Replay",
     "ReplayModel",
     "Rollout",
+    "ServoFit",
+    "ServoLog",
+    "identify_servos",
+    "read_servo_logs",
     "refined",
     "replay",
     "replay_model",
     "rollout",
     "rollout_html",
     "rollout_of",
+    "servo_mjcf",
 ]

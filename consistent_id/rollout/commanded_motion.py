@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id.errors import RecordingError
 from consistent_id.export.mjcf_bodies import require_mujoco
 from consistent_id.recordings.recording import Recording, velocities
@@ -19,6 +20,7 @@ from consistent_id.rollout.replay_model import ReplayModel, deflect
 _FIRST = 5  # samples whose mean acceleration says how far springs are deflected
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Replay:
     """The motion of a model under the robot's commands.

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import worker_threads
 from consistent_id._support.tables import Table
 from consistent_id.errors import RecordingError
@@ -34,6 +35,7 @@ _WORKERS = 2
 _PASSES = 4  # of the search of offsets; each leaves a small share of what was left
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Rollout:
     """Replays of several models.

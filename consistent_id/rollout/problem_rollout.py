@@ -1,18 +1,13 @@
-"""A study's rollout: its recommended estimate, or one refined, beside other robots.
+"""A study's rollout: its recommended estimate, or one refined, beside other robots."""
 
-On request friction is fitted in the form that a file format supports.  An export leaves
-other terms out, and their friction is then missing.  If friction is fitted again
-without these terms, the remaining terms compensate for them.
-"""
-
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import msgspec
 import numpy as np
 
+from consistent_id._support.brief import brief
 from consistent_id._support.tables import Table
 from consistent_id.comparison.speed_trend import (
     TrendAt,
@@ -20,7 +15,7 @@ from consistent_id.comparison.speed_trend import (
     speed_of,
     speed_trend,
 )
-from consistent_id.errors import NotExcitedError, ProblemError
+from consistent_id.errors import NotExcitedError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.uncertainties.block_scatter import (
     BLOCKS,
@@ -28,36 +23,27 @@ from consistent_id.estimation.uncertainties.block_scatter import (
     block_scatter,
 )
 from consistent_id.export.mjcf_bodies import require_mujoco
-from consistent_id.problems.loading import problem_of
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.study import Study
 from consistent_id.recordings.signals import PDGains
-from consistent_id.regression.drive.drive_terms import DEFAULTS
 from consistent_id.regression.residual_noise import joint_noise
 from consistent_id.regression.segments import segment_regressions, segments_of
-from consistent_id.rollout.compared_models import Rollout, rollout
-from consistent_id.rollout.refine import RIDGE, Refined, refined
-from consistent_id.rollout.settings import (
+from consistent_id.rollout.choice import (
+    RidgeChoice,
     SettingsChoice,
     chosen_ridge,
     chosen_settings,
+)
+from consistent_id.rollout.compared_models import Rollout, rollout
+from consistent_id.rollout.delay_search import FoundDelay
+from consistent_id.rollout.forms import in_form_of
+from consistent_id.rollout.refine import Refined, refined
+from consistent_id.rollout.settings import (
     gains_of,
     rollout_error,
     torque_fit,
     with_settings,
 )
-
-_EVERYWHERE = ("viscous", "coulomb", "velocity_scale", "offset", "rotor_inertia")
-
-TERMS: Mapping[str, tuple[str, ...]] = {
-    "mjcf": (*_EVERYWHERE, "spring", "friction_slope"),
-    "mjlab": (*_EVERYWHERE, "spring", "friction_slope"),
-    "isaaclab": _EVERYWHERE,
-    "urdf": _EVERYWHERE,
-}
-"""Drive terms that are fitted for a format.  An offset is fitted for all: without it
-friction would compensate for it; an export of a format without it has a note.
-"""
 
 
 class FormLoss(NamedTuple):
@@ -84,6 +70,7 @@ class FormLoss(NamedTuple):
         return Table(title, (), (), notes)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ProblemRollout:
     """A replay of a problem's commands, with the verdict on the replayed estimate.
@@ -104,6 +91,9 @@ class ProblemRollout:
         similar speeds.
     form : FormLoss, optional
         If friction was fitted in the form of a format.
+    ridge : RidgeChoice, optional
+        How far to refine, if that was asked; a refinement that predicts worse is not
+        taken.
     """
 
     study: Study
@@ -111,6 +101,7 @@ class ProblemRollout:
     rollout: Rollout
     settings: SettingsChoice | None = None
     refinement: Refined | None = None
+    ridge: RidgeChoice | None = None
     scatter: BlockScatter | None = None
     trend: TrendAt | None = None
     form: FormLoss | None = None
@@ -129,6 +120,8 @@ class ProblemRollout:
             tables.append(self.form.table())
         if self.settings is not None:
             tables.append(self._settings_table(self.settings))
+        if self.ridge is not None:
+            tables.append(self._refinement_table(self.ridge))
         tables += self.problem.drives.tables()
         if self.scatter is not None:
             tables.append(self.scatter.table())
@@ -142,15 +135,42 @@ class ProblemRollout:
             "cut-off [Hz]": f"{s.cutoff:g}",
             "velocity scale": f"{s.velocity_scale:g}",
             "friction slope of": ", ".join(s.friction_slope) or "none",
-            "delay [ms]": f"{1e3 * s.delay:g}",
+            "delay [ms]": f"{1e3 * s.delay:.2f}",
             "springs [N m/rad]": self._springs(),
         }
-        note = (
+        notes = [
             f"error on the other part {1e3 * choice.error:.2f} mrad (mm), the least of "
             f"{len(choice.tried)}"
-        )
+        ]
+        found = choice.delay
+        if found is not None and found.at_bound:
+            notes.append(
+                f"the delay is the longest that is tried, {1e3 * found.delay:g} ms: "
+                "check the clock of commands"
+            )
+        elif found is not None and np.isfinite(found.error):
+            notes.append(
+                f"delay {1e3 * found.delay:.2f} +- {1e3 * found.error:.2f} ms, from "
+                "the scatter between blocks of the motion"
+            )
+        if s.equal_motors:
+            groups = "; ".join(", ".join(group) for group in s.equal_motors)
+            notes.append(f"equal motors of limbs that mirror each other: {groups}")
+        if s.simulated:
+            notes.append("only drive terms that MuJoCo has")
+        notes += [f"not tried: {reason}" for reason in choice.skipped]
         title = "Settings chosen on parts of the training motion"
-        return Table(title, tuple(cells), (tuple(cells.values()),), (note,))
+        return Table(title, tuple(cells), (tuple(cells.values()),), tuple(notes))
+
+    def _refinement_table(self, choice: RidgeChoice) -> Table:
+        plain = 1e3 * choice.errors[None]
+        least = 1e3 * min(e for ridge, e in choice.errors.items() if ridge is not None)
+        what = "taken" if choice.ridge is not None else "not taken: it predicts worse"
+        title = (
+            f"Refinement by rollout is {what}; error on the other part {plain:.2f} "
+            f"without, {least:.2f} mrad (mm) with one step"
+        )
+        return Table(title, (), (), ())
 
     def _springs(self) -> str:
         joints = self.problem.model.robot.joint_names
@@ -184,6 +204,10 @@ class ProblemRollout:
                 "velocity_scale": s.velocity_scale,
                 "friction_slope": list(s.friction_slope),
                 "delay": s.delay,
+                "delay_error": _known(self.settings.delay),
+                "equal_motors": [list(group) for group in s.equal_motors or ()],
+                "simulated_terms_only": s.simulated,
+                "skipped": list(self.settings.skipped),
                 "stiffness": {
                     joint: k
                     for joint, k in zip(
@@ -196,6 +220,10 @@ class ProblemRollout:
                 "error": self.settings.error,
             }
         return record
+
+
+def _known(found: FoundDelay | None) -> float | None:
+    return None if found is None or not np.isfinite(found.error) else found.error
 
 
 def rollout_of(
@@ -216,11 +244,11 @@ def rollout_of(
         MJCF or URDF files of the robot.
     refine : bool
         Refine the weighted constrained estimate on rollouts of the training logs, and
-        replay that one.
+        replay that one, unless it predicts the part of the training logs worse that it
+        was not learnt from.
     choose : bool
-        Choose cut-off, delay and shape of friction on the training logs; and whether to
-        refine, and how far, if it is to be refined.  The study is that of the problem
-        with these settings.
+        Choose cut-off, delay, shape of friction and equal motors on the training logs.
+        The study is that of the problem with these settings.
     form : str, optional
         Fit friction in the form that a file format has; see `in_form_of`.  The study is
         that of the problem with this friction.
@@ -243,8 +271,10 @@ def rollout_of(
     if form is not None:
         study = replace(study, problem=in_form_of(study.problem, form))
     problem, gains = study.problem, gains_of(study.problem)
-    ridge = _ridge(problem, refine, choose)
-    done = None if ridge is None else _refined(study, gains, ridge)
+    ridge = chosen_ridge(problem) if refine else None
+    done = None
+    if ridge is not None and ridge.ridge is not None:
+        done = _refined(study, gains, ridge.ridge)
     if done is None:
         estimate = study.run(costs=False).recommended.with_verdict
     else:
@@ -261,7 +291,9 @@ def rollout_of(
         locked=problem.table.model.locked,
     )
     sureness = _sureness(study)
-    return ProblemRollout(study, estimate, replays, choice, done, *sureness, loss)
+    return ProblemRollout(
+        study, estimate, replays, choice, done, ridge, *sureness, loss
+    )
 
 
 def _refined(study: Study, gains: PDGains, ridge: float) -> Refined:
@@ -311,51 +343,3 @@ def _sureness(study: Study) -> tuple[BlockScatter | None, TrendAt | None]:
     except NotExcitedError:
         return scatter, None
     return scatter, TrendAt(trend, speed_of(problem.validation or training, scale))
-
-
-def _ridge(problem: Problem, refine: bool, choose: bool) -> float | None:
-    """Return the weight of the torque fit in a refinement; None for no refinement."""
-    if not refine:
-        return None
-    return chosen_ridge(problem).ridge if choose else RIDGE
-
-
-def in_form_of(problem: Problem, form: str) -> Problem:
-    """Return the problem without drive terms that a format lacks.
-
-    Asymmetric friction becomes Coulomb friction and an offset.
-
-    Parameters
-    ----------
-    form : str
-        One of `TERMS`.
-
-    Raises
-    ------
-    ProblemError
-        If the format is not known.
-    """
-    if form not in TERMS:
-        known = ", ".join(TERMS)
-        raise ProblemError(f"no form of friction {form!r}, expected one of {known}")
-    table, change = problem.table, msgspec.structs.replace
-    lacking = [name for name in DEFAULTS if name not in TERMS[form]]
-
-    def reduced(drive: Any) -> Any:
-        stated = {
-            name: DEFAULTS[name]
-            for name in lacking
-            if getattr(drive, name) is not msgspec.UNSET
-        }
-        if getattr(drive, "asymmetric") is True:  # noqa: B009  fields made by msgspec
-            stated["offset"] = True
-        return change(drive, **stated)
-
-    changed = change(
-        table,
-        drive=reduced(table.drive),
-        joints={name: reduced(joint) for name, joint in table.joints.items()},
-    )
-    made = problem_of(changed, problem.source or problem.folder / "problem.toml")
-    made._read.update(problem._read)
-    return replace(made, source=problem.source)

@@ -16,6 +16,7 @@ from time import perf_counter
 import numpy as np
 
 from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded, worker_threads
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.constraints.cones.certificate import Certificate
@@ -29,7 +30,7 @@ from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import unconstrained_fit
 from consistent_id.rollout.commanded_motion import replay, replayable
-from consistent_id.rollout.replay_model import replay_model
+from consistent_id.rollout.replay_model import STEP, replay_model
 
 _CHANGE = 0.02
 """Torque of a finite difference over a joint's torque (both root mean square): small
@@ -37,6 +38,11 @@ enough to be linear, and large compared with stiction.
 """
 
 _WORKERS = 2
+
+_DERIVATIVE_STEP = 2.5e-3
+"""Longest time step [s] of rollouts whose differences are derivatives: what it adds to
+damping is in both.
+"""
 
 STEPS = 3
 """Gauss-Newton steps; the error decreases in the first two, a third confirms it."""
@@ -80,14 +86,15 @@ class Replays:
     logs: tuple[Recording, ...]
     gains: PDGains
 
-    def errors(self, x: Vector, delay: float) -> Matrix:
-        """Return errors of position, shape (joints, samples)."""
+    def errors(self, x: Vector, delay: float, step: float = STEP) -> Matrix:
+        """Return errors of position, shape (joints, samples), with a longest step."""
         period = min(1.0 / log.rate for log in self.logs)
         model = replay_model(
             replace(self.estimate, parameters=x),
             self.estimate.model.robot.joint_names,
             self.gains,
             period=period,
+            step=step,
         )
         done = [replay(model, log, delay=delay).errors for log in self.logs]
         return np.asarray(np.vstack(done).T)
@@ -99,25 +106,26 @@ class Replays:
 
         `changes` are the steps of the finite differences, one for each parameter.
         """
-        first = self.errors(x, delay)
-        by_parameter = np.zeros((*first.shape, len(x)))
+        coarse = self.errors(x, delay, _DERIVATIVE_STEP)
+        by_parameter = np.zeros((*coarse.shape, len(x)))
         branches = _branches(self.estimate.model)
         groups = list(_side_by_side(self.estimate.model, branches, free))
 
         def changed(group: Sequence[int]) -> Matrix:
             moved = x.copy()
             moved[list(group)] += changes[list(group)]
-            return self.errors(moved, delay)
+            return self.errors(moved, delay, _DERIVATIVE_STEP)
 
         with worker_threads(_WORKERS) as pool:
             moved = list(pool.map(changed, groups))
         for group, errors in zip(groups, moved, strict=True):
             for i in group:
                 rows = branches == _branch_of(self.estimate.model, branches, i)
-                by_parameter[rows, :, i] = (errors - first)[rows] / changes[i]
-        return RolloutErrors(first, by_parameter)
+                by_parameter[rows, :, i] = (errors - coarse)[rows] / changes[i]
+        return RolloutErrors(self.errors(x, delay), by_parameter)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Refined:
     """An estimate refined by rollout.
@@ -171,6 +179,75 @@ def refined(
         If a log has no commands, or a motion diverges.
     """
     started = perf_counter()
+    begin = refinement_start(
+        estimate, regression, logs, gains, constraints=constraints, delay=delay
+    )
+    x, size = begin.x, begin.size
+    for k in range(steps):
+        linear = begin.linear if k == 0 else begin.linearised(x)
+        goal = _goal(begin, linear, x, ridge)
+        x, now = _descended(begin, (x, size), goal)
+        gained, size = size - now, now
+        if gained < _ENOUGH * size:
+            break
+    after = _size(begin.replays.errors(x, delay))
+    seconds = perf_counter() - started
+    done = _estimate(estimate, regression, x, delay, seconds, begin.before, after)
+    return Refined(done, begin.before, after)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RefinementStart:
+    """Where a refinement begins: a torque fit, its rollouts and their derivatives.
+
+    Parameters
+    ----------
+    x : ndarray, shape (parameters,)
+    free : ndarray of int
+        Parameters that the constraints leave free and rollouts depend on.
+    changes : ndarray, shape (parameters,)
+        Steps of finite differences.
+    level : ndarray, shape (joints,), [rad or m]
+        By which errors are divided.
+    before : float, [rad or m]
+        Root-mean-square error of the rollouts.
+    linear : RolloutErrors
+        At `x`.
+    """
+
+    estimate: Estimate
+    regression: Regression
+    constraints: tuple[Constraint, ...]
+    replays: Replays
+    delay: float
+    x: Vector
+    free: IntArray
+    changes: Vector
+    level: Vector
+    before: float
+    linear: RolloutErrors
+
+    @property
+    def size(self) -> float:
+        """Root-mean-square error, each joint's over its level."""
+        return _size(self.linear.errors, self.level)
+
+    def linearised(self, x: Vector) -> RolloutErrors:
+        """Return errors and derivatives elsewhere."""
+        return self.replays.linearised(x, self.delay, self.free, self.changes)
+
+
+@single_threaded
+def refinement_start(
+    estimate: Estimate,
+    regression: Regression,
+    logs: Sequence[Recording],
+    gains: PDGains,
+    *,
+    constraints: Sequence[Constraint],
+    delay: float = 0.0,
+) -> RefinementStart:
+    """Return where `refined` begins; see there."""
     joints = estimate.model.robot.joint_names
     known = tuple(replayable(log.of(joints)) for log in logs)
     replays = Replays(estimate, known, gains)
@@ -178,38 +255,44 @@ def refined(
     changes = finite_changes(regression)
     free = free[np.isfinite(changes[free])]
     x = np.array(estimate.parameters)
-    errors = replays.errors(x, delay)
-    level = np.sqrt((errors**2).mean(axis=1))
+    linear = replays.linearised(x, delay, free, changes)
+    level = np.sqrt((linear.errors**2).mean(axis=1))
     level = np.maximum(level, _LEAST * level.max())
-    before, size = _size(errors), _size(errors, level)
-    for _ in range(steps):
-        linear = replays.linearised(x, delay, free, changes)
-        goal = _goal(estimate, regression, constraints, linear, level, x, ridge)
-        x, now = _descended(replays, delay, (x, size), goal, level)
-        gained, size = size - now, now
-        if gained < _ENOUGH * size:
-            break
-    after = _size(replays.errors(x, delay))
-    seconds = perf_counter() - started
-    done = _estimate(estimate, regression, x, delay, seconds, before, after)
-    return Refined(done, before, after)
+    return RefinementStart(
+        estimate,
+        regression,
+        tuple(constraints),
+        replays,
+        delay,
+        x,
+        free,
+        changes,
+        level,
+        _size(linear.errors),
+        linear,
+    )
+
+
+@single_threaded
+def refined_once(start: RefinementStart, ridge: float) -> Vector:
+    """Return the parameters after one step of `refined`, shape (parameters,)."""
+    goal = _goal(start, start.linear, start.x, ridge)
+    return _descended(start, (start.x, start.size), goal)[0]
 
 
 def _goal(
-    estimate: Estimate,
-    regression: Regression,
-    constraints: Sequence[Constraint],
-    linear: RolloutErrors,
-    level: Vector,
-    x: Vector,
-    ridge: float,
+    start: RefinementStart, linear: RolloutErrors, x: Vector, ridge: float
 ) -> Vector:
     """Return the minimiser of the linearised errors and the torque fit."""
-    J = (linear.by_parameter / level[:, None, None]).reshape(-1, len(x))
+    estimate, level = start.estimate, start.level
+    free = start.free
+    J = (linear.by_parameter[:, :, free] / level[:, None, None]).reshape(-1, len(free))
     r = (linear.errors / level[:, None]).ravel()
-    rows = np.column_stack([J, J @ x - r])
-    combined = _with_rows(regression, triangle(np.asfortranarray(rows)), ridge)
-    fit = best_fit(estimate.model, combined, constraints, base=estimate.base)
+    found = triangle(np.asfortranarray(np.column_stack([J, J @ x[free] - r])))
+    rows = np.zeros((len(found), len(x) + 1))
+    rows[:, [*free, len(x)]] = found
+    combined = _with_rows(start.regression, rows, ridge)
+    fit = best_fit(estimate.model, combined, start.constraints, base=estimate.base)
     return fit.parameters
 
 
@@ -225,18 +308,14 @@ def _with_rows(regression: Regression, rows: Matrix, ridge: float) -> Regression
 
 
 def _descended(
-    replays: Replays,
-    delay: float,
-    here: tuple[Vector, float],
-    goal: Vector,
-    level: Vector,
+    start: RefinementStart, here: tuple[Vector, float], goal: Vector
 ) -> tuple[Vector, float]:
     """Step towards the goal while the error decreases; all points are feasible."""
     x, size = here
     share = 1.0
     for _ in range(_HALVINGS):
         tried = x + share * (goal - x)
-        now = _size(replays.errors(tried, delay), level)
+        now = _size(start.replays.errors(tried, start.delay), start.level)
         if now < size:
             return tried, now
         share /= 2.0

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import IntArray, Vector
+from consistent_id._support.brief import brief
 from consistent_id.errors import ModelError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.mjcf_bodies import require_mujoco, spec_tree
@@ -43,6 +44,7 @@ stiffness is added to its damping, at 1 ms a few per cent of it.
 """
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayModel:
     """A compiled model whose controls are the drives' torque at rest in zero.
@@ -71,6 +73,7 @@ def replay_model(
     *,
     locked: Mapping[str, float] | None = None,
     period: float = STEP,
+    step: float = STEP,
 ) -> ReplayModel:
     """Return a model for replaying the robot's commands.
 
@@ -82,6 +85,8 @@ def replay_model(
         Positions of other joints of a file; zero where none is given.
     period : float, [s]
         Of the commands; the time step is a whole fraction of it.
+    step : float, [s]
+        The longest time step.
 
     Raises
     ------
@@ -89,7 +94,7 @@ def replay_model(
         If MuJoCo is not installed or refuses the robot, or a joint is not in it.
     """
     name = robot.method if isinstance(robot, Estimate) else Path(robot).name
-    spec = replay_spec(robot, joints, gains, locked=locked, period=period)
+    spec = replay_spec(robot, joints, gains, locked=locked, period=period, step=step)
     return compiled_model(spec, name, joints, gains)
 
 
@@ -100,6 +105,7 @@ def replay_spec(
     *,
     locked: Mapping[str, float] | None = None,
     period: float = STEP,
+    step: float = STEP,
 ) -> Any:
     """Return the specification (``mujoco.MjSpec``) that `replay_model` compiles."""
     mujoco = require_mujoco()
@@ -112,7 +118,7 @@ def replay_spec(
     _strip(spec)
     _hold(spec, joints, {} if locked is None else locked, name, mujoco)
     _drive(spec, joints, gains.of(len(joints)), mujoco)
-    spec.option.timestep = period / np.ceil(period / STEP * (1.0 - 1e-9))
+    spec.option.timestep = period / np.ceil(period / step * (1.0 - 1e-9))
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     flags = mujoco.mjtDisableBit
     spec.option.disableflags |= flags.mjDSBL_CONTACT | flags.mjDSBL_LIMIT

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Vector, freeze
+from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.casadi_functions import Functions, to_c, to_casadi
@@ -30,6 +31,7 @@ from consistent_id.regression.regressor import TorqueModel
 _OF_Q = (FrictionSlope, LoadFriction)  # built-in laws that depend on the position
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ControlModel:
     """Torques of an identified robot, for a controller; made by `control_model`.

@@ -26,6 +26,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import FixedFrame
@@ -33,9 +34,25 @@ from consistent_id.robot.parameters import did_you_mean
 
 _DIGITS = ".9g"
 _ROUNDED = 1e-9  # of the largest moment of inertia
+_TRIANGLE = 1e-7  # of it, by which the others' sum exceeds it: more than digits lose
 _MARK = "consistent-id: load of {name} in the frame {frame}, {state}"
+_LONGEST = 32  # characters of a name, as in RAPID
+
+RAPID_WORDS = frozenset(
+    """
+    alias and backward case connect const default div do else elseif endfor endfunc
+    endif endmodule endproc endrecord endtest endtrap endwhile error exit false for from
+    func goto if inout local mod module nostepin not noview or pers proc raise readonly
+    record retry return step sysmodule task test then to trap true trynext undo var
+    viewonly while with xor
+    load load0 loaddata loadsession gripload mechunitload tool0 tooldata unload wobj0
+    wobjdata
+    """.split()
+)
+"""Reserved words of RAPID, and its own names that a load might be given."""
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ControllerLoad:
     """A load to send to a controller.
@@ -108,10 +125,10 @@ def require_load_name(name: str) -> None:
     ModelError
         If it is not a letter followed by at most 31 letters, digits and underscores.
     """
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,31}", name):
+    if not re.fullmatch(rf"[A-Za-z][A-Za-z0-9_]{{0,{_LONGEST - 1}}}", name):
         raise ModelError(
-            f"name of the load is {name!r}; expected a letter, then at most 31 "
-            "letters, digits and underscores, such as box_2"
+            f"name of the load is {name!r}; expected a letter, then at most "
+            f"{_LONGEST - 1} letters, digits and underscores, such as box_2"
         )
 
 
@@ -173,24 +190,29 @@ def ur_script(load: ControllerLoad) -> str:
 
 
 def ros2_call(load: ControllerLoad) -> str:
-    """Return a call of the ROS 2 service ``ur_msgs/srv/SetPayload``.
+    """Return a shell script that calls the ROS 2 service ``ur_msgs/srv/SetPayload``.
 
-    The service of ``ur_robot_driver``: ``mass``, ``center_of_gravity`` and, in
-    that of ROS 2 Jazzy, ``ixx, iyy, izz, ixy, ixz, iyz``, as in URScript.  Source:
-    [UrMsgs]_.
+    The service of ``ur_robot_driver`` has three forms: ``payload``, a
+    ``geometry_msgs/Inertia``; ``mass``, ``center_of_gravity`` and ``ixx, iyy, izz, ixy,
+    ixz, iyz``, as in URScript; and the first two of these alone.  The script asks
+    ``ros2 interface show`` which one there is.  Source: [UrMsgs]_.
     """
-    x, y, z = map(_text, load.body.com)
-    names = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+    mass = _text(load.body.mass)
+    place = "{{x: {}, y: {}, z: {}}}".format(*map(_text, load.body.com))
     entries = ", ".join(
-        f"{n}: {_text(v)}" for n, v in zip(names, _six(load.inertia), strict=True)
+        f"{n}: {_text(v)}" for n, v in zip(_SIX, _six(load.inertia), strict=True)
     )
+    older = f"mass: {mass}, center_of_gravity: {place}"
     return (
-        f"#!/bin/sh\n# {load.mark}\n"
-        "# An older ur_msgs knows mass and center_of_gravity alone.\n"
+        f"#!/bin/sh\n# {load.mark}\nset -e\n"
+        "form=$(ros2 interface show ur_msgs/srv/SetPayload)\n"
+        'case "$form" in\n'
+        f'*Inertia*) load="{{payload: {{m: {mass}, com: {place}, {entries}}}}}" ;;\n'
+        f'*ixx*) load="{{{older}, {entries}}}" ;;\n'
+        f'*) load="{{{older}}}" ;;  # it has no inertia\n'
+        "esac\n"
         "ros2 service call /io_and_status_controller/set_payload "
-        "ur_msgs/srv/SetPayload \\\n"
-        f'  "{{mass: {_text(load.body.mass)}, '
-        f'center_of_gravity: {{x: {x}, y: {y}, z: {z}}}, {entries}}}"\n'
+        'ur_msgs/srv/SetPayload "$load"\n'
     )
 
 
@@ -278,9 +300,8 @@ def urdf_body(load: ControllerLoad) -> str:
     The inertia is about the centre of mass, in the axes of the flange.
     """
     m, com = _text(load.body.mass), _spaced(load.body.com)
-    names = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
     entries = " ".join(
-        f'{n}="{_text(v)}"' for n, v in zip(names, _six(load.inertia), strict=True)
+        f'{n}="{_text(v)}"' for n, v in zip(_SIX, _six(load.inertia), strict=True)
     )
     child, parent = quoteattr(load.name), quoteattr(load.flange.name)
     return (
@@ -297,13 +318,15 @@ def urdf_body(load: ControllerLoad) -> str:
 def mjcf_body(load: ControllerLoad) -> str:
     """Return a body of MuJoCo's, to put into the body that carries it.
 
-    ``fullinertia`` is ``Ixx, Iyy, Izz, Ixy, Ixz, Iyz`` about the centre of mass, in the
-    axes of the flange; a point mass has no moments.
+    ``diaginertia`` are the principal moments about the centre of mass, ``quat`` turns
+    the flange's axes to the principal ones.  MuJoCo refuses moments of which one
+    exceeds the sum of the others, as rounding makes them for a plate; there the two
+    smaller ones are raised, by 1e-7 of the largest together.  A point mass has none.
     """
     m, com = _text(load.body.mass), _spaced(load.body.com)
-    form = 'diaginertia="0 0 0"'
-    if load.inertia.any():
-        form = f'fullinertia="{_spaced(_six(load.inertia))}"'
+    moments, axes = principal_inertia(load.inertia)
+    turned = _spaced(quaternion_wxyz(axes))
+    form = f'quat="{turned}" diaginertia="{_spaced(_of_a_body(moments))}"'
     place = _spaced(load.flange.translation)
     quat = _spaced(quaternion_wxyz(load.flange.rotation))
     return (
@@ -313,6 +336,16 @@ def mjcf_body(load: ControllerLoad) -> str:
         f'      <inertial pos="{com}" mass="{m}" {form}/>\n'
         "    </body>\n  </worldbody>\n</mujoco>\n"
     )
+
+
+def _of_a_body(moments: Vector) -> Vector:
+    """Return principal moments of which the largest is less than the others' sum."""
+    order = np.argsort(moments)
+    largest = moments[order[2]]
+    lack = (1.0 + _TRIANGLE) * largest - moments[order[:2]].sum()
+    raised = moments.copy()
+    raised[order[:2]] += max(lack, 0.0) / 2.0
+    return raised
 
 
 class ControllerFormat(NamedTuple):
@@ -326,11 +359,27 @@ class ControllerFormat(NamedTuple):
         Name of its file.
     text : callable
         From a `ControllerLoad` to the content.
+    words : frozenset of str
+        In lower case: names that it keeps for itself.
     """
 
     name: str
     file: str
     text: Callable[[ControllerLoad], str]
+    words: frozenset[str] = frozenset()
+
+    def require_name(self, name: str) -> None:
+        """Refuse a load's name that is a word of its language.
+
+        Raises
+        ------
+        ModelError
+        """
+        if name.lower() in self.words:
+            raise ModelError(
+                f"name of the load is {name!r}, a word of {self.name}'s language; "
+                "choose another name, such as box, or other controllers"
+            )
 
 
 CONTROLLER_FORMATS = (
@@ -341,7 +390,7 @@ CONTROLLER_FORMATS = (
         "franka-end-effector", "endeffector-config.json", franka_end_effector
     ),
     ControllerFormat("kuka", "load_data.dat", kuka_load_data),
-    ControllerFormat("abb", "loaddata.mod", abb_loaddata),
+    ControllerFormat("abb", "loaddata.mod", abb_loaddata, RAPID_WORDS),
     ControllerFormat("urdf", "payload.urdf", urdf_body),
     ControllerFormat("mjcf", "payload.xml", mjcf_body),
 )
@@ -361,6 +410,8 @@ def controller_text(load: ControllerLoad, form: str) -> str:
     ------
     ProblemError
         If there is no such form.
+    ModelError
+        If the load's name is a word of this form's language.
 
     Examples
     --------
@@ -373,6 +424,7 @@ def controller_text(load: ControllerLoad, form: str) -> str:
     known = {one.name: one for one in CONTROLLER_FORMATS}
     if form not in known:
         raise ProblemError(f"no controller {form!r}; {did_you_mean(form, known)}")
+    known[form].require_name(load.name)
     return known[form].text(load)
 
 
@@ -415,8 +467,11 @@ def quaternion_wxyz(rotation: Matrix) -> Vector:
     return np.asarray(found * np.sign(first) + 0.0)
 
 
+_SIX = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+
+
 def _six(matrix: Matrix) -> list[float]:
-    """Return ``xx, yy, zz, xy, xz, yz``."""
+    """Return the entries of `_SIX`."""
     rows, columns = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
     entries: list[float] = matrix[rows, columns].tolist()
     return entries

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import BoolArray, Vector, freeze_arrays
+from consistent_id._support.brief import brief
 from consistent_id._support.tables import Table
+from consistent_id.errors import ProblemError
 from consistent_id.estimation.gains import DriveGains, identify_gains
-from consistent_id.estimation.uncertainties.parameter_scatter import NORMAL
+from consistent_id.estimation.uncertainties.beyond_noise import NORMAL
 from consistent_id.estimation.verdict import Reason, Verdict, percent, weighed
 from consistent_id.problems.problem import Problem
 from consistent_id.robot.model import Link
@@ -31,6 +33,7 @@ LEAST_OFF = 0.02
 """Least relative error of a gain that is called off."""
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class GainCheck:
     """Gains that a load of known mass asks for, beside those that a problem states.
@@ -155,19 +158,24 @@ def check_gains(
 
     Raises
     ------
-    ProblemError, ModelError
+    ProblemError
+        See `weigh_load`; also if the torques come from commands and PD gains, or
+        there is a wrist sensor in place of torques.
+    ModelError
         See `weigh_load`.
     NotExcitedError, RecordingError, SolverError
         See `identify_gains`.
     """
     require_arm(problem, known_mass)
+    _require_currents(problem)
     flange = flange_of(problem, link)
+    load = _unused(problem.model.robot.link_names)
     runs = LoadedRuns(problem, loaded_files(loaded, rows), rows, tuple(omit))
     factors = identify_gains(
         problem.model,
         *runs.read({}),
-        known={"load.m": known_mass},
-        load=Link("load"),
+        known={f"{load}.m": known_mass},
+        load=Link(load),
         carrier=problem.model.robot.link_names[flange.carrier],
         accuracy=accuracy,
     )
@@ -175,6 +183,30 @@ def check_gains(
     reasons = _reasons(factors)
     verdict = weighed(METHOD, reasons, tuple(accepted), None, ())
     return GainCheck(factors, np.array(stated), verdict)
+
+
+def _require_currents(problem: Problem) -> None:
+    """Refuse wrist sensors, and torques that are computed from joints' commands."""
+    if problem.arm is not None:
+        raise ProblemError(
+            f"problem {problem.name!r} is of a wrist sensor, which measures forces: "
+            "there are no gains of currents"
+        )
+    data = problem.table.data
+    if data is not None and data.gains is not None:
+        raise ProblemError(
+            f"problem {problem.name!r} computes torque from the joints' commands "
+            "([data.gains]), so that torque_gain has no meaning; a known mass shows "
+            "gains of logs of current or torque"
+        )
+
+
+def _unused(names: Sequence[str]) -> str:
+    """Return a name for the load that no link has."""
+    name = "load"
+    while name in names:
+        name += "_"
+    return name
 
 
 def gains_off(factors: DriveGains) -> BoolArray:

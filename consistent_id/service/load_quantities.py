@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector, freeze_arrays
+from consistent_id._support.brief import brief
 from consistent_id._support.tables import Table
 from consistent_id.estimation.determination import KNOWN
 from consistent_id.estimation.payload import Payload
@@ -28,6 +29,7 @@ _COM, _INERTIA = slice(1, 4), slice(4, 10)
 _TOUCHED = 1e-9  # entry of a map, relative to its largest, that is not rounding
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadQuantities:
     """A load's mass, centre of mass and inertia about it, in one frame.
@@ -60,9 +62,9 @@ class LoadQuantities:
         )
 
     def table(self) -> Table:
-        """Return the quantities with their intervals."""
+        """Return the quantities with their intervals; "-" where not identifiable."""
         rows = tuple(
-            (name, f"{value:.4g}", f"{low:.4g}", f"{high:.4g}", unit)
+            (name, *_shown(value, low, high), unit)
             for name, value, low, high, unit in zip(
                 QUANTITIES, self.values, self.low, self.high, UNITS, strict=True
             )
@@ -105,6 +107,12 @@ def load_quantities(payload: Payload, frame: FixedFrame) -> LoadQuantities:
     centre = np.nan_to_num(centre)
     body = InertialParameters(change @ payload.body.vector)
     return LoadQuantities(frame.name, body, centre - half, centre + half)
+
+
+def _shown(value: float, low: float, high: float) -> tuple[str, ...]:
+    if not np.isfinite(high - low):
+        return ("-",) * 3
+    return f"{value:.4g}", f"{low:.4g}", f"{high:.4g}"
 
 
 def inertia_is_open(payload: Payload) -> bool:

@@ -36,7 +36,7 @@ class Flange:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadedRuns:
-    """Logs of a robot with a load, beside the training recordings of its problem.
+    """Logs of a robot with a load, beside the recordings of its problem.
 
     Parameters
     ----------
@@ -64,6 +64,9 @@ class LoadedRuns:
     def read(self, factors: Mapping[str, float]) -> tuple[Recordings, Recordings]:
         """Return the prepared recordings with the load, and without it.
 
+        Those without it are the problem's training and validation recordings: no model
+        is judged here, and the more there is of the robot, the better is the load.
+
         Parameters
         ----------
         factors : mapping of str to float
@@ -75,7 +78,6 @@ class LoadedRuns:
                 f"problem {problem.name!r} has no recordings of the robot without the "
                 "load; add a [data] table, or give logs beside a robot's file"
             )
-        own = [entry for entry in data.recordings if entry.role == "training"]
         added = [
             RecordingTable(
                 file=str(file.resolve()),
@@ -86,27 +88,30 @@ class LoadedRuns:
             for file in self.loaded
         ]
         gains = [g * factors.get(j, 1.0) for j, g in self.stated_gains.items()]
-        # They stand for the validation recordings, which are not used: so they are
-        # prepared with what was found in the training recordings.
+        # They are added to the validation recordings, so that they are prepared with
+        # what was found in the training recordings.
         changed = msgspec.structs.replace(
             data,
-            recordings=[*own, *added],
+            recordings=[*data.recordings, *added],
             torque_gain=gains if factors else data.torque_gain,
         )
         both = replace(
             problem, table=msgspec.structs.replace(problem.table, data=changed)
         )
-        return both.validation, both.training
+        first = len(problem.validation)
+        return both.validation[first:], (*both.training, *both.validation[:first])
 
 
 def require_arm(problem: Problem, known_mass: float | None) -> None:
-    """Refuse problems whose payload is no body on a link of an arm."""
-    if problem.arm is not None:
+    """Refuse problems whose payload is no body on a link of an arm, or on a sensor."""
+    sensor = problem.table.wrist_sensor
+    if sensor is not None and sensor.drift != "none":
         raise ProblemError(
-            f"problem {problem.name!r} has a wrist sensor, whose model is the load "
-            "itself; identify estimates it"
+            f"problem {problem.name!r}: the bias of the wrist sensor drifts (drift = "
+            f"{sensor.drift!r}), so that logs with a load and without it cannot be "
+            "compared; record both within minutes, and leave drift out"
         )
-    if problem.model.robot.floating:
+    if sensor is None and problem.model.robot.floating:
         raise ProblemError(
             f"the base of {problem.model.robot.name!r} floats; a payload is estimated "
             "on robots whose base stands still. Identify the robot with the load and "
@@ -119,8 +124,16 @@ def require_arm(problem: Problem, known_mass: float | None) -> None:
 def flange_of(problem: Problem, link: str | None) -> Flange:
     """Return the frame that carries the load.
 
-    By default it is the problem's ``payload.link``, or the last link's of a chain.
+    By default it is the problem's ``payload.link``, or the last link's of a chain.  On
+    a wrist sensor it is the sensor's frame, and no other.
     """
+    if (sensor := problem.table.wrist_sensor) is not None:
+        if link not in (None, sensor.frame):
+            raise ProblemError(
+                f"link {link!r}: the wrist sensor measures a load in its own frame, "
+                f"{sensor.frame!r}; give the place of another frame as the tool"
+            )
+        return Flange(0, FixedFrame(sensor.frame, np.eye(3), np.zeros(3)))
     robot, stated = problem.model.robot, problem.table.payload
     if link is None and stated is not None:
         link = stated.link

@@ -8,16 +8,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.tables import Table
-from consistent_id.errors import ProblemError
+from consistent_id.errors import ModelError, ProblemError
 from consistent_id.estimation.determination import KNOWN
 from consistent_id.estimation.gains import DriveGains, identify_gains
 from consistent_id.estimation.judgement import MISFIT_CARE, MISFIT_REFUSED
 from consistent_id.estimation.payload import Payload, identify_payload
-from consistent_id.estimation.uncertainties.parameter_scatter import NORMAL
+from consistent_id.estimation.uncertainties.beyond_noise import NORMAL
 from consistent_id.estimation.verdict import Reason, Verdict, percent, weighed
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording
+from consistent_id.regression.torque_along import measured_torque
 from consistent_id.robot.model import Datasheet, FixedFrame, Link
 from consistent_id.service.controller_formats import ControllerLoad, require_load_name
 from consistent_id.service.gain_check import gains_off
@@ -48,6 +50,7 @@ NEVER_SENT = (
 """Kinds of reasons with which a controller gets nothing, accepted or not."""
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class WeighedLoad:
     """A load, its frames, and whether its estimate may be sent to a controller.
@@ -136,11 +139,19 @@ class WeighedLoad:
             robot.load,
             self.in_flange.body,
             self.flange,
-            robot.bare.robot.link_names[robot.carrier],
+            self._link,
             tool,
             self.inertia_open,
             self._evidence,
         )
+
+    @property
+    def _link(self) -> str:
+        """Name of the moving link that carries the load, or of a wrist sensor."""
+        robot = self.payload.robot
+        if robot.bare.robot.floating:
+            return self.flange.name
+        return robot.bare.robot.link_names[robot.carrier]
 
     @property
     def _evidence(self) -> str:
@@ -185,7 +196,7 @@ class WeighedLoad:
             "format": FORMAT,
             "load": payload.robot.load,
             **self.verdict.to_dict(),
-            "link": payload.robot.bare.robot.link_names[payload.robot.carrier],
+            "link": self._link,
             "frames": {
                 quantities.frame: quantities.to_dict()
                 for quantities in (self.in_flange, self.in_tool)
@@ -209,15 +220,16 @@ def weigh_load(
     omit: Sequence[int] = (),
     link: str | None = None,
     tool: str | Sequence[float] | None = None,
-    name: str = "load",
+    name: str = "payload",
     known_mass: float | None = None,
     gain_errors: float | Sequence[float] = 0.0,
     accepted: Sequence[str] = (),
 ) -> WeighedLoad:
     """Estimate what a robot carries, from a log with the load and those without.
 
-    Logs with the load are read and prepared as the problem's own training recordings,
-    which are without it: the same columns, units, filters and delays.
+    Logs with the load are read and prepared as the problem's own recordings, which are
+    without it: the same columns, units, filters and delays.  Torques, currents or the
+    forces of a wrist sensor show the load.
 
     Parameters
     ----------
@@ -238,7 +250,7 @@ def weigh_load(
         The tool's frame: a fixed frame of the same link, or ``x, y, z`` [m] and
         optionally ``roll, pitch, yaw`` [rad] in the frame of `link`.
     name : str
-        Of the load.
+        Of the load; none of the robot's links has it.
     known_mass : float, optional, [kg]
         If the load was weighed on a scale.  The load then has this mass, and the mass
         that the torques show is compared with it.  The gains that convert currents to
@@ -254,13 +266,18 @@ def weigh_load(
         If the problem has no recordings or a base that floats, if a frame is on another
         link, or if `rows` or `known_mass` make no sense.
     ModelError
-        If there is no such link or frame.
+        If there is no such link or frame, or the load has a link's name.
     RecordingError, InfeasibleError, NotExcitedError, SolverError
         See `identify_payload`.
     """
     require_load_name(name)
     require_arm(problem, known_mass)
     robot = problem.model.robot
+    if name in robot.link_names:
+        raise ModelError(
+            f"name of the load is {name!r}, which is a link of {robot.name!r}; choose "
+            "another name"
+        )
     flange = flange_of(problem, link)
     placed = tool_of(robot, flange, tool)
     runs = LoadedRuns(problem, loaded_files(loaded, rows), rows, tuple(omit))
@@ -320,9 +337,11 @@ def _estimated(
 
     if known_mass is None:
         return of(logs, load, gain_errors)
+    of_scale = replace(load, datasheet=Datasheet(mass=known_mass))
+    if problem.arm is not None:  # forces are measured, without gains
+        return of(logs, of_scale, gain_errors)
     known = {f"{load.name}.m": known_mass}
     gains = identify_gains(model, *logs, known=known, load=load, carrier=carrier)
-    of_scale = replace(load, datasheet=Datasheet(mass=known_mass))
     stated = problem.table.data is not None and problem.table.data.gains is not None
     change = gains_off(gains) & np.array(gains.identified)
     if gains.scale_open or stated or not change.any():
@@ -339,8 +358,7 @@ def _residual(payload: Payload, logs: Sequence[Recording]) -> float:
     """Return the error of the loaded torques over the torques, all joints."""
     error, size = 0.0, 0.0
     for log in logs:
-        joints = payload.robot.bare.torque_joints
-        torque = np.asarray(log.of(joints).torque)
+        torque = measured_torque(payload.robot.bare, log)
         error += float(np.sum((payload.predict(log) - torque) ** 2))
         size += float(np.sum(torque**2))
     return float(np.sqrt(error / size)) if size > 0.0 else np.inf

@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.beside import BaseMotion
 from consistent_id.regression.regressor import TorqueModel
@@ -203,6 +204,7 @@ def _sole_wrench(foot: StandingFoot, forces: Array) -> Matrix:
     return np.hstack([forces.sum(axis=1), moment])
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class StandingLimits:
     """Limits of a motion on feet, over those of the robot's file.
@@ -306,6 +308,7 @@ def _largest(what: str, of: Sequence[str], shares: Matrix, time: Vector) -> Use:
     return Use(what, of[int(j)], float(shares[k, j]), float(time[k]))
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class StandingMotion:
     """A motion on feet, all of it, at some times."""

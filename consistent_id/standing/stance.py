@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze
+from consistent_id._support.brief import brief
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.motion.collisions.urdf_bodies import link_bodies
 from consistent_id.problems.floating.contact_guess import Foot, feet_of
@@ -36,6 +37,7 @@ _NUDGE = 0.4  # rad, with which knees begin to bend, to their wider side
 _WIDER = 1.5  # ratio of a joint's two ranges from which on it has a wider side
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class StandingFoot:
     """A foot that stays where it is.
@@ -53,6 +55,7 @@ class StandingFoot:
     flat: bool
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Stance:
     """A pose on feet.

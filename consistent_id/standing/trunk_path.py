@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
+from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.beside import BaseMotion
 
@@ -49,6 +50,7 @@ class TrunkMotion(NamedTuple):
     base: BaseMotion
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class TrunkPath:
     """Six coordinates of a trunk as sums of sinusoids that fade in and out.

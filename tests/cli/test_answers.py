@@ -51,6 +51,7 @@ BROKEN = """<robot name="arm"><link name="base"/><link name="rod"><inertial>
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="a shell of Unix closes the streams")
 @pytest.mark.parametrize(
     "closing", ["{} >&-", "{} 2>&-", "{} >&- 2>&-", "({}; echo $? >code) | true"]

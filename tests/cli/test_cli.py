@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+from schemas import parsed
 from some_fast import some_fast
 
 from consistent_id import ConsistentIdError, Estimate, Study, load_problem
@@ -65,7 +66,7 @@ def test_info_shows_the_robot_and_its_base_parameters(capsys):
 @pytest.mark.slow
 def test_identify_writes_estimates_that_can_be_read_back(tmp_path, capsys):
     assert main(["identify", RX60, "--json", "--output", str(tmp_path)]) == 0
-    printed = json.loads(capsys.readouterr().out)["estimates"]
+    printed = parsed(capsys.readouterr().out)["estimates"]
     assert "constrained" in [e["method"] for e in printed]
     from consistent_id.regression import base_parameters
 
@@ -103,7 +104,11 @@ def test_wrong_usage_ends_with_2(capsys):
     with pytest.raises(SystemExit) as ended:
         main(["frobnicate"])
     assert ended.value.code == 2
-    capsys.readouterr()
+    assert "'frobnicate'; --help lists the commands" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as ended:
+        main(["identifi", "robot.urdf"])
+    assert ended.value.code == 2
+    assert "did you mean identify?" in capsys.readouterr().err
 
 
 def test_an_interrupt_ends_with_130_and_leaves_nothing_half_written(
@@ -118,6 +123,7 @@ def test_an_interrupt_ends_with_130_and_leaves_nothing_half_written(
     capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_help_does_not_load_solvers():
     code = (
         "import sys; from consistent_id.cli.tool import tool_parser;"
@@ -128,6 +134,7 @@ def test_help_does_not_load_solvers():
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "most"),
     [
@@ -157,6 +164,7 @@ def test_every_error_of_the_package_has_one_root():
     assert all(issubclass(error, ConsistentIdError) for error in errors)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "form", some_fast(["mjcf", "urdf", "json", "pin", "numpy", "casadi", "c"])
 )
@@ -184,6 +192,7 @@ def test_what_is_exported_is_what_identify_delivers(tmp_path, capsys):
         assert link["mass"] == delivered[f"{link['name']}.m"]["value"]
 
 
+@pytest.mark.slow
 def test_a_source_is_for_formats_that_have_one(rx60_estimate, capsys):
     arguments = ["--format", "c", "--output", "x", "--estimate", str(rx60_estimate)]
     assert main(["export", RX60, *arguments, "--source", "robot.urdf"]) == 2

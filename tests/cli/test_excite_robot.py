@@ -1,10 +1,9 @@
 """``excite`` and ``init`` for a robot that has no log, and no problem file."""
 
-import json
-
 import numpy as np
 import pytest
 from estimates import estimate_of
+from schemas import parsed
 
 from consistent_id import load_problem
 from consistent_id.cli import main
@@ -50,7 +49,7 @@ def test_a_robot_alone_gets_a_motion_and_a_problem_file(urdf, tmp_path, capsys):
     call = ["excite", urdf, "--acceleration", "5", "--duration", "6", "--starts", "1"]
     call += ["--harmonics", "4", "--workers", "1", "--output", folder, "--json"]
     assert main([str(word) for word in call]) == 0
-    record = json.loads(capsys.readouterr().out)
+    record = parsed(capsys.readouterr().out)
     assert record["limits"]["acceleration"] == [5.0, 5.0]
     assert {"trajectory.yaml", "follow.py"} <= {file.name for file in folder.iterdir()}
     assert record["form"]["duration_s"] == 6.0

@@ -92,7 +92,7 @@ def test_a_rehearsal_and_a_rollout_end_the_road(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["identify", "leg", "--output", "results/leg", "--quiet"]) == 0
     first = said(capsys, "identify", "results/leg")
-    found = said(capsys, "rollout", "results/leg")
+    found = said(capsys, "rollout", "results/leg", "--stated")
     assert {k: found[k] for k in ANSWER} == {k: first[k] for k in ANSWER}
     write_arm(tmp_path)
     capsys.readouterr()

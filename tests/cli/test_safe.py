@@ -39,6 +39,7 @@ def test_a_report_does_not_overwrite_the_log(arm, capsys):
     kept(log, ["identify", urdf, log, "--report", log], capsys, "is an input")
 
 
+@pytest.mark.slow
 def test_a_report_does_not_overwrite_a_file_of_others(arm, tmp_path, capsys):
     page = tmp_path / "thesis.html"
     page.write_text("<h1>Thesis</h1>")

@@ -33,6 +33,7 @@ COMMANDS = [
     "reproduce",
     "payload",
     "gains",
+    "servo",
     "completion",
 ]
 

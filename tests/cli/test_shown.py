@@ -138,6 +138,7 @@ def test_a_recording_becomes_a_data_frame(found):
     np.testing.assert_array_equal(frame["torque"][log.joints[1]], log.torque[:, 1])
 
 
+@pytest.mark.slow
 def test_a_recording_becomes_a_data_set(found):
     pytest.importorskip("xarray")
     log, *_ = found

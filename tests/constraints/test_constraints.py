@@ -208,6 +208,7 @@ def test_without_consistency_it_is_the_quadratic_programme():
         (TotalMass(3.0, 2.0), "expected 0 <= lower"),
         (ParameterBounds({f"{LINK}.m": (2.0, 1.0)}), "not below"),
         (DensityOn("a", BALL), "no link named 'a'"),
+        (MassBounds({LINK: (-2.0, -1.0)}), "-1 kg, which no body has"),
     ],
 )
 def test_constraints_that_make_no_sense_are_refused(constraint, message):
@@ -361,6 +362,12 @@ def test_a_linear_relation_with_one_bound_has_one_row_of_the_right_sign(low, hig
         inside = low <= mass <= high
         assert (domain.violation(x) == 0.0) is inside
     assert len(domain.b_in) == 1
+
+
+@pytest.mark.parametrize("mass", [-1.0, np.nan, np.inf])
+def test_a_fixed_mass_that_no_body_has_is_refused(mass):
+    with pytest.raises(ProblemError, match=f"fixed mass of {LINK}: {mass:g} kg"):
+        FixedMasses({LINK: mass})
 
 
 def test_mass_bounds_that_are_equal_fix_the_mass():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from faulty_logs import DRIVE, logs
 from logged import write_arm
+from schemas import parsed
 
 import consistent_id as ci
 from consistent_id import TorqueModel
@@ -98,8 +99,10 @@ def test_the_shell_checks_a_log_without_a_problem_file(tmp_path, capsys, sign, c
     out = capsys.readouterr().out
     assert ("torque sign" in out and "elbow" in out) == (code == 1)
     assert main([*arguments, "--json"]) == code
+    parsed(capsys.readouterr().out)
 
 
+@pytest.mark.slow
 def test_the_shell_checks_a_log_without_the_torque_of_some_joints(tmp_path, capsys):
     from consistent_id.cli import main
 
@@ -146,6 +149,7 @@ def test_a_delay_that_is_undone_hides_no_filter(tmp_path, filtered, undone, foun
     assert {(f.kind, f.severity) for f in suspicious} == set(found)
 
 
+@pytest.mark.slow
 def test_a_torque_that_never_turns_and_is_reversed_is_no_magnitude(tmp_path):
     """The advice is a gain that mends it, not to log a sign that is there."""
     urdf, log = write_arm(tmp_path)

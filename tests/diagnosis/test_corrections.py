@@ -71,6 +71,7 @@ def _by_hand(correction, log):
     return replace(log, torque=torque)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", some_fast(PREPARATIONS, 2))
 def test_a_correction_of_a_prepared_log_is_the_prepared_log_corrected(name):
     table = PreparationTable(**PREPARATIONS[name])

@@ -49,6 +49,7 @@ def _diagnosed(log, validation=(), model=None):
     return diagnose(model or arm(), log, validation, prepare=logs().prepared)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", some_fast(range(2)))
 def test_a_clean_log_is_not_accused(seed):
     assert _diagnosed(clean_log(seed)).suspicious == ()
@@ -114,6 +115,7 @@ def test_a_zero_off_by_a_known_angle_is_measured():
     assert (abs(shifts.sizes[4:]) < 5.0 * shifts.errors[4:]).all()
 
 
+@pytest.mark.slow
 def test_zero_offsets_that_the_log_does_not_identify_are_noted():
     (note,) = _diagnosed(clean_log(0)).of("hidden zero")
     assert note.severity == "note"
@@ -122,6 +124,7 @@ def test_zero_offsets_that_the_log_does_not_identify_are_noted():
     assert "joint2" not in note.statement
 
 
+@pytest.mark.slow
 def test_two_zeros_that_hide_each_other_are_found():
     log = clean_log(2)
     moved = log.position + np.radians([0.0, 6.0, -7.0, 0.0])
@@ -132,6 +135,7 @@ def test_two_zeros_that_hide_each_other_are_found():
     assert "7 degrees larger" in sizes["joint3"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late", some_fast([-6, 6]))
 def test_a_lag_is_measured_with_its_sign(late):
     def delayed(log):
@@ -157,6 +161,7 @@ def _bent(log):
     return replace(log, torque=torque)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [2, 4])
 def test_friction_that_builds_up_is_no_lag(seed):
     fit = estimate_lag(_estimated(seed, _bent))
@@ -167,6 +172,7 @@ def _fitted(A, z):
     return jackknife(A, z).fitted(list(range(A.shape[2])))
 
 
+@pytest.mark.slow
 def test_standard_errors_cover_the_scatter_of_estimates():
     rng = np.random.default_rng(0)
     A = rng.normal(size=(2, 400, 15))
@@ -343,6 +349,7 @@ def _at_rest(joint):
     return replace(log, velocity=None)
 
 
+@pytest.mark.slow
 def test_a_joint_at_rest_is_one_whose_coarse_encoder_flickers():
     log, rng = _at_rest(1), np.random.default_rng(0)
     position = np.array(log.position)

@@ -171,11 +171,13 @@ def _kinds(model, log, cutoff):
     return {f.kind for f in found.suspicious}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cutoff", CUTOFFS)
 def test_a_clean_log_is_not_accused_for_its_filter(cutoff):
     assert not _kinds(*_run(), cutoff)
 
 
+@pytest.mark.slow
 def test_a_log_that_no_robot_explains_is_still_called_so_behind_a_filter():
     model, log = _run()
     swing = np.sin(2 * np.pi * 0.43 * log.time + np.arange(3)[:, None]).T

@@ -90,12 +90,14 @@ def _slow_log(model, velocity_scale):
     return simulate_torque(true_model, np.array(truth), motion, noise=0.1, rng=rng)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("velocity_scale", [0.01, 0.05, 0.08])
 def test_a_wrong_velocity_of_friction_is_no_clock(velocity_scale):
     """The model says 0.02: a clock 2, 0.4 and 0.25 times as fast mends the friction."""
     model = replace(known_arm.arm(), drive=DRIVE)
     found = diagnose(model, _slow_log(model, velocity_scale))
     assert found.of("clock") == ()
+    assert found.of("masses or gain") == ()
     assert found.faults == ()
 
 

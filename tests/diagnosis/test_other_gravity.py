@@ -91,6 +91,7 @@ def test_a_nominal_robot_that_explains_as_little_when_it_leans_does_not_lean():
     assert leaning_findings(model, noisy, torque_parts(model, noisy)) == []
 
 
+@pytest.mark.slow
 def test_a_base_that_leans_is_no_gain_and_a_gain_no_base_that_leans():
     model = _arm()
     found = diagnose(model, _log(_arm(np.radians(35.0)))).faults

@@ -23,6 +23,7 @@ def _with_masses(factors):
     return replace(model, robot=model.robot.with_datasheet(sheet))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", some_fast(range(3)))
 def test_a_load_that_the_model_does_not_have_is_named(seed):
     loaded = _with_masses([1.0, 1.0, 1.0, 5.0])
@@ -32,6 +33,7 @@ def test_a_load_that_the_model_does_not_have_is_named(seed):
     assert [(f.kind, f.where) for f in found] == [("load", last)]
 
 
+@pytest.mark.slow
 def test_too_large_masses_of_all_links_are_no_load():
     model = _with_masses([3.0] * 4)
     found = diagnose(model, clean_log(0), prepare=logs().prepared).suspicious
@@ -39,6 +41,7 @@ def test_too_large_masses_of_all_links_are_no_load():
     assert "load" not in {f.kind for f in found}
 
 
+@pytest.mark.slow
 def test_a_last_link_that_is_lighter_carries_no_load():
     lighter = _with_masses([1.0, 1.0, 1.0, 0.1])
     log = logs().clean(lighter, np.random.default_rng(0)).log

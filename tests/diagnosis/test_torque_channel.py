@@ -160,22 +160,44 @@ def _tapered():
 
 def _swung_once(factor):
     """Return what is said of 2 s in which no joint turns back, times a factor."""
-    model, time = _tapered(), np.arange(400) / 200.0
+    model, log = _swung(2.0, 1.0)
+    return diagnose(model, replace(log, torque=factor * log.torque)).findings
+
+
+def _swung(seconds, forwards):
+    """Return a model and its log; at a forward speed of 1 rad/s no joint turns back."""
+    model, time = _tapered(), np.arange(int(200 * seconds)) / 200.0
     w = np.array([3.0, 4.0, 5.0, 6.0])  # rad/s
     angle = w * time[:, None] + [0.0, 1.0, 2.0, 3.0]
     motion = Recording(
         model.robot.joint_names,
         time,
-        time[:, None] + 0.8 * np.sin(angle) / w,
-        1.0 + 0.8 * np.cos(angle),
+        forwards * time[:, None] + 0.8 * np.sin(angle) / w,
+        forwards + 0.8 * np.cos(angle),
         -0.8 * w * np.sin(angle),
     )
     bodies = np.asarray(model.robot.nominal)
     log = simulate_torque(model, np.append(bodies, np.tile(FRICTION, 4)), motion)
     noise = 0.02 * np.random.default_rng(2).normal(size=log.torque.shape)
-    return diagnose(model, replace(log, torque=factor * (log.torque + noise))).findings
+    return model, replace(log, torque=log.torque + noise)
 
 
+@pytest.mark.slow
+def test_a_short_validation_recording_is_judged_by_what_it_tests():
+    model, long = _swung(12.0, 0.0)
+    training, other = long.samples(slice(0, 1600)), long.samples(slice(1600, None))
+    short = replace(_swung(2.0, 1.0)[1], name="short")
+    (alone,) = diagnose(model, training, [short]).of("short")
+    assert (alone.severity, alone.recording) == ("warning", "short")
+    assert "hardly tests the estimate" in alone.statement
+    beside = diagnose(model, training, [short, replace(other, name="other")])
+    assert [f.severity for f in beside.of("short")] == ["note"]
+    # A log that is fitted is judged as before.
+    (fitted,) = diagnose(model, short).of("short")
+    assert "the bodies are hardly identifiable" in fitted.statement
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("factor", "kind", "severity"),
     [(0.5, "torque gain", "warning"), (1e3, "torque unit", "fault")],

@@ -55,6 +55,7 @@ FAULTS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "place", "size"), FAULTS)
 def test_a_fault_of_a_robot_as_drawn_is_measured_exactly(kind, place, size):
     model, log = logged(0, noise=0.0)
@@ -65,6 +66,7 @@ def test_a_fault_of_a_robot_as_drawn_is_measured_exactly(kind, place, size):
     assert found_size == pytest.approx(abs(size) if kind == "gravity" else size, 0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "place", "size"), FAULTS)
 def test_the_fault_explains_most_where_bodies_differ_from_the_drawing(
     kind, place, size
@@ -88,6 +90,7 @@ def _as_is(model, log, *, masses_known=True):
     return FactorLogs.of(model, [log], masses_known=masses_known)
 
 
+@pytest.mark.slow
 def test_errors_are_those_of_robots_drawn_as_the_widths_say():
     """Of factors of clean logs, size over error has a root mean square of about one."""
     ratios = {}
@@ -129,6 +132,7 @@ def test_what_is_no_factor_of_a_robot_is_left_out():
     assert len([k for k in kinds if k == "offset zero"]) == 4
 
 
+@pytest.mark.slow
 def test_the_log_of_a_robot_with_other_axes_is_another_robot_s():
     model, log = logged(5, spread=0.5, friction=_LITTLE)
     assert other_robot(_as_is(model, log)) == []
@@ -136,12 +140,14 @@ def test_the_log_of_a_robot_with_other_axes_is_another_robot_s():
     assert (finding.kind, finding.severity) == ("another robot", "fault")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "place", "size"), FAULTS)
 def test_one_fault_makes_no_other_robot(kind, place, size):
     model, log = logged(6, spread=0.5)
     assert other_robot(_as_is(*faulty(log, model, kind, place, size))) == []
 
 
+@pytest.mark.slow
 def test_a_diagnosis_names_another_robot_before_its_effects():
     _, log = logged(5, spread=0.5, friction=_LITTLE)
     assert diagnose(arm(OTHER_ROWS), [log]).findings[0].kind == "another robot"
@@ -193,6 +199,7 @@ def test_one_odd_second_makes_a_factor_doubtful():
     assert abs(zero.size) < zero.error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "place", "size"),
     [("clock", 0, np.log(2.0)), ("offset zero", 1, np.radians(15.0))],
@@ -204,6 +211,7 @@ def test_bodies_known_worse_pull_less(kind, place, size):
     assert abs(fault.size - size) < 1.5 * fault.error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("gain", "severity"), [(1.5, "warning"), (2.0, "fault")])
 def test_a_fault_is_five_standard_errors_large(gain, severity):
     model, log = logged(1, spread=0.5)
@@ -212,6 +220,7 @@ def test_a_fault_is_five_standard_errors_large(gain, severity):
     assert (finding.kind, finding.severity) == ("masses or gain", severity)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "place", "size"),
     [
@@ -229,11 +238,13 @@ def test_a_factor_too_small_or_too_large_is_sure_and_not_reported(kind, place, s
     assert whole_robot_findings(as_is) == []
 
 
+@pytest.mark.slow
 def test_a_clock_far_from_the_linear_makes_no_other_robot():
     model, log = logged(6, spread=0.1, noise=0.001)
     assert other_robot(_as_is(*faulty(log, model, "clock", 0, np.log(8.0)))) == []
 
 
+@pytest.mark.slow
 def test_what_the_last_link_carries_makes_no_other_robot():
     """A large load and noise would, if the last link's body were taken for known."""
     model, log = logged(1, spread=0.5)

@@ -159,6 +159,7 @@ def slow_arm(rng):
     return model, truth, simulate_torque(model, truth, log)
 
 
+@pytest.mark.slow
 def test_standard_errors_of_constrained_estimates_hold_under_correlated_noise():
     rng = np.random.default_rng(2)
     model, truth, log = slow_arm(rng)

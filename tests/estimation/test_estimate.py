@@ -27,6 +27,7 @@ def estimated(seed=2, **options):
     return constrained_least_squares(model, regression, **options), log
 
 
+@pytest.mark.slow
 def test_an_estimate_knows_the_conditions_that_its_uncertainty_needs():
     conditions = [PhysicalConsistency(), FixedMasses()]
     estimate, log = estimated(constraints=conditions, prior=Penalty(0.1))

@@ -19,6 +19,7 @@ from consistent_id.estimation.left_out import (
     LeftOutErrors,
     folds_of,
     left_out_errors,
+    prediction_spread,
 )
 from consistent_id.regression import base_parameters, segment_regressions
 from consistent_id.regression.segments import merged
@@ -136,3 +137,18 @@ def test_the_range_widens_upwards_with_the_distance_of_the_motion(forecast):
         assert there.low <= found.expected.low
         widths.append(there.high / there.low)
     assert widths[0] < widths[1] < widths[2]
+
+
+def test_a_distance_beyond_that_tested_adds_to_the_error_and_a_nearer_one_does_not(
+    forecast,
+):
+    """``E_new^2 = E^2 + (E^2 - F^2) max(D^2 / D_0^2 - 1, 0)`` at equal torque."""
+    _, _, log, found = forecast
+    rows = build_regression(found.model, log)
+    spread = prediction_spread(
+        found.root, found.scaled, rows.weighted(found.regression.sigma), found.base
+    )
+    E, excess = found.expected.error, 0.5 * found.expected.error**2
+    for tested, farther in ((spread / 4.0, 3.0), (spread, 0.0), (4.0 * spread, 0.0)):
+        there = replace(found, tested=tested, excess=excess).on(rows)
+        assert there.error == pytest.approx(np.sqrt(E**2 + farther * excess), rel=1e-9)

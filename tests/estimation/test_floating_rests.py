@@ -27,6 +27,7 @@ def log(model):
     return replace(whole, velocity=0.1 * whole.velocity)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("measured", [True, False])
 def test_errors_of_a_floating_base_whose_joints_rest_are_found(model, log, measured):
     used = log if measured else replace(log, wrenches=())
@@ -39,6 +40,7 @@ def test_errors_of_a_floating_base_whose_joints_rest_are_found(model, log, measu
     assert (error.beyond[6:] < error.rms[6:]).any() == measured
 
 
+@pytest.mark.slow
 def test_the_scale_of_a_robust_fit_is_of_rows_that_count(model, log):
     """Most torques of a joint are unknown; of the others the noise is what it is."""
     rng = np.random.default_rng(0)

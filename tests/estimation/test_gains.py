@@ -29,6 +29,7 @@ def test_gains_are_exact_without_noise():
     assert np.allclose(load, LOAD.vector, rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_gains_are_recovered_within_their_errors_where_least_squares_is_biased():
     misses, bias = [], []
     for seed in range(12):

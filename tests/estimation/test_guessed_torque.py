@@ -16,12 +16,18 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.constraints import NonNegativeDrive, Penalty, PhysicalConsistency
+from consistent_id.estimation import prior_share
 from consistent_id.estimation.determination import linear_errors
 from consistent_id.estimation.prior_share import guessed_share, prior_errors
 from consistent_id.recordings import BaseMotion
 from consistent_id.regression import base_parameters
 from consistent_id.regression.residual_noise import unconstrained_fit
 from consistent_id.robot import load_mjcf
+from consistent_id.robot.scaling import (
+    USUAL_WIDTHS,
+    link_scales,
+    reference_bodies,
+)
 
 KNOWN = (PhysicalConsistency(), NonNegativeDrive())
 
@@ -147,6 +153,33 @@ def test_of_a_prior_that_the_log_contradicts_no_errors_are_known():
     )
     assert of_right.max() < 0.01
     assert np.isnan(of_doubled).all()
+
+
+@pytest.mark.parametrize("speed", [1.0, 0.8, 0.5])
+def test_the_distance_of_nominal_bodies_is_that_of_the_nearest_that_fit(speed):
+    """``min ||L^-1 (y - M b)||^2 + ||(b - b0) / w||^2`` over bodies and free drives."""
+    model, log = logged(0, spread=0.5)
+    log = replace(
+        log, velocity=speed * log.velocity, acceleration=speed**2 * log.acceleration
+    )
+    free = unconstrained_fit(build_regression(model, log), base_parameters(model))
+    size = model.layout.inertial_size
+    width = np.ones(len(model.layout))
+    width[:size] = link_scales(model.robot).widths(USUAL_WIDTHS)
+    noise, b0 = free.noise, reference_bodies(model.robot).ravel()
+    L = np.linalg.cholesky(noise.scatter)
+    M = np.linalg.solve(L, noise.coordinates @ free.base.projection)
+    y = np.linalg.solve(L, noise.coordinates @ free.solution.x)
+    pull = np.eye(size, len(width)) / width[:size, None]
+    A, z = np.vstack([M, pull]), np.append(y, b0 / width[:size])
+    scale = np.linalg.norm(A, axis=0)
+    least = np.linalg.norm(A @ (np.linalg.lstsq(A / scale, z)[0] / scale) - z)
+    bodies = sum(k < size for k in free.base.independent)
+    expected = max(least / np.sqrt(bodies), 1.0)
+    assert prior_share._distance(model, free, width) == pytest.approx(
+        expected, rel=1e-5
+    )
+    assert (expected > prior_share.AGREES) == (speed < 1.0)
 
 
 def test_of_a_penalty_no_errors_of_the_prior_are_known():

@@ -61,6 +61,7 @@ def test_parameters_that_do_not_move_have_no_influence():
     assert nothing.small
 
 
+@pytest.mark.slow
 def test_influence_is_the_change_of_a_draw_of_noise():
     # Another draw of the noise moves every parameter by the root of two errors.
     changes = []
@@ -124,6 +125,7 @@ def test_joints_that_show_a_load_are_confirmed_by_the_others():
     assert "gains are right" in note.statement
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gain", [0.7, 1.35])
 @pytest.mark.parametrize("joint", [1, 2])
 def test_a_wrong_gain_of_one_joint_is_not_confirmed(joint, gain):

@@ -102,6 +102,7 @@ def _error(estimate):
     return np.linalg.norm(estimate.predict(truth) - clean) / np.linalg.norm(clean)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cutoff", [10.0, 100.0])
 def test_in_a_closed_loop_it_does_not_depend_on_the_cutoff(cutoff):
     log = _log(cutoff)
@@ -121,6 +122,7 @@ def test_the_test_tells_a_cutoff_that_hurts_from_one_that_does_not():
     assert "agree within noise" in str(good)
 
 
+@pytest.mark.slow
 def test_its_p_values_are_uniform_where_nothing_is_wrong():
     values = []
     for seed in range(100):

@@ -48,6 +48,7 @@ def log_of(compliance, noise, seed=0):
     return Recording(one_joint().robot.joint_names, TIME, *states, shaken)
 
 
+@pytest.mark.slow
 def test_a_spring_between_those_that_are_tried_is_found_with_its_error():
     noise = 0.02
     found = joint_springs(one_joint(), [log_of(1.0 / SPRING, noise)])

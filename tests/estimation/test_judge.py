@@ -27,7 +27,7 @@ from consistent_id import (
 )
 from consistent_id.estimation import judge, weighted_least_squares
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.fit import fit_of
+from consistent_id.estimation.fit import fit_of, usual_efforts
 from consistent_id.estimation.slope_reasons import slope_reasons
 from consistent_id.estimation.verdict import WORDS, Verdict
 from consistent_id.export import to_json
@@ -446,6 +446,59 @@ def test_peaks_beyond_an_effort_limit_are_doubted_even_if_the_gain_is_confirmed(
     assert "effort limit" in kinds(
         good_with(efforts=[2.0, 2.0], explained=[1.0, 0.1], slopes=[1.0, 1.0])
     )
+
+
+def test_peaks_of_few_samples_beyond_an_effort_limit_are_a_note():
+    good = constrained_least_squares(model(), build_regression(model(), log()))
+    fit = replace(good.fit, efforts=np.array([2.0, 0.5]))
+    for usual, word in (([1.1, 0.5], "use"), ([1.3, 0.5], "use with care")):
+        verdict = judge(
+            replace(good.evidence(), fit=fit, usual_efforts=np.array(usual))
+        )
+        assert verdict.word == word
+        assert "effort limit" in [r.kind for r in verdict.reasons]
+
+
+def test_the_usual_torque_is_that_of_99_per_cent_of_the_known_samples():
+    raw = log()
+    spiky, tau = raw.torque.copy(), abs(raw.torque)
+    spiky[[5, 50, 500], 0] = 1e3
+    known = np.ones(tau.shape, dtype=bool)
+    known[:40, 1] = False
+    spiky[:40, 1] = 1e3
+    logs = [replace(raw, torque=spiky, torque_known=known)]
+    usual = usual_efforts(model(), logs) * [90.0, 60.0]
+    assert np.quantile(tau[:, 0], 0.98) <= usual[0] <= tau[:, 0].max()
+    assert usual[1] == pytest.approx(np.quantile(tau[40:, 1], 0.99))
+    assert usual_efforts(model(), []) is None
+
+
+@pytest.mark.parametrize(
+    ("slopes", "doubted"),
+    [
+        ([1.2, 1.17], True),
+        ([0.8, 0.85], True),
+        ([1.2, 1.05], False),  # bodies of one joint
+        ([1.14, 1.13], False),  # clean simulated logs: 0.92 to 1.12
+        ([1.2, 0.83], False),
+        ([0.88, 0.9], False),
+    ],
+)
+def test_slopes_that_are_all_off_to_one_side_are_as_one_gain_would_make_them(
+    slopes, doubted
+):
+    verdict = good_with(slopes=slopes, explained=[0.9, 0.9], expected=[0.5, 0.5])
+    assert ("gain or unit" in kinds(verdict)) == doubted
+    assert verdict.word == ("use with care" if doubted else "use")
+    if doubted:
+        (reason,) = [r for r in verdict.reasons if r.kind == "gain or unit"]
+        mean = np.exp(np.mean(np.log(slopes)))
+        assert f"nothing in the log separates a gain of {mean:.2f}" in reason.statement
+
+
+def test_one_joint_alone_shows_no_common_gain():
+    verdict = good_with(slopes=[1.2, 1.2], explained=[0.9, 0.1], expected=[0.5, 0.5])
+    assert verdict.word == "use"
 
 
 def test_a_guess_by_a_good_prior_is_a_note():

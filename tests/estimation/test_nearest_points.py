@@ -26,6 +26,7 @@ def fitted(request):
     return best, nominal_distance(model, request.param, best.scaled.unit)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", [1.0, 1e-6, 100.0])
 def test_they_use_up_the_slack_and_are_nearly_as_near(fitted, first):
     best, distance = fitted

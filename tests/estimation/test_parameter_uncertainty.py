@@ -87,6 +87,7 @@ def test_the_three_answers_enclose_the_value_and_agree_in_size():
     assert len(found.bootstrap.estimates) == 40
 
 
+@pytest.mark.slow
 def test_of_an_arm_that_lies_flat_data_fix_sums():
     # The first link's inertia about its axis adds to half a metre squared times the
     # second's mass, and nothing tells them apart.

@@ -203,6 +203,7 @@ def test_the_ur10es_load_weighs_as_much_as_its_gains_are_right():
     assert masses[1] == pytest.approx(3.08, abs=0.03)
 
 
+@pytest.mark.slow
 def test_the_load_moves_with_each_gain_as_its_slope_says():
     model, unloaded, loaded = runs(0.02)
     plain = identify_payload(model, loaded, unloaded, weighted=False)

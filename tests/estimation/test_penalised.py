@@ -268,6 +268,7 @@ def test_multipliers_too_coarse_for_a_proof_are_asked_for_again():
     assert again.u == pytest.approx(solution.u, abs=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("joints", "seed", "weight"), [(7, 0, 1.0), (7, 2, 1e-6), (9, 1, 1e-2)]
 )

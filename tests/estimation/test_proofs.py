@@ -104,6 +104,7 @@ def test_no_robot_within_the_slack_is_nearer(seed):
             assert other.squared_distance >= mine - near.distance_gap * max(mine, 0.01)
 
 
+@pytest.mark.slow
 def test_the_entropic_distance_refuses_a_link_without_mass():
     model, _, log = pendulum()
     massless = [PhysicalConsistency(margin=0.0), FixedMasses({"link1": 0.0})]

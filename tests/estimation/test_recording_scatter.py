@@ -69,6 +69,7 @@ def regressions(count, planted, rng, *, together=False):
     return [build_regression(MODEL, r).weighted(weights) for r in recordings]
 
 
+@pytest.mark.slow
 def test_planted_scatter_is_found_where_it_is():
     rng = np.random.default_rng(0)
     squares = [
@@ -107,6 +108,7 @@ def test_standard_errors_with_it_cover_what_those_of_noise_do_not(
     assert np.mean(without) < 0.4
 
 
+@pytest.mark.slow
 def test_recordings_that_are_alike_cost_little():
     rng = np.random.default_rng(1)
     grown = []
@@ -176,6 +178,7 @@ def test_a_recording_that_tells_too_little_does_not_count():
     assert recording_scatter(MODEL, [parts[0], idle], BASE) is None
 
 
+@pytest.mark.slow
 def test_uncertainty_has_it_in_errors_intervals_and_a_figure_of_its_own():
     # Twice this makes an offset of 0.1 loosely determined, which has no error.
     rng, planted = np.random.default_rng(3), 0.02

@@ -70,6 +70,7 @@ def test_where_friction_is_as_modelled_no_row_is_left_out():
     assert found.tried[-1] == 0.0 and (np.diff(found.tried) < 0.0).all()
 
 
+@pytest.mark.slow
 def test_rows_free_of_contact_forces_are_compared_too(tmp_path):
     """The torque of slow joints is off by what dry friction may hold."""
     path = tmp_path / "quadruped.xml"
@@ -89,6 +90,7 @@ def test_rows_free_of_contact_forces_are_compared_too(tmp_path):
     assert left.mean() > 0.5
 
 
+@pytest.mark.slow
 def test_some_torque_of_each_joint_is_left(tmp_path):
     """One joint is slow all the time: what would leave it out is not tried."""
     path = tmp_path / "quadruped.xml"

@@ -82,6 +82,7 @@ def test_two_replicates_are_enough_and_their_scatter_is_their_difference():
     assert high - low == pytest.approx(difference / 2.0)
 
 
+@pytest.mark.slow
 def test_intervals_from_few_segments_hold_the_truth_as_often_as_they_say():
     """Means of k normal numbers: percentiles are too narrow, expanded ones are not."""
     model, segments, _ = simulated()

@@ -122,6 +122,7 @@ def test_the_misfit_is_that_of_weighted_least_squares():
     assert np.exp(misfit.at(values).half_log) == pytest.approx(expected, rel=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shared", [False, True])
 def test_the_misfits_slope_is_that_of_finite_differences(shared):
     model, log = _experiment(couplings=(COUPLING,))
@@ -205,6 +206,7 @@ def test_repeated_samples_tell_nothing_new():
     assert correlation_length([window], ones) == pytest.approx(10.0, rel=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "message"),
     [

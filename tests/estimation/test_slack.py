@@ -39,6 +39,7 @@ def logged():
     return model, truth, segment_regressions(model, log), base_parameters(model)
 
 
+@pytest.mark.slow
 def test_where_noise_hides_the_robot_a_large_slack_is_chosen_and_is_nearer(logged):
     model, truth, segments, base = logged
     found = chosen_slack(
@@ -72,6 +73,7 @@ def test_a_stated_prior_is_the_only_one_tried(logged, prior):
     assert found.statement == "" and found.to_dict() is None
 
 
+@pytest.mark.slow
 def test_the_choice_is_the_same_again(logged):
     model, _, segments, base = logged
     first, second = (

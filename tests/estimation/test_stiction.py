@@ -102,6 +102,7 @@ def test_a_joint_that_never_moved_is_named_and_its_held_torque_refuses_nothing(
     assert "torque sign" not in kinds(verdict)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("held", some_fast([20.0, 0.0, -20.0]))
 def test_a_reversed_torque_is_found_at_rest_where_gravity_outweighs_friction(
     arm, log, held

@@ -35,6 +35,7 @@ def problem():
     )
 
 
+@pytest.mark.slow
 def test_a_clear_start_lets_each_joint_swing_by_itself():
     of = problem()
     for seed in range(3):

@@ -57,6 +57,7 @@ def size_of_errors(path, aim):
     return np.linalg.norm(accuracy.standard_errors())
 
 
+@pytest.mark.slow
 def test_a_design_is_proven_and_better_than_random():
     design = designed(arm(3), Aim("condition"))
     assert [stage.objective for stage in design.stages] == ["condition", "D"]
@@ -147,6 +148,7 @@ def test_paths_that_never_repeat_are_proven_too():
 # Predicted accuracy -----------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_predicted_errors_are_those_of_simulated_least_squares():
     model, rng = TorqueModel(arm(2), FRICTION), np.random.default_rng(0)
     base = base_parameters(model)
@@ -162,6 +164,7 @@ def test_predicted_errors_are_those_of_simulated_least_squares():
     assert np.allclose(errors.std(axis=1), predicted, rtol=0.08)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("repetitions", some_fast([12.5, 3.0, 1.0]))
 def test_repetitions_add_their_information_to_what_is_known(repetitions):
     model = TorqueModel(arm(2))
@@ -191,6 +194,7 @@ def test_repetitions_add_their_information_to_what_is_known(repetitions):
     assert np.allclose(accuracy.standard_errors(repetitions), expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_repetitions_for_a_wanted_error_reach_it_and_no_fewer_do():
     design = designed(aim=Aim(refine=None, noise=0.5))
     name = design.base.names[1]
@@ -203,6 +207,7 @@ def test_repetitions_for_a_wanted_error_reach_it_and_no_fewer_do():
         design.accuracy.repetitions_for({name: 0.0})
 
 
+@pytest.mark.slow
 def test_the_table_says_what_errors_are_of():
     design = designed(aim=Aim(refine=None))
     text = design.accuracy.table().text()
@@ -309,6 +314,7 @@ def test_parameters_of_another_model_are_refused():
 INTERRUPTED = """
 import glob, json, os, signal, sys, tempfile, threading, time
 from excited import arm, arm_limits
+from consistent_id._support.run import Run, signals_raised
 from consistent_id.excitation.aims import PathForm
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.verification import Demands
@@ -316,27 +322,33 @@ from consistent_id.excitation.verification import Demands
 def interrupt():
     while not glob.glob(tempfile.gettempdir() + "/excitation-*/*.npz"):
         time.sleep(0.01)
-    os.killpg(0, signal.SIGINT)  # as a terminal does
+    if sys.argv[2] == "SIGINT":
+        os.killpg(0, signal.SIGINT)  # as a terminal does
+    else:
+        os.kill(os.getpid(), signal.SIGTERM)  # as `kill` does
 
 threading.Thread(target=interrupt, daemon=True).start()
-design = design_trajectory(
-    arm(3), PathForm(5.0, 3), limits=arm_limits(arm(3)),
-    starts=10_000, time_limit=3600.0, workers=int(sys.argv[1]),
-)
+with signals_raised(Run()):
+    design = design_trajectory(
+        arm(3), PathForm(5.0, 3), limits=arm_limits(arm(3)),
+        starts=10_000, time_limit=3600.0, workers=int(sys.argv[1]),
+    )
 print(json.dumps([design.notes, design.proof.holds, len(design.stages)]))
 """
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("workers", [1, 2])
-def test_an_interrupt_keeps_the_best(workers, tmp_path):
+@pytest.mark.parametrize(
+    ("workers", "number"), [(1, "SIGINT"), (2, "SIGINT"), (2, "SIGTERM")]
+)
+def test_an_interrupt_keeps_the_best(workers, number, tmp_path):
     tests = Path(__file__).parents[1] / "helpers"
     environment = os.environ | {
         "TMPDIR": str(tmp_path),
         "PYTHONPATH": os.pathsep.join([str(tests), str(tests.parent)]),
     }
     ended = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED, str(workers)],
+        [sys.executable, "-c", INTERRUPTED, str(workers), number],
         capture_output=True,
         text=True,
         timeout=120,
@@ -370,6 +382,7 @@ def test_a_motor_without_a_torque_sensor_has_a_limit_all_the_same():
     assert [m.joint for m in of_torque] == ["joint1"]
 
 
+@pytest.mark.slow
 def test_a_path_that_cannot_be_proven_never_leaves(monkeypatch):
     true_proof = Demands.proof
 

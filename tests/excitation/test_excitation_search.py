@@ -161,6 +161,7 @@ def test_time_that_is_over_leaves_what_a_moment_found():
     assert largest(problem, found.variables).max() <= 1.0
 
 
+@pytest.mark.slow
 def test_every_improvement_is_reported():
     reports = []
     found = searched(problem_of(), report=lambda best: reports.append(best.score))

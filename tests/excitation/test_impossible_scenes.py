@@ -49,6 +49,7 @@ def _ring(gap):
     ]
 
 
+@pytest.mark.slow
 def test_no_clear_pose_is_refused_with_the_bodies_and_the_pose():
     required = _demands(*_ring(0.0))
     with pytest.raises(InfeasibleError, match="no pose was found") as caught:

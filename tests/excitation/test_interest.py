@@ -49,6 +49,29 @@ def test_what_leads_is_all_that_can_be_told_from_the_others(words):
     assert list(base.independent) == sorted(base.independent)
 
 
+@pytest.mark.parametrize("words", [*INTERESTS, ("link1",)], ids=str)
+def test_where_the_others_are_known_all_that_the_columns_tell_leads(words):
+    model = TorqueModel(arm(3), FRICTION)
+    base = base_for(model, words, known=True)
+    named = list(parameters_named(model.layout, words))
+    W = np.concatenate(list(random_regressor(model, seed=3)), axis=1).T
+    assert len(base) == rank(W[:, named])
+    assert set(base.independent) <= set(named)
+    assert len(places_of_interest(base, words)) == len(base)
+    own = base.projection[:, named]
+    explained = W[:, list(base.independent)] @ own
+    assert np.allclose(explained, W[:, named], atol=1e-9 * abs(W).max())
+    others = [i for i in range(len(model.layout)) if i not in named]
+    assert not base.projection[:, others].any()
+
+
+def test_a_load_s_mass_is_identifiable_where_the_robot_is_known():
+    model = TorqueModel(arm(3), FRICTION)
+    mass = model.layout.index("link3.m")
+    assert mass not in base_for(model, ("link3",)).independent
+    assert mass in base_for(model, ("link3",), known=True).independent
+
+
 def test_without_a_name_base_parameters_are_the_usual_ones():
     model = TorqueModel(arm(3), FRICTION)
     assert base_for(model, ()).groupings == base_parameters(model).groupings
@@ -120,6 +143,10 @@ def test_what_cannot_be_meant_is_refused():
         Aim("condition", refine=None, interest=["link3"])
     with pytest.raises(ProblemError, match="expected a list of names"):
         Aim(interest="link3")
+    with pytest.raises(ProblemError, match="others are known: expected parameters"):
+        Aim(others="known")
+    with pytest.raises(ProblemError, match="others is 'all', expected one of"):
+        Aim(interest=["link3"], others="all")
 
 
 PROBLEM = """
@@ -152,6 +179,12 @@ def test_the_shell_and_the_problem_file_name_parameters_of_interest(tmp_path, ca
     assert main([*call, "--interest", "*.viscous, link1", "--dry-run"]) == 0
     plan = json.loads(capsys.readouterr().out)
     assert ["for", "*.viscous, link1"] in plan[0]["rows"]
+    assert main([*call, "--others", "known", "--dry-run"]) == 0
+    assert "others" in capsys.readouterr().out
+    assert main(["rehearse", str(file), "--others", "known"]) == 2
+    assert "a load on a known robot" in capsys.readouterr().err
+    assert main([*call, "--start-pose", "joint1=0.25", "--dry-run"]) == 0
+    assert "joint1 = 0.25" in capsys.readouterr().out
     assert main([*call, "--interest", "joint9.viscous", "--dry-run"]) != 0
     assert "no parameter, link or joint 'joint9.viscous'" in capsys.readouterr().err
 

@@ -45,6 +45,7 @@ def _move(robot):
     return move_along(path, limits, from_pose=swing[0] * 0, to_pose=swing[0] * 0)
 
 
+@pytest.mark.slow
 @needs_viser
 def test_a_robot_without_shapes_is_replayed_with_its_scene(tmp_path):
     bodies = [
@@ -61,6 +62,7 @@ def test_a_robot_without_shapes_is_replayed_with_its_scene(tmp_path):
     assert not re.search(r"(?:src|href)=[\"']https?:", page)
 
 
+@pytest.mark.slow
 @needs_viser
 def test_a_robot_with_shapes_is_drawn_by_them_and_locked_joints_stay(tmp_path):
     file = tmp_path / "robot.urdf"

@@ -61,6 +61,7 @@ def _planar(folder, ends):
     return path, required.proof(path), required, pose
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ends", some_fast(["rest", "periodic"]))
 def test_a_run_in_goes_around_what_stands_in_the_straight_way(tmp_path, ends):
     path, proof, required, pose = _planar(tmp_path, ends)
@@ -78,6 +79,7 @@ def test_a_run_in_goes_around_what_stands_in_the_straight_way(tmp_path, ends):
     assert apart.slack.min() >= 0.0
 
 
+@pytest.mark.slow
 def test_a_periodic_path_begins_where_its_run_in_is_free(tmp_path):
     """The way to its far side sweeps over a stone, with the arm stretched out."""
     path, _, required, _ = _planar(tmp_path, "rest")

@@ -75,6 +75,7 @@ def test_a_design_for_the_tool_keeps_its_limits_and_beats_a_random_path(design):
     assert design.measured is design.sensor
 
 
+@pytest.mark.slow
 def test_predicted_errors_of_the_tool_come_true(design, rows):
     """Fits of a played motion with the sensor's noise scatter as was said."""
     path, tool = design.trajectory, rows.tool

@@ -48,6 +48,7 @@ def test_a_search_ends_when_its_work_is_done():
     assert part.score > whole.score
 
 
+@pytest.mark.slow
 def test_the_same_work_on_a_busy_machine_finds_the_same():
     work = 0.5 * whole_search().work
     quiet = search(problem(), FoundPath(0), work=work)

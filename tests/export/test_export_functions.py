@@ -66,6 +66,7 @@ def _assert_near(found, expected):
     assert np.allclose(found, expected, rtol=0, atol=1e-10 * abs(expected).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_numpy_module_stands_alone_and_agrees(seed, tmp_path):
     estimate = _estimate(seed)
@@ -117,6 +118,7 @@ def test_a_casadi_file_is_loaded_and_agrees(tmp_path):
         _assert_near(_plain(part).reshape(np.shape(expected[0])), expected[0])
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler cc")
 @pytest.mark.parametrize("seed", some_fast(SEEDS))
 def test_compiled_c_agrees(seed, tmp_path):

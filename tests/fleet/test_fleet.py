@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from excited import arm
 from fleet_folders import FILE, write_robots
+from schemas import parsed
 from scipy.optimize import lsq_linear
 
 import consistent_id as ci
@@ -206,6 +207,7 @@ def test_the_answer_is_the_optimum_of_all_robots_together(model, tmp_path):
     assert ours == pytest.approx((problem.value * size) ** 2, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_outliers_are_named_and_bodies_recovered(model):
     rng = np.random.default_rng(4)
     made = {
@@ -256,11 +258,12 @@ def folders(tmp_path_factory):
     return write_robots(tmp_path_factory.mktemp("fleet"))
 
 
+@pytest.mark.slow
 def test_the_shell_names_the_robot_that_carries_something(folders, tmp_path, capsys):
     pattern = str(folders / "robot*" / "problem.toml")
     code = main(["fleet", pattern, "--output", str(tmp_path), "--json"])
     printed = capsys.readouterr()
-    record = json.loads(printed.out)
+    record = parsed(printed.out)
     assert "0/5 problem files" in printed.err and "0/5 robots" in printed.err
     assert record["outliers"] == ["robot2"] and code in (0, 1)
     assert sorted(record["robots"]) == [f"robot{k}" for k in range(5)]
@@ -273,6 +276,7 @@ def test_the_shell_names_the_robot_that_carries_something(folders, tmp_path, cap
     assert "robot2" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_logs_that_cannot_be_streamed_are_read_whole(folders):
     problems = [ci.load_problem(folders / f"robot{k}") for k in range(5)]
     text = (folders / "robot1" / "problem.toml").read_text()
@@ -288,6 +292,7 @@ def test_logs_that_cannot_be_streamed_are_read_whole(folders):
     assert mixed.outliers == streamed.outliers
 
 
+@pytest.mark.slow
 def test_a_file_says_what_its_robot_carries(folders, tmp_path, capsys):
     text = (folders / "robot2" / "problem.toml").read_text()
     told = folders / "robot2" / "loaded.toml"

@@ -153,6 +153,7 @@ def test_a_load_is_as_stiff_as_its_cone_lets_it_be(model):
         assert curved == pytest.approx(known, rel=0.05)
 
 
+@pytest.mark.slow
 def test_bodies_and_loads_are_the_optimum_of_all_robots_together(model, tmp_path):
     fleet, rng = fleet_model(model), np.random.default_rng(2)
     loads = {"b": BRICK, "c": NAIL, "d": NAIL}
@@ -226,6 +227,7 @@ def test_bodies_and_loads_are_the_optimum_of_all_robots_together(model, tmp_path
     assert ours == pytest.approx(problem.value**2, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fleets", some_fast([1, 3]))
 def test_loads_are_recovered_with_honest_errors(longer, fleets):
     rng = np.random.default_rng(3)

@@ -77,6 +77,7 @@ def problem(folder, file, time="header.stamp"):
     return ci.load_problem(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["mcap", "ros1"])
 @pytest.mark.parametrize("kind", ["together", "one by one", "unstamped"])
 def test_streamed_bags_are_those_of_memory(arm, kind, form):

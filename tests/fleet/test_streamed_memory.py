@@ -7,11 +7,12 @@ from pathlib import Path
 import pytest
 
 BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "streaming.py"
-LONG, SHORT = (1_000_000, 3_000_000), (200_000, 1_000_000)
+LONG, SHORT = (1_000_000, 2_000_000), (200_000, 1_000_000)
 _RISE = 100.0
 """By how much the peak may rise, in MB: it differs by 30 MB between runs.  The samples
-that are more would take 240 MB as numbers; those of shorter logs, which take longer to
-write, 96 MB, and several hundred as text or messages."""
+that are more would take 120 MB as numbers, 370 MB with derivatives and rows; those of
+shorter logs, which take longer to write, 96 MB, and several hundred as text or
+messages."""
 # What it needs, and lengths.  Up to 1 000 000 samples, what one task takes, the peak
 # still rises by some 100 MB.
 FORMS = {

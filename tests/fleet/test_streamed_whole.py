@@ -94,6 +94,7 @@ WHOLE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reason", WHOLE)
 def test_what_takes_a_whole_log_is_read_whole(folder, caplog, reason):
     given = problem(folder, **WHOLE[reason])

@@ -103,6 +103,7 @@ def slow(*case):
     return pytest.param(*case, marks=pytest.mark.slow)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("form", "jitter", "preparation", "entry"),
     [

@@ -128,6 +128,7 @@ def test_the_wrist_of_the_rx60_is_on_the_curve_with_exact_derivatives(curve):
     assert abs(v).max() > 0.05
 
 
+@pytest.mark.slow
 def test_six_axes_hold_and_turn_the_tool_while_they_write():
     tool = Writer(RX60, "link6", [0.0, 0.0, 0.05])
     start = tool.motion(POSE[None])
@@ -149,6 +150,7 @@ def test_six_axes_hold_and_turn_the_tool_while_they_write():
     assert ddq == pytest.approx(((above - below) / (2 * h))[1], abs=1e-4)
 
 
+@pytest.mark.slow
 def test_a_flat_arm_of_two_joints_writes_in_its_plane_and_nowhere_else():
     arm = from_modified_dh("flat", [DHRow(0, 0), DHRow(0, 0.4)])
     pen = Writer(arm, "link2", [0.3, 0, 0])
@@ -174,6 +176,7 @@ def test_sliding_joints_write_too(tmp_path):
     assert (abs(found.motion[1]).max(axis=0) > 0.0).all()
 
 
+@pytest.mark.slow
 def test_the_start_chooses_the_branch():
     task = WritingTask(circle(0.05, centre=[0.3, 0.1, 0.3]), 2.0)
     one = follow(WRIST, task, start=[0, -0.5, 0.5, 0, 0, 0]).evaluate([0.0])[0, 0]
@@ -183,6 +186,7 @@ def test_the_start_chooses_the_branch():
         assert WRIST.motion(q[None]).position[0] == pytest.approx([0.35, 0.1, 0.3])
 
 
+@pytest.mark.slow
 def test_a_point_out_of_reach_is_refused_with_its_place():
     # The straight line leaves the sphere of radius 0.6 m, roughly, about the shoulder.
     line = through_points([[0.3, 0.1, 0.3], [0.5, 0.1, 0.3], [0.8, 0.1, 0.3]])
@@ -201,6 +205,7 @@ def test_a_point_out_of_reach_is_refused_with_its_place():
     assert (str(again), again.point) == (str(error), error.point)
 
 
+@pytest.mark.slow
 def test_a_singularity_on_the_way_is_refused_with_its_place():
     # With d3 = 0 nothing keeps the wrist from the first axis, where that does nothing.
     table = [replace(row, d=0.0) if k == 2 else row for k, row in enumerate(TABLE)]
@@ -216,6 +221,7 @@ def test_a_singularity_on_the_way_is_refused_with_its_place():
         follow(wrist, WritingTask(near, 4.0), worst_condition=1.0)
 
 
+@pytest.mark.slow
 def test_a_joint_beyond_its_range_or_too_fast_is_refused_by_name():
     curve = circle(0.1, centre=[0.3, 0.0, 0.3])
     task = WritingTask(curve, 1.0)
@@ -253,6 +259,7 @@ def test_the_wrist_of_six_axes_is_a_point_of_the_third_link_of_three():
     assert load_problem("problems/rx60").model.robot.link_names == three.link_names
 
 
+@pytest.mark.slow
 def test_a_recording_of_a_task_holds_both_ends():
     task = WritingTask(circle(0.1, centre=[0.3, 0.0, 0.3]), 2.0, start=0.5)
     log = follow(WRIST, task).recording(100.0)

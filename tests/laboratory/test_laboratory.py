@@ -137,6 +137,7 @@ def test_the_robot_follows_and_the_better_the_belief_the_closer():
     assert (error < rough / 10).all()
 
 
+@pytest.mark.slow
 def test_encoders_read_whole_steps_nearest_to_the_truth():
     log = _log()
     step = LABORATORY.encoders.step
@@ -180,6 +181,7 @@ def test_the_cameras_have_their_own_clock_delay_and_noise():
     assert (times[0], times[-1] <= 10.0) == (2.0, True)
 
 
+@pytest.mark.slow
 def test_one_seed_is_one_experiment_and_sensors_do_not_share_their_noise():
     first = perform(LABORATORY, SHORT, np.random.default_rng(7))
     again = perform(LABORATORY, SHORT, np.random.default_rng(7))
@@ -194,6 +196,7 @@ def test_one_seed_is_one_experiment_and_sensors_do_not_share_their_noise():
     assert (first.encoders.torque == changed.encoders.torque).all()
 
 
+@pytest.mark.slow
 def test_friction_switched_off_is_the_torque_that_is_missing():
     smooth = replace(
         LABORATORY, load_cell=LoadCell(), encoders=Encoders(), cameras=Cameras()
@@ -219,6 +222,7 @@ def test_the_delay_is_recovered_far_within_a_sample():
     assert found.recording.rate == pytest.approx(300.0, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("noisy", "tolerance"),
     # Filters round off the tanh near standstill, by some 0.002 N m; noise costs more.
@@ -257,6 +261,7 @@ def test_efforts_stay_within_the_joints_limits():
     assert abs(loop.torque).max() == 2.0
 
 
+@pytest.mark.slow
 def test_laboratories_that_make_no_sense_are_refused():
     sign = TorqueModel(ARM, DriveTerms(coulomb="sign"))
     load = TorqueModel(

@@ -259,6 +259,7 @@ def test_the_command_says_what_came_true(tmp_path, capsys):
     assert all(1.0 < motion["condition"] < 1e3 for motion in motions.values())
 
 
+@pytest.mark.slow
 def test_currents_are_torque_by_constants_that_are_not_quite_known():
     robot = planted_robot(arm(3), limits(), np.random.default_rng(0), currents=0.05)
     same = planted()

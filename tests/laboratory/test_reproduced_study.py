@@ -95,6 +95,7 @@ def test_noise_scatters_least_squares_as_predicted():
     assert found[free] / predicted[free] == pytest.approx(1.0, abs=0.35)
 
 
+@pytest.mark.slow
 def test_a_budget_without_friction_and_offset_is_nothing():
     laboratory = laboratory_of(PROBLEM, truth()).without_friction()
     still = replace(laboratory, load_cell=LoadCell(0.1))

@@ -151,6 +151,7 @@ def test_distances_change_no_more_than_the_bound(seed):
         assert (change[:, k] <= bound + 1e-5).all()  # coal's own tolerance is 1e-6
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10**6))
 @settings(max_examples=10, deadline=None, derandomize=True)
 def test_no_dense_sample_is_below_what_is_proven(seed):

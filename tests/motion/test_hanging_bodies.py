@@ -212,6 +212,7 @@ def test_a_follower_is_kept_off_where_its_leader_puts_it(tmp_path):
     assert report.margin <= seen + 1e-9 and report.margin > seen - 2e-3
 
 
+@pytest.mark.slow
 @needs_robots
 def test_fingers_of_a_panda_are_kept_off_with_its_tip_or_without():
     every = scene_from_urdf(PANDA, load_urdf(PANDA), clearance=0.02)

@@ -64,6 +64,7 @@ def test_slopes_are_those_of_finite_differences():
     assert found[2] == 0.0  # it slides, which turns nothing
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", some_fast(range(3), 2))
 def test_a_path_is_proven_to_stay_in_the_cone_or_seen_to_leave(seed):
     rng = np.random.default_rng(seed)

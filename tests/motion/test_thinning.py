@@ -29,6 +29,7 @@ def _move(seed=0):
     return move_along(path, limits)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tolerance", some_fast([1e-2, 1e-4, 1e-6], 2))
 @pytest.mark.parametrize("seed", some_fast(range(3)))
 def test_quintics_between_the_points_stay_within_the_tolerance(seed, tolerance):

@@ -89,6 +89,7 @@ def test_a_swinging_rod_is_bounded_by_its_equation_of_motion():
     assert abs(bounds.lowest[0] - torque.min()) <= 2e-5 * torque.max()
 
 
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None)
 @given(st.integers(0, 10**6), st.booleans())
 def test_no_torque_of_pinocchio_exceeds_the_bounds(seed, tree):

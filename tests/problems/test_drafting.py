@@ -127,6 +127,7 @@ def test_values_of_every_kind_are_written_as_toml_reads_them(tmp_path):
     assert "shared_motors" not in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("select", some_fast([False, True]))
 def test_a_log_is_read_and_prepared_once(arm, monkeypatch, select):
     folder, _ = arm
@@ -172,6 +173,7 @@ def test_a_file_in_another_folder_names_the_robot_and_the_log_from_there(arm):
     assert load_problem(study, trust=True).missing == ()
 
 
+@pytest.mark.slow
 def test_jittered_and_missing_stamps_are_seen(tmp_path):
     urdf, log = write_arm(tmp_path)
     rows = log.read_text().splitlines()
@@ -366,6 +368,7 @@ def test_a_motion_that_repeats_is_split_by_whole_periods(period, expected):
     assert _training(once, 27.0) == pytest.approx(0.7 * 27.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("closed", [True, False])
 @pytest.mark.parametrize("rate", [50.0, 100.0, 125.0, 250.0])
 @pytest.mark.parametrize(("whole", "training"), [(2, 1), (3, 2), (4, 3), (5, 4)])

@@ -133,6 +133,7 @@ def test_a_log_of_lerobot_is_read_by_its_arrays(arm, tmp_path):
     np.testing.assert_allclose(found.position, raw.position)
 
 
+@pytest.mark.slow
 def test_a_torque_at_the_limit_that_is_stated_is_the_drives(arm, capsys):
     urdf, logs = arm
     raw = robot_logs(urdf, logs[0], Statement(gains=GAINS)).read(logs[0])

@@ -98,6 +98,7 @@ def test_base_and_contacts_are_found_by_their_names(folder):
     assert {c.radius for c in found.contacts} == {1e-6}
 
 
+@pytest.mark.slow
 def test_a_written_draft_is_what_was_found(folder):
     draft = ci.draft_problem(
         folder / "robot.xml", folder / "training.csv", base="floating", cutoff=20.0
@@ -130,6 +131,7 @@ def test_the_order_of_a_bare_quaternion_is_told_by_the_gyroscope(folder, order):
     assert found.base.order == order and "from the gyroscope" in notes
 
 
+@pytest.mark.slow
 def test_a_unit_is_where_the_robots_file_has_it(folder):
     (folder / "mounted.xml").write_text(robot_text(UNIT))
     log = columns(folder)
@@ -234,6 +236,7 @@ def test_arrays_of_mujoco_are_read_by_the_model(folder):
     assert np.array_equal(read.torque, stack("tau", joints))
 
 
+@pytest.mark.slow
 def test_topics_of_a_bag_are_found_by_their_kind(folder):
     log = {k: v[:600] for k, v in columns(folder).items()}
     joints = ci.robot.load_mjcf(folder / "robot.xml", base="floating").joint_names

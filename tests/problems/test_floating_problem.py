@@ -216,6 +216,7 @@ def wrist(tmp_path_factory):
     return ci.load_problem(folder)
 
 
+@pytest.mark.slow
 def test_what_hangs_on_a_wrist_is_found_from_a_problem_file(wrist, tmp_path):
     study = run_study(wrist)
     tool = ci.InertialParameters(study.constrained.links[0])
@@ -228,6 +229,7 @@ def test_what_hangs_on_a_wrist_is_found_from_a_problem_file(wrist, tmp_path):
     assert "base.fz (RMS error" in page
 
 
+@pytest.mark.slow
 def test_a_tools_datasheet_is_its_own(wrist, tmp_path):
     text = WRIST + "[links.gripper]\nmass = 1.25\n"
     (wrist.folder / "known.toml").write_text(text)
@@ -308,6 +310,7 @@ def _drifting(wrist, folder, rate=0.0):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("drift", "rate"), some_fast([("recordings", 0.0), ("linear", 0.3)])
 )
@@ -355,6 +358,7 @@ def test_what_takes_all_recordings_at_once_is_not_streamed(wrist, folder, tmp_pa
             ci.fleet.stream_regression(one)
 
 
+@pytest.mark.slow
 def test_logs_of_sensors_and_of_feet_that_slip_are_streamed_whole(wrist, folder):
     # Below 0.1 m/s are three samples only: the filter leaves nothing of them.
     slip = problem(folder, "most_slip = 1.0\n", UNIT, CONTACTS, name="other.toml")

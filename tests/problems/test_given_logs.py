@@ -156,6 +156,7 @@ class Watched(dict):
         return super().__getitem__(name)
 
 
+@pytest.mark.slow
 def test_what_judges_is_read_when_the_model_is_fixed(arm, monkeypatch):
     urdf, log = arm
     events = []

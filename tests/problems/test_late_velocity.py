@@ -93,6 +93,7 @@ def arm_with_early_position(tmp_path_factory):
     return urdf, log
 
 
+@pytest.mark.slow
 def test_one_delay_of_velocity_and_torque_is_the_positions(arm_with_early_position):
     draft = draft_problem(*arm_with_early_position)
     assert draft.early == pytest.approx(0.08, abs=2e-3)
@@ -104,6 +105,7 @@ def test_one_delay_of_velocity_and_torque_is_the_positions(arm_with_early_positi
     assert np.allclose(training.velocity, slope, atol=0.05)
 
 
+@pytest.mark.slow
 def test_the_file_of_an_early_position_prepares_the_same(arm_with_early_position):
     urdf, log = arm_with_early_position
     draft = draft_problem(urdf, log)

@@ -1,14 +1,20 @@
 """Advice on a log whose torque is made of commands."""
 
+from dataclasses import replace
+
+import msgspec
 import numpy as np
 import pytest
 from some_fast import some_fast
 
 from consistent_id import draft_problem
+from consistent_id.diagnosis import Diagnosis, LogFinding
+from consistent_id.problems import log_check
 from consistent_id.problems.log_check import check_problem
 from tests.problems.test_drafts_of_commands import GAINS, commanded_logs
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late", some_fast([6, 0]))
 def test_late_commands_are_to_be_given_their_delay(tmp_path, late):
     urdf, (log,) = commanded_logs(tmp_path, 1.0)
@@ -20,3 +26,57 @@ def test_late_commands_are_to_be_given_their_delay(tmp_path, late):
     lags = check_problem(problem).of("lag")
     assert bool(lags) == bool(late)
     assert all("[data.gains]" in f.advice for f in lags)
+
+
+EFFECTS = ("clock", "masses or gain", "offset zero", "gravity")
+
+
+def findings(*kinds, severity="warning"):
+    found = [
+        LogFinding(kind, severity, "all joints", "said", "", 1.0) for kind in kinds
+    ]
+    return Diagnosis(tuple(found), ("log",))
+
+
+@pytest.fixture
+def late_by_60_ms(tmp_path):
+    urdf, (log,) = commanded_logs(tmp_path, 1.0)
+    problem = draft_problem(urdf, log, gains=GAINS, select=False, cutoff=10.0).problem()
+    data = problem.table.data
+    preparation = msgspec.structs.replace(data.preparation, delays={"torque": 0.06})
+    data = msgspec.structs.replace(data, preparation=preparation)
+    return replace(problem, table=msgspec.structs.replace(problem.table, data=data))
+
+
+def checked(monkeypatch, problem, corrected, recorded):
+    """Check a problem, given the findings with the delay corrected, and as recorded."""
+    asked = []
+
+    def look(_, prepare):
+        asked.append(prepare)
+        return corrected if len(asked) == 1 else recorded
+
+    monkeypatch.setattr(log_check, "_checked", look)
+    found = check_problem(problem).findings
+    return [f.kind for f in found], len(asked)
+
+
+def test_a_drive_filter_behind_a_delay_replaces_what_it_looks_like(
+    monkeypatch, late_by_60_ms
+):
+    corrected = findings("outliers", *EFFECTS)
+    behind = findings("drive filter", severity="fault")
+    kinds, _ = checked(monkeypatch, late_by_60_ms, corrected, behind)
+    assert kinds == ["drive filter", "outliers"]
+    # A lag is a warning, and explains none of them.
+    kinds, _ = checked(monkeypatch, late_by_60_ms, corrected, findings("lag"))
+    assert kinds == ["outliers", *EFFECTS, "lag"]
+
+
+def test_a_log_with_a_fault_is_not_examined_without_its_delay(
+    monkeypatch, late_by_60_ms
+):
+    corrected = findings("clock", severity="fault")
+    behind = findings("drive filter", severity="fault")
+    kinds, times = checked(monkeypatch, late_by_60_ms, corrected, behind)
+    assert (kinds, times) == (["clock"], 1)

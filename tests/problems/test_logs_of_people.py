@@ -43,6 +43,7 @@ def _bag(folder, **topics):
     return write_mcap(folder / "bag", named)
 
 
+@pytest.mark.slow
 def test_a_bag_with_a_gripper_is_read_by_the_arms_topic_which_is_said(arm, tmp_path):
     urdf, _, log = arm
     gripper = _messages(log, ["finger"], every=3)

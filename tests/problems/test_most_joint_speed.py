@@ -89,6 +89,7 @@ def test_torque_that_lacks_at_speed_no_longer_spoils_the_estimate(arm, tmp_path)
     assert misfit(most_joint_speed=rated) < 0.25 * misfit()
 
 
+@pytest.mark.slow
 def test_the_finding_names_the_option(arm, capsys):
     urdf, log = slow(arm, 0.5)
     main(["check", str(urdf), str(log), "--verbose"])

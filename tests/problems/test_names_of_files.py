@@ -9,6 +9,7 @@ from logged import write_arm
 from consistent_id.cli import main
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such names")
 def test_a_line_break_in_a_files_name_does_not_become_toml(tmp_path, capsys):
     urdf, log = write_arm(tmp_path)

@@ -203,6 +203,7 @@ def test_a_log_in_its_makers_units_is_the_same_log(arm, tmp_path):
     np.testing.assert_array_equal(again.torque, other.torque)
 
 
+@pytest.mark.slow
 def test_check_reads_a_log_as_identify_does(arm, tmp_path, capsys):
     urdf, first, _, _ = arm
     maker = in_degrees(first, tmp_path)

@@ -56,6 +56,7 @@ def test_each_part_is_computed_once(calls):
     assert calls["constrained_estimate"] == 4
 
 
+@pytest.mark.slow
 def test_the_constrained_estimate_alone_needs_no_other(calls):
     study = Study(load_problem("problems/rx60"))
     assert study.constrained.method == Method.CONSTRAINED

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 from logged import write_arm
 
-from consistent_id import load_problem
+from consistent_id import draft_problem, load_problem
 from consistent_id.cli import main
+from consistent_id.problems.log_check import named_logs
 from consistent_id.problems.study import Study
+from consistent_id.problems.weighing import weighed_findings
+from consistent_id.recordings.recording import LogFinding
 
 HEADER = "time,q_shoulder,q_elbow,tau_shoulder,tau_elbow"
 ELBOW, ANGLE = 4, 2  # columns of the elbow's torque and position
@@ -47,6 +50,7 @@ def severities(found, kind):
     return {f.severity for f in found if f.kind == kind}
 
 
+@pytest.mark.slow
 def test_one_outlier_among_noise_is_a_note(tmp_path):
     one = study(tmp_path, outlier(25.0, TRAINED))
     assert severities(one.diagnosis.findings, "outliers") == {"warning"}
@@ -66,12 +70,14 @@ def test_one_outlier_among_noise_is_a_note(tmp_path):
         assert ("outliers" in grounds) == doubted
 
 
+@pytest.mark.slow
 def test_outliers_that_change_the_estimate_stay_a_warning(tmp_path):
     three = study(tmp_path, outlier(400.0, TRAINED, 900, 1200))
     assert severities(three.findings, "outliers") == {"warning"}
     assert "outliers" in [r.kind for r in three.verdict.grounds]
 
 
+@pytest.mark.slow
 def test_coarse_torque_of_a_joint_whose_friction_no_other_shows_stays(tmp_path):
     coarse = study(tmp_path, steps(ELBOW, 1.0))
     assert severities(coarse.diagnosis.findings, "torque resolution") == {"warning"}
@@ -93,6 +99,7 @@ def test_coarse_positions_are_weighed_by_other_rounding_errors(tmp_path):
     assert "warning" in severities(quiet.findings, "encoder resolution")
 
 
+@pytest.mark.slow
 def test_an_outlier_in_the_validation_part_is_a_note_where_the_fit_can_take_it(
     tmp_path,
 ):
@@ -103,6 +110,7 @@ def test_an_outlier_in_the_validation_part_is_a_note_where_the_fit_can_take_it(
     assert "with this recording" in note.statement
 
 
+@pytest.mark.slow
 def test_a_fault_is_never_weighed(tmp_path):
     def reverse(table):
         table[:, ELBOW] *= -1.0
@@ -112,3 +120,40 @@ def test_a_fault_is_never_weighed(tmp_path):
     faults = [f for f in spoilt.findings if f.severity == "fault"]
     assert faults == list(spoilt.diagnosis.faults)
     assert spoilt.verdict.word == "do not use"
+
+
+def test_a_lag_of_the_held_out_part_is_not_weighed_by_what_the_part_changes(tmp_path):
+    late = study(tmp_path, outlier(25.0, HELD_OUT))
+    (held_out,) = named_logs(late.problem)[1]
+    (spike,) = [f for f in late.diagnosis.findings if f.kind == "outliers"]
+    assert spike.recording == held_out.name
+    lag = LogFinding("lag", "warning", "all joints", "late", "", 1.0, held_out.name)
+    weighed = weighed_findings(
+        late.problem,
+        [lag, spike],
+        late.estimate(late.recommendation.method),
+        late.training,
+        late.validation,
+    )
+    assert [(f.kind, f.severity) for f in weighed] == [
+        ("lag", "warning"),
+        ("outliers", "note"),
+    ]
+
+
+def test_outliers_of_logs_with_one_name_and_one_time_are_not_weighed(tmp_path):
+    """Which rows to leave out is not known: the warning stays."""
+    files = []
+    for name, spikes in (("first", (TRAINED, 900, 1200)), ("second", ())):
+        folder = tmp_path / name
+        folder.mkdir()
+        urdf, log = write_arm(folder)
+        table = np.loadtxt(log, delimiter=",", skiprows=1)
+        rng = np.random.default_rng(len(files))
+        table[:, 3:] += rng.normal(size=table[:, 3:].shape) * [0.6, 0.3]
+        table[list(spikes), ELBOW] += 25.0
+        np.savetxt(log, table, "%.9g", ",", header=HEADER, comments="")
+        files.append(log)
+    both = Study(draft_problem(urdf, files, select=False, cutoff=10.0).problem())
+    assert severities(both.diagnosis.findings, "outliers") == {"warning"}
+    assert severities(both.findings, "outliers") == {"warning"}

@@ -65,6 +65,7 @@ def columns(robot, seed=0, *, torque=False):
     return found | {name: wrench[:, k] for k, name in enumerate(NAMES)}
 
 
+@pytest.mark.slow
 def test_a_draft_says_how_to_use_a_wrench(robot, tmp_path):
     write_csv(tmp_path / "log.csv", columns(robot, torque=True))
     draft = ci.draft_problem(robot, tmp_path / "log.csv", select=False)
@@ -74,6 +75,7 @@ def test_a_draft_says_how_to_use_a_wrench(robot, tmp_path):
     assert "[wrist_sensor]" in " ".join(draft.text(tmp_path).split())
 
 
+@pytest.mark.slow
 def test_a_log_of_a_wrench_alone_is_for_the_tool_as_the_message_says(robot, tmp_path):
     write_csv(tmp_path / "training.csv", columns(robot))
     write_csv(tmp_path / "validation.csv", columns(robot, 1))

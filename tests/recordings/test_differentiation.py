@@ -122,6 +122,7 @@ def test_the_smoother_solves_the_least_squares_that_defines_it(order, ratio):
     np.testing.assert_allclose(found[:, :3], x[:, :3], atol=1e-6 * abs(z).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", some_fast([3, 5]))
 def test_noise_levels_of_the_model_itself_are_recovered(order):
     rng, step, samples, joints = np.random.default_rng(2), 0.01, 1500, 4

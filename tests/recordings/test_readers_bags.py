@@ -215,6 +215,7 @@ def test_a_topic_is_for_bags_only(tmp_path):
         read_recording(tmp_path / "log.csv", JOINTS, topic="/j")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("write", WRITERS)
 def test_damaged_bags_are_refused_or_read(tmp_path, write):
     path = write(tmp_path, {"/joint_states": states(40)})

@@ -201,6 +201,7 @@ def test_topics_without_an_instant_in_common_are_refused(tmp_path):
         read(path, base=UNIT)
 
 
+@pytest.mark.slow
 def test_by_time_of_logging_all_topics_are(tmp_path):
     kind, messages = imu()
     # Its header counts from zero, and is of no use.
@@ -213,6 +214,7 @@ def test_by_time_of_logging_all_topics_are(tmp_path):
     assert np.allclose(log.base.angular_velocity[inside, 2], expected, atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "message"),
     [

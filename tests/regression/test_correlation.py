@@ -160,6 +160,7 @@ def test_of_an_impulse_all_frequencies_have_the_same_power_to_the_last(samples):
     assert found.length == 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("a", [0.0, 0.9])
 def test_the_degrees_of_freedom_are_those_by_which_the_variance_scatters(a):
     rng = np.random.default_rng(4)

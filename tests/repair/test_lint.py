@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from schemas import parsed
 
 from consistent_id.cli import main
 from consistent_id.repair import lint_robot
@@ -191,7 +192,7 @@ def test_the_command_answers_in_text_json_and_sarif(linted, tmp_path, capsys):
     capsys.readouterr()
     sarif = tmp_path / "found.sarif"
     assert main(["lint", str(path), "--json", "--sarif", str(sarif)]) == 0
-    record = json.loads(capsys.readouterr().out)
+    record = parsed(capsys.readouterr().out)
     (found,) = record["files"][str(path)]
     assert (found["rule"], found["line"]) == ("gravity-torque", 14)
     written = json.loads(sarif.read_text())
@@ -205,6 +206,7 @@ def test_the_command_answers_in_text_json_and_sarif(linted, tmp_path, capsys):
     assert main(["lint", str(path), "--quiet"]) == 1
 
 
+@pytest.mark.slow
 def test_the_command_imports_what_it_needs_and_not_the_estimators(linted, tmp_path):
     linted()
     code = (

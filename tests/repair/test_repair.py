@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from robots import URDF, random_body
+from schemas import parsed
 from urdf_torques import DECORATED
 
 from consistent_id import ModelError
@@ -253,7 +254,7 @@ def test_the_command_writes_beside_the_file(broken, capsys):
     other = path.with_name("other.urdf")
     assert main(["repair", str(beside), "--output", str(other), "--json"]) == 0
     assert other.read_bytes() == beside.read_bytes()
-    record = json.loads(capsys.readouterr().out)
+    record = parsed(capsys.readouterr().out)
     assert record["unchanged"]
     expected = json.loads(json.dumps(repair_record(repair_urdf(beside))))
     assert record == expected | {"written": str(other)}

@@ -483,6 +483,7 @@ def refused(*_, **__):
     raise ModelError("this robot has none")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "said", "logged"),
     [

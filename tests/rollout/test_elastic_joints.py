@@ -21,6 +21,7 @@ from consistent_id.signals import PDGains
 mujoco = pytest.importorskip("mujoco")
 
 from consistent_id.rollout import replay, replay_model  # noqa: E402
+from consistent_id.rollout.choice import with_springs  # noqa: E402
 from consistent_id.rollout.settings import (  # noqa: E402
     Settings,
     error_of_parts,
@@ -28,7 +29,6 @@ from consistent_id.rollout.settings import (  # noqa: E402
     slow_and_fast,
     torque_fit,
     with_settings,
-    with_springs,
 )
 
 LINK, ROTOR = 0.03, 0.05  # kg m^2

@@ -172,6 +172,7 @@ def call(library, name, size, *arguments):
     return np.array(out)
 
 
+@pytest.mark.slow
 @NEEDS_CC
 def test_compiled_c_agrees_with_pinocchio(tmp_path):
     reference, estimate = bare(3)
@@ -188,6 +189,7 @@ def test_compiled_c_agrees_with_pinocchio(tmp_path):
         assert not call(library, "arm_springs", 7, state[0]).any()
 
 
+@pytest.mark.slow
 @NEEDS_CC
 def test_compiled_c_has_every_drive_term(tmp_path):
     control = control_model(driven(2), friction_velocity=0.2)
@@ -202,6 +204,7 @@ def test_compiled_c_has_every_drive_term(tmp_path):
         assert_near(found, control.torque(q, dq, ddq))
 
 
+@pytest.mark.slow
 @NEEDS_CC
 @pytest.mark.skipif(shutil.which("nm") is None, reason="there is no nm")
 def test_c_calls_functions_of_mathematics_alone(tmp_path):

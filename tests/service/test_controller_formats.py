@@ -1,13 +1,18 @@
 """Loads as controllers take them: order, units and frames of each vendor's form."""
 
 import json
+import os
 import re
+import subprocess
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
+import yaml
 
+from consistent_id._support.ownership import sealed
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.robot import FixedFrame, InertialParameters
 from consistent_id.service import CONTROLLER_FORMATS, ControllerLoad, controller_text
@@ -24,6 +29,7 @@ INERTIA = TURN @ np.diag(MOMENTS) @ TURN.T
 FLANGE = FixedFrame("tool0", pin.rpy.rpyToMatrix(0.1, 0.7, -0.4), [0.0, 0.117, 0.02])
 TOOL = FixedFrame("tcp", pin.rpy.rpyToMatrix(0.0, 0.0, np.pi / 2), [0.0, 0.0, 0.2])
 NINE = 1e-8  # nine digits are written
+SIX = ["ixx", "iyy", "izz", "ixy", "ixz", "iyz"]
 
 
 def load(inertia=INERTIA, **more):
@@ -51,14 +57,41 @@ def test_ur_gets_metres_and_xx_yy_zz_xy_xz_yz_about_the_centre_of_mass():
     assert re.fullmatch(r"[^[]+, \[[^]]+\], \[[^]]+\]\)", rest)
 
 
-def test_the_ros_2_call_names_the_fields_of_the_service():
-    text = controller_text(load(), "ur-ros2")
-    assert "/io_and_status_controller/set_payload ur_msgs/srv/SetPayload" in text
-    request = text[text.index('"') :]
-    words = ["mass", "x", "y", "z", "ixx", "iyy", "izz", "ixy", "ixz", "iyz"]
-    found = dict(re.findall(r"(\w+): (-?[\d.e-]+)", request))
-    assert list(found) == words
-    near([float(v) for v in found.values()], [2.5, *COM, *six(INERTIA)])
+FORMS = {  # what ``ros2 interface show`` prints: the request
+    "geometry_msgs/Inertia payload\n\tfloat64 m\n\tfloat64 ixx\n---\n": (
+        ["payload", "m", "com", *"xyz", *SIX]
+    ),
+    "float32 mass\ngeometry_msgs/Vector3 center_of_gravity\nfloat64 ixx\n---\n": (
+        ["mass", "center_of_gravity", *"xyz", *SIX]
+    ),
+    "float32 mass\ngeometry_msgs/Vector3 center_of_gravity\n---\n": (
+        ["mass", "center_of_gravity", *"xyz"]
+    ),
+}
+
+
+@pytest.mark.parametrize(("shown", "words"), FORMS.items())
+def test_the_ros_2_call_has_the_form_of_the_installed_service(tmp_path, shown, words):
+    """A `ros2` that shows one form of the service, and keeps what it is called with."""
+    (tmp_path / "shown").write_text(shown)
+    ros2 = tmp_path / "ros2"
+    ros2.write_text(
+        '#!/bin/sh\nif [ "$1" = interface ]; then cat shown; else\n'
+        'printf "%s\\n" "$@" > called; fi\n'
+    )
+    ros2.chmod(0o755)
+    (tmp_path / "call.sh").write_text(controller_text(load(), "ur-ros2"))
+    path = f"{tmp_path}:{os.environ['PATH']}"
+    subprocess.run(
+        ["sh", "call.sh"], cwd=tmp_path, env={**os.environ, "PATH": path}, check=True
+    )
+    *call, request = (tmp_path / "called").read_text().splitlines()
+    place = "/io_and_status_controller/set_payload"
+    assert call == ["service", "call", place, "ur_msgs/srv/SetPayload"]
+    assert re.findall(r"[a-z_]+(?=:)", request) == words
+    expected = [2.5, *COM, *six(INERTIA)]
+    near(numbers(request), expected[: 10 if "ixx" in words else 4])
+    assert yaml.safe_load(request)
 
 
 def test_franka_gets_nine_entries_column_by_column():
@@ -134,9 +167,8 @@ def test_pinocchio_reads_the_urdf_on_the_flange():
     near(body.inertia, INERTIA)
 
 
-@pytest.mark.parametrize("point", [False, True])
-def test_mujoco_reads_the_body_in_the_link_that_carries_it(point):
-    text = controller_text(load(inertia_open=point), "mjcf")
+def in_mujoco(text):
+    """Return the place of the load's body in the link, and its inertia in its axes."""
     body = text.split("<worldbody>")[1].split("</worldbody>")[0]
     arm = (
         '<mujoco><worldbody><body name="wrist"><joint axis="0 0 1"/><inertial pos="0 0 '
@@ -147,12 +179,29 @@ def test_mujoco_reads_the_body_in_the_link_that_carries_it(point):
     mujoco.mj_forward(model, data)
     which = model.body("box").id
     near(model.body_mass[which], 2.5)
-    place = pin.SE3(FLANGE.rotation, FLANGE.translation)
-    near(data.xipos[which], place.act(COM))
     axes = data.ximat[which].reshape(3, 3)
-    found = axes @ np.diag(model.body_inertia[which]) @ axes.T
+    return data.xipos[which], axes @ np.diag(model.body_inertia[which]) @ axes.T
+
+
+@pytest.mark.parametrize("point", [False, True])
+def test_mujoco_reads_the_body_in_the_link_that_carries_it(point):
+    place, found = in_mujoco(controller_text(load(inertia_open=point), "mjcf"))
+    near(place, pin.SE3(FLANGE.rotation, FLANGE.translation).act(COM))
     expected = FLANGE.rotation @ INERTIA @ FLANGE.rotation.T
     np.testing.assert_allclose(found, 0.0 * INERTIA if point else expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("moments", [(1.0, 2.0, 3.0), (1.0, 1.0, 2.0), (0.0, 1.0, 1.0)])
+def test_mujoco_reads_plates_and_rods(moments):
+    """On the cone's edge: one moment is the sum of the others, or zero."""
+    rng = np.random.default_rng(0)
+    for size in (1e-4, 0.7):
+        for _ in range(5):
+            axes = pin.exp3(rng.normal(size=3))
+            inertia = axes @ np.diag(np.multiply(size, moments)) @ axes.T
+            _, found = in_mujoco(controller_text(load(inertia), "mjcf"))
+            expected = FLANGE.rotation @ inertia @ FLANGE.rotation.T
+            np.testing.assert_allclose(found, expected, atol=4e-7 * size)
 
 
 def test_a_load_of_open_inertia_is_sent_as_a_point_mass():
@@ -208,3 +257,21 @@ def test_a_rod_has_no_negative_moment():
     moments, _ = principal_inertia(axes @ np.diag([0.0, 0.1, 0.1]) @ axes.T)
     np.testing.assert_allclose(sorted(moments), [0.0, 0.1, 0.1], atol=1e-15)
     assert moments.min() == 0.0
+
+
+@pytest.mark.parametrize("name", ["record", "Load", "TASK", "tool0"])
+def test_words_of_rapid_name_no_load_there(name):
+    body = InertialParameters.from_central(2.5, COM, INERTIA)
+    one = ControllerLoad(name, body, FLANGE, "wrist", TOOL)
+    with pytest.raises(ModelError, match=f"{name!r}, a word of abb's language"):
+        controller_text(one, "abb")
+    assert controller_text(one, "kuka")
+
+
+def test_every_file_but_franka_s_json_is_known_by_its_mark():
+    unmarked = []
+    for form in CONTROLLER_FORMATS:
+        content = controller_text(load(), form.name).encode()
+        if sealed(Path(form.file), content) == content:
+            unmarked.append(form.name)
+    assert unmarked == ["franka-end-effector"]

@@ -1,14 +1,18 @@
 """Gains between currents and torque, by a load of known mass."""
 
-import json
+from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
-from carrying import JOINTS, LOAD, write_log, write_robot
+from carrying import JOINTS, LOAD, urdf, write_log, write_robot
+from schemas import parsed
 
-from consistent_id import draft_problem
+from consistent_id import ModelError, ProblemError, draft_problem
 from consistent_id.cli import main
-from consistent_id.service import check_gains
+from consistent_id.problems.file import GainsTable
+from consistent_id.service import check_gains, weigh_load
+from consistent_id.service.gain_check import gains_off
 
 GAINS = np.array([12.0, 11.0, 9.0, 7.0])  # N m/A, of the simulated drives
 STATED = [12.0, 10.0, 10.0, 7.0]
@@ -64,7 +68,7 @@ def test_the_shell_prints_and_writes_gains(files, found, tmp_path, capsys):
     words += ["--known-mass", LOAD.mass, *WORDS, "--output", tmp_path / "out"]
     assert main(list(map(str, words))) == 0
     assert "torque_gain = [" in capsys.readouterr().out
-    record = json.loads((tmp_path / "out" / "gains.json").read_text())
+    record = parsed((tmp_path / "out" / "gains.json").read_text())
     gains = [record["gains"][joint]["gain"] for joint in JOINTS]
     np.testing.assert_allclose(gains, found.gains, rtol=1e-6)
     assert record["verdict"] == found.verdict.word
@@ -78,3 +82,55 @@ def test_logs_without_the_load_show_no_gain(files, tmp_path, capsys):
     out = capsys.readouterr().out
     assert out.startswith("do not use: gains; gains not identifiable")
     assert "torque_gain" not in out and "e+" not in out
+
+
+@pytest.mark.parametrize(("z", "joints", "off"), [(2.2, 1, True), (2.2, 4, False)])
+def test_several_gains_are_tested_together(found, z, joints, off):
+    """One gain is off by 2.2 standard errors: 1.96 for one, 2.49 for four (Sidak)."""
+    gains = np.ones(4)[:joints]
+    gains[0] = 1.1
+    own = replace(
+        found.factors,
+        joints=JOINTS[:joints],
+        gains=gains,
+        standard_errors=np.full(joints, 0.1 / z),
+        linear=gains,
+        current_noise=gains,
+    )
+    assert gains_off(own).tolist() == [off, *[False] * (joints - 1)]
+
+
+def test_the_quantile_is_that_of_all_joints(found):
+    for z, off in ((2.48, False), (2.50, True)):
+        own = replace(
+            found.factors, gains=np.full(4, 1.1), standard_errors=np.full(4, 0.1 / z)
+        )
+        assert gains_off(own).tolist() == [off] * 4
+    small = replace(
+        found.factors, gains=np.full(4, 1.019), standard_errors=np.full(4, 1e-4)
+    )
+    assert not gains_off(small).any()  # less than 2 %
+
+
+def test_torques_of_commands_have_no_gains_of_currents(files):
+    problem = draft_problem(files["robot"], files["empty"], select=False).problem()
+    data = msgspec.structs.replace(problem.table.data, gains=GainsTable(kp=100.0))
+    table = msgspec.structs.replace(problem.table, data=data)
+    with pytest.raises(ProblemError, match="computes torque from the joints' commands"):
+        check_gains(replace(problem, table=table), files["loaded"], known_mass=1.0)
+
+
+def test_a_link_that_is_called_load_is_no_obstacle(tmp_path):
+    file = tmp_path / "robot.urdf"
+    file.write_text(urdf().replace('"link3"', '"load"'))
+    logs = [
+        write_log(tmp_path / f"{name}.csv", load, gains=GAINS, seed=seed)
+        for seed, (name, load) in enumerate({"empty": None, "loaded": LOAD}.items())
+    ]
+    problem = draft_problem(
+        file, logs[0], select=False, cutoff=8.0, torque_gain=STATED
+    ).problem()
+    found = check_gains(problem, logs[1], known_mass=LOAD.mass, link="flange")
+    assert found.verdict.usable
+    with pytest.raises(ModelError, match="'load', which is a link of 'arm'"):
+        weigh_load(problem, logs[1], name="load")

@@ -29,6 +29,7 @@ def test_a_body_in_another_frame_is_pinocchio_s():
     assert found.values[0] == pytest.approx(LOAD.mass)
 
 
+@pytest.mark.slow
 def test_intervals_are_those_of_many_draws():
     small = payload(scale=2e-4)
     rng = np.random.default_rng(1)
@@ -75,3 +76,12 @@ def test_inertia_is_open_if_its_trace_is_not_known_to_a_quarter():
         one = payload()  # half an interval is twice the error
         one.covariance = np.outer(move, move) * (0.5 * share * trace) ** 2
         assert inertia_is_open(one) == is_open
+
+
+def test_the_table_has_no_number_where_nothing_is_identified():
+    open_one = payload()
+    open_one.covariance[4:, :] = open_one.covariance[:, 4:] = 0.0
+    open_one.covariance[range(4, 10), range(4, 10)] = np.inf
+    rows = {row[0]: row[1:] for row in load_quantities(open_one, LINK).table().rows}
+    assert rows["Ixx"] == ("-", "-", "-", "kg m^2")
+    assert rows["m"][0] == "3"

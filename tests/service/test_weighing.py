@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from carrying import FLANGE, LOAD, write_log, write_robot
+from schemas import parsed
 
 from consistent_id import ModelError, ProblemError, draft_problem, load_problem
 from consistent_id.cli import main
@@ -131,6 +132,7 @@ def test_arms_of_vertical_axes_do_not_show_the_height_of_the_centre(
     assert "along x of the frame flange" in ground.statement  # it is vertical
 
 
+@pytest.mark.slow
 def test_a_stated_mass_is_kept_and_a_right_one_contradicts_nothing(problem, files):
     found = weigh_load(problem, files["loaded"], link="flange", known_mass=2.0)
     assert found.in_flange.body.mass == pytest.approx(2.0, rel=1e-6)
@@ -164,6 +166,7 @@ def test_files_say_verdict_and_interval_of_the_mass(found):
     assert "; use (accepted: nothing); mass 3" in found.for_controller.mark
 
 
+@pytest.mark.slow
 def test_a_known_mass_shows_and_corrects_gains_that_are_off(files, tmp_path):
     empty = write_log(tmp_path / "empty.csv", None, gains=GAINS)
     loaded = write_log(tmp_path / "loaded.csv", LOAD, gains=GAINS, seed=1)
@@ -216,6 +219,7 @@ def test_rows_are_those_of_the_logs_with_the_load(problem, files):
     assert half.in_flange.high[0] - half.in_flange.low[0] > 1.1 * width
 
 
+@pytest.mark.slow
 def test_the_shell_writes_what_controllers_take(files, tmp_path, capsys):
     out = tmp_path / "out"
     words = ["payload", files["robot"], files["empty"], "--loaded", files["loaded"]]
@@ -233,8 +237,19 @@ def test_the_shell_writes_what_controllers_take(files, tmp_path, capsys):
     assert main([*map(str, words), "--controller", "kuka"]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "has payload.script, payload.xml of an earlier run: delete them" in said
+    again = json.loads((out / "payload.json").read_text())
+    assert again["files_of_earlier_runs"] == ["payload.script", "payload.xml"]
     assert main([*map(str, words), "--json", "--dry-run"]) == 0
     assert json.loads(capsys.readouterr().out)["frames"] == record["frames"]
+    (out / "load_data.dat").write_text("; consistent-id: mine\n")
+    assert main([*map(str, words), "--controller", "kuka"]) == 2  # an edited file
+
+
+@pytest.mark.parametrize("name", ["2nd", "record"])
+def test_the_shell_refuses_a_name_before_it_reads_logs(tmp_path, capsys, name):
+    words = ["payload", "no.urdf", "no.csv", "--loaded", "no.csv", "--name", name]
+    assert main([*words, "--output", str(tmp_path / "out")]) == 2
+    assert f"name of the load is {name!r}" in capsys.readouterr().err
 
 
 def test_the_shell_writes_nothing_of_a_load_that_is_not_seen(files, tmp_path, capsys):
@@ -253,7 +268,7 @@ def test_a_folder_of_results_stands_for_the_robot(files, tmp_path, capsys):
     capsys.readouterr()
     loaded = ["--loaded", str(files["loaded"]), "--link", "flange", "--json"]
     assert main(["payload", str(out), *loaded]) == 0
-    mass = json.loads(capsys.readouterr().out)["frames"]["flange"]["m"]
+    mass = parsed(capsys.readouterr().out)["frames"]["flange"]["m"]
     assert mass["low"] < LOAD.mass < mass["high"]
 
 
@@ -273,7 +288,7 @@ def test_the_ur10e_s_known_mass_shows_that_the_authors_gains_are_off():
     found = weigh_load(problem, log, known_mass=2.805, **settings)
     assert found.corrected
     (ground,) = [r for r in found.verdict.grounds if r.kind == "gains are off"]
-    assert "4 of 6 joints" in ground.statement
+    assert "5 of 6 joints" in ground.statement
     assert found.in_flange.low[0] < 2.805 < found.in_flange.high[0]
     # Gains that were identified with the other loaded log, as payload.toml has them.
     other = np.array([11.86, 12.22, 10.04, 10.63, 10.37, 10.44])

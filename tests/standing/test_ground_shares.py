@@ -27,6 +27,7 @@ def _cross(r):
     return np.array([[0, -r[2], r[1]], [r[2], 0, -r[0]], [-r[1], r[0], 0]])
 
 
+@pytest.mark.slow
 def test_a_sole_bears_what_its_corners_can():
     rng = np.random.default_rng(0)
     scale = [0.4, 0.4, 0.0, 0.03, 0.07, 0.05]

@@ -159,6 +159,7 @@ def test_standing_still_each_foot_bears_its_share(stance):
     assert abs(motion.ground.forces[0, :, :2].sum(axis=0)).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_errors_are_those_of_repeated_fits(stance):
     """Trunks fitted to torque with noise scatter as much as was said."""
     path = path_of(0.7)

@@ -141,6 +141,7 @@ def test_nested_cells_without_end_are_refused(tmp_path):
         read(tmp_path / "log.mat")
 
 
+@pytest.mark.slow
 def test_a_parquet_file_of_many_equal_rows_is_refused_unless_meant(tmp_path):
     many = pa.array(np.zeros(20_000_000))
     table = pa.table({"time": many, "q_a": many})
@@ -230,6 +231,7 @@ def test_a_pipe_is_no_trajectory_and_no_part_of_a_bag(tmp_path):
         read_recording(tmp_path / "bag", ["a"])
 
 
+@pytest.mark.slow
 def test_lists_in_parquet_count_with_all_their_values(tmp_path):
     lists = pa.FixedSizeListArray.from_arrays(pa.array(np.zeros(40_000_000)), 400)
     table = pa.table({"time": np.arange(100_000.0), "q": lists})
@@ -240,6 +242,7 @@ def test_lists_in_parquet_count_with_all_their_values(tmp_path):
         read_recording(tmp_path / "log.parquet", ["a"], columns)
 
 
+@pytest.mark.slow
 def test_arrow_never_has_a_whole_log_in_memory(tmp_path):
     """Columns are filled batch by batch; those that nobody asked for are not read."""
     rows = 400_000

@@ -126,6 +126,7 @@ def test_the_record_stays_small_and_keeps_the_youngest(state, monkeypatch):
     assert len(entries(state)) == 4
 
 
+@pytest.mark.slow
 def test_processes_that_write_at_the_same_time_lose_nothing(state):
     code = (
         "from hashlib import sha256; from consistent_id._support.trust import record\n"

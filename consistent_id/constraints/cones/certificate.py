@@ -29,6 +29,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id.constraints.cones.least_norm import (
     TOLERANCES,
     ConeSolution,
@@ -100,6 +101,7 @@ class OptimumProof:
     figures: dict[str, float] = field(default_factory=dict)
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class Certificate:
     """The optimum's verdict, and the recomputed figures behind it.

@@ -29,6 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, IntArray, Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import worker_threads
 from consistent_id.constraints.cones.programmes import (
     Ball,
@@ -71,6 +72,7 @@ _WORKERS = 2  # Clarabel frees the interpreter's lock
 _QUADRATIC_TOLERANCE = 1e-8
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class LeastNorm:
     """The problem: objective ``||G u - g||`` over a set."""

@@ -16,6 +16,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from consistent_id._support.arrays import Array, IntArray, Matrix, Vector, freeze_arrays
+from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
 
 _NULL = 1e-12  # singular values below this, relative to the largest, are zero
@@ -63,6 +64,7 @@ class SemidefiniteBlock:
         return self.value(x) / np.outer(self.scale, self.scale)
 
 
+@brief
 @dataclass(frozen=True, eq=False)
 class ConicSet:
     """``A_eq x = b_eq``, ``A_in x <= b_in``, and semidefinite blocks.

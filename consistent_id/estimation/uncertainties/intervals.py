@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector, freeze_arrays
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded, worker_threads
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.programmes import (
@@ -49,6 +50,7 @@ _SMALL = 1e-3  # share of typical parameters that counts as no change
 _FELT = 0.05  # relative change with the ball's radius above which the ball is active
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ConsistentIntervals:
     """Proven bounds on each standard parameter.

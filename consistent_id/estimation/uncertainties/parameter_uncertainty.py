@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import Executor, single_threaded, worker_threads
 from consistent_id._support.progress import counted
 from consistent_id._support.run import note_stop
@@ -41,6 +42,7 @@ from consistent_id.estimation.determination import (
 )
 from consistent_id.estimation.penalised import penalised_fit
 from consistent_id.estimation.uncertainties.beyond_noise import (
+    NORMAL,
     FloatingBlocks,
     ParameterShifts,
 )
@@ -50,7 +52,6 @@ from consistent_id.estimation.uncertainties.intervals import (
     consistent_intervals,
 )
 from consistent_id.estimation.uncertainties.parameter_scatter import (
-    NORMAL,
     ParameterScatter,
     Segments,
     parameter_scatter,
@@ -67,6 +68,7 @@ _AT_ONCE = 10  # replicates that another process solves together
 _Replicate = tuple[Vector, bool]  # parameters, and whether they are certified
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Bootstrap:
     """Constrained estimates of resampled data.
@@ -162,6 +164,7 @@ class ParameterUncertainty:
         return origin_text(self.verdict, self.value, self.standard_error)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Uncertainty:
     """The uncertainty of all parameters, and its sources.

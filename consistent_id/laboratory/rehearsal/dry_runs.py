@@ -242,11 +242,17 @@ def dry_run(
     ModelError
         If MuJoCo is not installed, or nominal inertias are missing.
     ProblemError
-        If nothing of interest is rehearsed, or no robot has an estimate's bodies.
+        If nothing of interest is rehearsed, the motion is for a load on a known robot,
+        or no robot has an estimate's bodies.
     """
     if robots < 1:
         raise ProblemError(f"robots is {robots}, expected 1 or more")
     request, where = design_request(problem), Executor.chosen(executor)
+    if request.aim.others == "known":
+        raise ProblemError(
+            "others = 'known' is of a load on a known robot, but a rehearsal "
+            "identifies robots from the motion alone; leave it out"
+        )
     given = None if parameters is None else np.atleast_2d(np.asarray(parameters, float))
     rehearsed = as_rehearsed(problem.model, tuple(request.aim.interest), given)
     model = rehearsed.model

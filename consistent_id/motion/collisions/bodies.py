@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Matrix, Vector, chunks, freeze, frozen
+from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
 
 _ORTHONORMAL = 1e-9  # entries of R^T R - 1
@@ -33,6 +34,7 @@ class Shape(Protocol):
         """Shapes are values."""
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class Sphere:
     """A ball about the origin of its frame; `radius` in m."""
@@ -54,6 +56,7 @@ class Sphere:
         return np.zeros(3), self.radius
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class Box:
     """A box about the origin of its frame; `size` along x, y and z in m."""
@@ -76,6 +79,7 @@ class Box:
         return np.zeros(3), float(np.linalg.norm(self.size)) / 2.0
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class Capsule:
     """Points within `radius` of a centred segment of `length` along z; both in m."""
@@ -98,6 +102,7 @@ class Capsule:
         return np.zeros(3), self.radius + self.length / 2.0
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class Cylinder:
     """A cylinder about the z axis, centred, with flat ends; both in m."""
@@ -120,6 +125,7 @@ class Cylinder:
         return np.zeros(3), float(np.hypot(self.radius, self.length / 2.0))
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Hull:
     """The convex hull of points, such as a mesh's vertices.
@@ -169,6 +175,7 @@ class Hull:
         return centre, float(np.linalg.norm(self.points - centre, axis=1).max())
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class HalfSpace:
     """All points with z at most 0 in its frame: the ground, a wall, a ceiling."""
@@ -183,6 +190,7 @@ class HalfSpace:
         return np.zeros(3), np.inf
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
     """A shape and the frame to which it is fixed.

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Array, IntArray, Vector
+from consistent_id._support.brief import brief
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.motion.collisions.scene import Scene, body_places, largest_change
 from consistent_id.motion.collisions.separation import balls_apart, separation
@@ -25,6 +26,7 @@ _ROUNDING = 1e-9  # [m]; a large bound for sums and products of numbers of a few
 _MOST = 1_000_000  # intervals of pairs at a time, of some hundred bytes each
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class ClearanceReport:
     """The proven distances of the bodies of a scene along one or more paths.

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Vector, array_default, freeze, freeze_arrays
+from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
 from consistent_id.motion.collisions.bodies import Body, Sphere, plane
 from consistent_id.motion.collisions.scene import Scene, kept_off
@@ -27,6 +28,7 @@ _RADIUS = 1e-3
 _NARROWEST = np.radians(1.0)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Workspace:
     """A box in the robot's base frame for a point of a link.
@@ -58,6 +60,7 @@ class Workspace:
             )
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class OrientationCone:
     """A cone about an axis of the base frame for a direction of a link.

@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, IntArray, freeze
+from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
 from consistent_id.motion.collisions.bodies import Body
 from consistent_id.robot.kinematics import (
@@ -64,6 +65,7 @@ class PairNote:
         return f"{self.first} and {self.second}, {how}: {self.reason}"
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
     """A robot's bodies, its obstacles, and the pairs that must stay apart.

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.tables import Table
 from consistent_id.errors import ProblemError
 from consistent_id.motion.limits import MotionLimits
@@ -74,6 +75,7 @@ class Margin:
         return (-beyond if self.quantity == "lower position" else beyond) > 0.0
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class MotionMargins:
     """The margins of a path from all its limits.

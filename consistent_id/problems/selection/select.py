@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from time import process_time
 from typing import Any
 
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.inputs import LARGEST_PROBLEM, read_input
 from consistent_id._support.progress import stages
@@ -70,6 +71,7 @@ _SAME_BAND = 2 / 3  # of a band: an edge above it is no reason to narrow, logs a
 _FAST = 0.2  # of the sampling rate: a band that wide is cut off by it
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelSelection:
     """A model chosen by blocked cross-validation of the constrained fit.

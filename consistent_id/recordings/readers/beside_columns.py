@@ -17,6 +17,7 @@ from consistent_id._support.arrays import (
     array_default,
     freeze_arrays,
 )
+from consistent_id._support.brief import brief
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.beside import (
     Axes,
@@ -40,6 +41,7 @@ Names = str | Sequence[str]
 _CLOSED = 0.5  # threshold of a flag that is 0 or 1
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class BaseColumns:
     """Names of the measurements of a floating base.
@@ -140,6 +142,7 @@ class BaseColumns:
         )
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class ContactColumns:
     """Name of a contact's flag, or of a contact force.
@@ -183,6 +186,7 @@ class ContactColumns:
         )
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class WrenchColumns:
     """Names of a measured force and moment.
@@ -216,6 +220,7 @@ class WrenchColumns:
 Arrays = Mapping[str, NDArray[np.generic]]
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class BesideColumns:
     """Names of all measurements beside the joints.

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from string import Formatter
 
 from consistent_id._support.arrays import freeze
+from consistent_id._support.brief import brief
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.beside_columns import BesideColumns
 from consistent_id.recordings.readers.units import (
@@ -18,6 +19,7 @@ from consistent_id.robot.parameters import did_you_mean, require_known
 CHANNELS = ("position", "velocity", "acceleration", "torque", *COMMANDS)
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class Columns:
     """A log's names of its columns, arrays or fields.

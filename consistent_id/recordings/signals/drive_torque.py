@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector, array_default, freeze, frozen
+from consistent_id._support.brief import brief
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording, velocities
 
@@ -14,6 +15,7 @@ _GAINS = ("kp", "kd", "torque_limit", "stiffness")
 _BY_JOINT = ("scale", "encoder_bias", "compliance")
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class PDGains:
     """Gains of drives that follow commands of position.
@@ -121,6 +123,7 @@ def commanded(recording: Recording, gains: PDGains, *, delay: float = 0.0) -> Re
     return replace(recording, torque=torque)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class DriveCalibration:
     """Delay of commands, torque scales, biases of encoders, and springs of joints.

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Matrix, Vector, freeze_arrays, frozen
+from consistent_id._support.brief import brief
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.joint_paths import FourierTrajectory
 from consistent_id.recordings.recording import Recording
@@ -23,6 +24,7 @@ _FASTEST = 0.45  # highest frequency over the sampling rate
 _AMPLIFIED = 10.0  # noise in a coefficient, relative to frequencies far apart
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class FourierFit:
     """A Fourier series for each joint, and its residual.

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import IntArray
+from consistent_id._support.brief import brief
 from consistent_id.errors import NotExcitedError, RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.filtered_rows import counting, left_out
@@ -153,6 +154,7 @@ def trim_standstill(
     return counting(recording, (time >= start - margin) & (time <= stop + margin))
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Fold:
     """One block of a recording for validation, and the others for training.

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze, frozen
+from consistent_id._support.brief import brief
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
@@ -39,6 +40,7 @@ _STEADY = 1e-9
 """Relative change of covariances in a step below which gains are kept."""
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionNoise:
     """Noise levels of the readings and of the motion.

@@ -16,6 +16,7 @@ from typing import Any, Literal, NamedTuple, Self
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze, freeze_arrays
+from consistent_id._support.brief import brief
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import (
@@ -44,6 +45,7 @@ _AS_GOOD = 1.5  # ratio of standard errors up to which cut-offs are alike
 _PERIODS = 2.5  # of the cut-off, least length of a block where there are enough
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
     """A sensor's channel of several joints, with its own stamps.
@@ -208,6 +210,7 @@ def _onto(clock: Vector, time: Vector, values: Matrix) -> Matrix:
     return cubic_spline(time, values, clock)
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Delay:
     """A delay, and its standard error.

@@ -6,6 +6,7 @@ from typing import Any, Literal, TypedDict, Unpack, get_args
 
 import numpy as np
 
+from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
 from consistent_id.regression.drive.laws import (
     AsymmetricCoulomb,
@@ -78,6 +79,7 @@ DEFAULTS: Mapping[str, Any] = {
 _FIRST = 10  # keywords that a fingerprint has always shown, chosen or not
 
 
+@brief
 @dataclass(frozen=True, slots=True, init=False, repr=False)
 class DriveTerms:
     """Which terms a joint's torque has besides the rigid-body ones.

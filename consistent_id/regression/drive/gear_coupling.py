@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
 from consistent_id.regression.drive.drive_terms import CoulombShape, DriveTerms
 from consistent_id.regression.drive.laws import Coulomb
@@ -14,6 +15,7 @@ from consistent_id.robot.parameters import require_known
 COUPLING_NAMES = ("coupling_viscous", "coupling_coulomb", "coupling_rotor_inertia")
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class GearCoupling:
     """Terms of two joints whose gears are coupled: one motor turns both.

@@ -13,6 +13,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.correlated_noise import (
@@ -38,6 +39,7 @@ constant rate."""
 _EXACT = 1e-9  # residual, relative to the wrench, that is rounding
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorBias:
     """What a wrench sensor shows of nothing, in one recording.

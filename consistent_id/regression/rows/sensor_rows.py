@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, IntArray, Matrix
+from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.beside import BaseMotion
 from consistent_id.regression.casadi_rows import fill_bodies
@@ -27,6 +28,7 @@ from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import ParameterLayout
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorRows:
     """What a wrench sensor measures of its tool, by the motion of the arm's joints.

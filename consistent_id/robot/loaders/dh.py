@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id.errors import ModelError
 from consistent_id.robot.model import (
     STANDARD_GRAVITY,
@@ -21,6 +22,7 @@ from consistent_id.robot.model import (
 _Z = np.array([0.0, 0.0, 1.0])
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class DHRow:
     """Row ``i`` of the table: from frame ``i - 1`` to frame ``i``.

@@ -13,6 +13,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from consistent_id._support.brief import brief
 from consistent_id._support.inputs import LARGEST_MODEL, LARGEST_TREE, read_input
 from consistent_id._support.run import current_run
 from consistent_id.errors import ModelError
@@ -45,6 +46,7 @@ _ROUNDED = 1e-6  # relative; by so much may printed moments break their inequali
 _POINT = 1e-6  # [m]; what is smaller has no extent, and its moments are rounding
 
 
+@brief
 @dataclass(frozen=True, slots=True, order=True)
 class Finding:
     """One fault or oddity of a model file.

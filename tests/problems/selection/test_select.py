@@ -74,6 +74,7 @@ def kinds(selection):
     return [step.move.kind for step in selection.steps]
 
 
+@pytest.mark.slow
 def test_a_robot_of_the_plain_model_gets_no_further_term(tmp_path):
     chosen = selected(tmp_path)
     assert set(kinds(chosen)) <= {"velocity_scale", "motion_cutoff"}

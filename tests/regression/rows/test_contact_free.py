@@ -79,6 +79,7 @@ def test_a_foot_that_is_never_lifted_hides_its_mass(robot, patterns, lost):
     assert len(base) == len(base_parameters(model)) - lost
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("patterns", [EVERY, THREE])
 def test_bodies_are_recovered_without_force_sensors(robot, patterns):
     log = standing(robot, np.array(patterns * (400 // len(patterns))))
@@ -89,6 +90,7 @@ def test_bodies_are_recovered_without_force_sensors(robot, patterns):
     assert np.allclose(found.base_values, expected, rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_bodies_are_recovered_with_force_sensors(robot):
     """Measured wrenches belong to the other side of the same equations."""
     log = standing(robot, np.array(EVERY * 100))
@@ -131,6 +133,7 @@ def test_noise_levels_weigh_rows_before_they_are_mixed(robot):
     assert np.sqrt(np.mean(off**2)) == pytest.approx(1.0, abs=0.3)
 
 
+@pytest.mark.slow
 def test_a_constrained_estimate_of_a_standing_robot_is_certified(robot):
     log = standing(robot, np.array(THREE * 100), noise=0.1)
     model = contact_free_model(TorqueModel(robot))

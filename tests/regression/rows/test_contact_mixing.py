@@ -73,6 +73,7 @@ def test_degrees_of_freedom_are_counted_once(robot, log):
     assert sum(regression.counts) == pytest.approx(9 * len(log), abs=9)
 
 
+@pytest.mark.slow
 def test_torque_that_is_not_known_gets_into_no_row(robot, log):
     rng, model = np.random.default_rng(2), ci.TorqueModel(robot)
     known = rng.uniform(size=log.position.shape) > 0.2

@@ -1,0 +1,175 @@
+"""``consistent-id servo``: hobby servos identified from position, goal and duty."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from consistent_id.cli.answers import Answer, show, tables_answer
+from consistent_id.cli.options import OUTPUT, TIME_LIMIT, Option, add_command, positive
+
+if TYPE_CHECKING:
+    from consistent_id._support.tables import Table
+    from consistent_id.robot.model import RobotModel
+    from consistent_id.rollout.servo_fit import ServoFit
+    from consistent_id.rollout.servo_log import ServoLog
+
+_RECORD, _MODEL = "servo.json", "servo.xml"
+_UNITS = ("rad", "deg", "ticks")
+_ROLES = ("time", "position", "goal", "duty", "volts", "temperature", "enabled")
+_MORE = """ROBOT is a URDF or MJCF file with the inertias of all links: they give the
+scale of the torque, which a servo does not measure. Logs have the time, positions and
+goals, and, if the servo reports them, duty (PWM, load), supply voltage, temperature and
+torque enable. Printed are the torque at full duty, back-EMF, rotor inertia, friction,
+delay and zero of each servo with 95 % intervals from leaving out each log in turn, and
+the error of simulated positions on the logs of --validate. --output gets servo.json,
+and servo.xml with MuJoCo's actuators."""
+_EXAMPLES = """
+consistent-id servo pendulum.urdf kp100.parquet kp800.parquet --validate kp200.parquet
+consistent-id servo arm.urdf log.csv --angles ticks --output results/servos
+consistent-id servo arm.urdf log.csv --columns goal=cmd_{joint} duty=pwm_{joint}
+"""
+
+
+def _column(text: str) -> tuple[str, str]:
+    role, equals, name = text.partition("=")
+    if not equals or role not in _ROLES or not name:
+        known = ", ".join(_ROLES)
+        raise argparse.ArgumentTypeError(
+            f"{text} is not ROLE=COLUMN with a role of {known}"
+        )
+    return role, name
+
+
+def add_servo(command: argparse.ArgumentParser) -> None:
+    """Give the command its options."""
+    add_command(
+        command,
+        run_servo,
+        Option("robot", "URDF or MJCF file with the inertias of all links", Path),
+        Option("log [...]", "logs to learn from", Path),
+        Option(
+            "--validate FILE ...",
+            "logs that are simulated, not learnt from; of them only the duty's gain is "
+            "used",
+        ),
+        Option(
+            "--columns ROLE=COLUMN ...",
+            f"columns of {', '.join(_ROLES)}; {{joint}} stands for a joint's name "
+            "(default: found by their words)",
+            _column,
+        ),
+        Option(
+            "--angles UNIT",
+            "unit of positions and goals; ticks are those of 12 bits a turn",
+            default="rad",
+            choices=_UNITS,
+        ),
+        Option(
+            "--full-duty NUMBER",
+            "that stands for full duty (default: the largest one if a log stays at "
+            "it, else the next of 1, 100, 885, 1000, 1023)",
+            positive,
+        ),
+        Option(
+            "--gain NUMBER",
+            "of the firmware, for logs without a duty: share of full duty over "
+            "position error, 1/rad",
+            positive,
+        ),
+        Option(
+            "--friction FORM",
+            "fit this form alone (default: both, chosen by logs left out)",
+            choices=("plain", "load"),
+        ),
+        *OUTPUT,
+        TIME_LIMIT,
+        more=_MORE,
+        examples=_EXAMPLES,
+    )
+
+
+def run_servo(options: argparse.Namespace) -> int:
+    """Identify servos; return the exit code."""
+    return show(options, _answer(options))
+
+
+def _answer(options: argparse.Namespace) -> Answer:
+    from consistent_id._support.files import require_writable
+    from consistent_id._support.tables import Table
+    from consistent_id.robot.loaders.robot_file import load_robot
+    from consistent_id.rollout.servo_fit import FORMS, identify_servos
+    from consistent_id.rollout.servo_log import logged_joints, read_servo_logs
+
+    folder = options.output
+    if folder is not None and not options.dry_run:
+        require_writable(folder, [_RECORD, _MODEL])
+    files = [*options.log, *(options.validate or ())]
+    columns = dict(options.columns or ())
+    robot = load_robot(options.robot)
+    logged = logged_joints(files[:1], robot.joint_names, columns)
+    still = dict.fromkeys(set(robot.joint_names) - set(logged), 0.0)
+    robot = load_robot(options.robot, locked=still) if still else robot
+    logs = read_servo_logs(
+        files,
+        robot.joint_names,
+        columns=columns,
+        units=options.angles,
+        full_duty=options.full_duty,
+    )
+    kept = {path.name for path in options.validate or ()}
+    training = [log for log in logs if log.name.split(", part ")[0] not in kept]
+    validation = [log for log in logs if log.name.split(", part ")[0] in kept]
+    forms = tuple(FORMS) if options.friction is None else (options.friction,)
+    fit = identify_servos(robot, training, validation, forms=forms, gain=options.gain)
+    tables, record = fit.tables(), fit.to_dict()
+    if still:
+        names = ", ".join(sorted(still))
+        tables.append(Table("Joints without columns", (), (), (f"{names}: held at 0",)))
+    made = _simulator(options.robot, robot, fit, validation or training)
+    if made is not None:
+        tables.append(made[0])
+        record["mujoco"] = made[1]
+
+    def write() -> list[Path]:
+        from consistent_id._support.files import write_atomically, write_json
+
+        paths = [write_json(folder / _RECORD, record)]
+        if made is not None and made[2]:
+            paths.append(write_atomically(folder / _MODEL, made[2]))
+        return paths
+
+    return tables_answer(tables, record, write=None if folder is None else write)
+
+
+def _simulator(
+    file: Path, robot: "RobotModel", fit: "ServoFit", logs: "list[ServoLog]"
+) -> "tuple[Table, dict[str, float], str] | None":
+    """Return MuJoCo's errors and its file; None if MuJoCo or the form is not there."""
+    from consistent_id._support.tables import Table
+    from consistent_id.errors import ModelError
+    from consistent_id.rollout.servo_export import (
+        FORM,
+        replayed_in_mujoco,
+        servo_mjcf,
+    )
+
+    if FORM not in (form.name for form in fit.joints[0].forms):
+        return None
+
+    def gains(log: "ServoLog") -> list[float]:
+        return [servo.gains[log.name] for servo in fit.joints]
+
+    try:
+        errors = {
+            log.name: float(replayed_in_mujoco(file, fit, log, gains(log)).mean())
+            for log in logs
+        }
+        text = servo_mjcf(file, fit, gains(logs[0]))
+    except ModelError as cause:  # such as: MuJoCo is not installed
+        return Table("No MuJoCo file", (), (), (str(cause),)), {}, ""
+    mean = sum(errors.values()) / len(errors)
+    notes = (
+        f"error of the actuators replayed in MuJoCo: {1e3 * mean:.1f} mrad",
+        f"gain of the file: that of {logs[0].name}; goals have no delay in it",
+    )
+    return Table("MuJoCo actuators, friction plain", (), (), notes), errors, text

@@ -1,0 +1,379 @@
+"""Settings of a torque fit, chosen by rollouts of motion that it has not seen.
+
+One setting is changed at a time, from a plain start; see `squares_of_parts`.  A
+candidate that cannot be built is skipped, with its reason.  Whether to refine by
+rollout, and how far, is tried on the same parts.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from consistent_id._support.arrays import Vector
+from consistent_id.errors import ConsistentIdError, RecordingError
+from consistent_id.estimation.transmission_springs import joint_springs
+from consistent_id.problems.problem import Problem
+from consistent_id.rollout.delay_search import (
+    FIRST,
+    MOST,
+    NEAR,
+    FoundDelay,
+    found_delay,
+)
+from consistent_id.rollout.forms import table_in_form_of
+from consistent_id.rollout.mirrored_limbs import mirrored_motors
+from consistent_id.rollout.refine import refined_once, refinement_start
+from consistent_id.rollout.settings import (
+    BLOCKS_OF_PART,
+    Settings,
+    Spans,
+    gains_of,
+    rollout_error,
+    slow_and_fast,
+    squares_of_parts,
+    torque_fit,
+    with_settings,
+    within,
+)
+
+CUTOFFS = (5.0, 7.5, 10.0, 15.0, 20.0, 30.0)  # Hz, of motion and torque
+SCALES = (0.01, 0.02, 0.05, 0.1)  # rad/s or m/s, of the change of sign of friction
+WORTH = 0.025
+"""Least relative gain of a spring, or of friction that varies with position: the same
+threshold as for other terms of a model, so that they are not selected by chance.
+"""
+
+_PASSES = 2  # over cut-off and velocity scale
+
+RIDGES = (0.1, 0.3, 1.0)
+"""Weights of the torque fit that are tried, from large steps to small ones."""
+
+
+@dataclass(frozen=True, slots=True)
+class SettingsChoice:
+    """Settings, and their errors.
+
+    Parameters
+    ----------
+    error : float, [rad or m]
+        Error of rollouts of the held-out part, both ways; it is the least of all that
+        were tried, so it is optimistic.
+    tried : tuple of (Settings, float)
+    delay : FoundDelay, optional
+        The delay with its standard error.
+    skipped : tuple of str
+        Reasons why candidates could not be built.
+    """
+
+    settings: Settings
+    error: float
+    tried: tuple[tuple[Settings, float], ...]
+    delay: FoundDelay | None = None
+    skipped: tuple[str, ...] = ()
+
+
+class _Candidates:
+    """Settings that were tried, on parts of the training motion."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.parts = slow_and_fast(problem)
+        self.tried: dict[Settings, float] = {}
+        self.skipped: dict[str, None] = {}
+        self._squares: dict[Settings, Vector] = {}
+
+    def squares(self, settings: Settings) -> Vector:
+        """Return the sums of squared errors of blocks; infinite if it cannot be built.
+
+        Both parts count alike.
+        """
+        if settings not in self._squares:
+            try:
+                made = with_settings(self.problem, settings)
+                found = squares_of_parts(made, self.parts)
+            except ConsistentIdError as reason:
+                self.skipped[str(reason)] = None
+                found = np.full(2 * BLOCKS_OF_PART, np.inf)
+            self._squares[settings] = found
+            self.tried[settings] = float(np.sqrt(found.sum()))
+        return self._squares[settings]
+
+    def error(self, settings: Settings) -> float:
+        """Return the root-mean-square error of rollouts of parts not learnt from."""
+        self.squares(settings)
+        return self.tried[settings]
+
+
+def chosen_settings(problem: Problem, start: Settings | None = None) -> SettingsChoice:
+    """Choose the settings of a problem on its training data alone.
+
+    Parameters
+    ----------
+    problem : Problem
+        With gains.
+
+    Raises
+    ------
+    ProblemError
+        If the problem has no gains.
+    RecordingError
+        If no settings give a rollout that stays near the robot.
+    """
+    gains_of(problem)
+    candidates = _Candidates(problem)
+    error = candidates.error
+    groups = _sloped_groups(problem)
+    if start is None:
+        start = Settings(delay=min(problem.delay_of_commands, MOST))
+    best = _started(start, groups, problem, error)
+    best = replace(best, delay=_delayed(best, candidates, FIRST).delay)
+    for _ in range(_PASSES):
+        before = best
+        best = _climbed(best, "cutoff", _cutoffs(problem), error)
+        best = _climbed(best, "velocity_scale", SCALES, error)
+        if best == before:
+            break
+    best = _with_motors(best, problem, candidates)
+    best = _with_slopes(best, groups, error)
+    best = with_springs(best, problem, error)
+    near = [best.delay - NEAR, best.delay, best.delay + NEAR]
+    found = _delayed(best, candidates, near)
+    best = min((best, replace(best, delay=found.delay)), key=error)
+    if not np.isfinite(error(best)):
+        seen = "; ".join(candidates.skipped)
+        raise RecordingError(
+            f"problem {problem.name!r}: with no settings the rollouts stay near the "
+            f"robot; check gains, columns and units{seen and '. Seen: ' + seen}"
+        )
+    tried = tuple(candidates.tried.items())
+    skipped = list(candidates.skipped)
+    if unbounded := _without_range(problem):
+        skipped.append(
+            f"friction that varies with position: {', '.join(unbounded)} "
+            f"{'has' if len(unbounded) == 1 else 'have'} no range"
+        )
+    return SettingsChoice(best, error(best), tried, found, tuple(skipped))
+
+
+def _started(
+    start: Settings,
+    groups: Sequence[tuple[str, ...]],
+    problem: Problem,
+    error: Callable[[Settings], float],
+) -> Settings:
+    """Return the best start: friction in MuJoCo's form or not, all slopes or none."""
+    best = start
+    if table_in_form_of(problem.table, "mjcf") != problem.table:
+        best = min((best, replace(best, simulated=True)), key=error)
+    return min((best, replace(best, friction_slope=_names(groups))), key=error)
+
+
+def _delayed(
+    best: Settings, candidates: _Candidates, first: Sequence[float]
+) -> FoundDelay:
+    """Return the delay of commands with the least error, and its standard error."""
+    return found_delay(
+        lambda delay: candidates.squares(replace(best, delay=delay)),
+        [*first, best.delay],
+    )
+
+
+def _climbed(
+    best: Settings,
+    name: str,
+    values: Sequence[float],
+    error: Callable[[Settings], float],
+) -> Settings:
+    """Return settings with the best value of one of them, from neighbour to neighbour.
+
+    The error has one least value along these settings, nearly.
+    """
+    order = sorted({*values, getattr(best, name)})
+    for step in (1, -1):
+        place = order.index(getattr(best, name)) + step
+        while 0 <= place < len(order):
+            tried: Settings = replace(best, **{name: order[place]})
+            if error(tried) >= error(best):
+                break
+            best, place = tried, place + step
+    return best
+
+
+def _with_motors(best: Settings, problem: Problem, candidates: _Candidates) -> Settings:
+    """Return settings with equal motors of limbs that mirror each other, if not worse.
+
+    They have fewer parameters, so they are taken unless their error is larger by more
+    than the standard error of the difference over blocks.  If the problem states equal
+    motors, none are looked for.
+    """
+    groups = mirrored_motors(problem.model.robot)
+    if problem.table.constraints.equal_motors or not groups:
+        return best
+    shared = replace(best, equal_motors=groups)
+    if not np.isfinite(candidates.error(shared)):
+        return best
+    more = candidates.squares(shared) - candidates.squares(best)
+    spread = np.std(more, ddof=1) * np.sqrt(len(more))
+    return shared if more.sum() <= spread else best
+
+
+def motor_groups(problem: Problem) -> tuple[tuple[str, ...], ...]:
+    """Return joints of equal motors together, each other joint by itself.
+
+    Motors of limbs that mirror each other are together, unless the problem states
+    equal motors.
+    """
+    robot = problem.model.robot
+    stated = problem.table.constraints.equal_motors
+    groups = [tuple(joints) for joints in stated] or list(mirrored_motors(robot))
+    grouped = {joint for joints in groups for joint in joints}
+    names = robot.joint_names
+    return (*groups, *((name,) for name in names if name not in grouped))
+
+
+def _sloped_groups(problem: Problem) -> tuple[tuple[str, ...], ...]:
+    """Return groups of motors whose friction may vary with position.
+
+    It needs a range of positions, at both ends of which friction is positive.
+    """
+    unbounded = _without_range(problem)
+    groups = [
+        tuple(name for name in group if name not in unbounded)
+        for group in motor_groups(problem)
+    ]
+    return tuple(group for group in groups if group)
+
+
+def _without_range(problem: Problem) -> tuple[str, ...]:
+    return tuple(
+        joint.name
+        for joint in problem.model.robot.driven
+        if not np.isfinite([joint.limits.lower, joint.limits.upper]).all()
+    )
+
+
+def _names(groups: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
+    return tuple(joint for group in groups for joint in group)
+
+
+def _with_slopes(
+    best: Settings,
+    groups: Sequence[tuple[str, ...]],
+    error: Callable[[Settings], float],
+) -> Settings:
+    """Return joints whose friction varies with position, if the gain is large enough.
+
+    A group has all or none.  Starting from none or all of them, whichever is better,
+    groups with enough gain are added, and groups with too little gain are removed.
+    """
+
+    def sloped(chosen: Sequence[tuple[str, ...]]) -> Settings:
+        names = tuple(joint for group in groups if group in chosen for joint in group)
+        return replace(best, friction_slope=names)
+
+    now = [group for group in groups if set(group) <= set(best.friction_slope)]
+    for start in ([], list(groups)):
+        if error(sloped(start)) < (1.0 - WORTH) * error(sloped(now)):
+            now = start
+    for group in groups:
+        without = [other for other in now if other != group]
+        added = [*without, group]
+        worth = error(sloped(added)) < (1.0 - WORTH) * error(sloped(without))
+        now = added if worth else without
+    return sloped(now)
+
+
+def with_springs(
+    best: Settings, problem: Problem, error: Callable[[Settings], float]
+) -> Settings:
+    """Return settings with springs behind motors, if they lower the error enough.
+
+    The torque fit finds them, see `joint_springs`; rollouts must confirm them.  If the
+    problem states springs, or its file not all inertias, which they would carry, none
+    are looked for.
+
+    Parameters
+    ----------
+    error : callable
+        Of rollouts that were not learnt from.
+    """
+    known = np.isfinite(gains_of(problem).stiffness).any()
+    if known or problem.model.robot.nominal is None:
+        return best
+    made = with_settings(problem, best)
+    found = joint_springs(
+        made.model,
+        made.training,
+        groups=made.table.constraints.equal_motors,
+        constraints=made.constraints,
+    )
+    if not found.compliance.any():
+        return best
+    sprung = replace(best, stiffness=tuple(found.stiffness.tolist()))
+    return sprung if error(sprung) < (1.0 - WORTH) * error(best) else best
+
+
+def _cutoffs(problem: Problem) -> list[float]:
+    rates = [log.rate for log in problem.logs("training")]
+    return [cutoff for cutoff in CUTOFFS if cutoff < 0.4 * min(rates)]
+
+
+@dataclass(frozen=True, slots=True)
+class RidgeChoice:
+    """How far to refine.
+
+    Parameters
+    ----------
+    ridge : float, optional
+        Weight of the torque fit; None: not to refine at all.
+    errors : dict of (float or None) to float, [rad or m]
+        Of rollouts of the part that was not learnt from, both ways.
+    """
+
+    ridge: float | None
+    errors: dict[float | None, float]
+
+
+def chosen_ridge(problem: Problem) -> RidgeChoice:
+    """Choose how far to refine a problem's estimate, on its training data alone.
+
+    Raises
+    ------
+    ProblemError
+        If the problem has no gains.
+    RecordingError
+        If a motion diverges.
+    """
+    slow, fast = slow_and_fast(problem)
+    squares: dict[float | None, list[float]] = {}
+    for learnt, judged in ((slow, fast), (fast, slow)):
+        for ridge, error in _errors(problem, learnt, judged).items():
+            squares.setdefault(ridge, []).append(error**2)
+    errors = {ridge: float(np.sqrt(np.mean(s))) for ridge, s in squares.items()}
+    return RidgeChoice(min(errors, key=lambda ridge: errors[ridge]), errors)
+
+
+def _errors(
+    problem: Problem, learnt: Spans, judged: Spans
+) -> dict[float | None, float]:
+    """Return the errors of rollouts of one part, by what is learnt from the other.
+
+    One step shows whether a refinement predicts; all weights share its derivatives.
+    """
+    logs = problem.logs("training")
+    estimate, regression = torque_fit(problem, within(problem.training, learnt))
+    others = within(logs, judged)
+    errors: dict[float | None, float] = {None: rollout_error(problem, estimate, others)}
+    start = refinement_start(
+        estimate,
+        regression,
+        within(logs, learnt),
+        gains_of(problem),
+        constraints=problem.constraints,
+        delay=problem.delay_of_commands,
+    )
+    for ridge in RIDGES:
+        moved = replace(estimate, parameters=refined_once(start, ridge))
+        errors[ridge] = rollout_error(problem, moved, others)
+    return errors

@@ -1,0 +1,122 @@
+"""The delay of commands with the least error of rollouts, and its standard error.
+
+Near its least value the squared error is a parabola of the delay, so few delays are
+tried.  The error is that of the delay's scatter between blocks of the motion: each has
+a parabola of its own, and the blocks are left out one at a time (jackknife).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id._support.arrays import Vector
+
+MOST = 0.02
+"""Longest delay of commands that is tried, [s]: networks and drives take less."""
+
+FIRST = (0.0, 0.005, 0.01, 0.02)  # s, tried first where nothing is known
+NEAR = 0.0025  # s, a neighbour of the best delay is at least as near as this
+_SAME = 0.0002  # s, between delays that are not distinguished
+_PARABOLAS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class FoundDelay:
+    """A delay with the least error of rollouts.
+
+    Parameters
+    ----------
+    delay : float, [s]
+    error : float, [s]
+        Standard error, from the scatter between blocks of the motion; infinite where
+        the squared error has no least value in between.
+    at_bound : bool
+        Whether the least error is at the longest delay that was tried.
+    """
+
+    delay: float
+    error: float
+    at_bound: bool
+
+
+def found_delay(
+    squares: Callable[[float], Vector], first: Sequence[float] = FIRST
+) -> FoundDelay:
+    """Return the delay from 0 to `MOST` at which the sum of squares is least.
+
+    Parameters
+    ----------
+    squares : callable
+        Returns the squared errors of blocks of the motion for a delay [s], shape
+        (blocks,); infinite where rollouts diverge.
+    first : sequence of float, [s]
+        Delays that are tried before the first parabola.
+    """
+    tried: dict[float, Vector] = {}
+
+    def total(delay: float) -> float:
+        if delay not in tried:
+            tried[delay] = np.asarray(squares(delay), dtype=float)
+        return float(tried[delay].sum())
+
+    for delay in sorted({round(min(max(d, 0.0), MOST), 6) for d in first}):
+        total(delay)
+    for _ in range(_PARABOLAS):
+        best = min(tried, key=total)
+        lowest = _lowest([(d, total(d)) for d in _around(tried, best)])
+        if min(abs(lowest - d) for d in tried) < _SAME:
+            break
+        total(lowest)
+    best = min(tried, key=total)
+    for near in (best - NEAR, best + NEAR):
+        closer = any(0.0 < (d - best) / (near - best) < 2.0 for d in tried if d != best)
+        if 0.0 <= near <= MOST and not closer:
+            total(round(near, 6))
+    if len(tried) < 3:  # at an end: a parabola needs a third
+        total(2.0 * NEAR if best < NEAR else best - 2.0 * NEAR)
+    best = min(tried, key=total)
+    places = _around(tried, best)
+    lowest = _lowest([(d, total(d)) for d in places])
+    error = _jackknifed(places, np.array([tried[d] for d in places]))
+    return FoundDelay(lowest, error, best >= MOST - _SAME)
+
+
+def _around(tried: dict[float, Vector], best: float) -> list[float]:
+    """Return the best delay and its neighbours, three in all, as far as there are."""
+    order = sorted(d for d, s in tried.items() if np.isfinite(s).all())
+    if best not in order:
+        return [best]
+    place = min(max(order.index(best), 1), max(len(order) - 2, 1))
+    return order[place - 1 : place + 2]
+
+
+def _lowest(points: list[tuple[float, float]]) -> float:
+    """Return where a parabola through three points is lowest, within their delays."""
+    delays = np.array([d for d, _ in points])
+    values = np.array([v for _, v in points])
+    at = float(delays[values.argmin()])
+    if len(points) < 3 or not np.isfinite(values).all():
+        return at
+    scale = 1e-3  # in ms, for the condition
+    bend, slope, _ = np.polyfit((delays - at) / scale, values, 2)
+    if bend <= 0.0:
+        return at
+    lowest = at - scale * slope / (2.0 * bend)
+    return round(float(np.clip(lowest, delays[0], delays[-1])), 6)
+
+
+def _jackknifed(delays: list[float], squares: Vector) -> float:
+    """Return the standard error of the lowest point over blocks left out."""
+    count = squares.shape[1]
+    if len(delays) < 3 or count < 2:
+        return np.inf
+    at = delays[1]
+    left_out = []
+    for block in range(count):
+        rest = np.delete(squares, block, axis=1).sum(axis=1)
+        bend, slope, _ = np.polyfit((np.array(delays) - at) * 1e3, rest, 2)
+        if bend <= 0.0:
+            return np.inf
+        left_out.append(-1e-3 * slope / (2.0 * bend))
+    return float(np.sqrt((count - 1) * np.var(left_out)))

@@ -1,0 +1,317 @@
+"""Logs of servos: position and goal, perhaps duty, supply voltage and temperature.
+
+A hobby servo measures no torque.  Its firmware drives the motor with a duty cycle that
+is proportional to the position error; Dynamixel calls it PWM, Feetech load.
+"""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from consistent_id._support.arrays import Array, Matrix, Vector, freeze, frozen
+from consistent_id._support.brief import brief
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.column_words import words
+from consistent_id.recordings.readers.named_arrays import read_parts
+from consistent_id.recordings.readers.recording_file import column_names, reader_of
+
+_GOAL = {"goal", "target", "command", "commanded", "cmd", "action", "desired"}
+_GOAL |= {"reference", "ref", "setpoint"}
+_POSITION = {"position", "pos", "q", "angle", "state"}
+_OTHER = {"velocity", "vel", "speed", "current", "acceleration", "error", "limit"}
+_ROLES: Mapping[str, set[str]] = {
+    "duty": {"duty", "pwm", "load"},
+    "volts": {"volt", "volts", "voltage"},
+    "temperature": {"temp", "temperature"},
+    "enabled": {"enable", "enabled"},
+    "time": {"time", "timestamp", "stamp", "t"},
+}
+UNITS: Mapping[str, float] = {
+    "rad": 1.0,
+    "deg": np.pi / 180.0,
+    "ticks": 2.0 * np.pi / 4096.0,
+}
+"""Units of positions, in radians; ticks are those of 12 bits a turn."""
+
+_FULL = (1.0, 100.0, 885.0, 1000.0, 1023.0)  # usual numbers for full duty
+_MOST_ANGLE = 4.0 * np.pi  # rad: servos that turn further are seldom logged in rad
+_GAP = 5.0  # usual periods without a sample, after which a new piece begins
+_LEAST = 20  # samples of a piece
+_SATURATED = 0.98  # of full duty
+_AT_LIMIT = 3  # samples at the largest duty, if it is the limit
+
+
+@brief
+@dataclass(frozen=True, slots=True, eq=False)
+class ServoLog:
+    """A piece of a log of servos without gaps, on its own uneven clock.
+
+    Parameters
+    ----------
+    time : array_like, shape (samples,), [s]
+    position, goal : array_like, shape (samples, joints), [rad]
+    duty : array_like, shape (samples, joints), optional
+        Share of full duty, -1 to 1.
+    volts : float, optional, [V]
+        Median of the supply.
+    temperature : array_like, shape (joints,), optional, [deg C]
+        Mean over the piece.
+    enabled : array_like of bool, shape (samples, joints), optional
+        Whether the motor is driven; by default always.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    time: Vector
+    position: Matrix
+    goal: Matrix
+    duty: Matrix | None = None
+    volts: float | None = None
+    temperature: Vector | None = None
+    enabled: Matrix | None = None
+
+    def __post_init__(self) -> None:
+        time = frozen(self.time, (None,), f"{self.name}: time", RecordingError)
+        if len(time) < _LEAST or not (np.diff(time) > 0.0).all():
+            raise RecordingError(
+                f"{self.name}: {len(time)} samples, expected {_LEAST} or more, at "
+                "times that increase"
+            )
+        freeze(self, time=time - time[0])
+        shape = (len(time), len(self.joints))
+        for channel in ("position", "goal", "duty", "enabled"):
+            values = getattr(self, channel)
+            if values is not None:
+                what = f"{self.name}: {channel}"
+                freeze(self, **{channel: frozen(values, shape, what, RecordingError)})
+
+    @property
+    def period(self) -> float:
+        """Median time between samples [s]."""
+        return float(np.median(np.diff(self.time)))
+
+
+class DutyLaw(NamedTuple):
+    """The firmware's law ``duty = gain max(abs(goal - q) - deadband, 0)`` with a sign.
+
+    Parameters
+    ----------
+    gain : float, [1/rad]
+    deadband : float, [rad]
+    misfit : float
+        Root-mean-square error of the duty.
+    """
+
+    gain: float
+    deadband: float
+    misfit: float
+
+
+def duty_law(log: ServoLog, joint: int) -> DutyLaw | None:
+    """Return the law that a log's duty follows; None if the log has no duty.
+
+    Raises
+    ------
+    RecordingError
+        If the duty does not follow the position error.
+    """
+    if log.duty is None:
+        return None
+    duty = log.duty[:, joint]
+    used = abs(duty) < _SATURATED
+    if log.enabled is not None:
+        used &= log.enabled[:, joint] > 0.5
+    error = (log.goal - log.position)[:, joint]
+    best: DutyLaw | None = None
+    for deadband in (0.0, *np.geomspace(1e-3, 0.1, 12).tolist()):
+        beyond = np.sign(error) * np.maximum(abs(error) - deadband, 0.0)
+        size = float(beyond[used] @ beyond[used])
+        if size <= 0.0:
+            break
+        gain = float(beyond[used] @ duty[used]) / size
+        misfit = float(np.sqrt(np.mean((gain * beyond - duty)[used] ** 2)))
+        # A deadband is named only if it explains the duty clearly better.
+        if best is None or misfit < 0.8 * best.misfit:
+            best = DutyLaw(gain, deadband, misfit)
+    level = float(np.sqrt(np.mean(duty[used] ** 2))) if used.any() else 0.0
+    if best is None or best.gain <= 0.0 or best.misfit > 0.5 * level:
+        raise RecordingError(
+            f"{log.name}: the duty of {log.joints[joint]} does not follow goal less "
+            "position; check which columns they are (--columns) and their signs"
+        )
+    return best
+
+
+def read_servo_logs(
+    paths: Iterable[str | Path],
+    joints: Sequence[str],
+    *,
+    columns: Mapping[str, str] | None = None,
+    units: str = "rad",
+    full_duty: float | None = None,
+) -> tuple[ServoLog, ...]:
+    """Read logs of servos, each in pieces without gaps.
+
+    Parameters
+    ----------
+    joints : sequence of str
+        Of the robot.  With several, a column's name has the joint's name, or its
+        number from 1; one supply or temperature may be that of all.
+    columns : mapping of str to str, optional
+        Columns of ``time``, ``position``, ``goal``, ``duty``, ``volts``,
+        ``temperature``, ``enabled``; ``{joint}`` stands for a joint's name.  By default
+        they are found by their words.
+    units : {"rad", "deg", "ticks"}
+        Of positions and goals.
+    full_duty : float, optional
+        The number that stands for full duty; by default the largest one where a log
+        stays at it, else the next of 1, 100, 885, 1000 and 1023.
+
+    Raises
+    ------
+    RecordingError
+        If a file cannot be read, or lacks a position or a goal.
+    """
+    files = [Path(path) for path in paths]
+    raw = [_read(file, joints, columns or {}) for file in files]
+    full = _full_duty(raw) if full_duty is None else full_duty
+    return tuple(
+        log
+        for file, arrays in zip(files, raw, strict=True)
+        for log in _pieces(file, arrays, tuple(joints), UNITS[units], full)
+    )
+
+
+def logged_joints(
+    paths: Sequence[str | Path],
+    joints: Sequence[str],
+    columns: Mapping[str, str] | None = None,
+) -> tuple[str, ...]:
+    """Return the joints whose names the position columns of the first log have.
+
+    All of them, if columns are numbered, or there is one joint.
+    """
+    stated = (columns or {}).get("position")
+    if len(joints) == 1 or not paths:
+        return tuple(joints)
+    names = column_names(Path(paths[0]))
+    if stated is not None:
+        found = [j for j in joints if stated.replace("{joint}", j) in names]
+        return tuple(found or joints)
+    fitting = [name for name in names if _fits("position", words(name))]
+    found = [j for j in joints if any(_names_joint(name, j) for name in fitting)]
+    return tuple(found or joints)
+
+
+def _read(
+    file: Path, joints: Sequence[str], stated: Mapping[str, str]
+) -> dict[str, Array]:
+    """Return the roles' arrays, each shape (samples, joints); of time (samples,)."""
+    names = column_names(file)
+    found: dict[str, list[str]] = {}
+    for role in ("time", "position", "goal", *list(_ROLES)[:-1]):
+        if role in stated:
+            given = [stated[role].replace("{joint}", joint) for joint in joints]
+            found[role] = given[:1] if role == "time" else given
+        else:
+            found[role] = _found(role, names, joints)
+        if not found[role] and role in ("time", "position", "goal"):
+            raise RecordingError(
+                f"{file}: no column is the {role} of {', '.join(joints)}; its columns "
+                f"are {', '.join(names)}; name it with --columns {role}=COLUMN"
+            )
+    wanted = list(dict.fromkeys(name for given in found.values() for name in given))
+    arrays = read_parts(reader_of(file), file, wanted)
+    made = {
+        role: np.column_stack([np.asarray(arrays[name], float) for name in given])
+        for role, given in found.items()
+        if given
+    }
+    return made | {"time": made["time"][:, 0]}
+
+
+def _found(role: str, names: Sequence[str], joints: Sequence[str]) -> list[str]:
+    """Return a column for each joint, or one for all; none if there are none."""
+    fitting = [name for name in names if _fits(role, words(name))]
+    if role == "time":
+        return fitting[:1]
+    if len(joints) == 1:
+        return fitting[:1]
+    own = [[name for name in fitting if _names_joint(name, joint)] for joint in joints]
+    if not all(own):
+        own = [
+            [name for name in fitting if name.rstrip("])").endswith(str(number))]
+            for number in range(1, len(joints) + 1)
+        ]
+    if all(own):
+        return [of_joint[0] for of_joint in own]
+    shared = role not in ("position", "goal", "duty") and len(fitting) == 1
+    return fitting * len(joints) if shared else []
+
+
+def _names_joint(column: str, joint: str) -> bool:
+    around = rf"(?<![A-Za-z0-9]){re.escape(joint)}(?![A-Za-z0-9])"
+    return re.search(around, column, re.IGNORECASE) is not None
+
+
+def _fits(role: str, said: set[str]) -> bool:
+    if role == "position":
+        return bool(said & _POSITION) and not said & (_GOAL | _OTHER)
+    if role == "goal":
+        return bool(said & _GOAL) and not said & _OTHER
+    return bool(said & _ROLES[role]) and not said & _GOAL
+
+
+def _full_duty(raw: Sequence[Mapping[str, Array]]) -> float:
+    duties = [abs(arrays["duty"]) for arrays in raw if "duty" in arrays]
+    if not duties:
+        return 1.0
+    most = max(float(np.nanmax(duty)) for duty in duties)
+    if sum(int((duty == most).sum()) for duty in duties) >= _AT_LIMIT and most > 0.0:
+        return most
+    return next((full for full in _FULL if full >= most), most)
+
+
+def _pieces(
+    file: Path,
+    arrays: Mapping[str, Array],
+    joints: tuple[str, ...],
+    unit: float,
+    full: float,
+) -> Iterable[ServoLog]:
+    time = arrays["time"]
+    good = np.isfinite(time)
+    good &= np.isfinite(arrays["position"]).all(axis=1)
+    good &= np.isfinite(arrays["goal"]).all(axis=1)
+    good[good] = np.diff(np.maximum.accumulate(time[good]), prepend=-np.inf) > 0.0
+    rows = np.flatnonzero(good)
+    if len(rows) < _LEAST:
+        raise RecordingError(f"{file}: {len(rows)} usable samples, expected {_LEAST}")
+    steps = np.diff(time[rows])
+    parts = np.split(rows, np.flatnonzero(steps > _GAP * np.median(steps)) + 1)
+    kept = [part for part in parts if len(part) >= _LEAST]
+    for number, part in enumerate(kept, start=1):
+        position = unit * arrays["position"][part]
+        if np.ptp(position) > _MOST_ANGLE:
+            raise RecordingError(
+                f"{file}: position covers {np.ptp(position):.4g} rad, more than two "
+                "turns; if it is in degrees or ticks say --angles deg or --angles ticks"
+            )
+        cut = {role: values[part] for role, values in arrays.items()}
+        yield ServoLog(
+            name=file.name if len(kept) == 1 else f"{file.name}, part {number}",
+            joints=joints,
+            time=cut["time"],
+            position=position,
+            goal=unit * cut["goal"],
+            duty=np.nan_to_num(cut["duty"] / full) if "duty" in cut else None,
+            volts=float(np.nanmedian(cut["volts"])) if "volts" in cut else None,
+            temperature=(
+                np.nanmean(cut["temperature"], axis=0) if "temperature" in cut else None
+            ),
+            enabled=np.nan_to_num(cut["enabled"]) if "enabled" in cut else None,
+        )

@@ -1,0 +1,174 @@
+"""Shapes and drives of a robot's file, as evidence beside an estimate."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from logged import DRIVE, write_arm
+
+from consistent_id import TorqueModel, load_robot
+from consistent_id.constraints.robot_size import robot_size
+from consistent_id.estimation.drive_ratios import drive_ratios, drive_reasons
+from consistent_id.problems.drawn_robot import drawn_parts
+from consistent_id.robot.drawn_parts import DrawnDrive, DrawnParts
+
+MJCF = """<mujoco><option gravity="0 0 -9.81"/><worldbody>
+<body name="one"><joint name="a" axis="0 1 0" damping="{a}" armature="{r}"/>
+  <inertial pos=".2 0 0" mass="4" diaginertia=".02 .08 .08"/>
+  <geom type="capsule" fromto="0 0 0 .4 0 0" size=".05"/>
+  <body name="two" pos=".4 0 0"><joint name="b" axis="0 0 1" damping="2" armature=".1"/>
+    <inertial pos=".1 0 0" mass="2" diaginertia=".02 .03 .03"/>
+    <geom type="sphere" pos=".3 0 0" size=".1"/>
+    <body name="three" pos=".3 0 0"><joint name="c" damping="3" armature=".05"
+        frictionloss=".5" axis="0 1 0" pos=".1 0 0"/>
+      <inertial pos=".1 0 0" mass="1" diaginertia=".01 .01 .01"/>
+      <geom type="sphere" pos=".2 0 0" size=".1"/></body></body></body>
+</worldbody></mujoco>"""
+
+
+class Stated:
+    """A problem, as far as its robot is asked for."""
+
+    def __init__(self, folder, robot, **model):
+        self.folder, self.model = folder, TorqueModel(robot, DRIVE)
+        named = {"urdf": None, "mjcf": None} | model
+        self.table = type(
+            "T",
+            (),
+            {
+                "model": type("M", (), named),
+                "excitation": type("E", (), {"scene": None}),
+            },
+        )
+
+    def file(self, name):
+        return self.folder / name
+
+
+def urdf_arm(folder):
+    """Write an arm with a shape of its first link and a fixed tool with another."""
+    urdf, _ = write_arm(folder)
+    box = '<collision><origin xyz="0.2 0 0"/><geometry><box size="{}"/></geometry>'
+    text = urdf.read_text()
+    text = text.replace(
+        '<link name="upper">',
+        f'<link name="upper">{box.format(".2 .4 .4")}</collision>',
+    ).replace(
+        "</robot>",
+        '<link name="tool"><collision><geometry><sphere radius="0.1"/></geometry>'
+        '</collision></link><joint name="fixed" type="fixed"><parent link="fore"/>'
+        '<child link="tool"/><origin xyz="0.3 0 0.4" rpy="1 0 0"/></joint></robot>',
+    )
+    urdf.write_text(text)
+    return urdf, load_robot(urdf)
+
+
+def test_the_reach_of_links_is_that_of_their_shapes_with_those_of_merged_links(
+    tmp_path,
+):
+    urdf, robot = urdf_arm(tmp_path)
+    reach = drawn_parts(Stated(tmp_path, robot, urdf=urdf.name)).reach
+    # Of a box .2 x .4 x .4 about (.2, 0, 0), and of a ball of .1 at (.3, 0, .4).
+    assert reach == pytest.approx({"upper": 0.2 + 0.3, "fore": 0.5 + 0.1})
+
+
+def test_a_file_that_is_gone_draws_nothing(tmp_path):
+    _, robot = urdf_arm(tmp_path)
+    assert drawn_parts(Stated(tmp_path, robot, urdf="none.urdf")) == DrawnParts()
+    assert drawn_parts(Stated(tmp_path, robot)) == DrawnParts()
+
+
+def test_mjcf_draws_shapes_and_drives(tmp_path):
+    pytest.importorskip("mujoco")
+    (tmp_path / "arm.xml").write_text(MJCF.format(a=1, r=0.2))
+    robot = load_robot(tmp_path / "arm.xml")
+    drawn = drawn_parts(Stated(tmp_path, robot, mjcf="arm.xml"))
+    # MuJoCo bounds a capsule by a ball about its middle; joint c is at (.1, 0, 0).
+    assert drawn.reach == pytest.approx({"one": 0.45, "two": 0.4, "three": 0.2})
+    assert drawn.drives["c"] == DrawnDrive(3.0, 0.5, 0.05)
+    assert drawn.friction_known
+    assert drawn.rotors_known
+
+
+@pytest.mark.parametrize(
+    ("drives", "known"),
+    [
+        ([(1.0, 1.0)] * 6, False),  # of one Z1
+        ([(0.0, 0.0)] * 6, False),  # of one UR10
+        ([(10.0, 1.0), (5.0, 1.0), (10.0, 1.0)], False),
+        ([(10.0, 1.0), (5.0, 1.0), (2.0, 1.0)], True),
+    ],
+)
+def test_values_that_are_alike_for_all_joints_are_placeholders(drives, known):
+    named = {f"j{k}": DrawnDrive(*pair) for k, pair in enumerate(drives)}
+    assert DrawnParts(drives=named).friction_known == known
+
+
+def test_shapes_bound_a_body_of_which_the_file_says_nothing_else(tmp_path):
+    _, robot = urdf_arm(tmp_path)
+    links = tuple(replace(link, nominal=None) for link in robot.links)
+    unknown = TorqueModel(replace(robot, links=links), DRIVE)
+    x = np.zeros(len(unknown.layout))
+    x[[0, 10]] = 4.0, 2.0
+    assert np.isinf(robot_size(unknown, x).size[1])
+    seen = robot_size(unknown, x, {"fore": 0.6})
+    assert seen.size[1] == pytest.approx(0.6)
+
+
+def ratios(clock=1.0, gain=1.0, scatter=1.3, joints=6):
+    """Return drives of which each is off by a factor, up or down, and all by others."""
+    rng = np.random.default_rng(0)
+    off = scatter ** rng.choice([-1.0, 1.0], (2, joints))
+    friction, rotors = off * np.array([[gain], [gain * clock**2]])
+    return list(
+        drive_reasons(
+            type("R", (), {"friction": friction, "rotors": rotors})  # as DriveRatios
+        )
+    )
+
+
+@pytest.mark.parametrize(
+    ("clock", "gain", "said"),
+    [
+        (1.0, 1.0, []),
+        (1.3, 1.0, []),  # a file's rotor inertia is not worth so much
+        (2.0, 1.0, ["rotor inertia"]),
+        (0.5, 1.0, ["rotor inertia"]),
+        (1.0, 1.5, []),
+        (1.0, 10.0, ["friction", "rotor inertia"]),
+    ],
+)
+def test_drives_that_are_all_off_alike_are_doubted(clock, gain, said):
+    found = ratios(clock, gain)
+    assert [r.statement.partition(" of ")[0] for r in found] == said
+    assert {r.word for r in found} <= {"use with care"}
+    if said == ["rotor inertia"]:
+        factor = float(found[0].statement.split(" is ")[1].split()[0])
+        assert factor == pytest.approx(clock**2, rel=0.3)
+
+
+def test_drives_that_scatter_as_much_say_nothing():
+    assert ratios(clock=2.0, scatter=8.0) == []
+    assert ratios(clock=3.0, joints=2) == []
+
+
+def test_ratios_are_those_of_an_estimate_s_drives(tmp_path):
+    pytest.importorskip("mujoco")
+    (tmp_path / "arm.xml").write_text(MJCF.format(a=1, r=0.2))
+    robot = load_robot(tmp_path / "arm.xml")
+    drawn = drawn_parts(Stated(tmp_path, robot, mjcf="arm.xml"))
+    model = TorqueModel(robot, replace(DRIVE, rotor_inertia=True))
+    x = np.zeros(len(model.layout))
+    for joint, viscous, coulomb, rotor in (("a", 2, 0, 0.1), ("c", 3, 0.5, 0.2)):
+        for name, value in (
+            ("viscous", viscous),
+            ("coulomb", coulomb),
+            ("rotor_inertia", rotor),
+        ):
+            x[model.layout.index(f"{joint}.{name}")] = value
+    found = drive_ratios(model, x, drawn)
+    assert found.joints == ("a", "b", "c")
+    np.testing.assert_allclose(found.friction, [2.0, 0.0, 1.0])
+    np.testing.assert_allclose(found.rotors, [0.5, 0.0, 4.0])
+    unknown = drive_ratios(model, x, DrawnParts())
+    assert np.isnan([unknown.friction, unknown.rotors]).all()

@@ -1,0 +1,47 @@
+"""The search of a delay, on errors whose least value is known."""
+
+import numpy as np
+import pytest
+
+from consistent_id.rollout.delay_search import FIRST, MOST, NEAR, found_delay
+
+PLACES = np.array([0.012, 0.0135, 0.015, 0.0147])  # s, of blocks of equal weight
+
+
+def squares(delay, places=PLACES):
+    return 1e-6 + (delay - places) ** 2
+
+
+@pytest.mark.parametrize("first", [FIRST, (0.011 - NEAR, 0.011, 0.011 + NEAR)])
+def test_a_delay_beyond_one_sample_is_found_with_the_scatter_of_its_blocks(first):
+    found = found_delay(squares, first)
+    # Parabolas of one bend: the least value is the mean of the blocks', and the
+    # jackknife of a mean is its standard error.
+    assert found.delay == pytest.approx(PLACES.mean(), abs=1e-6)
+    standard = PLACES.std(ddof=1) / np.sqrt(len(PLACES))
+    assert found.error == pytest.approx(standard, rel=1e-6)
+    assert not found.at_bound
+
+
+def test_a_delay_beyond_the_longest_is_at_its_bound():
+    found = found_delay(lambda delay: squares(delay, PLACES + 0.02))
+    assert found.at_bound and found.delay == MOST
+
+
+def test_no_delay_has_a_standard_error_too():
+    found = found_delay(lambda delay: squares(delay, PLACES - 0.0138), [-NEAR, 0.0])
+    assert found.delay == 0.0
+    standard = PLACES.std(ddof=1) / np.sqrt(len(PLACES))
+    assert found.error == pytest.approx(standard, rel=1e-6)
+
+
+def test_rollouts_that_diverge_are_passed_over():
+    def diverging(delay):
+        return squares(delay, PLACES - 0.01) if delay < 0.009 else np.full(4, np.inf)
+
+    found = found_delay(diverging)
+    assert found.delay == pytest.approx(PLACES.mean() - 0.01, abs=1e-6)
+
+
+def test_no_parabola_no_standard_error():
+    assert found_delay(lambda delay: np.full(4, np.inf)).error == np.inf

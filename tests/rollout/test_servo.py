@@ -1,0 +1,249 @@
+"""Servos without torque: logs read, motion simulated, parameters found again."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from consistent_id.cli import main
+from consistent_id.errors import ModelError, RecordingError
+from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.loaders import DHRow, from_modified_dh
+from consistent_id.robot.loaders.robot_file import load_robot
+from consistent_id.rollout import ServoLog, identify_servos, read_servo_logs
+from consistent_id.rollout import servo_fit as fitting
+from consistent_id.rollout.servo_fit import JointServo, ServoFit, ServoForm, evolved
+from consistent_id.rollout.servo_log import duty_law, logged_joints
+from consistent_id.rollout.servo_motion import (
+    STEP,
+    cut_pieces,
+    position_errors,
+    rigid_model,
+    simulated,
+)
+
+PENDULUM = """<robot name="pendulum"><link name="bench"/>
+<link name="arm"><inertial><origin xyz="0.1 0 0"/><mass value="0.5"/>
+<inertia ixx="1e-5" ixy="0" ixz="0" iyy="1e-5" iyz="0" izz="1e-5"/></inertial></link>
+<joint name="servo" type="revolute"><origin rpy="0 1.5707963267948966 0"/>
+<parent link="bench"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-3.2" upper="3.2" effort="1" velocity="20"/></joint></robot>"""
+TRUTH = {"stall": 0.7, "viscous": 0.03, "armature": 0.002, "coulomb": 0.02}
+TRUTH |= {"delay": 0.005, "zero": 0.01}
+GAIN = 1.5  # 1/rad
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("servo") / "pendulum.urdf"
+    path.write_text(PENDULUM)
+    return path
+
+
+@pytest.fixture(scope="module")
+def pendulum(file):
+    return load_robot(file)
+
+
+def a_log(robot, seconds=3.0, frequency=0.7, name="log", **planted):
+    """A log of the planted servo, by the simulation itself, of 12 bits a turn."""
+    time = np.arange(0.0, seconds, 0.005)
+    goal = 0.9 * np.sin(2 * np.pi * frequency * time) * np.sin(time) ** 2
+    goal = goal[:, None]
+    plain = ServoLog(name, robot.joint_names, time, 0.0 * goal, goal)
+    pieces = cut_pieces(robot, [plain], 0, [(GAIN, 0.0)], None)
+    sets = {k: np.array([v]) for k, v in (TRUTH | planted).items()}
+    q = simulated(sets, pieces)[:, 0, 0]
+    q = np.interp(time, STEP * np.arange(len(q)), q)
+    tick = 2 * np.pi / 4096
+    q = (np.round(q / tick) * tick)[:, None]
+    duty = np.clip(GAIN * (goal - q), -1.0, 1.0)
+    return replace(plain, position=q, duty=duty)
+
+
+def test_a_joint_of_an_arm_feels_all_its_torque_as_a_fourier_series():
+    rows = [DHRow(np.pi / 2 * (k == 1), 0.3 * (k > 0)) for k in range(3)]
+    robot = from_modified_dh("arm", rows, gravity=(0.0, -9.81, 1.0))
+    body = np.array([1.0, 0.15, 0.02, 0.03, 0.05, 0.003, 0.06, 0.002, 0.001, 0.07])
+    links = [replace(k, nominal=InertialParameters(body)) for k in robot.links]
+    robot = replace(robot, links=tuple(links))
+    time = np.arange(0.0, 0.5, 0.01)
+    q = np.column_stack([np.sin(time + k) for k in range(3)])
+    log = ServoLog("log", robot.joint_names, time, q, q)
+    pieces = cut_pieces(robot, [log], 1, [(1.0, 0.0)], None)
+    at, place, speed, rate = 99, 0.4, -1.7, 2.3
+    series = [1.0, np.cos(place), np.sin(place), np.cos(2 * place), np.sin(2 * place)]
+    found = pieces.inertia[at, 0] * rate
+    found += (pieces.still[at, 0] + speed * pieces.moving[at, 0]) @ series
+    t = at * STEP
+    state = [
+        np.array([[f(t + k) * s for k in range(3)]])
+        for f, s in ((np.sin, 1.0), (np.cos, 1.0), (np.sin, -1.0))
+    ]
+    state[0][0, 1], state[1][0, 1], state[2][0, 1] = place, speed, rate
+    bodies = np.concatenate([k.nominal.vector for k in robot.links])
+    expected = rigid_model(robot).rigid_torque(bodies, state)[0, 1]
+    # the other joints' derivatives are smoothed
+    assert found == pytest.approx(expected, rel=2e-3)
+
+
+def test_a_pendulum_without_a_motor_has_its_period(pendulum):
+    time = np.arange(0.0, 4.0, 0.005)
+    length = (0.5 * 0.01 + 1e-5 + 0.002) / (0.5 * 0.1)  # of the equal simple pendulum
+    q = 0.05 * np.cos(np.sqrt(9.81 / length) * time)[:, None]
+    log = ServoLog("swing", ("servo",), time, q, 0.0 * q)
+    pieces = cut_pieces(pendulum, [log], 0, [(0.0, 0.0)], None)
+    errors = position_errors(
+        {"stall": np.array([1.0, 1.0]), "armature": np.array([0.002, 0.004])}, pieces
+    )[:, 0]
+    assert errors[0] < 2e-3 < 2e-2 < errors[1]
+
+
+def test_friction_that_depends_on_load_holds_what_coulomb_friction_does_not(pendulum):
+    time = np.arange(0.0, 1.0, 0.005)
+    q = np.full((len(time), 1), 0.5)
+    pieces = cut_pieces(
+        pendulum, [ServoLog("held", ("servo",), time, q, q)], 0, [(0.0, 0.0)], None
+    )
+    torque = 0.5 * 9.81 * 0.1 * np.sin(0.5)
+    some = {"stribeck": 0.0, "stribeck_velocity": 0.2, "motor_load": 0.0}
+    some |= {"motor_load_stribeck": 0.0, "outer_load_stribeck": 0.4}
+    sets = {k: np.full(2, v) for k, v in some.items()}
+    sets |= {"stall": np.ones(2), "coulomb": np.full(2, 0.45 * torque)}
+    moved = simulated(sets | {"outer_load": np.array([0.0, 0.2])}, pieces)[-1, :, 0]
+    assert moved[1] == pytest.approx(0.5)
+    assert moved[0] < 0.4
+
+
+def test_the_firmwares_gain_and_deadband_are_read_from_the_duty(pendulum):
+    log = a_log(pendulum)
+    assert duty_law(log, 0).gain == pytest.approx(GAIN, rel=1e-6)
+    assert duty_law(log, 0).deadband == 0.0
+    error = log.goal - log.position
+    dead = np.sign(error) * np.maximum(abs(error) - 0.0144, 0.0)
+    law = duty_law(replace(log, duty=np.clip(2.0 * dead, -1, 1)), 0)
+    assert law.deadband == pytest.approx(0.0144, rel=0.3)
+    assert law.gain == pytest.approx(2.0, rel=0.05)
+    with pytest.raises(RecordingError, match="does not follow goal less position"):
+        duty_law(replace(log, duty=-log.duty), 0)
+
+
+def written(path, log, names="time,position,goal_position,load", unit=1.0):
+    table = np.column_stack(
+        [log.time, log.position / unit, log.goal / unit, 885 * log.duty]
+    )
+    np.savetxt(path, table, delimiter=",", header=names, comments="")
+    return path
+
+
+def test_columns_units_gaps_and_full_duty_are_found(pendulum, tmp_path):
+    log = a_log(pendulum)
+    (read,) = read_servo_logs([written(tmp_path / "a.csv", log)], ("servo",))
+    assert np.allclose(read.position, log.position)
+    assert np.allclose(read.duty, log.duty)
+    names = "timestamp,present_position,cmd,pwm"
+    ticks = written(tmp_path / "t.csv", log, names, 2 * np.pi / 4096)
+    with pytest.raises(RecordingError, match="--angles ticks"):
+        read_servo_logs([ticks], ("servo",))
+    (read,) = read_servo_logs([ticks], ("servo",), units="ticks", full_duty=885)
+    assert np.allclose(read.goal, log.goal)
+    broken = replace(log, time=log.time + (log.time > 1.0))
+    parts = read_servo_logs([written(tmp_path / "g.csv", broken)], ("servo",))
+    assert [part.name for part in parts] == ["g.csv, part 1", "g.csv, part 2"]
+    with pytest.raises(RecordingError, match=r"goal of servo.*--columns goal=COLUMN"):
+        read_servo_logs([written(tmp_path / "n.csv", log, "t,q,x,y")], ("servo",))
+
+
+def test_each_joint_of_an_arm_has_its_own_columns(tmp_path):
+    path = tmp_path / "arm.csv"
+    names = "t,action.b,action.a,state.b,state.a,voltage"
+    rows = np.column_stack(
+        [np.arange(30) / 30.0, *(k + np.zeros(30) for k in range(5))]
+    )
+    np.savetxt(path, rows, delimiter=",", header=names, comments="")
+    (log,) = read_servo_logs([path], ("a", "b"))
+    assert log.goal[0].tolist() == [1.0, 0.0]
+    assert log.position[0].tolist() == [3.0, 2.0]
+    assert log.volts == 4.0
+    assert log.duty is None
+    assert logged_joints([path], ("a", "finger", "b")) == ("a", "b")
+    assert logged_joints([path], ("x", "y")) == ("x", "y")
+
+
+def hand_made(**values):
+    form = ServoForm("plain", TRUTH | values, dict.fromkeys(TRUTH, 0.0), 0.0, 0.0)
+    return ServoFit("pendulum", (JointServo("servo", (form,), {}, 0.0),), None)
+
+
+def test_mujoco_moves_like_the_simulation(pendulum, file):
+    pytest.importorskip("mujoco")
+    from consistent_id.rollout.servo_export import replayed_in_mujoco
+
+    log = a_log(pendulum)
+    tick = 2 * np.pi / 4096
+    assert replayed_in_mujoco(file, hand_made(), log, [GAIN])[0] < 2.0 * tick
+    off = replayed_in_mujoco(file, hand_made(stall=0.6), log, [GAIN])[0]
+    assert off > 5.0 * tick
+    rough = ServoFit("pendulum", (JointServo("servo", (), {}, 0.0),), None)
+    with pytest.raises(ModelError, match="'plain'"):
+        replayed_in_mujoco(file, rough, log, [GAIN])
+
+
+def test_the_evolution_strategy_finds_a_narrow_valley():
+    def valley(x):
+        return (x[:, 0] - 0.7) ** 2 + 100.0 * (x[:, 1] - x[:, 0] ** 2) ** 2
+
+    start = np.full(2, 0.25)
+    found = evolved(valley, start, 0.25, 120, np.random.default_rng(0)).best
+    assert np.allclose(found, [0.7, 0.49], atol=2e-3)
+
+
+def test_bodies_have_to_be_known(pendulum):
+    links = tuple(replace(link, nominal=None) for link in pendulum.links)
+    with pytest.raises(ModelError, match="measured by known bodies"):
+        identify_servos(replace(pendulum, links=links), [a_log(pendulum)])
+    with pytest.raises(RecordingError, match="no log of servos"):
+        identify_servos(pendulum, [])
+    with pytest.raises(RecordingError, match="state the firmware's gain"):
+        identify_servos(pendulum, [replace(a_log(pendulum), duty=None)])
+
+
+def test_one_command_writes_the_servo_and_its_simulator(
+    pendulum, file, tmp_path, capsys, monkeypatch
+):
+    mujoco = pytest.importorskip("mujoco")
+    for name in ("_GENERATIONS", "_POLISHING", "_AGAIN"):
+        monkeypatch.setattr(fitting, name, 3)
+    a = written(tmp_path / "a.csv", a_log(pendulum, 1.5))
+    b = written(tmp_path / "b.csv", a_log(pendulum, 1.5, 0.9))
+    words = ["servo", str(file), str(a), "--validate", str(b), "--full-duty", "885"]
+    words += ["--friction", "plain"]
+    assert main([*words, "--output", str(tmp_path / "out")]) == 0
+    out = capsys.readouterr().out
+    assert "Error of simulated position, logs not used" in out
+    record = json.loads((tmp_path / "out" / "servo.json").read_text())
+    assert record["format"] == "consistent_id servo 1"
+    servo = record["joints"]["servo"]
+    assert servo["gains"]["b.csv"] == pytest.approx(GAIN, rel=1e-3)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "servo.xml"))
+    values = servo["forms"]["plain"]["values"]
+    assert model.dof_frictionloss[0] == pytest.approx(values["coulomb"], rel=1e-4)
+    stiffness = values["stall"] * servo["gains"]["b.csv"]
+    assert model.actuator_gainprm[0, 0] == pytest.approx(stiffness, rel=1e-4)
+    with pytest.raises(SystemExit):
+        main([*words, "--columns", "torque=x"])
+    assert "is not ROLE=COLUMN" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_planted_servo_is_found_again_within_its_intervals(pendulum):
+    planted = {"coulomb": 0.03}
+    logs = [a_log(pendulum, 3.0, f, f"log {f}", **planted) for f in (0.5, 0.8, 1.1)]
+    unseen = a_log(pendulum, 3.0, 0.95, "unseen", **planted)
+    fit = identify_servos(pendulum, logs, [unseen], forms=("plain",))
+    assert fit.validation_error() < 6e-3
+    form = fit.joints[0].chosen
+    truth = TRUTH | planted
+    for name in ("stall", "coulomb", "viscous", "zero"):
+        assert form.values[name] == pytest.approx(truth[name], rel=0.15, abs=0.01)
