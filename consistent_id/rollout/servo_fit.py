@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import IntArray, Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.tables import Table
 from consistent_id.errors import ModelError, RecordingError
@@ -74,6 +75,7 @@ _BORDER = 0.02  # of the box: nearer, the search ended at its border
 _BLOCKS = 3  # parts in time of a single log
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class ServoForm:
     """A form of friction fitted to one joint.
@@ -97,6 +99,7 @@ class ServoForm:
     left_out: float
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class JointServo:
     """One joint's servo.
@@ -146,6 +149,7 @@ class JointServo:
         return Table(title, ("parameter", "value", "+-", "unit"), rows, tuple(notes))
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class ServoFit:
     """Servos of a robot.

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze, frozen
+from consistent_id._support.brief import brief
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_words import words
 from consistent_id.recordings.readers.named_arrays import read_parts
@@ -44,6 +45,7 @@ _SATURATED = 0.98  # of full duty
 _AT_LIMIT = 3  # samples at the largest duty, if it is the limit
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ServoLog:
     """A piece of a log of servos without gaps, on its own uneven clock.
