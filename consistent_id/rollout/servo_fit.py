@@ -75,6 +75,7 @@ _BORDER = 0.02  # of the box: nearer, the search ended at its border
 _BLOCKS = 3  # parts in time of a single log
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class ServoForm:
     """A form of friction fitted to one joint.
