@@ -1,10 +1,10 @@
 """Verdicts on clean simulated logs of published arms: none is faulty.
 
 ``python benchmarks/clean_simulations.py --seeds 0-29 [--folder FOLDER]``: a
-seed is an arm, its friction, rotors and noise, and a motion, all drawn at random.  A
-problem is drafted of its log, and looked through as ``consistent-id check`` does; of
-an accused log the verdict is shown as well.  In `--folder` logs and problems are kept
-for the next run.
+seed is an arm, its friction, rotors and noise, and a motion, all drawn at random; of
+nine arms, or of twenty from seed 10000 on.  A problem is drafted of its log, and looked
+through as ``consistent-id check`` does; of an accused log the verdict is shown as well.
+In `--folder` logs and problems are kept for the next run.
 """
 
 import argparse
@@ -39,26 +39,76 @@ ARMS: dict[str, tuple[str, str | None]] = {
 }
 """Files of example-robot-data or of the data sets, and the arms' tips."""
 
+MORE: dict[str, tuple[str, str, str]] = {
+    "baxter": (
+        "baxter_description/urdf/baxter.urdf",
+        "torso",
+        "left_gripper_base_link",
+    ),
+    "pr2": ("pr2_description/urdf/pr2.urdf", "torso_lift_link", "r_gripper_palm_link"),
+    "tiago": (
+        "tiago_description/robots/tiago_no_hand.urdf",
+        "torso_lift_link",
+        "arm_7_link",
+    ),
+    "tiago_dual": (
+        "tiago_description/robots/tiago_dual.urdf",
+        "torso_lift_link",
+        "arm_left_7_link",
+    ),
+    "talos": (
+        "talos_data/robots/talos_reduced.urdf",
+        "torso_2_link",
+        "arm_left_7_link",
+    ),
+    "so100": ("so_arm_description/urdf/so100.urdf", "", ""),
+    "so101": ("so_arm_description/urdf/so101.urdf", "", ""),
+    "b1_z1": ("b1_description/urdf/b1-z1.urdf", "trunk", "link06"),
+    "romeo": ("romeo_description/urdf/romeo.urdf", "torso", "l_wrist"),
+    "icub": ("icub_description/robots/icub.urdf", "chest", "l_hand"),
+    "g1": (
+        "g1_description/urdf/g1_29dof_rev_1_0.urdf",
+        "torso_link",
+        "left_wrist_yaw_link",
+    ),
+}
+"""Files of further arms, of the links that carry them, and of their tips.
+
+Seeds from `FIRST_OF_ALL` on are of all arms, those before of `ARMS`.
+"""
+
+FIRST_OF_ALL = 10_000
+
 RATES = (100.0, 125.0, 200.0, 250.0, 500.0, 1000.0)  # Hz
 _WIDEST, _FASTEST = 1.6, 4.0  # rad, rad/s, where an arm's own limits are wider
 
 
 def arm_file(arm: str) -> Path:
     """Return an arm's URDF or MJCF."""
-    relative = ARMS[arm][0]
+    relative = {**ARMS, **MORE}[arm][0]
     datasets = Path(os.environ.get("CONSISTENT_ID_DATASETS", ""))
     return next(f / relative for f in (EXAMPLES, datasets) if (f / relative).exists())
 
 
 def arm_of(seed: int) -> str:
     """Return the arm of a seed."""
-    return list(ARMS)[seed % len(ARMS)]
+    arms = list(ARMS) if seed < FIRST_OF_ALL else [*ARMS, *MORE]
+    return arms[seed % len(arms)]
+
+
+def part_of(arm: str) -> dict[str, str]:
+    """Return the base and the tip by which an arm is cut out of its robot."""
+    if arm in ARMS:
+        tip = ARMS[arm][1]
+        return {} if tip is None else {"tip": tip}
+    _, base, tip = MORE[arm]
+    return {"base": base, "tip": tip} if tip else {}
 
 
 def clean_log(seed: int) -> ci.Recording:
     """Return a seed's log."""
     rng = np.random.default_rng([seed, 27])
-    robot = ci.load_robot(arm_file(arm_of(seed)), tip=ARMS[arm_of(seed)][1])
+    robot = ci.load_robot(arm_file(arm_of(seed)), **part_of(arm_of(seed)))
     rate = float(rng.choice(RATES))
     time = np.arange(round(rate * rng.uniform(10.0, 25.0))) / rate
     states = drawn_motion(robot, rng, time[-1]).at(robot.joint_names, time)
@@ -160,7 +210,8 @@ def problem_of(seed: int, log: Path) -> ci.Problem:
     kept = log.with_suffix(".toml")
     if kept.exists():
         return ci.load_problem(kept, trust=True)
-    drafted = ci.draft_problem(arm_file(arm_of(seed)), log)
+    part = part_of(arm_of(seed)) if arm_of(seed) in MORE else {}
+    drafted = ci.draft_problem(arm_file(arm_of(seed)), log, **part)
     kept.write_text(drafted.text(log.parent))
     return drafted.problem(log.parent)
 

@@ -21,7 +21,7 @@ from standing_simulation import RobotFellError, prepared, simulated
 
 import consistent_id as ci
 from consistent_id.constraints import Constraint
-from consistent_id.estimation.uncertainties.parameter_scatter import NORMAL
+from consistent_id.estimation.uncertainties.beyond_noise import NORMAL
 from consistent_id.estimation.uncertainties.parameter_uncertainty import uncertainty
 from consistent_id.regression.segments import segment_regressions
 

@@ -15,6 +15,7 @@ from consistent_id.export.export_formats import EXPORT_FORMATS
 if TYPE_CHECKING:
     from consistent_id.estimation.estimate import Estimate
     from consistent_id.estimation.verdict import Verdict
+    from consistent_id.problems.problem import Problem
     from consistent_id.problems.study import Study
     from consistent_id.recordings.signals import PDGains
     from consistent_id.report.results import Results
@@ -99,6 +100,7 @@ class _Chosen:
     gains: "PDGains | None"
     delay: float
     results: "Results | None" = None
+    problem: "Problem | None" = None
 
 
 def _export(options: argparse.Namespace) -> Answer:
@@ -127,11 +129,34 @@ def _export(options: argparse.Namespace) -> Answer:
     )
     written = None if options.dry_run else export.save(options.output)
     beside = (*chosen.stated, *chosen.estimate.notes, *export.notes)
+    if written is not None:
+        delay = figures.get("delay of commands", chosen.delay)
+        beside = (*beside, *_read_back(chosen, options.format, written, delay))
     record |= {"format": export.format, "notes": list(beside)}
     record |= {"written": written and str(written)}
     lines = (verdict.sentence, *(f"  {n}" for n in (*verdict.lines, *beside)))
     last = f"written: {written}" if written else "nothing was written"
     return Answer(0, "\n".join([*lines, last]), record)
+
+
+def _read_back(chosen: _Chosen, form: str, file: Path, delay: float) -> list[str]:
+    """Return sentences on the rollout error of a file that was written."""
+    from importlib.util import find_spec
+
+    problem, gains = chosen.problem, chosen.gains
+    if problem is None or gains is None or find_spec("mujoco") is None:
+        return []
+    from consistent_id.rollout.file_error import error_lines
+
+    return error_lines(
+        form,
+        file,
+        problem.model.robot.joint_names,
+        problem.logs("validation") or problem.logs("training"),
+        gains,
+        delay=delay,
+        locked=problem.table.model.locked,
+    )
 
 
 def _chosen(options: argparse.Namespace) -> _Chosen:
@@ -172,6 +197,7 @@ def _chosen(options: argparse.Namespace) -> _Chosen:
         files.get(options.format),
         problem.gains,
         problem.delay_of_commands,
+        problem=problem,
     )
 
 

@@ -25,7 +25,7 @@ the error of simulated positions on the logs of --validate. --output gets servo.
 and servo.xml with MuJoCo's actuators."""
 _EXAMPLES = """
 consistent-id servo pendulum.urdf kp100.parquet kp800.parquet --validate kp200.parquet
-consistent-id servo arm.urdf log.csv --units ticks --output results/servos
+consistent-id servo arm.urdf log.csv --angles ticks --output results/servos
 consistent-id servo arm.urdf log.csv --columns goal=cmd_{joint} duty=pwm_{joint}
 """
 
@@ -58,7 +58,12 @@ def add_servo(command: argparse.ArgumentParser) -> None:
             "(default: found by their words)",
             _column,
         ),
-        Option("--units UNIT", "of positions and goals", default="rad", choices=_UNITS),
+        Option(
+            "--angles UNIT",
+            "unit of positions and goals; ticks are those of 12 bits a turn",
+            default="rad",
+            choices=_UNITS,
+        ),
         Option(
             "--full-duty NUMBER",
             "that stands for full duty (default: the largest one if a log stays at "
@@ -66,13 +71,16 @@ def add_servo(command: argparse.ArgumentParser) -> None:
             positive,
         ),
         Option(
+            "--gain NUMBER",
+            "of the firmware, for logs without a duty: share of full duty over "
+            "position error, 1/rad",
+            positive,
+        ),
+        Option(
             "--friction FORM",
             "fit this form alone (default: both, chosen by logs left out)",
             choices=("plain", "load"),
         ),
-        Option("--lock JOINT ...", "joints that stand still, at zero"),
-        Option("--base LINK", "link that is fixed (default: the root)"),
-        Option("--tip LINK", "last link of the chain (default: all joints)"),
         *OUTPUT,
         TIME_LIMIT,
         more=_MORE,
@@ -87,33 +95,36 @@ def run_servo(options: argparse.Namespace) -> int:
 
 def _answer(options: argparse.Namespace) -> Answer:
     from consistent_id._support.files import require_writable
+    from consistent_id._support.tables import Table
     from consistent_id.robot.loaders.robot_file import load_robot
     from consistent_id.rollout.servo_fit import FORMS, identify_servos
-    from consistent_id.rollout.servo_log import read_servo_logs
+    from consistent_id.rollout.servo_log import logged_joints, read_servo_logs
 
     folder = options.output
     if folder is not None and not options.dry_run:
         require_writable(folder, [_RECORD, _MODEL])
-    robot = load_robot(
-        options.robot,
-        base=options.base,
-        tip=options.tip,
-        locked=dict.fromkeys(options.lock or (), 0.0),
-    )
     files = [*options.log, *(options.validate or ())]
+    columns = dict(options.columns or ())
+    robot = load_robot(options.robot)
+    logged = logged_joints(files[:1], robot.joint_names, columns)
+    still = dict.fromkeys(set(robot.joint_names) - set(logged), 0.0)
+    robot = load_robot(options.robot, locked=still) if still else robot
     logs = read_servo_logs(
         files,
         robot.joint_names,
-        columns=dict(options.columns or ()),
-        units=options.units,
+        columns=columns,
+        units=options.angles,
         full_duty=options.full_duty,
     )
     kept = {path.name for path in options.validate or ()}
     training = [log for log in logs if log.name.split(", part ")[0] not in kept]
     validation = [log for log in logs if log.name.split(", part ")[0] in kept]
     forms = tuple(FORMS) if options.friction is None else (options.friction,)
-    fit = identify_servos(robot, training, validation, forms=forms)
+    fit = identify_servos(robot, training, validation, forms=forms, gain=options.gain)
     tables, record = fit.tables(), fit.to_dict()
+    if still:
+        names = ", ".join(sorted(still))
+        tables.append(Table("Joints without columns", (), (), (f"{names}: held at 0",)))
     made = _simulator(options.robot, robot, fit, validation or training)
     if made is not None:
         tables.append(made[0])
@@ -146,10 +157,7 @@ def _simulator(
         return None
 
     def gains(log: "ServoLog") -> list[float]:
-        return [
-            servo.gains.get(log.name, servo.form(FORM).values.get("gain", 1.0))
-            for servo in fit.joints
-        ]
+        return [servo.gains[log.name] for servo in fit.joints]
 
     try:
         errors = {

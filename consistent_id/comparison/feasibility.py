@@ -47,11 +47,13 @@ from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
 from consistent_id.constraints.priors import nominal_point
 from consistent_id.errors import ProblemError, SolverError
 from consistent_id.estimation.best_fit import BestFit, best_fit
+from consistent_id.estimation.uncertainties.block_scatter import shrunk
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.linear import DATA_RANK_TOLERANCE
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import (
+    ResidualNoise,
     UnconstrainedFit,
     joint_noise,
     unconstrained_fit,
@@ -407,11 +409,13 @@ def consistency_test(
     base = base_parameters(model) if base is None else base
     weighted = regression.weighted(joint_noise(model, regression, base=base))
     noise = unconstrained_fit(weighted, base).noise
-    weighted = weighted.weighted(noise.level)
+    levels = _levels(noise)
+    weighted = weighted.weighted(levels.values)
     best = best_fit(model, weighted, constraints, base=base)
     increase = _squared_distance(best, best.scaled.z)
     free = unconstrained_fit(weighted, base)
-    shaken = _drawn_noise(best, free, draws, np.random.default_rng(seed))
+    rng = np.random.default_rng(seed)
+    shaken = _drawn_noise(best, free, levels.freedom, draws, rng)
     scaled = replace(best.scaled, domain=_with_near_active(best))
     reached, answers = _simulated(
         replace(best, scaled=scaled),
@@ -429,8 +433,33 @@ def consistency_test(
     )
 
 
+class _Levels(NamedTuple):
+    """White noise that does as much as each joint's, and its degrees of freedom."""
+
+    values: Vector
+    freedom: Vector
+
+
+def _levels(noise: ResidualNoise) -> _Levels:
+    """Return noise levels, their correlation being shrunk towards that of all joints.
+
+    The spectrum at the few frequencies of the motion is the uncertain part of a level;
+    joints have filters, drives and friction of one kind.
+    """
+    own = noise.level_freedom
+    if not noise.measured:
+        return _Levels(noise.level, own)
+    length = shrunk(noise.length, float(own.mean()))
+    freedom = np.minimum(own * length.freedom / own.mean(), own.sum())
+    return _Levels(noise.sigma * np.sqrt(length.values), freedom)
+
+
 def _drawn_noise(
-    best: BestFit, free: UnconstrainedFit, draws: int, rng: np.random.Generator
+    best: BestFit,
+    free: UnconstrainedFit,
+    freedom: Vector,
+    draws: int,
+    rng: np.random.Generator,
 ) -> Matrix:
     """Return noise of the rows of ``M``, each joint's level being drawn too.
 
@@ -445,7 +474,6 @@ def _drawn_noise(
     parts = np.array([Q.T @ Q for Q in rows])  # of the joints; they add up to one
     to_rows = best.scaled.M @ np.linalg.pinv(best.scaled.projection) @ steps
     drawn = rng.normal(size=(draws, noise.rank))
-    freedom = noise.level_freedom
     levels = freedom / rng.chisquare(freedom, size=(draws, len(freedom)))
     roots = np.linalg.cholesky(np.einsum("dj,jkl->dkl", levels, parts))
     return np.asarray(

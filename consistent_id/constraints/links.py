@@ -143,7 +143,8 @@ class FixedMasses:
         for link, mass in (self.masses or {}).items():
             if not (isfinite(mass) and mass >= 0.0):
                 raise ProblemError(
-                    f"fixed mass of {link}: {mass:g} kg, expected zero or more"
+                    f"fixed mass of {link}: {mass:g} kg, expected a finite one that is "
+                    "not negative"
                 )
 
     def lower(self, model: TorqueModel) -> ConicSet:

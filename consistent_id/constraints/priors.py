@@ -45,7 +45,8 @@ class PointToSet:
     slack : float, optional
         Relative increase of the weighted misfit norm that counts as "nearly best".  By
         default the increase for one standard error of all determined parameters
-        together (``chi^2 <= 1``, noise as correlated as the residuals).
+        together (``chi^2 <= 1``, noise as correlated as the residuals).  A slack of
+        1e-6 delivers the optimum itself, to 2e-6 of the squared misfit.
     distance : {"pullback", "euclidean", "entropic"}
         See `nominal_distance`.
     inside : float

@@ -14,11 +14,12 @@ import numpy as np
 from consistent_id._support.arrays import BoolArray, IntArray, Matrix, Vector
 from consistent_id.diagnosis.channel_factors import channel_factors
 from consistent_id.diagnosis.corrections import Cause
-from consistent_id.diagnosis.explain import Candidate, FittedLog
+from consistent_id.diagnosis.explain import Candidate, FittedLog, fitted_log
 from consistent_id.diagnosis.sample_rows import SampleRows
+from consistent_id.diagnosis.signal_faults import without_spikes
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import speed_share
-from consistent_id.recordings.signals.filtered_rows import counting
+from consistent_id.recordings.signals.filtered_rows import altered, counting
 from consistent_id.recordings.signals.masks import standstill
 
 _THRESHOLD = 1.3  # ratio of misfits, as in the table of corrections
@@ -99,9 +100,15 @@ def contact(as_is: FittedLog) -> Iterator[Candidate]:
 
     Stretches nearer to an end of the log than half their length are left out, because
     filters settle there; so are stretches in which the robot mostly rests, because dry
-    friction can hold any remaining torque.
+    friction can hold any remaining torque.  A contact lasts longer than an outlier:
+    stretches are looked for in torque without outliers.
     """
-    log = as_is.recording
+    log, behind = as_is.recording, as_is.recording.torque_filter
+    model, base = as_is.factors.model, as_is.factors.base
+    raw = log if behind is None else behind.source
+    if without_spikes(raw) is not raw:
+        log = altered(log, without_spikes)
+        as_is = fitted_log(model, log, as_is.constraints, base)
     moving = ~resting(log)
     if as_is.misfit < _FELT or moving.sum() < 2 * _CELLS:
         return
@@ -120,7 +127,6 @@ def contact(as_is: FittedLog) -> Iterator[Candidate]:
         _THRESHOLD,
         of_residual=True,
     )
-    model, base = as_is.factors.model, as_is.factors.base
     (factors,) = channel_factors(model, base, [counting(log, ~inside)])
     yield Candidate(cause, factors, as_is.constraints)
 

@@ -1,6 +1,7 @@
 """Channels that freeze, jump, spike, come in steps or are noise, each by itself."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -142,6 +143,18 @@ def torque_spikes(
     """
     tau = np.asarray(recording.of((joint,)).torque)[:, 0]
     return spikes(tau, _widest(joint, besides))
+
+
+def without_spikes(recording: Recording) -> Recording:
+    """Return a recording whose torque is interpolated where `spikes` finds some."""
+    torque = np.array(recording.torque)
+    for tau in torque.T:
+        far = spikes(tau)
+        if far.any():
+            tau[far] = np.interp(recording.time[far], recording.time[~far], tau[~far])
+    if np.array_equal(torque, np.asarray(recording.torque)):
+        return recording
+    return replace(recording, torque=torque)
 
 
 def _widest(joint: str, besides: Sequence[Recording]) -> float:

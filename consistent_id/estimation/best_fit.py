@@ -206,7 +206,11 @@ class BestFit:
     @property
     def misfit(self) -> float:
         """Norm of the whole misfit, in the units of the regression's rows."""
-        excess = self.scaled.excess(self.solution.u)
+        return self.misfit_of(self.solution.u)
+
+    def misfit_of(self, u: Vector) -> float:
+        """Norm of the misfit of other parameters, in units of the problem."""
+        excess = self.scaled.excess(u)
         return self.scaled.size * float(np.sqrt(excess + self.scaled.residual**2))
 
 
@@ -221,8 +225,9 @@ def best_fit(
 ) -> BestFit:
     """Return the least weighted misfit over the constraints, certified.
 
-    With a larger relative `gap` of the squared misfit, the fit is certified to that
-    gap.
+    It is the first stage of `constrained_least_squares`, whose second one moves within
+    one standard error to the point nearest to nominal.  With a larger relative `gap` of
+    the squared misfit, the fit is certified to that gap.
 
     Raises
     ------

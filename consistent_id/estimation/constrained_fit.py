@@ -236,9 +236,12 @@ def _nearest(
     notes: tuple[str, ...],
 ) -> ConstrainedFit:
     slack = near.slack
+    delivered = best.misfit_of(near.fit.solution.u)
     note = (
         f"nearest to nominal ({prior.distance} distance) among estimates whose misfit "
-        f"is within {slack:.2g} (relative) of the best constrained fit"
+        f"is at most {slack:.2g} of the least misfit above it; squared weighted "
+        f"residuals {delivered**2:.7g}, least within the constraints "
+        f"{best.misfit**2:.7g}"
         + (
             ""
             if prior.slack

@@ -29,6 +29,7 @@ BLOCKS = 6
 # Share of the smallest radius by which feet are moved; soft rubber deforms less
 _STEP = 0.05
 _PASSES = 4  # until the vertex is within a step
+_LEVEL = 0.975  # quantile of intervals of 95 %
 _SAID = 0.1  # prior standard deviation of a radius, relative to it
 
 
@@ -44,10 +45,20 @@ class ContactRadius:
         standard deviation of a tenth of the radius.
     standard_error : float, [m]
         By leaving out blocks of the motion, a jackknife [Efron1982]_.
+    freedom : float
+        Its degrees of freedom: few blocks show it only roughly.
     """
 
     offset: float
     standard_error: float
+    freedom: float = np.inf
+
+    @property
+    def half_width(self) -> float:
+        """Half of the 95 % interval, with Student's quantile for the blocks, [m]."""
+        from scipy.special import stdtrit
+
+        return float(stdtrit(self.freedom, _LEVEL)) * self.standard_error
 
 
 @single_threaded
@@ -101,7 +112,9 @@ def contact_radius(
     if not np.isfinite(offset + variance):
         return ContactRadius(0.0, float(np.sqrt(said)))
     share = said / (said + variance)
-    return ContactRadius(share * offset, float(np.sqrt(share * variance)))
+    error = float(np.sqrt(share * variance))
+    # Of an offset that the prior determines, the error is as sure as the prior.
+    return ContactRadius(share * offset, error, (count - 1.0) / share**2)
 
 
 def with_radii(recording: Recording, offset: float) -> Recording:

@@ -136,7 +136,7 @@ def design_trajectory(
     searched = partial(search_problem, measured, base, seed=seed)
     problems = {one: searched(one, aim, limits, required.guards) for one in forms}
     meter = Meter(time_limit)
-    with noted_interrupts() as interrupted:
+    with noted_interrupts(keeps_results=True) as interrupted:
         means = Means(starts, lanes, time_limit, interrupted, where, progress)
         chosen = best_form(list(problems.values()), means, meter)
         stages = design_stages(chosen, required, aim, means, meter)

@@ -23,10 +23,13 @@ def clearance_words(scene: Scene) -> str:
     """Return how far a scene's pairs stay apart: "proven", or only "checked"."""
     if scene.unchecked:
         return f"{len(scene.pairs)} pairs of bodies checked; others are not"
-    return f"{len(scene.pairs)} pairs of bodies checked; {PROVEN}{_adjacent(scene)}"
+    return (
+        f"{len(scene.pairs)} pairs of bodies checked; {PROVEN}{adjacent_words(scene)}"
+    )
 
 
-def _adjacent(scene: Scene) -> str:
+def adjacent_words(scene: Scene) -> str:
+    """Return words on pairs that one joint connects, which are not checked."""
     if not scene.adjacent:
         return ""
     return f"; pairs that one joint connects are not checked ({scene.adjacent})"
@@ -76,7 +79,7 @@ def _distances(scene: Scene) -> str:
             verb = "stay" if count > 1 else "stays"
             apart.append(f"{pairs} {verb} {wanted * 1e3:.3g} mm apart")
     how = "checked" if scene.unchecked else PROVEN
-    return f"bodies: {', '.join(apart)}, {how}{_adjacent(scene)}; {_around(scene)}"
+    return f"bodies: {', '.join(apart)}, {how}{adjacent_words(scene)}; {_around(scene)}"
 
 
 def _around(scene: Scene) -> str:

@@ -26,7 +26,12 @@ from consistent_id.excitation.design_record import design_record, design_tables
 from consistent_id.excitation.designed import ExcitationDesign
 from consistent_id.excitation.html_replay import ShapesFile, write_replay
 from consistent_id.excitation.interest import parameters_named
-from consistent_id.excitation.kept import PROVEN, kept_apart, kept_limits
+from consistent_id.excitation.kept import (
+    PROVEN,
+    adjacent_words,
+    kept_apart,
+    kept_limits,
+)
 from consistent_id.excitation.playable import (
     TRAINING,
     VALIDATION,
@@ -216,7 +221,8 @@ def playable_tables(playable: PlayableDesign) -> list[Table]:
     scene = playable.design.demands.scene
     whole = scene is not None and not scene.unchecked
     of = "limits and clearances" if whole else "limits, not all clearances,"
-    what = f"run-in and run-out included; {of} {PROVEN}"
+    besides = "" if scene is None else adjacent_words(scene)
+    what = f"run-in and run-out included; {of} {PROVEN}{besides}"
     notes = (what, *playable.notes, *playable.refusals)
     found, *others = design_tables(playable.design, playable.proofs)
     return [found, Table("What is played", header, rows, notes), *others]

@@ -150,7 +150,8 @@ def _of_urdf(problem: Problem, table: SceneTable, bodies: list[Body]) -> Scene:
         pieces=table.pieces,
         ground=table.ground,
         added=bodies,
-        clearance=table.clearance,
+        clearance=CLEARANCE if table.clearance is None else table.clearance,
+        relax=table.clearance is None,
         extra=table.extra,
         allowed=table.allowed,
     )
@@ -166,7 +167,8 @@ def _of_bodies(problem: Problem, table: SceneTable, bodies: list[Body]) -> Scene
     return build_scene(
         problem.moving,
         [*floor, *bodies],
-        clearance=table.clearance,
+        clearance=CLEARANCE if table.clearance is None else table.clearance,
+        relax=table.clearance is None,
         extra=table.extra,
         allowed=table.allowed,
     )

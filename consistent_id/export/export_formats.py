@@ -98,6 +98,8 @@ EXPORT_FORMATS = (
     ),
 )
 
+_DOUBTFUL = ("offset", "spring")  # terms that are left out within their error
+
 _COMMENT = re.compile(rb"\s*<!-- consistent-id: [^>]* -->")
 
 
@@ -195,6 +197,9 @@ def exported(
     """
     known, options = _format(form), dict[str, Any]()
     require_exportable(estimate, known.name, allow_refused=allow_refused)
+    doubtful: tuple[str, ...] = ()
+    if known.name != "json":  # a record of the estimate as it is
+        estimate, doubtful = without_doubtful(estimate)
     if source is not None:
         if not known.takes_source:
             taking = [f.content for f in EXPORT_FORMATS if f.takes_source]
@@ -210,8 +215,29 @@ def exported(
     function = getattr(module, known.function)
     # The gate is passed: the function need not check the estimate again.
     export: Export = function(estimate, allow_refused=True, **options)
-    notes = _of_springs(estimate, gains)
+    notes = (*doubtful, *_of_springs(estimate, gains))
     return replace(export, notes=(*export.notes, *notes)) if notes else export
+
+
+def without_doubtful(estimate: "Estimate") -> tuple["Estimate", tuple[str, ...]]:
+    """Return an estimate without offsets and springs that may be zero, and notes.
+
+    They are those within their standard error: a file is simpler without them, and no
+    worse as far as the data tell.
+    """
+    errors, layout = estimate.parameter_errors, estimate.model.layout
+    if errors is None:
+        return estimate, ()
+    x, left_out = estimate.parameters.copy(), []
+    for name in _DOUBTFUL:
+        for i in layout.drive_indices(name):
+            if x[i] != 0.0 and abs(x[i]) <= errors[i]:  # not of NaN
+                left_out.append(f"{layout.names[i]} {x[i]:.2g} +- {errors[i]:.2g}")
+                x[i] = 0.0
+    if not left_out:
+        return estimate, ()
+    note = f"left out, as within their standard error: {', '.join(left_out)}"
+    return replace(estimate, parameters=x), (note,)
 
 
 def exporter(form: str) -> Callable[[Callable[P, R]], Callable[P, R]]:

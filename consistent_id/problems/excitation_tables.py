@@ -104,7 +104,7 @@ class SceneTable(FileTable, frozen=True, kw_only=True):
     planning_scene: str | None = None
     workspaces: list[WorkspaceTable] = []
     cones: list[ConeTable] = []
-    clearance: NonNegative = CLEARANCE
+    clearance: NonNegative | None = None  # CLEARANCE, where it can be kept
     extra: dict[str, NonNegative] = {}
     allowed: list[tuple[str, str]] = []
 

@@ -16,6 +16,7 @@ from consistent_id.estimation.foot_radius import (
     with_radii,
 )
 from consistent_id.estimation.resting import rest_speed
+from consistent_id.estimation.uncertainties.beyond_noise import NORMAL
 from consistent_id.problems.file import PreparationTable, ProblemTable
 from consistent_id.problems.preparation import rest_reach
 from consistent_id.recordings.recording import Recording
@@ -201,7 +202,11 @@ class FoundInTraining:
         return self.drift.left_out(parts)
 
     def varied(self, parts: Sequence[Recording]) -> list[list[Recording]]:
-        """Return applied recordings once for each value found, changed by its error."""
+        """Return applied recordings once for each value found, changed by its error.
+
+        The error is that of a 95 % interval, 1.96 of them either way.
+        """
         if self.feet is None:
             return []
-        return [[with_radii(p, self.feet.standard_error) for p in parts]]
+        error = self.feet.half_width / NORMAL
+        return [[with_radii(p, error) for p in parts]]

@@ -101,7 +101,8 @@ class CorrelatedNoise:
         """Return the noise behind a part of the samples, the rest being like it."""
         root = np.sqrt(part)
         scores = tuple(N * root for N in self.scores)
-        return replace(self, effective=self.effective * part, scores=scores)
+        effective, freedom = self.effective * part, self.freedom * part
+        return replace(self, effective=effective, scores=scores, freedom=freedom)
 
 
 def joined_noise(parts: Sequence[CorrelatedNoise]) -> CorrelatedNoise:
@@ -243,14 +244,12 @@ def _noise_along(
         found.append((scores, max(counts[j] / noise.length, 1e-3), noise.freedom))
         used = np.flatnonzero(expand.any(axis=0))
         part, E = block_part(rows[:, :-1], residual), expand[:, used] / fit.weights[j]
-        gradients[:, used] += whole[j] / fit.weights[j] * part.gradients @ E
+        gradients[:, used] += part.gradients @ E / fit.weights[j]
         normals[:, used[:, None], used] += E.T @ part.normals @ E
     of_joints, effective, freedom = zip(*found, strict=True)
-    # Where forces of contacts are taken out, joints share their noise, and blocks
-    # differ by stances: of a simulated walk, the ratio is 4 for errors as of noise.
-    ratio = 1.0
-    if not motion.mixed:
-        ratio = block_ratio(fit, BlockPart(gradients, normals), of_joints)
+    # Where contact forces are taken out, rows share their noise: `whole` gives the
+    # scores of single rows what the others hold of it.  Sums over rows hold it already.
+    ratio = block_ratio(fit, BlockPart(gradients, normals), of_joints)
     return CorrelatedNoise(np.array(effective), of_joints, np.array(freedom), ratio)
 
 

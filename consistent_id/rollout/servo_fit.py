@@ -15,12 +15,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import IntArray, Matrix, Vector
+from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.tables import Table
 from consistent_id.errors import ModelError, RecordingError
 from consistent_id.robot.model import RobotModel
-from consistent_id.rollout.servo_log import ServoLog, duty_law
+from consistent_id.rollout.servo_log import DutyLaw, ServoLog, duty_law
 from consistent_id.rollout.servo_motion import (
+    STEP,
     Pieces,
     cut_pieces,
     position_errors,
@@ -55,20 +57,21 @@ UNITS: Mapping[str, str] = {
     "heat": "1/K",
     "delay": "s",
     "zero": "rad",
-    "gain": "1/rad",
 }
 
 WINDOW = 1.0
 """Length of a window [s]: a joint that wrongly rests is wrong for so long."""
 
 _POPULATION = 28
-_GENERATIONS = 60  # over windows
+_GENERATIONS = 110  # over windows
 _POLISHING = 16  # over windows and whole logs
 _AGAIN = 10  # without one log
 _WIDE, _NARROW = 0.25, 0.04  # first widths of the search, of the box
 _WARM = 5.0  # K: least difference of temperature from which its effect is fitted
+_WIDEST = 0.3  # of the box: width of a search
 _WIDER = 3.0  # times its last width, the search without a log begins
 _MIDDLE = {"zero": 0.5, "heat": 0.5}  # where the search begins, in the box
+_BORDER = 0.02  # of the box: nearer, the search ended at its border
 _BLOCKS = 3  # parts in time of a single log
 
 
@@ -81,7 +84,8 @@ class ServoForm:
     values : dict of str to float
         Parameters by name, in the units of `UNITS`.
     half_intervals : dict of str to float
-        Half widths of 95 % intervals, from leaving out each log in turn.
+        Half widths of 95 % intervals, from leaving out each log in turn; infinite where
+        the search ended at its border.
     training, left_out : float, [rad]
         Mean absolute error of simulated positions, over whole logs: of the logs that
         were learnt from, and of each log simulated by a fit to the others.
@@ -94,6 +98,7 @@ class ServoForm:
     left_out: float
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class JointServo:
     """One joint's servo.
@@ -103,7 +108,7 @@ class JointServo:
     forms : tuple of ServoForm
         All that were fitted; `chosen` has the least error of logs left out.
     gains : dict of str to float, [1/rad]
-        The firmware's gain, duty over position error, of each log whose duty is known.
+        The firmware's gain, duty over position error, of each log.
     deadband : float, [rad]
         Zero if the log's duty shows none, or there is no duty.
     validation : dict of str to dict of str to float, [rad]
@@ -129,7 +134,7 @@ class JointServo:
         """Return the chosen form's parameters, for people."""
         form = self.chosen
         rows = tuple(
-            (name, f"{value:.4g}", f"{form.half_intervals[name]:.2g}", UNITS[name])
+            (name, f"{value:.4g}", _half(form.half_intervals[name]), UNITS[name])
             for name, value in form.values.items()
         )
         notes = [
@@ -143,6 +148,7 @@ class JointServo:
         return Table(title, ("parameter", "value", "+-", "unit"), rows, tuple(notes))
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class ServoFit:
     """Servos of a robot.
@@ -210,7 +216,10 @@ class ServoFit:
                     "forms": {
                         form.name: {
                             "values": dict(form.values),
-                            "half_intervals": dict(form.half_intervals),
+                            "half_intervals": {
+                                name: _number(value)
+                                for name, value in form.half_intervals.items()
+                            },
                             "training_error": form.training,
                             "left_out_error": form.left_out,
                         }
@@ -220,6 +229,10 @@ class ServoFit:
                 for servo in self.joints
             },
         }
+
+
+def _half(value: float) -> str:
+    return f"{value:.2g}" if np.isfinite(value) else "not known"
 
 
 def _number(value: float) -> float | None:
@@ -241,6 +254,7 @@ def identify_servos(
     validation: Sequence[ServoLog] = (),
     *,
     forms: Sequence[str] = tuple(FORMS),
+    gain: float | None = None,
     seed: int = 0,
 ) -> ServoFit:
     """Identify the servos of a robot whose bodies are known.
@@ -254,6 +268,8 @@ def identify_servos(
         used, where it is measured.
     forms : sequence of str
         Of `FORMS`.
+    gain : float, optional, [1/rad]
+        Share of full duty over position error, of logs without a duty.
     seed : int
         Of the search.
 
@@ -262,7 +278,8 @@ def identify_servos(
     ModelError
         If bodies are not known, or a joint slides.
     RecordingError
-        If there is no training log, or a duty does not follow the position error.
+        If there is no training log, a duty does not follow the position error, or a log
+        has no duty and no gain is stated.
 
     Examples
     --------
@@ -277,7 +294,7 @@ def identify_servos(
     known = [log.volts for log in training if log.volts is not None]
     volts = float(np.median(known)) if known else None
     joints = tuple(
-        _identified(robot, place, training, validation, volts, forms, seed)
+        _identified(robot, place, training, validation, volts, forms, gain, seed)
         for place in range(len(robot))
     )
     return ServoFit(robot.name, joints, volts)
@@ -290,12 +307,12 @@ def _identified(
     validation: Sequence[ServoLog],
     volts: float | None,
     forms: Sequence[str],
+    gain: float | None,
     seed: int,
 ) -> JointServo:
-    laws = [duty_law(log, joint) for log in (*training, *validation)]
-    stated = [law for law in laws if law is not None]
-    deadband = float(np.median([law.deadband for law in stated])) if stated else 0.0
-    pairs = [(np.nan if law is None else law.gain, deadband) for law in laws]
+    laws = [_law(log, joint, gain) for log in (*training, *validation)]
+    deadband = float(np.median([law.deadband for law in laws]))
+    pairs = [(law.gain, deadband) for law in laws]
     count = len(training)
 
     def cut(logs: Sequence[ServoLog], of: slice, window: float | None) -> Pieces:
@@ -307,7 +324,7 @@ def _identified(
     found, named = [], dict[str, dict[str, float]]()
     judged = cut(validation, slice(count, None), None) if validation else None
     for name in forms:
-        names = (*_names(training, laws[:count], joint), *FORMS[name])
+        names = (*_names(training, joint), *FORMS[name])
         found.append(_fitted(name, names, box, short, whole, seed))
         if judged is not None:
             errors = position_errors(_sets(found[-1].values), judged)[0].tolist()
@@ -316,14 +333,23 @@ def _identified(
     gains = {
         log.name: law.gain
         for log, law in zip((*training, *validation), laws, strict=True)
-        if law is not None
     }
     return JointServo(robot.joint_names[joint], tuple(found), gains, deadband, named)
 
 
-def _names(
-    logs: Sequence[ServoLog], laws: Sequence[object], joint: int
-) -> tuple[str, ...]:
+def _law(log: ServoLog, joint: int, gain: float | None) -> DutyLaw:
+    found = duty_law(log, joint)
+    if found is not None:
+        return found
+    if gain is None:
+        raise RecordingError(
+            f"{log.name} has no duty; state the firmware's gain, the share of full "
+            "duty over position error in 1/rad (--gain); stall is in proportion to it"
+        )
+    return DutyLaw(gain, 0.0, 0.0)
+
+
+def _names(logs: Sequence[ServoLog], joint: int) -> tuple[str, ...]:
     """Return the parameters that logs can show, but for friction's form."""
     names = ["stall", "viscous", "armature", "coulomb", "delay", "zero"]
     if any(log.enabled is not None and not log.enabled[:, joint].all() for log in logs):
@@ -331,8 +357,6 @@ def _names(
     warm = [log.temperature[joint] for log in logs if log.temperature is not None]
     if len(warm) > 1 and np.ptp(warm) >= _WARM:
         names.append("heat")
-    if any(law is None for law in laws):
-        names.append("gain")
     return tuple(names)
 
 
@@ -371,7 +395,6 @@ def _box(
         "heat": (-0.01, 0.03),
         "delay": (0.0, 0.04),
         "zero": (-0.1, 0.1),
-        "gain": (0.2, 30.0),
     }
 
 
@@ -446,7 +469,14 @@ def _fitted(
     spread = np.array(parts)
     scatter = (count - 1) / count * ((spread - spread.mean(axis=0)) ** 2).sum(axis=0)
     factor = float(stdtrit(count - 1, 0.975))
-    half = factor * np.sqrt(scatter) * (high - low)
+    # The search is part of the scatter: the fit to all logs is not the mean of parts.
+    apart = best - spread.mean(axis=0)
+    half = np.sqrt(factor**2 * scatter + apart**2) * (high - low)
+    if "delay" in names:
+        place = list(names).index("delay")
+        half[place] = max(half[place], STEP)
+    # At a border that is not a physical one, the data do not determine a parameter.
+    half[(best > 1.0 - _BORDER) | ((best < _BORDER) & (low != 0.0))] = np.inf
     best_values = low + best * (high - low)
     return ServoForm(
         form,
@@ -531,6 +561,7 @@ def evolved(
         sizes = (1.0 - c_s) * sizes + np.sqrt(c_s * (2.0 - c_s) * mass) * plain
         size = np.linalg.norm(sizes)
         width *= float(np.exp(c_s / damping * (size / usual - 1.0)))
+        width = min(width, _WIDEST)  # at the border it would grow for ever
         steady = np.sqrt(1.0 - (1.0 - c_s) ** (2 * generation + 2))
         grows = float(size / steady < (1.4 + 2.0 / (n + 1.0)) * usual)
         path = (1.0 - c_c) * path + grows * np.sqrt(c_c * (2.0 - c_c) * mass) * step

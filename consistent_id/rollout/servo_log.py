@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze, frozen
+from consistent_id._support.brief import brief
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_words import words
 from consistent_id.recordings.readers.named_arrays import read_parts
@@ -44,6 +45,7 @@ _SATURATED = 0.98  # of full duty
 _AT_LIMIT = 3  # samples at the largest duty, if it is the limit
 
 
+@brief
 @dataclass(frozen=True, slots=True, eq=False)
 class ServoLog:
     """A piece of a log of servos without gaps, on its own uneven clock.
@@ -184,6 +186,27 @@ def read_servo_logs(
     )
 
 
+def logged_joints(
+    paths: Sequence[str | Path],
+    joints: Sequence[str],
+    columns: Mapping[str, str] | None = None,
+) -> tuple[str, ...]:
+    """Return the joints whose names the position columns of the first log have.
+
+    All of them, if columns are numbered, or there is one joint.
+    """
+    stated = (columns or {}).get("position")
+    if len(joints) == 1 or not paths:
+        return tuple(joints)
+    names = column_names(Path(paths[0]))
+    if stated is not None:
+        found = [j for j in joints if stated.replace("{joint}", j) in names]
+        return tuple(found or joints)
+    fitting = [name for name in names if _fits("position", words(name))]
+    found = [j for j in joints if any(_names_joint(name, j) for name in fitting)]
+    return tuple(found or joints)
+
+
 def _read(
     file: Path, joints: Sequence[str], stated: Mapping[str, str]
 ) -> dict[str, Array]:
@@ -276,7 +299,7 @@ def _pieces(
         if np.ptp(position) > _MOST_ANGLE:
             raise RecordingError(
                 f"{file}: position covers {np.ptp(position):.4g} rad, more than two "
-                "turns; if it is in degrees or ticks say --units deg or --units ticks"
+                "turns; if it is in degrees or ticks say --angles deg or --angles ticks"
             )
         cut = {role: values[part] for role, values in arrays.items()}
         yield ServoLog(

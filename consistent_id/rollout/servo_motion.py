@@ -46,7 +46,7 @@ class Pieces:
     start, speed : ndarray, shape (pieces,), [rad, rad/s]
         Measured at the beginning.
     gain, deadband : ndarray, shape (pieces,)
-        Of the firmware; gain is NaN where it is not known, [1/rad, rad].
+        Of the firmware, [1/rad, rad].
     supply : ndarray, shape (pieces,)
         Voltage over the nominal one.
     warmth : ndarray, shape (pieces,), [K]
@@ -116,7 +116,7 @@ def cut_pieces(
     Parameters
     ----------
     laws : sequence of (float, float)
-        Gain [1/rad] and deadband [rad] of each log; a gain that is not known is NaN.
+        Gain [1/rad] and deadband [rad] of each log.
     window : float, optional, [s]
         By default logs are not cut.
     """
@@ -290,7 +290,7 @@ def simulated(
     ----------
     parameters : mapping of str to ndarray, shape (sets,)
         By the names of the module's text, and ``armature``, ``delay``, ``zero`` (the
-        joint's true position less the encoder's), and ``gain`` if no log has its own.
+        joint's true position less the encoder's).
     friction : callable, optional
         Another law than the module's, from parameters, shape (sets, 1); viscous and
         Coulomb friction are added to it.
@@ -298,7 +298,6 @@ def simulated(
     p = {name: np.asarray(value, float)[:, None] for name, value in parameters.items()}
     none = np.zeros_like(p["stall"])
     goal = _delayed(pieces, p.get("delay", none)[:, 0])
-    gain = np.where(np.isnan(pieces.gain), p.get("gain", none), pieces.gain)
     stall = p["stall"] * pieces.supply * (1.0 - p.get("heat", none) * pieces.warmth)
     emf, zero = p.get("back_emf", none), p.get("zero", none)
     coulomb, viscous = STEP * p.get("coulomb", none), STEP * p.get("viscous", none)
@@ -314,7 +313,7 @@ def simulated(
         if dead:
             beyond = np.maximum(abs(error) - pieces.deadband, 0.0)
             error = np.copysign(beyond, error)
-        duty = np.minimum(np.maximum(gain * error, -1.0), 1.0)
+        duty = np.minimum(np.maximum(pieces.gain * error, -1.0), 1.0)
         motor = (stall * duty - emf * dq) * pieces.driven[step]
         outer = bodies.torque(step, q + zero, dq)
         speed = abs(dq)

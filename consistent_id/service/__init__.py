@@ -1,5 +1,6 @@
 """From an estimate to the robot in service: loads, torques for controllers."""
 
+from consistent_id.service.contact import ContactDetector
 from consistent_id.service.control_model import ControlModel, control_model
 from consistent_id.service.controller_formats import (
     CONTROLLER_FORMATS,
@@ -7,17 +8,20 @@ from consistent_id.service.controller_formats import (
     ControllerLoad,
     controller_text,
 )
+from consistent_id.service.external_torque import MomentumObserver
 from consistent_id.service.gain_check import GainCheck, check_gains
 from consistent_id.service.load_quantities import LoadQuantities
 from consistent_id.service.weighing import WeighedLoad, weigh_load
 
 __all__ = [
     "CONTROLLER_FORMATS",
+    "ContactDetector",
     "ControlModel",
     "ControllerFormat",
     "ControllerLoad",
     "GainCheck",
     "LoadQuantities",
+    "MomentumObserver",
     "WeighedLoad",
     "check_gains",
     "control_model",

@@ -13,7 +13,7 @@ from consistent_id._support.brief import brief
 from consistent_id._support.tables import Table
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.gains import DriveGains, identify_gains
-from consistent_id.estimation.uncertainties.parameter_scatter import NORMAL
+from consistent_id.estimation.uncertainties.beyond_noise import NORMAL
 from consistent_id.estimation.verdict import Reason, Verdict, percent, weighed
 from consistent_id.problems.problem import Problem
 from consistent_id.robot.model import Link

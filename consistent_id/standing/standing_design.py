@@ -54,6 +54,8 @@ _THIN = 0.01  # m; no trunk is thinner, whatever a file says
 CHECK_RATE = 500.0
 """Hz, at which limits of the final motion are looked at."""
 
+_CORRELATED = 0.1, 0.35  # s, of noise on real robots
+
 _PER_PERIOD = 4  # samples per period of the fastest sinusoid in the search
 _TRIES = 10  # times that a candidate's amplitude is put right
 _USED = 0.88, 0.99  # share of the tightest limit that a candidate uses
@@ -380,9 +382,11 @@ def standing_tables(design: StandingDesign) -> list[Table]:
         f"of {robot.name} on {', '.join(foot.frame for foot in design.stance.feet)}, "
         f"{design.path.duration:g} s"
     )
+    least, most = (np.sqrt(length * CHECK_RATE) for length in _CORRELATED)
     told = (
-        "other bodies known, friction unknown; other noise in proportion, "
-        "correlated noise more",
+        "other bodies known, friction unknown; other noise in proportion; on real "
+        f"robots it is correlated over {_CORRELATED[0]:g} to {_CORRELATED[1]:g} s, and "
+        f"errors are {least:.0f} to {most:.0f} times as large",
         f"the best of {design.candidates} paths, {design.first:.1f} times better than "
         f"the best of the first, random ones; {design.seconds:.0f} s of the processor",
     )

@@ -83,7 +83,8 @@ def test_intervals_hold_other_blocks_as_often_as_they_say():
 
 
 def one(value, noise, between, blocks):
-    return BlockScatter(("a",), *np.array([[value], [noise], [between]]), blocks)
+    each = np.array([[value], [noise], [between]])
+    return BlockScatter(("a",), *each, blocks, [np.inf])
 
 
 def test_errors_of_a_mean_are_noise_and_the_scatter_over_the_blocks():
@@ -91,22 +92,34 @@ def test_errors_of_a_mean_are_noise_and_the_scatter_over_the_blocks():
 
 
 @pytest.mark.parametrize(
-    ("blocks", "between", "width"),
+    ("noise", "other", "blocks", "between", "width"),
     [
-        # Variances: of both noises 3^2 + 4^2; of a new block's deviation and of the
-        # known blocks' mean 2^2 (1 + 1/4).  Student's 97.5 % for 3 degrees of freedom
-        # is 3.1824 in tables, a normal's 1.960.
-        (4, True, 3.1824 * np.sqrt(30.0)),
-        (4, False, 1.960 * 5.0),
-        (1, True, 1.960 * np.sqrt(25.0 + 4.0 * 2.0)),
+        # Without noise, of a new block's deviation and of the known blocks' mean:
+        # 2^2 (1 + 1/4).  Student's 97.5 % for 3 degrees of freedom is 3.1824 in tables.
+        (0.0, 0.0, 4, True, 3.1824 * np.sqrt(5.0)),
+        # By noise alone: 3^2 + 4^2; a normal's quantile is 1.960.
+        (3.0, 4.0, 4, False, 1.960 * 5.0),
+        (3.0, 4.0, 1, True, 1.960 * np.sqrt(25.0 + 4.0 * 2.0)),
+        # Variances 5 of each, of 3 degrees of freedom and of many: 3 (5 + 5)^2 / 5^2
+        # are 12, for which tables have 2.1788.
+        (np.sqrt(2.5), np.sqrt(2.5), 4, True, 2.1788 * np.sqrt(10.0)),
     ],
 )
-def test_another_motion_is_within_an_interval_of_both_errors(blocks, between, width):
-    known = one(10.0, 3.0, 2.0, blocks)
+def test_another_motion_is_within_an_interval_of_both_errors(
+    noise, other, blocks, between, width
+):
+    known = one(10.0, noise, 2.0, blocks)
+    assert known.widths_for(one(0.0, other, 7.0, 1), between=between) == pytest.approx(
+        width, rel=1e-4
+    )
     for side in (-1.0, 1.0):
         for share, inside in ((0.999, True), (1.001, False)):
-            other = one(10.0 + side * share * width, 4.0, 7.0, 1)
-            assert known.holds(other, between=between).tolist() == [inside]
+            away = one(10.0 + side * share * width, other, 7.0, 1)
+            assert known.holds(away, between=between).tolist() == [inside]
+
+
+def test_noise_alone_needs_no_wider_quantile_however_few_the_blocks():
+    assert one(0.0, 3.0, 0.0, 4).quantiles == pytest.approx(1.960, abs=1e-3)
 
 
 def test_a_block_that_leaves_a_parameter_open_is_refused():

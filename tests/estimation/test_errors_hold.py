@@ -1,4 +1,4 @@
-"""Standard errors of payloads, delays, instruments and Huber's loss hold."""
+"""Standard errors of payloads, delays, instruments, Huber's loss and others hold."""
 
 import importlib.util
 import sys
@@ -35,6 +35,27 @@ def test_intervals_hold_the_truth_neither_too_rarely_nor_too_often(methods, name
     assert held < 0.97 + 3.0 * error
     # Errors of the right size have a mean square of one; that of 30 sets is uncertain.
     assert 0.6 < np.mean(z**2) < 1.6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "kind", "logs"),
+    [
+        ("blocks of a motion", "white", 30),
+        ("blocks of a motion", "pink", 30),
+        ("radius of feet", "white", 20),
+        ("robot on its feet", "AR(1) 0.9", 5),
+        ("design on a wrist sensor", "white", 30),
+        ("design on feet", "white", 20),
+    ],
+)
+def test_they_hold_for_robots_on_feet_blocks_and_designs(methods, name, kind, logs):
+    z = np.array(list(methods.METHODS[name](kind, logs)))
+    held, error = methods.share(z)
+    error = max(error, np.sqrt(0.05 * 0.95 / z.size))  # if all of a few hold
+    assert held > 0.93 - 3.0 * error
+    assert held < 0.97 + 3.0 * error
+    assert 0.5 < np.mean(z**2) < 1.7
 
 
 def test_a_share_counts_what_lies_within_two_standard_errors(methods):

@@ -314,6 +314,7 @@ def test_parameters_of_another_model_are_refused():
 INTERRUPTED = """
 import glob, json, os, signal, sys, tempfile, threading, time
 from excited import arm, arm_limits
+from consistent_id._support.run import Run, signals_raised
 from consistent_id.excitation.aims import PathForm
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.verification import Demands
@@ -321,27 +322,33 @@ from consistent_id.excitation.verification import Demands
 def interrupt():
     while not glob.glob(tempfile.gettempdir() + "/excitation-*/*.npz"):
         time.sleep(0.01)
-    os.killpg(0, signal.SIGINT)  # as a terminal does
+    if sys.argv[2] == "SIGINT":
+        os.killpg(0, signal.SIGINT)  # as a terminal does
+    else:
+        os.kill(os.getpid(), signal.SIGTERM)  # as `kill` does
 
 threading.Thread(target=interrupt, daemon=True).start()
-design = design_trajectory(
-    arm(3), PathForm(5.0, 3), limits=arm_limits(arm(3)),
-    starts=10_000, time_limit=3600.0, workers=int(sys.argv[1]),
-)
+with signals_raised(Run()):
+    design = design_trajectory(
+        arm(3), PathForm(5.0, 3), limits=arm_limits(arm(3)),
+        starts=10_000, time_limit=3600.0, workers=int(sys.argv[1]),
+    )
 print(json.dumps([design.notes, design.proof.holds, len(design.stages)]))
 """
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("workers", [1, 2])
-def test_an_interrupt_keeps_the_best(workers, tmp_path):
+@pytest.mark.parametrize(
+    ("workers", "number"), [(1, "SIGINT"), (2, "SIGINT"), (2, "SIGTERM")]
+)
+def test_an_interrupt_keeps_the_best(workers, number, tmp_path):
     tests = Path(__file__).parents[1] / "helpers"
     environment = os.environ | {
         "TMPDIR": str(tmp_path),
         "PYTHONPATH": os.pathsep.join([str(tests), str(tests.parent)]),
     }
     ended = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED, str(workers)],
+        [sys.executable, "-c", INTERRUPTED, str(workers), number],
         capture_output=True,
         text=True,
         timeout=120,

@@ -1,5 +1,7 @@
 """Smooth motion of a quadruped that pushes itself off with its feet, as a log."""
 
+from typing import NamedTuple
+
 import numpy as np
 from quadrupeds import FEET, FOOT
 
@@ -50,12 +52,26 @@ def turns(rng, time):
     return quaternion, w, dw
 
 
-def walk(robot, parameters, *, seconds=20.0, seed=0, drive=None):
-    """Return columns of a log, by name, and the wrenches of the feet.
+class Walk(NamedTuple):
+    """A motion on feet: states, torques, and the forces of the feet in base axes."""
 
-    The parameters are those of the links, then those of the drives if there are any.
+    time: np.ndarray
+    q: np.ndarray
+    dq: np.ndarray
+    ddq: np.ndarray
+    place: np.ndarray
+    quaternion: np.ndarray
+    base: BaseMotion
+    torque: np.ndarray
+    closed: np.ndarray
+    forces: np.ndarray
 
-    Forces act where the feet are and balance the base's rows, whatever the ground.
+
+def walked(robot, parameters, *, seconds=20.0, seed=0, drive=None, radius=0.0):
+    """Return a walk of a robot with parameters of its links, then of its drives if any.
+
+    Forces act where the feet are and balance the base's rows, whatever the ground.  A
+    foot is a point, or a ball of a radius [m] about it.
     """
     rng = np.random.default_rng(seed)
     time = np.arange(int(seconds * RATE)) / RATE
@@ -68,24 +84,32 @@ def walk(robot, parameters, *, seconds=20.0, seed=0, drive=None):
     model = TorqueModel(robot, drive or DriveTerms())
     forces = model.predict(parameters, q, dq, ddq, base=spin)
     load = loads(time)
-    J = [contact_jacobian(robot, q, frame=foot, point=FOOT)[:, :3] for foot in FEET]
+    lowest = -radius * R[:, 2, :, None]  # point of a foot, from its centre
+    J = [contact_jacobian(robot, q, frame=foot, point=FOOT) for foot in FEET]
+    J = [whole[:, :3] + np.cross(whole[:, 3:], lowest, axis=1) for whole in J]
     pushes, share = np.concatenate(J, axis=1), np.repeat(load, 3, axis=1)
     balance = np.linalg.pinv(np.swapaxes(share[..., None] * pushes[:, :, :6], 1, 2))
     acting = share * np.einsum("nfr,nr->nf", balance, forces[:, :6])
     torque = (forces - np.einsum("nfr,nf->nr", pushes, acting))[:, 6:]
-    log = {"time": time}
-    log |= {f"q_{j}": q[:, i] for i, j in enumerate(robot.joint_names)}
-    log |= {f"tau_{j}": torque[:, i] for i, j in enumerate(robot.joint_names)}
+    return Walk(time, q, dq, ddq, x, quaternion, spin, torque, load > 0.0, acting)
+
+
+def walk(robot, parameters, *, seconds=20.0, seed=0, drive=None):
+    """Return columns of a log of `walked`, by name, and the wrenches of the feet."""
+    moved = walked(robot, parameters, seconds=seconds, seed=seed, drive=drive)
+    log = {"time": moved.time}
+    log |= {f"q_{j}": moved.q[:, i] for i, j in enumerate(robot.joint_names)}
+    log |= {f"tau_{j}": moved.torque[:, i] for i, j in enumerate(robot.joint_names)}
     for name, values in (
-        ("gyro", spin.angular_velocity),
-        ("acc", spin.specific_force),
-        ("place", x),
+        ("gyro", moved.base.angular_velocity),
+        ("acc", moved.base.specific_force),
+        ("place", moved.place),
     ):
         log |= {f"{name}_{c}": values[:, i] for i, c in enumerate("xyz")}
-    log |= {f"quat_{c}": quaternion[:, i] for i, c in enumerate("wxyz")}
-    log |= {f"contact_{foot}": 1.0 * (load[:, i] > 0.0) for i, foot in enumerate(FEET)}
+    log |= {f"quat_{c}": moved.quaternion[:, i] for i, c in enumerate("wxyz")}
+    log |= {f"contact_{foot}": 1.0 * moved.closed[:, i] for i, foot in enumerate(FEET)}
     for i, foot in enumerate(FEET):
-        log |= {f"{foot}_f{c}": acting[:, 3 * i + k] for k, c in enumerate("xyz")}
+        log |= {f"{foot}_f{c}": moved.forces[:, 3 * i + k] for k, c in enumerate("xyz")}
     return log
 
 

@@ -6,6 +6,8 @@ import pytest
 from consistent_id import DHRow, ProblemError, from_modified_dh
 from consistent_id.motion import Body, Box, Scene, Sphere, build_scene, plane
 from consistent_id.motion.collisions.scene import Pair
+from consistent_id.motion.collisions.scene_building import random_poses
+from consistent_id.motion.collisions.separation import nearest
 from consistent_id.robot import JointLimits
 
 ARM = from_modified_dh("arm", [DHRow(0, 0), *[DHRow(np.pi / 2, 0.5)] * 3])
@@ -75,6 +77,19 @@ def test_of_bodies_that_are_seldom_far_apart_only_touching_is_unwanted():
     assert (
         pair.wanted == 0.0 and note.watched and "nearer than 2000.0 mm" in note.reason
     )
+
+
+def test_a_stated_distance_is_relaxed_only_where_no_pose_keeps_it():
+    bodies = [_ball("link1", 0.01), _ball("link3", 0.01)]
+    stated = build_scene(ARM, bodies, clearance=2.0, relax=False)
+    reach = nearest(stated, random_poses(ARM, 200, 0)).distance
+    far = float(np.quantile(reach, 0.9))  # a tenth of the poses keep it
+    for relax, wanted in ((True, 0.0), (False, far)):
+        (pair,) = build_scene(ARM, bodies, clearance=far, relax=relax).pairs
+        assert pair.wanted == wanted
+    beyond = 2.0 * float(reach.max())  # no pose does
+    (pair,) = build_scene(ARM, bodies, clearance=beyond, relax=False).pairs
+    assert pair.wanted == 0.0
 
 
 def test_limits_tell_which_bodies_always_touch():

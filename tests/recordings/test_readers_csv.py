@@ -371,3 +371,20 @@ def test_a_long_log_is_read_in_well_under_a_second(tmp_path):
     assert time.process_time() - start < 1.0
     read = np.c_[log.time, log.position, log.velocity, log.torque]
     np.testing.assert_array_equal(read, values)
+
+
+def test_a_clock_that_begins_again_separates_recordings_of_one_file(tmp_path, caplog):
+    time = np.concatenate([np.arange(150) * 0.01, np.arange(120) * 0.01])
+    rows = np.column_stack([time, np.sin(time), np.cos(time)])
+    path = tmp_path / "twice.csv"
+    np.savetxt(path, rows, delimiter=",", header="time,q,tau", comments="")
+    columns = Columns(position="q", torque="tau")
+    log = read_recording(path, ("a",), columns)
+    assert len(log) == 270
+    assert log.time[150] - log.time[149] == pytest.approx(3.0)
+    assert log.time[-1] == pytest.approx(1.49 + 3.0 + 1.19)
+    assert "goes back at row 151" in caplog.text
+    # A part this short is no recording, but a fault.
+    np.savetxt(path, rows[:200], delimiter=",", header="time,q,tau", comments="")
+    with pytest.raises(RecordingError, match="must increase"):
+        read_recording(path, ("a",), columns)

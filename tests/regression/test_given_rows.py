@@ -14,7 +14,7 @@ from consistent_id import (
     constrained_least_squares,
     least_squares,
 )
-from consistent_id.constraints import Ellipsoid
+from consistent_id.constraints import Ellipsoid, PointToSet
 from consistent_id.regression import given_rows
 from consistent_id.robot import free_bodies
 
@@ -93,6 +93,23 @@ def test_the_least_error_of_a_person_of_bodies_is_proven(plates):
     assert best.optimality.verdict == "certified"
     assert best.optimality.gap < 1e-6
     assert data.error(best.parameters) == pytest.approx(494096.3, abs=0.05)
+
+
+def test_a_small_slack_delivers_the_optimum_and_both_misfits_are_printed(plates):
+    _, data = plates
+    model, regression, base = data.rows
+    estimate = constrained_least_squares(
+        model,
+        regression,
+        constraints=data.constraints,
+        prior=PointToSet(slack=1e-6, inside=0.0),
+        base=base,
+    )
+    # The slack is that of the norm: twice as much of the square.
+    error = data.error(estimate.parameters)
+    assert 494096.3 < error < 494096.3 * (1.0 + 2.1e-6)
+    assert f"{error:.7g}" in estimate.notes[0]
+    assert "least within the constraints 494096.3" in estimate.notes[0]
 
 
 @pytest.mark.slow

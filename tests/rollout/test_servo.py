@@ -14,7 +14,7 @@ from consistent_id.robot.loaders.robot_file import load_robot
 from consistent_id.rollout import ServoLog, identify_servos, read_servo_logs
 from consistent_id.rollout import servo_fit as fitting
 from consistent_id.rollout.servo_fit import JointServo, ServoFit, ServoForm, evolved
-from consistent_id.rollout.servo_log import duty_law
+from consistent_id.rollout.servo_log import duty_law, logged_joints
 from consistent_id.rollout.servo_motion import (
     STEP,
     cut_pieces,
@@ -144,7 +144,7 @@ def test_columns_units_gaps_and_full_duty_are_found(pendulum, tmp_path):
     assert np.allclose(read.duty, log.duty)
     names = "timestamp,present_position,cmd,pwm"
     ticks = written(tmp_path / "t.csv", log, names, 2 * np.pi / 4096)
-    with pytest.raises(RecordingError, match="--units ticks"):
+    with pytest.raises(RecordingError, match="--angles ticks"):
         read_servo_logs([ticks], ("servo",))
     (read,) = read_servo_logs([ticks], ("servo",), units="ticks", full_duty=885)
     assert np.allclose(read.goal, log.goal)
@@ -167,6 +167,8 @@ def test_each_joint_of_an_arm_has_its_own_columns(tmp_path):
     assert log.position[0].tolist() == [3.0, 2.0]
     assert log.volts == 4.0
     assert log.duty is None
+    assert logged_joints([path], ("a", "finger", "b")) == ("a", "b")
+    assert logged_joints([path], ("x", "y")) == ("x", "y")
 
 
 def hand_made(**values):
@@ -203,6 +205,8 @@ def test_bodies_have_to_be_known(pendulum):
         identify_servos(replace(pendulum, links=links), [a_log(pendulum)])
     with pytest.raises(RecordingError, match="no log of servos"):
         identify_servos(pendulum, [])
+    with pytest.raises(RecordingError, match="state the firmware's gain"):
+        identify_servos(pendulum, [replace(a_log(pendulum), duty=None)])
 
 
 def test_one_command_writes_the_servo_and_its_simulator(

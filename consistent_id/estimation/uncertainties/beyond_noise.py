@@ -31,6 +31,10 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import ResidualNoise, joint_noise
 from consistent_id.regression.segments import merged
 
+_LEVEL = 0.975  # quantile of intervals of 95 %
+NORMAL = 1.96
+"""Standard errors either way for 95 % of a normal distribution."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloatingBlocks:
@@ -66,11 +70,18 @@ class FloatingBlocks:
         return self.scatter.blocks - 1.0
 
     @property
+    def quantile(self) -> float:
+        """Standard errors either way for 95 %, as if the scatter were all of them."""
+        from scipy.special import stdtrit
+
+        return float(stdtrit(self.freedom, _LEVEL)) if self.freedom > 0.0 else NORMAL
+
+    @property
     def sentence(self) -> str:
         """The content of standard errors, as a sentence."""
         return (
             f"The scatter of parameters between {self.scatter.blocks} blocks, beyond "
-            f"noise, is included: 95 % intervals are {self.scatter.quantile:.2f} "
+            f"noise, is included: 95 % intervals are {self.quantile:.2f} "
             f"standard errors either way"
         )
 

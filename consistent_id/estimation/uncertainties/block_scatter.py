@@ -43,7 +43,7 @@ ENOUGH = 6
 """Recordings from which intervals contain the truth nearly as often as they state."""
 
 _LEVEL = 0.975  # quantile of intervals of 95 %
-_NORMAL = 1.96
+_TINY = float(np.finfo(np.float64).tiny)
 _FREE = 1e-9  # free part of a parameter that counts as zero
 _LEAST = 1e-12  # ratio of variances below which its logarithm is cut off
 _ALIKE = 1e3  # degrees of freedom above which all parameters have the same ratio
@@ -66,6 +66,8 @@ class BlockScatter:
         Standard errors for noise as correlated as the residuals.
     between : array_like, shape (parameters,)
         Standard deviation between blocks, beyond noise.
+    freedom : array_like, shape (parameters,)
+        Degrees of freedom of `noise`; those of `between` are the blocks' less one.
     """
 
     names: tuple[str, ...]
@@ -73,10 +75,13 @@ class BlockScatter:
     noise: Vector
     between: Vector
     blocks: int
+    freedom: Vector
 
     def __post_init__(self) -> None:
         shape = (len(self.names),)
-        freeze_arrays(self, dict.fromkeys(("values", "noise", "between"), shape))
+        fields = ("values", "noise", "between")
+        freeze_arrays(self, dict.fromkeys(fields, shape))
+        freeze_arrays(self, {"freedom": shape}, finite=False)
 
     @property
     def standard_errors(self) -> Vector:
@@ -84,27 +89,44 @@ class BlockScatter:
         return np.asarray(np.sqrt(self.noise**2 + self.between**2 / self.blocks))
 
     @property
-    def quantile(self) -> float:
-        """Standard errors either way for 95 %: more than 1.96 for few blocks."""
+    def quantiles(self) -> Vector:
+        """Standard errors either way for 95 %, shape (parameters,).
+
+        More than 1.96 as far as errors are those of few blocks [Satterthwaite1946]_.
+        """
+        return self._quantiles(self.noise**2, self.between**2 / self.blocks)
+
+    def _quantiles(self, by_noise: Vector, of_blocks: Vector) -> Vector:
+        """Return the quantiles for the sum of two variances."""
         from scipy.special import stdtrit
 
-        return float(stdtrit(self.blocks - 1, _LEVEL)) if self.blocks > 1 else _NORMAL
+        squares = by_noise**2 / self.freedom
+        if self.blocks > 1:
+            squares = squares + of_blocks**2 / (self.blocks - 1)
+        total = (by_noise + of_blocks) ** 2
+        finite = squares > _TINY * total
+        freedom = np.where(finite, total / np.where(finite, squares, 1.0), np.inf)
+        return np.asarray(stdtrit(np.maximum(freedom, 1.0), _LEVEL))
 
-    def holds(self, other: "BlockScatter", *, between: bool = True) -> BoolArray:
-        """Return whether another motion's values are within these 95 % intervals.
+    def widths_for(self, other: "BlockScatter", *, between: bool = True) -> Vector:
+        """Return how far another motion's values may be off, in 95 % of cases.
 
         Parameters
         ----------
         other : BlockScatter
             Values of one block of other motion, with the same parameters.
         between : bool
-            Whether intervals contain the scatter between blocks; else noise alone.
+            Whether the scatter between blocks counts; else noise alone.
         """
-        variance = self.noise**2 + other.noise**2
-        if between:
-            variance = variance + self.between**2 * (1.0 + 1.0 / self.blocks)
-        width = self.quantile if between else _NORMAL
-        return np.asarray(abs(self.values - other.values) <= width * np.sqrt(variance))
+        by_noise = self.noise**2 + other.noise**2
+        of_blocks = self.between**2 * (1.0 + 1.0 / self.blocks) * between
+        error = np.sqrt(by_noise + of_blocks)
+        return np.asarray(self._quantiles(by_noise, of_blocks) * error)
+
+    def holds(self, other: "BlockScatter", *, between: bool = True) -> BoolArray:
+        """Return whether another motion's values are within `widths_for` it."""
+        away = abs(self.values - other.values)
+        return np.asarray(away <= self.widths_for(other, between=between))
 
     def to_dict(self) -> dict[str, dict[str, float]]:
         """Return values and errors by name, for JSON."""
@@ -118,23 +140,30 @@ class BlockScatter:
         """Return values and errors for people."""
         return Table(
             f"Parameters and their scatter between {self.blocks} blocks of the motion",
-            ("parameter", "value", "by noise", "between blocks", "standard error"),
+            (
+                "parameter",
+                "value",
+                "by noise",
+                "between blocks",
+                "standard error",
+                "95 % +-",
+            ),
             tuple(
-                (name, f"{x:.4g}", f"{a:.2g}", f"{b:.2g}", f"{s:.2g}")
-                for name, x, a, b, s in zip(
+                (name, f"{x:.4g}", *(f"{error:.2g}" for error in errors))
+                for name, x, *errors in zip(
                     self.names,
                     self.values,
                     self.noise,
                     self.between,
                     self.standard_errors,
+                    self.quantiles * self.standard_errors,
                     strict=True,
                 )
             ),
             (
                 "values of least squares under the equalities alone",
                 "a motion as long as a block may differ by the scatter between "
-                "blocks; the standard error is that of their mean, and "
-                f"{self.quantile:.2f} of it either way contain 95 %",
+                "blocks; the standard error is that of their mean",
             ),
         )
 
@@ -161,24 +190,21 @@ def block_scatter(
         If a block does not determine a parameter that all together determine.
     """
     free = FreeParameters.of(constraints, model)
-    whole = _fit(merged(blocks), free)
+    together = merged(blocks)
+    whole = _fit(together, free)
     parts = [_fit(block, free) for block in blocks]
     shown = np.linalg.norm(free.directions, axis=1) > _FREE
-    between = np.zeros(len(shown))
+    values, errors = whole.values[shown], whole.errors[shown]
+    between = np.zeros(len(values))
     if len(blocks) > 1:
         spread = excess(
             np.array([part.values[shown] for part in parts]),
             np.array([part.errors[shown] ** -2.0 for part in parts]),
         )
-        between[shown] = np.sqrt(np.maximum(spread.ratio - 1.0, 0.0) * spread.unit)
+        between = np.sqrt(np.maximum(spread.ratio - 1.0, 0.0) * spread.unit)
     names = [n for n, use in zip(model.layout.names, shown, strict=True) if use]
-    return BlockScatter(
-        tuple(names),
-        whole.values[shown],
-        whole.errors[shown],
-        between[shown],
-        len(blocks),
-    )
+    freedom = _freedom(together, free)[shown]
+    return BlockScatter(tuple(names), values, errors, between, len(blocks), freedom)
 
 
 class _BlockFit(NamedTuple):
@@ -187,9 +213,12 @@ class _BlockFit(NamedTuple):
 
 
 def _fit(regression: Regression, free: FreeParameters) -> _BlockFit:
-    """Return least squares with equalities, and its errors by correlated noise."""
-    length = np.sqrt(regression.correlation)
-    white = regression.weighted(regression.sigma * length).stacked()
+    """Return least squares with equalities, and its errors by correlated noise.
+
+    The noise of a joint is taken to be as correlated for all parameters.
+    """
+    level = regression.sigma * np.sqrt(regression.correlation)
+    white = regression.weighted(level).stacked()
     A, rest = free.reduced(white[:, :-1], white[:, -1])
     scale = np.linalg.norm(A, axis=0)
     if not (scale > 0.0).all() or np.linalg.matrix_rank(A / scale) < A.shape[1]:
@@ -199,6 +228,28 @@ def _fit(regression: Regression, free: FreeParameters) -> _BlockFit:
         )
     values = free.start + free.directions @ least_squares(A, rest)
     return _BlockFit(values, free.moves(A))
+
+
+def _freedom(regression: Regression, free: FreeParameters) -> Vector:
+    """Return the degrees of freedom of each parameter's error.
+
+    Those of its joints' noise levels, by their shares in its variance
+    [Satterthwaite1946]_.
+    """
+    if regression.noise is None:
+        return np.full(len(free.directions), np.inf)
+    level = regression.sigma * np.sqrt(regression.correlation)
+    A = regression.weighted(level).stacked()[:, :-1] @ free.directions
+    scale = np.linalg.norm(A, axis=0)
+    steps = np.linalg.inv(np.linalg.qr(A / scale, mode="r")) / scale[:, None]
+    moves = free.directions @ steps @ steps.T @ free.directions.T
+    parts = [
+        np.sum(np.square(F[:, :-1] @ moves / s), axis=0)
+        for F, s in zip(regression.factors, level, strict=True)
+    ]
+    shares = np.array(parts) / np.maximum(np.sum(parts, axis=0), _TINY)
+    squares = np.sum(shares**2 / regression.noise.freedom[:, None], axis=0)
+    return np.asarray(1.0 / np.maximum(squares, _TINY))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -330,13 +381,9 @@ def excess(x: Array, w: Array) -> Spread:
     off = np.sqrt(w) * (x - (w * x).sum(axis=0) / total)
     ratio = (off**2).sum(axis=0) / count
     unit = count / (total - (w**2).sum(axis=0) / total)
-    common = _common(ratio, count)
+    drawn = shrunk(ratio, count)
     most = count * _independent(off)
-    if np.isinf(common.freedom):
-        return Spread(np.full(len(ratio), common.ratio), unit, most)
-    freedom = common.freedom + count
-    drawn = (common.freedom * common.ratio + count * ratio) / freedom
-    return Spread(drawn, unit, min(freedom, most))
+    return Spread(drawn.values, unit, min(drawn.freedom, most))
 
 
 def _independent(off: Array) -> float:
@@ -365,6 +412,30 @@ def _independent(off: Array) -> float:
     return float(n / (1.0 + (n - 1.0) * squared))
 
 
+class Shrunk(NamedTuple):
+    """Estimates of variances, each shrunk towards all, and their degrees of freedom."""
+
+    values: Vector
+    freedom: float
+
+
+def shrunk(variances: Vector, freedom: float) -> Shrunk:
+    """Shrink variances towards a common one, the more the more alike [Smyth2004]_.
+
+    Parameters
+    ----------
+    variances : ndarray, shape (any,)
+    freedom : float
+        Degrees of freedom of each.
+    """
+    common = _common(variances, freedom)
+    if np.isinf(common.freedom):
+        return Shrunk(np.full(len(variances), common.ratio), np.inf)
+    total = common.freedom + freedom
+    weighted = common.freedom * common.ratio + freedom * variances
+    return Shrunk(np.asarray(weighted / total), total)
+
+
 @dataclass(frozen=True, slots=True)
 class _Common:
     """The common ratio of all parameters, with the weight of `freedom` recordings."""
@@ -373,7 +444,7 @@ class _Common:
     freedom: float
 
 
-def _common(ratios: Vector, count: int) -> _Common:
+def _common(ratios: Vector, count: float) -> _Common:
     """Fit a scaled F distribution to ratios by the moments of their logarithms."""
     from scipy.special import digamma, polygamma
 

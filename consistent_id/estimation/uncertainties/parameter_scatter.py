@@ -21,6 +21,7 @@ factors are formed: with a weak prior, ``H`` itself would be lost in rounding.
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +34,7 @@ from consistent_id.estimation.constrained_fit import (
     ConstrainedFit,
 )
 from consistent_id.estimation.uncertainties.beyond_noise import (
+    NORMAL,
     FloatingBlocks,
     ParameterShifts,
     ScatterCauses,
@@ -47,9 +49,6 @@ from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.residual_noise import ResidualNoise
 from consistent_id.regression.segments import lengthened, merged
-
-NORMAL = 1.96
-"""Standard errors either way that contain 95 %, for many data."""
 
 LONG = 10.0
 """Length of a segment, in correlation lengths, from which segments are independent:
@@ -98,7 +97,7 @@ class ParameterScatter(NamedTuple):
         """Add the scatter between blocks of one recording."""
         if blocks is None:
             return self
-        quantile = max(self.quantile, blocks.scatter.quantile)
+        quantile = max(self.quantile, blocks.quantile)
         return self._beside(blocks)._replace(blocks=blocks, quantile=quantile)
 
     def with_shifts(self, shifts: ParameterShifts | None) -> "ParameterScatter":
@@ -171,18 +170,19 @@ def parameter_scatter(
         noise = recordings.added_to(noise, parts, base)
         variance = variance + _moved(fitted, parts, base, recordings)
         between = root(_moved(fitted, [whole], base, recordings))
-    elif noise.blocks > 1.0:
+    blocks = None
+    if recordings is None and model.robot.floating:
+        blocks = floating_blocks(model, long.regressions, problem.constraints, base)
+    if blocks is not None:  # they contain what `noise.blocks` would add
+        noise = replace(noise, between=(), blocks=1.0)
+    elif recordings is None and noise.blocks > 1.0:
         own = np.diag(
             covariance(fitted, white_scores(fitted, whole, base, noise.level))
         )
         variance = np.maximum(variance, noise.blocks * own)
     found = ParameterScatter(
         variance, between, noise, scores.sentence, scores.quantile, recordings
-    )
-    if recordings is None and model.robot.floating:
-        found = found.with_blocks(
-            floating_blocks(model, long.regressions, problem.constraints, base)
-        )
+    ).with_blocks(blocks)
     shifts = parameter_shifts(model, whole, variants, problem.constraints)
     return found.with_shifts(shifts)
 

@@ -42,6 +42,7 @@ from consistent_id.estimation.determination import (
 )
 from consistent_id.estimation.penalised import penalised_fit
 from consistent_id.estimation.uncertainties.beyond_noise import (
+    NORMAL,
     FloatingBlocks,
     ParameterShifts,
 )
@@ -51,7 +52,6 @@ from consistent_id.estimation.uncertainties.intervals import (
     consistent_intervals,
 )
 from consistent_id.estimation.uncertainties.parameter_scatter import (
-    NORMAL,
     ParameterScatter,
     Segments,
     parameter_scatter,

@@ -43,6 +43,7 @@ def build_scene(
     bodies: Iterable[Body],
     *,
     clearance: float = 0.0,
+    relax: bool = True,
     extra: Mapping[str, float] | None = None,
     allowed: Sequence[tuple[str, str]] = (),
     connected: Connected = lambda first, second: True,
@@ -64,6 +65,10 @@ def build_scene(
         Bodies of the robot, with a frame, and obstacles, without one.
     clearance : float, [m]
         Least distance of any two bodies.
+    relax : bool
+        Whether two bodies of the robot that are nearer at most random poses only must
+        not touch.  Without, only those that are nearer at all of them: the distance was
+        stated, and motion has to be found that keeps it.
     extra : mapping of str to float, optional, [m]
         Additional distance of a body, or of all bodies of a link, from all others: of a
         tool, for instance.
@@ -95,7 +100,7 @@ def build_scene(
             pairs.append(Pair(i, j, clearance + extra_of[i] + extra_of[j]))
     adjacent = _adjacent(robot, bodies, connected)
     scene = Scene(robot, bodies, tuple(pairs), tuple(notes), adjacent=adjacent)
-    return _sifted(scene, random_poses(robot, poses, seed)) if pairs else scene
+    return _sifted(scene, random_poses(robot, poses, seed), relax) if pairs else scene
 
 
 def scene_from_urdf(
@@ -108,6 +113,7 @@ def scene_from_urdf(
     ground: float | None = None,
     added: Iterable[Body] = (),
     clearance: float = 0.0,
+    relax: bool = True,
     extra: Mapping[str, float] | None = None,
     allowed: Sequence[tuple[str, str]] = (),
     readable_only: bool = False,
@@ -182,6 +188,7 @@ def scene_from_urdf(
             robot,
             [*floor, *added, *bodies, *others],
             clearance=clearance,
+            relax=relax,
             extra=extra,
             allowed=allowed,
             connected=connected,
@@ -251,10 +258,10 @@ def _adjacent(robot: RobotModel, bodies: tuple[Body, ...], connected: Connected)
     )
 
 
-def _sifted(scene: Scene, q: ArrayLike) -> Scene:
+def _sifted(scene: Scene, q: ArrayLike, relax: bool) -> Scene:
     """Leave out pairs that nearly always touch; relax those that are always near."""
     largest = max(pair.wanted for pair in scene.pairs)
-    near = nearest(scene, q, within=largest)
+    near = nearest(scene, q, within=largest + _ROOM)
     pairs, kept, notes = [], [], list(scene.notes)
     for k, pair in enumerate(scene.pairs):
         names, distance = scene.names(pair), near.distance[:, k]
@@ -270,11 +277,17 @@ def _sifted(scene: Scene, q: ArrayLike) -> Scene:
             if not obstacle:
                 notes.append(PairNote(*names, False, seen))
                 continue
-        near_by = int(np.count_nonzero(distance < pair.wanted))
-        usual = len(distance) - 1 if obstacle else _USUALLY * len(distance)
+        stated = not relax and not obstacle
+        least = pair.wanted + (_ROOM if stated else 0.0)
+        near_by = int(np.count_nonzero(distance < least))
+        strict = obstacle or stated
+        usual = len(distance) - 1 if strict else _USUALLY * len(distance)
         if near_by > usual and pair.wanted > 0.0:
             seen = (
-                f"nearer than {pair.wanted * 1e3:.1f} mm at {near_by} of "
+                f"no random pose keeps them {pair.wanted * 1e3:.1f} mm apart, with "
+                "room to move"
+                if stated
+                else f"nearer than {pair.wanted * 1e3:.1f} mm at {near_by} of "
                 f"{len(distance)} random poses"
             )
             notes.append(PairNote(*names, True, f"{seen}; so they only must not touch"))
@@ -282,7 +295,7 @@ def _sifted(scene: Scene, q: ArrayLike) -> Scene:
         pairs.append(pair)
         kept.append(k)
     sifted = replace(scene, pairs=tuple(pairs), notes=tuple(notes))
-    return _with_room(sifted, near.distance[:, kept])
+    return _with_room(sifted, near.distance[:, kept]) if relax else sifted
 
 
 def _with_room(scene: Scene, distance: Array) -> Scene:

@@ -16,7 +16,7 @@ from consistent_id.errors import RecordingError
 from consistent_id.recordings.log_formats import files_of
 from consistent_id.recordings.readers import parquet
 from consistent_id.recordings.readers.columns import require
-from consistent_id.recordings.readers.named_arrays import Arrays
+from consistent_id.recordings.readers.named_arrays import BREAK, Arrays
 
 INFO = Path("meta", "info.json")
 _EPISODE, _CLOCK = parquet.EPISODE, "timestamp"
@@ -62,7 +62,7 @@ def notes(path: Path) -> tuple[str, ...]:
     said = (
         f"{path.name} is a LeRobot data set {info.get('codebase_version', '')} of "
         f"{robot}: {info.get('total_episodes')} episodes, {info.get('fps')} samples a "
-        f"second; the episodes are read one after another, {parquet.BREAK:g} s apart"
+        f"second; the episodes are read one after another, {BREAK:g} s apart"
     )
     return (said,)
 

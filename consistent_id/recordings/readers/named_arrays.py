@@ -3,6 +3,7 @@
 A name may select some columns of an array, counted from 0: ``qpos[7:19]``.
 """
 
+import logging
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -28,6 +29,8 @@ from consistent_id.recordings.readers.columns import WantedChannels
 from consistent_id.recordings.readers.units import Units, factors, needs_gain
 from consistent_id.recordings.recording import LATEST, Recording, SampleError
 
+_log = logging.getLogger(__name__)
+
 Arrays = Mapping[str, NDArray[Any]]
 
 Duplicates = Literal["refuse", "first", "last"]
@@ -36,6 +39,12 @@ Duplicates = Literal["refuse", "first", "last"]
 _MOST = 20  # rows to leave out that are listed; more are no single broken ones
 _GAP = 10.0  # usual steps without a sample
 _SHORTEST = 4  # rows between two gaps of the clock, of which fewer are broken ones
+
+_LEAST_OF_A_RECORDING = 100
+"""Rows of a part of a file that is a recording of its own."""
+
+BREAK = 3.0
+"""Between recordings that one file holds one after another [s]."""
 
 _PART = re.compile(r"(?P<name>.+)\[(?P<first>\d*):(?P<end>\d*)\]")
 
@@ -90,6 +99,8 @@ def recording_of(
         channels[channel] = np.column_stack(columns)
     keep = _kept(len(time), omit, where)
     keep[keep] = _distinct(time[keep], duplicates)
+    second = 1.0 / float(factors(want.units, "time", want.joints[:1])[0])
+    time = _of_one_clock(time, keep, second, where)
     beside = {n: _by_sample(arrays[n], len(time))[keep] for n in want.beside.names}
     if not keep.all():
         channels = {name: values[keep] for name, values in channels.items()}
@@ -112,6 +123,42 @@ def recording_of(
         advice = omit_advice(rows[keep][broken].tolist(), len(seconds))
         raise RecordingError(f"{cause}{advice}") from None
     return recording
+
+
+def _of_one_clock(time: Vector, keep: BoolArray, second: float, where: str) -> Vector:
+    """Return the time of recordings that one file holds one after another.
+
+    Where the clock goes back, a recording ends, if all are long and nowhere else the
+    clock stands or goes back; the next one follows after a break.  Otherwise the clock
+    is returned as it is, and is refused later.
+
+    Parameters
+    ----------
+    time : ndarray, shape (rows,)
+    keep : ndarray of bool, shape (rows,)
+        Rows in use.
+    second : float
+        In the unit of `time`.
+    """
+    rows = np.flatnonzero(keep & np.isfinite(time))
+    steps = np.diff(time[rows])
+    ends = np.flatnonzero(steps <= 0.0)
+    if not len(ends) or (steps[ends] == 0.0).any():
+        return time
+    lengths = np.diff(np.concatenate([[-1], ends, [len(rows) - 1]]))
+    if lengths.min() < _LEAST_OF_A_RECORDING:
+        return time
+    late = np.zeros(len(time))
+    late[rows[ends + 1]] = BREAK * second - steps[ends]
+    shown = ", ".join(str(row + 1) for row in rows[ends[:_MOST] + 1].tolist())
+    _log.warning(
+        "%s: the clock goes back at row %s; the parts are read as recordings one after "
+        "another, %g s apart",
+        where,
+        shown,
+        BREAK,
+    )
+    return np.asarray(time + np.cumsum(late))
 
 
 def broken_samples(time: Vector, arrays: Iterable[Array]) -> IntArray:

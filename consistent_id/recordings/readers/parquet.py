@@ -9,13 +9,11 @@ import numpy as np
 from consistent_id._support.inputs import require_unpacked
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import require
-from consistent_id.recordings.readers.named_arrays import Arrays
+from consistent_id.recordings.readers.named_arrays import BREAK, Arrays
 
 _BUFFER = 2**20  # bytes of a column that are read at a time
 _ROWS = 2**15  # of a batch
 EPISODE = "episode_index"  # LeRobot's, with whose episodes the clock begins again
-BREAK = 3.0
-"""Time between episodes that are read one after another, [s]."""
 
 
 def read_arrays(path: Path, names: Sequence[str]) -> Arrays:

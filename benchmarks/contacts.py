@@ -1,0 +1,336 @@
+"""Contacts: touches of a resting arm, torque steps on a moving one, place and force.
+
+``python benchmarks/contacts.py [--only touches steps place] [--write docs/touch.md]``
+
+Thresholds come from other logs than those that they are tried on.  Touches: a Franka
+arm that holds a pose and is touched by hand, labelled by a glove.  Steps: torque steps
+added to logs of a moving UR10e, whose model is identified from the other logs.  Place:
+forces of known size and place on a simulated arm, with the noise of the Franka's logs.
+"""
+
+import argparse
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as parquet
+from pages import written_to
+
+import consistent_id as ci
+from consistent_id.recordings import Recording
+from consistent_id.regression.residual_noise import joint_noise
+from consistent_id.robot.kinematics import link_places
+from consistent_id.service import ContactDetector, MomentumObserver, control_model
+
+DATA = Path(os.environ["CONSISTENT_ID_DATASETS"])
+REST = 0.4  # s without a touch before those that count, and before rest that counts
+SETTLED = 0.25  # s after a touch, in which the hand may still be there
+EARLY = 0.05  # s before a label, in which the hand may be there already
+ALLOWED = 1e-3  # share of false samples that is allowed to the vendor's torque
+
+UR10E = (
+    "identification/ur-20_02_05-20sec_12harm",
+    "identification/ur-20_02_06-20sec_10harm",
+    "identification/ur-20_02_06-20sec_5harm",
+    "identification/ur-20_02_10-20sec_7harm",
+    "identification/ur-20_02_10-30sec_12harm",
+    "identification/ur-20_02_12-40sec_12harm",
+    "identification/ur-20_02_12-50sec_12harm",
+    "identification/ur-20_02_19_14harm50sec",
+    "identification/ur-20_02_19_15harm50sec",
+    "validation/ur-20_02_05-20sec_8harm",
+)
+WITHIN = 0.05  # s in which a step has to be found
+EVERY = 1.0  # s between steps that are put in
+MOVING = 0.05  # rad/s of some joint, above which the arm moves
+
+PANDA = (
+    ci.DHRow(0, 0, d=0.333),
+    ci.DHRow(-np.pi / 2, 0),
+    ci.DHRow(np.pi / 2, 0, d=0.316),
+    ci.DHRow(np.pi / 2, 0.0825),
+    ci.DHRow(-np.pi / 2, -0.0825, d=0.384),
+    ci.DHRow(np.pi / 2, 0),
+    ci.DHRow(np.pi / 2, 0.088),
+)
+FORCES = (5.0, 10.0, 20.0, 40.0)  # N
+TOUCHED = (3, 5)  # forearm and hand, on which forces act
+TRIALS = 200
+RADIUS = 0.05  # m from the link's line
+
+
+class Touched:
+    """A log of touches: torque, the vendor's torque from outside, labels."""
+
+    def __init__(self, file: Path) -> None:
+        table = parquet.read_table(file)
+        time = table["time"].to_numpy().astype(float)
+        kept = np.concatenate([[True], np.diff(time) > 0])  # equal stamps
+        self.name, self.time = file.stem, time[kept]
+        self.label = table["label"].to_numpy()[kept] > 0
+        names = ("q", "dq", "tau_J", "tau_ext")
+        every = {
+            name: np.column_stack([table[f"{name}{j}"].to_numpy() for j in range(7)])
+            for name in names
+        }
+        q, dq, torque, vendor = (every[name][kept] for name in names)
+        joints = tuple(f"joint_{j + 1}" for j in range(7))
+        self.log = Recording(joints, self.time, q, velocity=dq, torque=torque)
+        self.vendor = vendor
+        step = np.diff(self.label.astype(int), prepend=int(self.label[0]))
+        self.starts, ends = np.flatnonzero(step > 0), np.flatnonzero(step < 0)
+        self.ends = np.append(ends, len(self.time))
+        last = np.concatenate([[-np.inf], self.time[ends]])
+        self.since = self.time - last[np.searchsorted(last, self.time, "right") - 1]
+        soon = np.append(self.time[self.starts], np.inf)
+        ahead = soon[np.searchsorted(soon, self.time, "right")] - self.time
+        self.free = ~self.label & (self.since > SETTLED) & (ahead > EARLY)
+        self.rest = ~self.label & (self.since >= REST)
+
+    def touches(self) -> Iterator[slice]:
+        """Yield the touches with rest before."""
+        for start in self.starts:
+            if self.since[start - 1] >= REST:
+                yield slice(start, self.ends[self.ends > start][0])
+
+    def delays(self, flags: np.ndarray) -> list[float]:
+        """Return after what time each touch is flagged; infinite if it is not."""
+        found = [t.start + np.flatnonzero(flags[t]) for t in self.touches()]
+        return [
+            float(self.time[hits[0]] - self.time[touch.start]) if len(hits) else np.inf
+            for hits, touch in zip(found, self.touches(), strict=True)
+        ]
+
+
+def touches() -> list[str]:
+    """Return the table of touches."""
+    files = sorted((DATA / "franka_contacts").glob("*.parquet"))
+    logs = [Touched(file) for file in files]
+    names = ("short memory", "vendor", "vendor, larger")
+    delays: dict[str, list[float]] = {name: [] for name in names}
+    false: dict[str, list[int]] = {name: [] for name in names}
+    over = []
+    for log in logs:
+        others = [other for other in logs if other is not log]
+        detector = ContactDetector.fit(
+            [other.log for other in others], free=[other.free for other in others]
+        )
+        level = np.max([abs(o.vendor[o.free]).max(axis=0) for o in others], axis=0)
+        over.append((abs(log.vendor) / level).max(axis=1))
+        flags = detector.along(log.log).contact
+        for name, found in ((names[0], flags), (names[1], over[-1] > 1.0)):
+            delays[name] += log.delays(found)
+            false[name].append(int(found[log.rest].sum()))
+    rest = sum(int(log.rest.sum()) for log in logs)
+    resting = [o[log.rest] for o, log in zip(over, logs, strict=True)]
+    factor = float(np.quantile(np.concatenate(resting), 1.0 - ALLOWED))
+    for log, ratio in zip(logs, over, strict=True):
+        delays[names[2]] += log.delays(ratio > factor)
+        false[names[2]].append(int((ratio > factor)[log.rest].sum()))
+    kinds = (
+        "short memory, thresholds from the other files",
+        "vendor's `tau_ext`, largest value at rest in the other files",
+        f"the same, {factor:.1f} times: {ALLOWED:.1%} of the resting samples here",
+    )
+    lines = [
+        f"{len(logs)} files; {len(delays[names[0]])} touches and {rest} resting "
+        f"samples with {REST:g} s of rest before.",
+        "",
+        "| threshold on | touches found | delay, median | slowest | false samples |",
+        "|---|---:|---:|---:|---:|",
+    ]
+    for name, kind in zip(names, kinds, strict=True):
+        after = np.array(delays[name])
+        lines.append(
+            f"| {kind} | {np.isfinite(after).sum()} of {len(after)} | "
+            f"{np.median(after) * 1e3:.0f} ms | {after.max() * 1e3:.0f} ms | "
+            f"{sum(false[name]) / rest:.2%} |"
+        )
+    return lines
+
+
+def steps() -> list[str]:
+    """Return the table of the UR10e."""
+    problem = ci.load_problem("problems/ur10e")
+    logs = [problem.read(f"{name}.parquet") for name in UR10E]
+    parts = [ci.build_regression(problem.model, problem.prepare(log)) for log in logs]
+    hours, alarms, thresholds, found, tried, largest = 0.0, [], [], [], [], []
+    for k, log in enumerate(logs):
+        others = [part for j, part in enumerate(parts) if j != k]
+        regression = others[0].joined(others[1:])
+        regression = regression.weighted(joint_noise(problem.model, regression))
+        estimate = ci.constrained_least_squares(
+            problem.model, regression, constraints=problem.constraints
+        )
+        control = control_model(estimate, friction_velocity=0.01, allow_refused=True)
+        observer = MomentumObserver(control)
+        outside = [observer.along(other) for other in logs]
+        detector = ContactDetector.fit([o for j, o in enumerate(outside) if j != k])
+        contacts = detector.along(outside[k])
+        alarms += [
+            f"{Path(UR10E[k]).name} at {log.time[at] - log.time[0]:.1f} of "
+            f"{log.duration:.1f} s, speed {abs(log.velocity[at]).max():.2f} rad/s"
+            for at in contacts.starts
+        ]
+        hours += log.duration / 3600.0
+        moving = (abs(log.velocity) > MOVING).any(axis=1)
+        moving &= np.isfinite(contacts.threshold[:, 0])
+        thresholds.append(contacts.threshold[moving])
+        largest.append(abs(outside[k].torque).max(axis=0))
+        hits = _steps_found(observer, detector, outside[k], contacts.threshold, moving)
+        found.append(hits.sum(axis=0))
+        tried.append(len(hits))
+    middle = np.median(np.concatenate(thresholds), axis=0)
+    low, high = np.quantile(np.concatenate(thresholds), [0.1, 0.9], axis=0)
+    shares = np.sum(found, axis=0) / sum(tried)
+    lines = [
+        f"{len(logs)} logs, {hours * 60:.1f} min, of which {sum(map(len, thresholds))} "
+        f"samples move; {sum(tried)} steps on each joint. False alarms: {len(alarms)}"
+        f"{' (' if alarms else ''}{'; '.join(alarms)}{')' if alarms else ''}.",
+        "",
+        "| joint | threshold, median (10 to 90 %) [N m] | largest torque from outside "
+        "without a contact [N m] | steps of twice the threshold "
+        f"found within {WITHIN * 1e3:.0f} ms |",
+        "|---|---:|---:|---:|",
+    ]
+    most = np.max(largest, axis=0)
+    for j, name in enumerate(logs[0].joints):
+        lines.append(
+            f"| {name} | {middle[j]:.2f} ({low[j]:.2f} to {high[j]:.2f}) | "
+            f"{most[j]:.1f} | {shares[j]:.1%} |"
+        )
+    return lines
+
+
+def _steps_found(
+    observer: MomentumObserver,
+    detector: ContactDetector,
+    outside: Recording,
+    threshold: np.ndarray,
+    moving: np.ndarray,
+) -> np.ndarray:
+    """Return which steps of twice the threshold are found, shape (steps, joints)."""
+    time, out = outside.time, []
+    for at in np.arange(time[0] + 1.0, time[-1] - 1.0, EVERY):
+        k = int(np.searchsorted(time, at))
+        if not moving[k]:
+            continue
+        first = int(np.searchsorted(time, at - 0.45))
+        last = int(np.searchsorted(time, time[k] + WITHIN, "right"))
+        window = slice(first, last)
+        # The observer is linear: it answers a step like a filter of first order.
+        shape = np.where(
+            time[window] > time[k],
+            -np.expm1(-np.max(observer.gain) * (time[window] - time[k])),
+            0.0,
+        )
+        of_joints = []
+        for j in range(len(outside.joints)):
+            torque = outside.torque[window].copy()
+            sign = 1.0 if (len(out) + j) % 2 else -1.0
+            torque[:, j] += sign * 2.0 * threshold[k, j] * shape
+            log = Recording(
+                outside.joints,
+                time[window],
+                outside.position[window],
+                velocity=outside.velocity[window],
+                acceleration=outside.acceleration[window],
+                torque=torque,
+                torque_command=outside.torque_command[window],
+            )
+            of_joints.append(bool(detector.along(log).contact[k - first :].any()))
+        out.append(of_joints)
+    return np.array(out)
+
+
+def place() -> list[str]:
+    """Return the table of places and forces."""
+    files = sorted((DATA / "franka_contacts").glob("*.parquet"))
+    logs = [Touched(file) for file in files]
+    noise = ContactDetector.fit(
+        [log.log for log in logs], free=[log.free for log in logs]
+    ).covariance
+    robot = ci.from_modified_dh("panda", list(PANDA))
+    lines = [
+        f"| force | {RADIUS * 1e3:.0f} mm off the line | link right | link possible | "
+        "error of the force, median | 95 % intervals that hold | point off, median |",
+        "|---:|---|---:|---:|---:|---:|---:|",
+    ]
+    for radius in (0.0, RADIUS):
+        for size in FORCES:
+            rng = np.random.default_rng(int(size))
+            lines.append(_places(robot, noise, size, radius, rng))
+    return lines
+
+
+def _places(
+    robot: ci.RobotModel,
+    noise: np.ndarray,
+    size: float,
+    radius: float,
+    rng: np.random.Generator,
+) -> str:
+    """Return the line of one size of force."""
+    from consistent_id.service.contact_place import contact_place
+
+    right, possible, errors, held, apart = 0, 0, [], 0, []
+    for _ in range(TRIALS):
+        q = rng.uniform(-1.5, 1.5, 7)
+        link = int(rng.choice(TOUCHED))
+        end = robot.joints[link + 1].translation
+        aside = np.cross(rng.normal(size=3), end)
+        local = rng.uniform(0.1, 0.9) * end + radius * aside / np.linalg.norm(aside)
+        force = rng.normal(size=3)
+        force *= size / np.linalg.norm(force)
+        torque = _jacobian(robot, q, link, local).T @ force
+        seen = torque + rng.multivariate_normal(np.zeros(7), noise)
+        found = contact_place(robot, q, seen, noise)
+        right += found.link == robot.link_names[link]
+        possible += robot.link_names[link] in found.possible
+        errors.append(float(np.linalg.norm(found.force - force)) / size)
+        held += abs(found.strength - size) < 1.96 * found.strength_error
+        apart.append(np.linalg.norm(found.point - _point(robot, q, link, local)))
+    return (
+        f"| {size:g} N | {'yes' if radius else 'no'} | {right / TRIALS:.0%} | "
+        f"{possible / TRIALS:.0%} | {np.median(errors):.0%} | {held / TRIALS:.0%} | "
+        f"{np.median(apart) * 1e3:.0f} mm |"
+    )
+
+
+def _point(
+    robot: ci.RobotModel, q: np.ndarray, link: int, at: np.ndarray
+) -> np.ndarray:
+    places = link_places(robot, q[None])
+    return places.translation[0, link] + places.rotation[0, link] @ at
+
+
+def _jacobian(
+    robot: ci.RobotModel, q: np.ndarray, link: int, at: np.ndarray
+) -> np.ndarray:
+    """Return a point's Jacobian by central differences."""
+    step = 1e-6 * np.eye(7)
+    return np.column_stack(
+        [
+            (_point(robot, q + d, link, at) - _point(robot, q - d, link, at)) / 2e-6
+            for d in step
+        ]
+    )
+
+
+TABLES = {"touches": touches, "steps": steps, "place": place}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the tables, or write them into a page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", nargs="+", choices=TABLES, default=list(TABLES))
+    parser.add_argument("--write", type=Path)
+    options = parser.parse_args(arguments)
+    for name in options.only:
+        with written_to(options.write, name, ["ur10e"] if name == "steps" else []):
+            print("\n".join(TABLES[name]()))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,295 @@
+"""Is something touching the arm?  A detector with a short memory.
+
+Torque from outside is never zero: gains, friction and bodies are a little wrong.
+These errors change slowly; a touch does not.  So the detector compares the torque with
+its own mean of 50 to 300 ms ago.  How far this difference moves without a contact
+depends on the motion; that is learned from logs in which nothing touched the arm.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from consistent_id._support.arrays import (
+    Array,
+    BoolArray,
+    IntArray,
+    Matrix,
+    Vector,
+)
+from consistent_id._support.brief import brief
+from consistent_id.errors import ProblemError
+from consistent_id.recordings.recording import Recording
+from consistent_id.service.residual_spread import (
+    SLACK,
+    ResidualSpread,
+    compared,
+    fitted_spread,
+    free_part,
+    signals_of,
+    window_states,
+)
+
+MEMORY = (0.05, 0.3)  # s
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ContactState:
+    """What the detector knows after a sample.
+
+    Attributes
+    ----------
+    time : float, [s]
+    contact : bool
+        Whether a contact begins, changes or ends: the distance is above 1.
+    distance : float
+        Of the torque from its mean, over the threshold.
+    change : ndarray, shape (joints,), [N m or N]
+        The torque less its mean.
+    begun : float, [s]
+        Time of the first sample.
+    times, rows : ndarray
+        The memory: its times and signals.
+    mean : ndarray
+        Mean of the signals that the sample was compared with; NaN without one.
+    """
+
+    time: float
+    contact: bool
+    distance: float
+    change: Vector
+    begun: float
+    times: Vector
+    rows: Matrix
+    mean: Vector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contacts:
+    """What a detector says of a log.
+
+    Attributes
+    ----------
+    time : ndarray, shape (samples,), [s]
+    contact : ndarray of bool, shape (samples,)
+    distance : ndarray, shape (samples,)
+        Over the threshold.
+    change : ndarray, shape (samples, joints), [N m or N]
+        The torque less its mean before.
+    threshold : ndarray, shape (samples, joints), [N m or N]
+        Change of one joint's torque alone that is found.
+    """
+
+    time: Vector
+    contact: BoolArray
+    distance: Vector
+    change: Matrix
+    threshold: Matrix
+
+    @property
+    def starts(self) -> IntArray:
+        """Samples at which contacts were found."""
+        return np.flatnonzero(np.diff(self.contact.astype(int), prepend=0) > 0)
+
+
+@brief
+@dataclass(frozen=True, slots=True, eq=False)
+class ContactDetector:
+    """Detector of contacts by a short memory; made by `ContactDetector.fit`.
+
+    ``d = r - mean(r, 50 to 300 ms ago)`` is divided by its standard deviation, which
+    depends on the motion, and its Mahalanobis distance over all joints by the threshold
+    of the stated rate of false alarms.
+
+    Parameters
+    ----------
+    joints : tuple of str
+    spread : ResidualSpread
+        Standard deviations of the differences by the state of the motion.
+    limit : float
+        Distance at which a contact begins.
+    false_alarms : float, [1/h]
+        Stated rate.
+    memory : tuple of float, [s]
+        Ages of the newest and the oldest sample of the mean.
+    hours : float
+        Of the logs that it was fitted to.
+    """
+
+    joints: tuple[str, ...]
+    spread: ResidualSpread
+    limit: float
+    false_alarms: float
+    memory: tuple[float, float] = MEMORY
+    hours: float = 0.0
+
+    def __repr__(self) -> str:
+        return (
+            f"ContactDetector({len(self.joints)} joints, {self.false_alarms:g} false "
+            f"alarms an hour, from {self.hours * 60:.1f} min)"
+        )
+
+    @classmethod
+    def fit(
+        cls,
+        logs: Sequence[Recording],
+        *,
+        free: Sequence[ArrayLike] | None = None,
+        false_alarms: float = 1.0,
+        memory: tuple[float, float] = MEMORY,
+    ) -> "ContactDetector":
+        """Return the detector that is right for these logs.
+
+        Values that a log repeats, because the robot was read faster than it answers,
+        change nothing: means and alarms go by time.
+
+        Parameters
+        ----------
+        logs : sequence of Recording
+            Their `torque` is torque from outside (`MomentumObserver.along`), or, of an
+            arm that holds its pose, measured torque.  Velocity, acceleration and the
+            model's torque (`torque_command`) make the threshold depend on the motion;
+            each is used if all logs have it.
+        free : sequence of array_like of bool, shape (samples,), optional
+            Of each log, samples at which nothing touched the arm; by default all.
+        false_alarms : float, [1/h]
+            Rate to state.  If logs are shorter than an hour, it is extrapolated: the
+            distances' largest values are taken to fall off exponentially.
+        memory : tuple of float, [s]
+
+        Raises
+        ------
+        ProblemError
+            If logs have other joints or no torque, or too little of them is free.
+        """
+        if not logs:
+            raise ProblemError("no log, expected one in which nothing touches the arm")
+        newest, oldest = memory
+        if not 0.0 <= newest < oldest:
+            raise ProblemError(
+                f"the memory is {memory} s, expected ages as 0.05 and 0.3"
+            )
+        if not false_alarms > 0.0:
+            raise ProblemError(
+                f"{false_alarms} false alarms an hour, expected more than 0"
+            )
+        joints = logs[0].joints
+        flags = [np.ones(len(log), dtype=bool) for log in logs]
+        if free is not None:
+            flags = [np.asarray(f, dtype=bool) for f in free]
+        if [len(f) for f in flags] != [len(log) for log in logs]:
+            raise ProblemError("expected free samples of each log, as many as it has")
+        used = signals_of(logs[0])
+        for log in logs:
+            used = used.shared(signals_of(log.of(joints)))
+        parts = [
+            free_part(log.of(joints), flag, used, memory)
+            for log, flag in zip(logs, flags, strict=True)
+        ]
+        spread, limit, hours = fitted_spread(parts, false_alarms, used, oldest)
+        return cls(joints, spread, limit, false_alarms, memory, hours)
+
+    @property
+    def covariance(self) -> Matrix:
+        """Covariance of the change without a contact, at rest, shape (joints, joints).
+
+        [(N m)^2]
+        """
+        return self.spread.covariance
+
+    def start(self, time: float) -> ContactState:
+        """Return the state before the first sample, which has the given time."""
+        n = len(self.joints)
+        still = np.zeros(n)
+        width = len(self.spread.signals.row(n, still, still, still, still))
+        none = np.zeros(0)
+        rows = np.zeros((0, width))
+        mean = np.full(width, np.nan)
+        return ContactState(time, False, 0.0, still, time, none, rows, mean)
+
+    def step(
+        self,
+        state: ContactState,
+        time: float,
+        torque: ArrayLike,
+        velocity: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+        expected: ArrayLike | None = None,
+    ) -> ContactState:
+        """Return the state after another sample.
+
+        Parameters
+        ----------
+        state : ContactState
+        time : float, [s]
+        torque, velocity, acceleration, expected : array_like, shape (joints,)
+            As in the logs of `fit`: torque from outside, motion, the model's torque.
+
+        Raises
+        ------
+        ProblemError
+            If a channel is missing that `fit` had.
+        """
+        n = len(self.joints)
+        row = self.spread.signals.row(n, torque, velocity, acceleration, expected)
+        return self._next(state, time, row)
+
+    def along(self, log: Recording) -> Contacts:
+        """Return the contacts of a log, as `step` finds them sample by sample.
+
+        Raises
+        ------
+        ProblemError
+            If a channel is missing that `fit` had.
+        RecordingError
+            If a joint is missing.
+        """
+        log = log.of(self.joints)
+        part, known = compared(log, self.spread.signals, self.memory)
+        n = len(self.joints)
+        change = (part.rows - part.means)[:, :n] * known[:, None]
+        distance = np.where(known, self.spread.distances(part), 0.0) / self.limit
+        deviations = self.spread.deviations(part.rows, part.means, part.states)
+        threshold = np.where(known[:, None], self._alone(deviations), np.inf)
+        return Contacts(log.time, distance > 1.0, distance, change, threshold)
+
+    def thresholds(self, state: ContactState) -> Vector:
+        """Return the change of each joint's torque alone that is found in this state.
+
+        Returns
+        -------
+        ndarray, shape (joints,), [N m or N]
+            Infinite as long as there is no mean to compare with.
+        """
+        if np.isnan(state.mean).any() or not len(state.rows):
+            return np.full(len(self.joints), np.inf)
+        return self._alone(self._deviations(state.rows, state.mean))
+
+    def _alone(self, deviations: Array) -> Array:
+        return self.limit * deviations / np.sqrt(np.diag(self.spread.weights))
+
+    def _deviations(self, rows: Matrix, mean: Vector) -> Vector:
+        states = window_states(rows, len(self.joints))
+        found: Vector = self.spread.deviations(rows[-1:], mean[None], states[None])[0]
+        return found
+
+    def _next(self, state: ContactState, time: float, row: Vector) -> ContactState:
+        newest, oldest = self.memory
+        keep = state.times >= time - oldest - SLACK
+        times = np.append(state.times[keep], time)
+        rows = np.vstack([state.rows[keep], row])
+        before = times <= time - newest + SLACK
+        n, full = len(self.joints), time >= state.begun + oldest
+        if not (full and before.any()):
+            change, distance, mean = np.zeros(n), 0.0, np.full_like(row, np.nan)
+        else:
+            mean = rows[before].mean(axis=0)
+            change = row[:n] - mean[:n]
+            scaled = change / self._deviations(rows, mean)
+            square = float(scaled @ self.spread.weights @ scaled)
+            distance = float(np.sqrt(square)) / self.limit
+        return ContactState(
+            time, distance > 1.0, distance, change, state.begun, times, rows, mean
+        )

@@ -1,0 +1,61 @@
+"""Offsets and springs that may be zero are not in exported files."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from estimates import estimate_of
+
+from consistent_id import DHRow, DriveTerms, TorqueModel, from_modified_dh
+from consistent_id.export.export_formats import exported, without_doubtful
+from consistent_id.robot.inertia import InertialParameters
+from consistent_id.rollout.file_error import FileError
+
+
+@pytest.fixture(scope="module")
+def estimate():
+    terms = DriveTerms(viscous=True, offset=True, spring=True)
+    model = TorqueModel(
+        from_modified_dh("arm", [DHRow(0.0, 0.0), DHRow(0.0, 0.3)]), terms
+    )
+    body = InertialParameters.from_central(1.0, [0.1, 0.0, 0.0], 0.01 * np.eye(3))
+    values = {"viscous": 0.3, "offset": 0.05, "spring": 0.2}
+    names = model.layout.names[model.layout.inertial_size :]
+    x = [values[name.split(".")[1]] for name in names]
+    made = estimate_of(model, [body, body], np.array(x))
+    errors = np.full(len(model.layout), np.nan)
+    index = model.layout.names.index
+    errors[index("joint1.offset")] = 0.06  # may be zero
+    errors[index("joint2.offset")] = 0.01  # is not
+    errors[index("joint1.spring")] = 0.19  # is not
+    errors[index("joint2.spring")] = 0.3  # may be zero
+    errors[index("joint1.viscous")] = 1.0  # friction is never left out
+    return replace(made, parameter_errors=errors)
+
+
+def test_only_offsets_and_springs_within_their_error_are_left_out(estimate):
+    kept, (note,) = without_doubtful(estimate)
+    changed = np.flatnonzero(kept.parameters != estimate.parameters)
+    left_out = {estimate.model.layout.names[i] for i in changed}
+    assert left_out == {"joint1.offset", "joint2.spring"}
+    assert (kept.parameters[changed] == 0.0).all()
+    assert "joint1.offset 0.05 +- 0.06" in note and "joint2.spring" in note
+
+
+def test_files_lack_them_and_say_so_but_the_record_does_not(estimate):
+    source = exported(estimate, "numpy", allow_refused=True)
+    assert any("joint1.offset" in note for note in source.notes)
+    record = exported(estimate, "json", allow_refused=True)
+    assert not any("left out" in note for note in record.notes)
+
+
+def test_an_estimate_without_errors_stays_as_it_is(estimate):
+    bare = replace(estimate, parameter_errors=None)
+    assert without_doubtful(bare) == (bare, ())
+
+
+def test_a_delay_that_the_file_lacks_is_priced_and_shown_in_python():
+    first, second = FileError(4e-3, 3e-3, 0.005).lines()
+    assert "4.00 mrad" in first and "3.00 with commands 5.00 ms late" in first
+    assert "round(0.005 / model.opt.timestep)" in second
+    assert FileError(4e-3, 4e-3, 0.0).lines() == [first.split(";")[0]]

@@ -1,0 +1,163 @@
+"""Contacts in noise whose statistics are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from consistent_id import ProblemError, Recording
+from consistent_id.service import ContactDetector
+
+JOINTS = ("shoulder", "elbow", "wrist")
+SIGMA = np.array([2.0, 1.0, 0.3])
+
+
+def noise(seconds, seed, rate=200.0, memory=0.8):
+    """AR noise of three correlated joints, beside slow errors of a model."""
+    rng = np.random.default_rng(seed)
+    n = round(seconds * rate)
+    mixed = np.linalg.cholesky(np.array([[1, 0.5, 0], [0.5, 1, 0.3], [0, 0.3, 1]]))
+    fresh = rng.normal(size=(n, 3)) @ mixed.T * np.sqrt(1.0 - memory**2)
+    out = np.empty((n, 3))
+    out[0] = rng.normal(size=3)
+    for k in range(1, n):
+        out[k] = memory * out[k - 1] + fresh[k]
+    time = np.arange(n) / rate
+    slow = 5.0 * np.sin(0.3 * time[:, None] + np.arange(3))
+    return Recording(JOINTS, time, np.zeros((n, 3)), torque=SIGMA * (out + slow))
+
+
+def moving(seconds, seed):
+    """The same while joints turn round, where friction is wrong by three deviations."""
+    log = noise(seconds, seed)
+    rate = 0.5 * np.sin(1.3 * log.time[:, None] + np.arange(3) * 2.0)
+    return replace(
+        log, velocity=rate, torque=log.torque + 3.0 * SIGMA * np.tanh(rate / 0.02)
+    )
+
+
+@pytest.fixture(scope="module")
+def detector():
+    return ContactDetector.fit([noise(60.0, 0), noise(60.0, 1)], false_alarms=60.0)
+
+
+@pytest.mark.slow
+def test_false_alarms_are_as_rare_as_stated(detector):
+    log = noise(600.0, 2)
+    alarms = detector.along(log).starts
+    # One a minute is stated; of independent alarms, 10 minutes have 2 to 21 (99.5 %,
+    # with 20 % for the limit's own error).
+    assert 2 <= len(alarms) <= 21
+    assert detector.hours == pytest.approx(120.0 / 3600.0, rel=0.02)
+
+
+def test_covariance_is_that_of_the_difference(detector):
+    # Noise at one time, plus that of a mean over 250 ms (some 5 % of the variance each
+    # way), beside a slow error.
+    found = detector.covariance
+    scale = np.sqrt(np.diag(found))
+    assert (abs(scale / SIGMA - 1.0) < 0.2).all()
+    correlation = found / np.outer(scale, scale)
+    assert correlation[0, 1] == pytest.approx(0.5, abs=0.1)
+    assert correlation[1, 2] == pytest.approx(0.3, abs=0.1)
+
+
+def test_a_step_is_found_at_once_and_by_the_stated_threshold(detector):
+    log = noise(20.0, 4)
+    threshold = detector.along(log).threshold[-1]
+    assert np.isinf(detector.along(log).threshold[:59]).all()  # no mean of 0.3 s yet
+    for j in range(3):
+        push = np.zeros((len(log), 3))
+        push[2000:, j] = 2.0 * threshold[j]
+        found = detector.along(replace(log, torque=log.torque + push))
+        assert found.contact[2000:2010].any()  # 50 ms
+        assert not found.contact[1900:2000].any()
+        small = replace(log, torque=log.torque + 0.1 * push)
+        assert not detector.along(small).contact[1900:2100].any()
+
+
+def test_sample_by_sample_is_the_same():
+    fitted = ContactDetector.fit([moving(60.0, 5)])
+    log = moving(1.0, 6)
+    found = fitted.along(log)
+    state = fitted.start(log.time[0])
+    for k, time in enumerate(log.time):
+        state = fitted.step(state, time, log.torque[k], log.velocity[k])
+        assert state.contact == found.contact[k]
+        # Sums of a whole log and of one memory differ by their last digits.
+        assert state.distance == pytest.approx(found.distance[k], abs=1e-9)
+        np.testing.assert_allclose(state.change, found.change[k], atol=1e-9)
+        np.testing.assert_allclose(fitted.thresholds(state), found.threshold[k])
+
+
+def test_thresholds_rise_where_a_joint_turns_round():
+    fitted = ContactDetector.fit([moving(120.0, 7)])
+    log = moving(30.0, 8)
+    threshold = fitted.along(log).threshold
+    for j in range(3):
+        rate = abs(log.velocity[:, j])
+        turning, fast = (rate < 0.03), (rate > 0.45)
+        turning[:60] = fast[:60] = False
+        # Friction changes by 6 deviations there; noise is one.
+        assert np.median(threshold[turning, j]) > 1.5 * np.median(threshold[fast, j])
+
+
+def test_repeated_values_change_nothing():
+    logs = [noise(60.0, 9), noise(60.0, 10)]
+    twice = [
+        Recording(
+            log.joints,
+            np.arange(2 * len(log)) / 400.0,
+            np.repeat(log.position, 2, axis=0),
+            torque=np.repeat(log.torque, 2, axis=0),
+        )
+        for log in logs
+    ]
+    once, repeated = (ContactDetector.fit(x) for x in (logs, twice))
+    np.testing.assert_allclose(repeated.covariance, once.covariance, atol=0.03)
+    assert repeated.limit == pytest.approx(once.limit, rel=0.05)
+
+
+def test_samples_that_are_not_free_are_not_learned():
+    log = noise(120.0, 11)
+    push = np.zeros((len(log), 3))
+    push[4000:4100] = 50.0
+    free = np.ones(len(log), dtype=bool)
+    free[4000:4100] = False
+    touched = replace(log, torque=log.torque + push)
+    clean = ContactDetector.fit([log])
+    spared = ContactDetector.fit([touched], free=[free])
+    np.testing.assert_allclose(spared.covariance, clean.covariance, atol=0.03)
+    assert ContactDetector.fit([touched]).covariance[2, 2] > 10 * clean.covariance[2, 2]
+
+
+def test_a_push_that_moves_a_resting_arm_does_not_hide_itself():
+    rng = np.random.default_rng(12)
+    log = noise(60.0, 12)
+    tremble = 1e-4 * rng.normal(size=(len(log), 3))
+    fitted = ContactDetector.fit([replace(log, velocity=tremble)])
+    push, pushed = np.zeros((len(log), 3)), tremble.copy()
+    push[6000:6040, 0], pushed[6000:6040, 0] = 40.0, 0.04
+    found = fitted.along(replace(log, velocity=pushed, torque=log.torque + push))
+    assert found.contact[6000:6010].any()
+
+
+def test_what_cannot_be_learned_is_refused(detector):
+    log = noise(60.0, 13)
+    with pytest.raises(ProblemError, match="no log"):
+        ContactDetector.fit([])
+    with pytest.raises(ProblemError, match="or more to learn from"):
+        ContactDetector.fit([noise(5.0, 14)])
+    with pytest.raises(ProblemError, match="has no torque"):
+        ContactDetector.fit([replace(log, torque=None)])
+    with pytest.raises(ProblemError, match="free samples"):
+        ContactDetector.fit([log], free=[np.ones(3, dtype=bool)])
+    with pytest.raises(ProblemError, match="expected more than 0"):
+        ContactDetector.fit([log], false_alarms=0.0)
+    with pytest.raises(ProblemError, match="expected ages"):
+        ContactDetector.fit([log], memory=(0.3, 0.05))
+    fast = ContactDetector.fit([moving(60.0, 15)])
+    with pytest.raises(ProblemError, match="no velocity"):
+        fast.step(fast.start(0.0), 0.0, np.zeros(3))
+    with pytest.raises(ProblemError, match="no velocity"):
+        fast.along(log)
