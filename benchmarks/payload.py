@@ -226,9 +226,14 @@ def run_of(
     robot: Robot,
     load: ci.InertialParameters | None,
     moved: tuple[np.ndarray, ...],
+    *,
     offset: float = 0.1,
+    rotor: float = 0.0,
 ) -> Run:
-    """Return the torque of a motion, with a load on the last link or without it."""
+    """Return the torque of a motion, with a load on the last link or without it.
+
+    Offset and rotor inertia are shares of dry friction and of the effort limits.
+    """
     model = pin.buildModelFromXML(urdf(robot))
     if load is not None:
         body = pin.Inertia(load.mass, load.com, load.central_inertia)
@@ -237,8 +242,9 @@ def run_of(
     data = model.createData()
     rows = zip(q, dq, ddq, strict=True)
     torque = np.array([pin.rnea(model, data, *state).copy() for state in rows])
-    size = FRICTION * np.array([part.effort for part in robot.parts])
-    torque += size * (VISCOUS * dq + np.tanh(dq / 0.02) + offset)
+    effort = np.array([part.effort for part in robot.parts])
+    torque += FRICTION * effort * (VISCOUS * dq + np.tanh(dq / 0.02) + offset)
+    torque += rotor * effort * ddq
     return Run(time, q, dq, torque)
 
 

@@ -1,6 +1,8 @@
 """An identified arm that floats on compensation in MuJoCo stays where it is."""
 
-import mujoco
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from carrying import urdf
@@ -18,8 +20,11 @@ from consistent_id.recordings.joint_paths import Sinusoid, SinusoidalMotion
 from consistent_id.robot import load_urdf
 from consistent_id.service import control_model
 
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+sys.path.insert(0, str(BENCHMARKS))
+import holding  # noqa: E402
+
 POSES = 50
-SECONDS = 5.0
 LEVELS = np.array([1.2, 0.8])  # viscous, dry friction of each joint
 
 
@@ -27,20 +32,7 @@ def drift(true, control, poses):
     """Largest angle by which the true robot leaves each pose, in degrees."""
     model = mujoco_spec(true).spec.compile()
     model.opt.timestep = 2e-3
-    states = []
-    for q in poses:
-        data = mujoco.MjData(model)
-        data.qpos[:] = q
-        states.append(data)
-    for _ in range(round(SECONDS / model.opt.timestep)):
-        q = np.array([data.qpos for data in states])
-        dq = np.array([data.qvel for data in states])
-        torque = control.gravity(q) + control.springs(q) + control.friction(dq, q)
-        for data, tau in zip(states, torque, strict=True):
-            data.qfrc_applied[:] = tau
-            mujoco.mj_step(model, data)
-    moved = np.array([data.qpos for data in states]) - poses
-    return np.degrees(abs(moved).max(axis=1))
+    return holding.drift(model, control, poses, 5.0)
 
 
 @pytest.mark.slow

@@ -1,0 +1,115 @@
+"""Drift of arms that float on the gravity and friction of their identified models.
+
+``python benchmarks/holding.py [--write docs/control.md]``
+
+MuJoCo simulates three arms with friction and rotors.  Each is identified from 20 s of
+motion.  Then compensation alone holds it in 50 random poses for 5 s.  Beside it are
+the bodies that the robot's file states, with the identified friction: masses are right
+there, centres of mass and inertias are near.
+"""
+
+import argparse
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from faults_robots import Robot, as_drawn, urdf
+from pages import written_to
+from payload import ARMS, FRICTION, VISCOUS, run_of, states, write_log
+from threadpoolctl import threadpool_limits
+
+import consistent_id as ci
+from consistent_id.service import ControlModel, control_model
+
+POSES, SECONDS, STEP = 50, 5.0, 2e-3
+ROTOR = 0.005  # kg m^2 for each N m of the effort limit, as of a UR10e
+NOISE = 0.01  # of each joint's torque
+DRIVE = ("viscous", "coulomb", "offset", "rotor_inertia")
+
+
+def simulated(robot: Robot) -> mujoco.MjModel:
+    """Return the arm as MuJoCo simulates it, with friction and without contacts."""
+    model = mujoco.MjModel.from_xml_string(urdf(robot))
+    effort = np.array([part.effort for part in robot.parts])
+    model.dof_frictionloss[:] = FRICTION * effort
+    model.dof_damping[:] = VISCOUS * FRICTION * effort
+    model.dof_armature[:] = ROTOR * effort
+    mujoco.mj_setConst(model, mujoco.MjData(model))  # how soft dry friction is
+    model.opt.timestep = STEP
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    return model
+
+
+def drift(
+    model: mujoco.MjModel, control: ControlModel, poses: np.ndarray, seconds: float
+) -> np.ndarray:
+    """Return the largest angle by which the arm leaves each pose, in degrees.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+        The real arm.
+    control : ControlModel
+        Whose gravity, springs and friction are applied.
+    poses : ndarray, shape (poses, joints), [rad]
+    seconds : float
+    """
+    states = []
+    for q in poses:
+        data = mujoco.MjData(model)
+        data.qpos[:] = q
+        states.append(data)
+    for _ in range(round(seconds / model.opt.timestep)):
+        q = np.array([data.qpos for data in states])
+        dq = np.array([data.qvel for data in states])
+        torque = control.gravity(q) + control.springs(q) + control.friction(dq, q)
+        for data, tau in zip(states, torque, strict=True):
+            data.qfrc_applied[:] = tau
+            mujoco.mj_step(model, data)
+    moved = np.array([data.qpos for data in states]) - poses
+    return np.degrees(abs(moved).max(axis=1))
+
+
+def row(name: str, robot: Robot) -> str:
+    """Identify an arm, and return its row of the table."""
+    rng = np.random.default_rng(0)
+    model, drawn = simulated(robot), as_drawn(robot, rng)
+    with tempfile.TemporaryDirectory() as folder:
+        (file := Path(folder, "robot.urdf")).write_text(urdf(drawn))
+        moved = states(robot, rng, 20.0, "random motion")
+        run = run_of(robot, None, moved, offset=0.0, rotor=ROTOR)
+        sigma = NOISE * np.sqrt(np.mean(run.torque**2, axis=0))
+        log = write_log(Path(folder, "log.csv"), robot, run, sigma, rng)
+        problem = ci.draft_problem(
+            file, log, select=False, cutoff=8.0, drive=DRIVE
+        ).problem()
+        estimate = ci.run_study(problem).delivered
+    reach = 0.8 * np.array([part.reach for part in robot.parts])
+    poses = rng.uniform(-reach, reach, (POSES, len(reach)))
+    found = drift(model, control_model(estimate, allow_refused=True), poses, SECONDS)
+    parameters = estimate.parameters.copy()
+    nominal = estimate.model.robot.nominal
+    parameters[: len(nominal)] = nominal
+    stated = replace(estimate, parameters=parameters)
+    beside = drift(model, control_model(stated, allow_refused=True), poses, SECONDS)
+    cells = [f"{np.median(d):.3f} | {d.max():.3f}" for d in (found, beside)]
+    return f"| `{name}` | {len(reach)} | {' | '.join(cells)} |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--write", type=Path)
+    options = parser.parse_args()
+    with threadpool_limits(1), written_to(options.write, "holding"):
+        print(
+            "| arm | joints | identified: median drift, degrees | largest | the file's "
+            "bodies: median | largest |\n|---|--:|--:|--:|--:|--:|"
+        )
+        for name, robot in ARMS.items():
+            print(row(name, robot), flush=True)
+
+
+if __name__ == "__main__":
+    main()
