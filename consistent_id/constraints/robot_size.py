@@ -114,8 +114,9 @@ def _sizes(robot: RobotModel, masses: Vector, reach: Mapping[str, float]) -> Vec
     """Return how far each link's mass is from its joint at most, shape (links,), [m].
 
     The farthest of the joints at the link, of the joint before, where a motor may be,
-    of the link's shapes or else of the nominal body, and of a ball of the link's mass.
-    Infinite where neither is known: it may be long beyond its last joint.
+    of the link's shapes, of the nominal body, and of a ball of the link's mass.  Shapes
+    may leave out a tool or a payload, so they never shorten the nominal body.  Infinite
+    where neither is known: the link may be long beyond its last joint.
     """
     sizes = (3.0 * np.maximum(masses, 0.0) / (4.0 * np.pi * _THIN)) ** (1.0 / 3.0)
     for k, joint in enumerate(robot.joints):
@@ -125,11 +126,8 @@ def _sizes(robot: RobotModel, masses: Vector, reach: Mapping[str, float]) -> Vec
             sizes[joint.parent] = max(sizes[joint.parent], before)
     for k, link in enumerate(robot.links):
         body = link.nominal
-        if link.name in reach:
-            sizes[k] = max(sizes[k], reach[link.name])
-        elif body is None:
-            sizes[k] = np.inf
-        elif body.mass > 0.0:
+        sizes[k] = max(sizes[k], reach.get(link.name, np.inf if body is None else 0.0))
+        if body is not None and body.mass > 0.0:
             spread = max(float(np.trace(body.central_inertia)), 0.0) / (2.0 * body.mass)
             centre = float(np.linalg.norm(body.vector[1:4])) / body.mass
             sizes[k] = max(sizes[k], centre + np.sqrt(spread))

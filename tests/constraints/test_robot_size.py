@@ -18,6 +18,7 @@ from consistent_id import (
     low_passed,
 )
 from consistent_id.constraints.robot_size import robot_size
+from consistent_id.estimation.judgement import INERTIA_REFUSED
 from consistent_id.robot import load_urdf
 from consistent_id.robot.inertia import InertialParameters
 
@@ -116,3 +117,28 @@ def test_a_link_without_mass_and_of_unknown_size_adds_nothing(model):
     size = robot_size(bare, parameters)
     assert np.isinf(size.size[-1])
     assert np.isnan(size.inertia).all() and np.isnan(size.radius).all()
+
+
+def test_a_short_shape_does_not_shorten_the_nominal_body(model):
+    """A file may draw a link without its tool."""
+    links = list(model.robot.links)
+    tool = InertialParameters.from_central(3.0, [1.2, 0.0, 0.0], 0.01 * np.eye(3))
+    links[1] = replace(links[1], nominal=tool)
+    tooled = replace(model, robot=replace(model.robot, links=tuple(links)))
+    exact = _parameters(tooled, [link.nominal for link in links])
+    drawn = {link.name: 0.1 for link in links}
+    size, bare = robot_size(tooled, exact, drawn), robot_size(tooled, exact)
+    np.testing.assert_array_equal(size.size, bare.size)
+    assert size.size[1] > 1.2
+    assert np.nanmax(size.inertia) <= 1.0
+    # A body far beyond both the shape and the nominal body is still seen.
+    long = InertialParameters.from_central(3.0, [6.0, 0.0, 0.0], 0.01 * np.eye(3))
+    far = robot_size(tooled, _parameters(tooled, [links[0].nominal, long]), drawn)
+    assert np.nanmax(far.inertia) > INERTIA_REFUSED
+
+
+def test_a_long_shape_widens_the_nominal_body(model):
+    nominal = [link.nominal for link in model.robot.links]
+    x = _parameters(model, nominal)
+    name = model.robot.link_names[1]
+    assert robot_size(model, x, {name: 0.9}).size[1] == pytest.approx(0.9)
