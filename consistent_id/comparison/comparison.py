@@ -1,7 +1,7 @@
 """Estimates side by side: held-out torque, consistency, distance to nominal."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from consistent_id.constraints.priors import pullback_distance
 from consistent_id.constraints.robot_size import robot_size
 from consistent_id.errors import ProblemError, SolverError
 from consistent_id.estimation.body_slopes import Slopes
-from consistent_id.estimation.drive_ratios import drive_ratios
+from consistent_id.estimation.drive_ratios import drive_ratios, log_speeds
 from consistent_id.estimation.estimate import Estimate, torque_errors
 from consistent_id.estimation.fit import usual_efforts
 from consistent_id.estimation.judgement import Evidence, judge
@@ -71,6 +71,8 @@ class EstimateReport:
         Of the training recordings; see `usual_efforts`.
     drawn : DrawnParts, optional
         Shapes of links and nominal drives, of the robot's file.
+    speeds : mapping of str to float, [rad/s or m/s]
+        RMS speed of each joint in the training recordings.
     """
 
     estimate: Estimate
@@ -85,6 +87,7 @@ class EstimateReport:
     crossed: Slopes | None = None
     usual_efforts: Vector | None = None
     drawn: DrawnParts | None = None
+    speeds: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def possible_links(self) -> tuple[bool, ...]:
@@ -120,7 +123,14 @@ class EstimateReport:
             accepted=own.accepted,
             loose_trunk=own.loose_trunk,
             size=robot_size(own.model, own.parameters, drawn.reach),
-            drives=drive_ratios(own.model, own.parameters, drawn),
+            drives=drive_ratios(
+                own.model,
+                own.parameters,
+                own.parameter_errors,
+                drawn,
+                self.speeds,
+                () if own.fitted_under is None else own.fitted_under.constraints,
+            ),
             crossed=self.crossed,
             usual_efforts=self.usual_efforts,
         )
@@ -286,7 +296,7 @@ def compare(
         [torque_errors(estimates, recording) for recording in recordings]
         for recordings in (training, validation)
     )
-    efforts = usual_efforts(model, training)
+    efforts, speeds = usual_efforts(model, training), log_speeds(training)
     reports = [
         EstimateReport(
             estimate=estimate,
@@ -314,6 +324,7 @@ def compare(
             crossed=crossed,
             usual_efforts=efforts,
             drawn=drawn,
+            speeds=speeds,
         )
         for i, estimate in enumerate(estimates)
     ]

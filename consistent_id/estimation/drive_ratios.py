@@ -4,15 +4,19 @@ A wrong clock scales all rotor inertias, a wrong gain all drives alike.  What a 
 says of drives is worth little: of a Unitree Z1, clean estimates are 0.4 to 1.3 times
 its rotor inertias and 0.6 to 1.3 times its friction.  So only a large common factor
 counts.  Values that are alike for all joints are placeholders, and do not count at all.
+Values that the data do not determine, or that lie on a bound, are not compared: the
+inertias of a first joint's rotor and link are one sum, whose parts are the prior's.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from consistent_id._support.arrays import Vector, freeze_arrays
+from consistent_id.constraints.parameter_constraints import ParameterBounds
 from consistent_id.estimation.verdict import Reason
+from consistent_id.recordings.recording import Recording, velocities
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.drawn_parts import DrawnDrive, DrawnParts
 
@@ -23,21 +27,22 @@ ROTOR_CARE = 3.0
 """Common factor of rotor inertia: a clock at half speed makes it four."""
 
 _SURE = 3.0  # standard errors of the mean, from the scatter between joints
+_CLEAR = 3.0  # standard errors of a value, at least, that the data determine
 _JOINTS = 3  # fewer show no scatter
-_USUAL = 0.25  # share of the speed limit at which friction is compared
-_SPEED = 0.5  # rad/s or m/s, where no limit is known
+_NOTHING = 1e-4  # ratio at or below which a drive has none, as on the bound at zero
+_ON_BOUND = 1e-4  # of a bound, within which a value lies on it
 _PLAIN = {"viscous", "coulomb", "offset", "rotor_inertia"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriveRatios:
-    """Estimates over nominal values; NaN where either is not known.
+    """Estimates over nominal values; NaN where one is not known or not determined.
 
     Parameters
     ----------
     joints : tuple of str
     friction : array_like, shape (joints,)
-        At a quarter of the speed limit; of joints whose friction is viscous and dry.
+        At the speed of the log; of joints whose friction is viscous and dry.
     rotors : array_like, shape (joints,)
     """
 
@@ -51,45 +56,117 @@ class DriveRatios:
         freeze_arrays(self, shapes, "drive ratios", finite=False)
 
 
-def drive_ratios(model: TorqueModel, x: Vector, drawn: DrawnParts) -> DriveRatios:
+def log_speeds(recordings: Sequence[Recording]) -> dict[str, float]:
+    """Return the RMS speed of each joint in all recordings, [rad/s or m/s]."""
+    squares: dict[str, list[Vector]] = {}
+    for log in recordings:
+        for name, speed in zip(log.joints, velocities(log).T, strict=True):
+            squares.setdefault(name, []).append(speed**2)
+    return {
+        name: float(np.sqrt(np.mean(np.concatenate(each))))
+        for name, each in squares.items()
+    }
+
+
+def drive_ratios(
+    model: TorqueModel,
+    x: Vector,
+    errors: Vector | None,
+    drawn: DrawnParts,
+    speeds: Mapping[str, float],
+    bounds: Sequence[object] = (),
+) -> DriveRatios:
     """Compare drives of a parameter vector with those of the robot's file.
 
     Parameters
     ----------
     x : ndarray, shape (parameters,)
+    errors : ndarray, shape (parameters,), optional
+        Standard errors, NaN where the data do not determine a parameter; without them
+        nothing is compared.  See `Estimate.parameter_errors`.
+    speeds : mapping of str to float, [rad/s or m/s]
+        Speed of each joint at which friction is compared; see `log_speeds`.
+    bounds : sequence of Constraint
+        Those of the estimate.  Values on `ParameterBounds` are not compared; zero is
+        no drive.
     """
-    found = [_ratios(model, x, joint.name, drawn) for joint in model.robot.joints]
+    known = np.full(len(x), np.nan) if errors is None else errors.copy()
+    for bound in bounds:
+        if isinstance(bound, ParameterBounds):
+            for name, limits in bound.bounds.items():
+                i = model.layout.index(name)
+                finite = [at for at in limits if np.isfinite(at) and at != 0.0]
+                if any(abs(x[i] - at) <= _ON_BOUND * abs(at) for at in finite):
+                    known[i] = np.nan
+    values = {
+        n: (float(x[i]), float(known[i])) for i, n in enumerate(model.layout.names)
+    }
+    found = [
+        _ratios(values, joint.name, drawn, speeds.get(joint.name, np.nan))
+        for joint in model.robot.joints
+    ]
     names = tuple(joint.name for joint in model.robot.joints)
     return DriveRatios(names, *np.array(found).reshape(-1, 2).T)
 
 
 def _ratios(
-    model: TorqueModel, x: Vector, name: str, drawn: DrawnParts
+    values: Mapping[str, tuple[float, float]],
+    name: str,
+    drawn: DrawnParts,
+    speed: float,
 ) -> tuple[float, float]:
-    own = [n for n in model.layout.names if n.startswith(f"{name}.")]
-    terms = {n.removeprefix(f"{name}."): float(x[model.layout.index(n)]) for n in own}
+    """Return the ratios of friction and rotor inertia of one joint.
+
+    Parameters
+    ----------
+    values : mapping of str to (float, float)
+        Value and standard error of each parameter.
+    """
+    own = [n for n in values if n.startswith(f"{name}.")]
+    terms = {n.removeprefix(f"{name}."): values[n] for n in own}
     drive = drawn.drives.get(name, DrawnDrive())
-    limits = {joint.name: joint.limits.velocity for joint in model.robot.joints}
-    speed = _USUAL * limits[name] if np.isfinite(limits[name]) else _SPEED
     friction = rotor = np.nan
     plain = {"viscous", "coulomb"} <= set(terms) and set(terms) <= _PLAIN
-    nominal = drive.viscous * speed + drive.coulomb
-    if drawn.friction_known and plain and nominal > 0.0:
-        friction = (terms["viscous"] * speed + terms["coulomb"]) / nominal
-    if drawn.rotors_known and "rotor_inertia" in terms and drive.rotor_inertia > 0.0:
-        rotor = terms["rotor_inertia"] / drive.rotor_inertia
+    if drawn.friction_known and plain:
+        (viscous, of_viscous), (coulomb, of_coulomb) = (
+            terms["viscous"],
+            terms["coulomb"],
+        )
+        # The errors of both may add up: their correlation is not looked at.
+        friction = _ratio(
+            viscous * speed + coulomb,
+            of_viscous * speed + of_coulomb,
+            drive.viscous * speed + drive.coulomb,
+        )
+    if drawn.rotors_known and "rotor_inertia" in terms:
+        rotor = _ratio(*terms["rotor_inertia"], drive.rotor_inertia)
     return friction, rotor
 
 
+def _ratio(value: float, error: float, nominal: float) -> float:
+    """Return a value over the nominal one; NaN where the data do not determine it.
+
+    A value that is nothing, or negative, says so whatever its error is.
+    """
+    if not (nominal > 0.0 and np.isfinite(error)):
+        return np.nan
+    ratio = value / nominal
+    return ratio if ratio <= _NOTHING or value >= _CLEAR * error else np.nan
+
+
 def drive_reasons(ratios: DriveRatios) -> Iterator[Reason]:
-    """Doubt estimates whose drives are all too large, or all too small."""
+    """Doubt estimates whose drives are all too large, or all too small.
+
+    Where a joint has none, or less, the joints are not alike.
+    """
     for what, values, care in (
         ("friction", ratios.friction, FRICTION_CARE),
         ("rotor inertia", ratios.rotors, ROTOR_CARE),
     ):
-        logs = np.log(values[np.isfinite(values) & (values > 0.0)])
-        if len(logs) < _JOINTS:
+        compared = values[np.isfinite(values)]
+        if len(compared) < _JOINTS or compared.min() <= _NOTHING:
             continue
+        logs = np.log(compared)
         mean = float(np.mean(logs))
         error = float(np.std(logs, ddof=1) / np.sqrt(len(logs)))
         if abs(mean) > np.log(care) and abs(mean) > _SURE * error:

@@ -4,11 +4,27 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from logged import DRIVE, write_arm
+from logged import DRIVE, moved, write_arm
 
-from consistent_id import TorqueModel, load_robot
+from consistent_id import (
+    PhysicalConsistency,
+    Recording,
+    TorqueModel,
+    build_regression,
+    compare,
+    constrained_least_squares,
+    differentiated,
+    load_robot,
+    low_passed,
+)
+from consistent_id.constraints import ParameterBounds
 from consistent_id.constraints.robot_size import robot_size
-from consistent_id.estimation.drive_ratios import drive_ratios, drive_reasons
+from consistent_id.estimation.drive_ratios import (
+    DriveRatios,
+    drive_ratios,
+    drive_reasons,
+    log_speeds,
+)
 from consistent_id.problems.drawn_robot import drawn_parts
 from consistent_id.robot.drawn_parts import DrawnDrive, DrawnParts
 
@@ -116,15 +132,16 @@ def test_shapes_bound_a_body_of_which_the_file_says_nothing_else(tmp_path):
 
 
 def ratios(clock=1.0, gain=1.0, scatter=1.3, joints=6):
-    """Return drives of which each is off by a factor, up or down, and all by others."""
+    """Return doubts of drives of which each is off by a factor, and all by others."""
     rng = np.random.default_rng(0)
     off = scatter ** rng.choice([-1.0, 1.0], (2, joints))
     friction, rotors = off * np.array([[gain], [gain * clock**2]])
-    return list(
-        drive_reasons(
-            type("R", (), {"friction": friction, "rotors": rotors})  # as DriveRatios
-        )
-    )
+    return doubts(friction, rotors)
+
+
+def doubts(friction, rotors):
+    names = tuple(f"j{k}" for k in range(len(friction)))
+    return list(drive_reasons(DriveRatios(names, friction, rotors)))
 
 
 @pytest.mark.parametrize(
@@ -152,23 +169,105 @@ def test_drives_that_scatter_as_much_say_nothing():
     assert ratios(clock=3.0, joints=2) == []
 
 
-def test_ratios_are_those_of_an_estimate_s_drives(tmp_path):
+def test_a_joint_without_friction_says_that_joints_are_not_alike():
+    alike = np.full(6, 3.0)
+    assert [r.kind for r in doubts(alike, np.full(6, np.nan))] == ["nominal drives"]
+    for none in (-1.0, 0.0, 1e-7):
+        mixed = np.array([3.0, 3.0, 3.0, 3.0, none, 3.0])
+        assert doubts(mixed, np.full(6, np.nan)) == []
+    assert doubts(np.full(6, np.nan), np.full(6, 1e-7)) == []
+
+
+SPEEDS = {"a": 0.5, "b": 0.5, "c": 0.2}
+
+
+@pytest.fixture(name="drives")
+def _drives(tmp_path):
+    """Return a model, what its file draws, parameters and small errors."""
     pytest.importorskip("mujoco")
     (tmp_path / "arm.xml").write_text(MJCF.format(a=1, r=0.2))
     robot = load_robot(tmp_path / "arm.xml")
     drawn = drawn_parts(Stated(tmp_path, robot, mjcf="arm.xml"))
     model = TorqueModel(robot, replace(DRIVE, rotor_inertia=True))
     x = np.zeros(len(model.layout))
-    for joint, viscous, coulomb, rotor in (("a", 2, 0, 0.1), ("c", 3, 0.5, 0.2)):
+    for joint, viscous, coulomb, rotor in (("a", 2, 0, 0.1), ("c", 6, 0.5, 0.2)):
         for name, value in (
             ("viscous", viscous),
             ("coulomb", coulomb),
             ("rotor_inertia", rotor),
         ):
             x[model.layout.index(f"{joint}.{name}")] = value
-    found = drive_ratios(model, x, drawn)
+    return model, drawn, x, np.full(len(x), 1e-3)
+
+
+def test_ratios_are_those_of_an_estimate_s_drives_at_the_speed_of_the_log(drives):
+    model, drawn, x, errors = drives
+    found = drive_ratios(model, x, errors, drawn, SPEEDS)
     assert found.joints == ("a", "b", "c")
-    np.testing.assert_allclose(found.friction, [2.0, 0.0, 1.0])
+    # Of joint c, 6 * 0.2 + 0.5 over 3 * 0.2 + 0.5.
+    np.testing.assert_allclose(found.friction, [2.0, 0.0, 1.7 / 1.1])
     np.testing.assert_allclose(found.rotors, [0.5, 0.0, 4.0])
-    unknown = drive_ratios(model, x, DrawnParts())
-    assert np.isnan([unknown.friction, unknown.rotors]).all()
+    for unknown in (
+        drive_ratios(model, x, errors, DrawnParts(), SPEEDS),
+        drive_ratios(model, x, None, drawn, SPEEDS),
+    ):
+        assert np.isnan([unknown.friction, unknown.rotors]).all()
+    assert np.isnan(drive_ratios(model, x, errors, drawn, {}).friction).all()
+
+
+@pytest.mark.parametrize("error", [np.nan, 0.1])
+def test_drives_that_the_data_do_not_determine_are_not_compared(drives, error):
+    model, drawn, x, errors = drives
+    errors[model.layout.index("c.rotor_inertia")] = error  # of a value of 0.2
+    errors[model.layout.index("a.viscous")] = 10.0 * error  # of a value of 2
+    found = drive_ratios(model, x, errors, drawn, SPEEDS)
+    np.testing.assert_array_equal(np.isnan(found.rotors), [False, False, True])
+    np.testing.assert_array_equal(np.isnan(found.friction), [True, False, False])
+
+
+def test_drives_on_a_bound_are_not_compared(drives):
+    model, drawn, x, errors = drives
+    bounds = ParameterBounds(
+        {
+            "c.rotor_inertia": (0.0, 0.2),
+            "a.rotor_inertia": (0.01, np.inf),
+            "b.rotor_inertia": (0.0, 1.0),
+            "a.viscous": (2.0 + 1e-6, 5.0),
+        }
+    )
+    found = drive_ratios(model, x, errors, drawn, SPEEDS, (bounds,))
+    np.testing.assert_allclose(found.rotors, [0.5, 0.0, np.nan])
+    np.testing.assert_allclose(found.friction, [np.nan, 0.0, 1.7 / 1.1])
+
+
+def test_the_speed_of_a_log_is_the_rms_of_all_recordings():
+    time = np.arange(5) / 10.0
+    logs = [
+        Recording(("a", "b"), time, np.zeros((5, 2)), np.full((5, 2), [3.0, 1.0])),
+        Recording(("a",), time, np.zeros((5, 1)), np.full((5, 1), 4.0)),
+    ]
+    assert log_speeds(logs) == pytest.approx({"a": np.sqrt(12.5), "b": 1.0})
+
+
+def test_rotor_and_link_of_a_first_joint_are_one_sum_and_not_compared(tmp_path):
+    """Its rotor is the prior's."""
+    urdf, _ = write_arm(tmp_path)
+    model = TorqueModel(load_robot(urdf), replace(DRIVE, rotor_inertia=True))
+    plain = TorqueModel(model.robot, DRIVE)
+    log = differentiated(low_passed(moved(plain), motion_cutoff=10, torque_cutoff=10))
+    estimate = constrained_least_squares(
+        model, build_regression(model, log), constraints=[PhysicalConsistency()]
+    )
+    drawn = DrawnParts(
+        drives={
+            "shoulder": DrawnDrive(1.0, 1.0, 0.1),
+            "elbow": DrawnDrive(1.0, 2.0, 0.2),
+            "other": DrawnDrive(1.0, 3.0, 0.3),
+        }
+    )
+    (report,) = compare([estimate], [log], training=[log], drawn=drawn).reports
+    found = report.evidence.drives
+    assert estimate["shoulder.rotor_inertia"] != 0.0
+    assert np.isnan(found.rotors[0])
+    assert np.isfinite(found.friction).all()
+    assert report.speeds == log_speeds([log])
