@@ -14,6 +14,7 @@ import numpy as np
 
 from consistent_id._support.arrays import (
     Array,
+    BoolArray,
     Matrix,
     Vector,
     freeze_arrays,
@@ -27,6 +28,7 @@ from consistent_id.estimation.prior_share import (
 )
 from consistent_id.estimation.torque_error import holding, moving_shares
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.masks import standstill
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import UnconstrainedFit
@@ -38,6 +40,7 @@ _PER_JOINT = tuple(
 )
 
 _USUAL = 0.99  # quantile of the torque that is held against effort limits
+_ENOUGH = 300  # samples in motion, of which three outliers are less than the rest
 
 
 @brief
@@ -241,9 +244,10 @@ def _on_nominal(model: TorqueModel, regression: Regression) -> dict[str, Array]:
 
 
 def usual_efforts(model: TorqueModel, recordings: Sequence[Recording]) -> Vector | None:
-    """Return the torque that 99 % of all samples do not exceed, over effort limits.
+    """Return the torque that 99 % of a joint's samples do not exceed, over its limit.
 
-    A few outliers do not change it; a wrong gain or limit does.
+    A few outliers do not change it; a wrong gain or limit does.  It is the larger of
+    those of all samples and of samples in motion: long rests do not hide it.
 
     Parameters
     ----------
@@ -272,9 +276,22 @@ def usual_efforts(model: TorqueModel, recordings: Sequence[Recording]) -> Vector
     )
     if not known.any(axis=0).all():
         return None
-    columns = zip(torque.T, known.T, strict=True)
-    usual = [np.quantile(tau[seen], _USUAL) for tau, seen in columns]
+    moving = np.concatenate([_moving(log) for log in logs])
+    columns = zip(torque.T, known.T, moving.T, strict=True)
+    usual = [_usual(tau[seen], moves[seen]) for tau, seen, moves in columns]
     return np.asarray(np.array(usual) / _effort_limits(model))
+
+
+def _usual(torque: Vector, moves: BoolArray) -> float:
+    """Return the torque that 99 % of samples do not exceed, nor of those in motion."""
+    parts = [torque] if moves.sum() < _ENOUGH else [torque, torque[moves]]
+    return max(float(np.quantile(part, _USUAL)) for part in parts)
+
+
+def _moving(log: Recording) -> BoolArray:
+    """Return where each joint moves beside its own top speed, (samples, joints)."""
+    still = [standstill(log.of([name])) for name in log.joints]
+    return ~np.concatenate(still, axis=1)
 
 
 def _effort_limits(model: TorqueModel) -> Vector:

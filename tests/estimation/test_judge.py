@@ -15,6 +15,7 @@ from consistent_id import (
     NonNegativeDrive,
     PhysicalConsistency,
     ProblemError,
+    Recording,
     TorqueModel,
     build_regression,
     compare,
@@ -469,8 +470,43 @@ def test_the_usual_torque_is_that_of_99_per_cent_of_the_known_samples():
     logs = [replace(raw, torque=spiky, torque_known=known)]
     usual = usual_efforts(model(), logs) * [90.0, 60.0]
     assert np.quantile(tau[:, 0], 0.98) <= usual[0] <= tau[:, 0].max()
-    assert usual[1] == pytest.approx(np.quantile(tau[40:, 1], 0.99))
+    moves = abs(raw.velocity[40:, 1]) >= 0.01 * abs(raw.velocity[:, 1]).max()
+    assert usual[1] == pytest.approx(np.quantile(tau[40:, 1][moves], 0.99))
     assert usual_efforts(model(), []) is None
+
+
+@pytest.mark.parametrize(
+    ("share", "exceeds"), [(0.0, False), (0.005, False), (0.02, True)]
+)
+def test_long_rests_do_not_hide_torque_beyond_a_limit_in_motion(share, exceeds):
+    raw = log()
+    rests = 3 * len(raw.time)  # after the motion, at its last position
+    torque = np.clip(raw.torque, -10.0, 10.0)
+    fast = np.argsort(abs(raw.velocity[:, 0]))[::-1]
+    torque[fast[: round(share * len(fast))], 0] = 200.0  # the limit is 90 N m
+    step = raw.time[1] - raw.time[0]
+
+    def held(channel, value):
+        return np.concatenate([channel, np.broadcast_to(value, (rests, 2))])
+
+    resting = Recording(
+        raw.joints,
+        raw.time[0] + step * np.arange(len(raw.time) + rests),
+        held(raw.position, raw.position[-1]),
+        held(raw.velocity, 0.0),
+        torque=held(torque, 1.0),
+    )
+    for logs in ([resting], [replace(raw, torque=torque)]):
+        assert (usual_efforts(model(), logs)[0] > 1.0) == exceeds
+
+
+def test_a_few_samples_in_motion_are_no_measure_of_the_usual_torque():
+    raw = log()
+    velocity, torque = np.zeros_like(raw.velocity), np.ones_like(raw.torque)
+    velocity[100:150] = 1.0
+    torque[[110, 120]] = 1e3
+    still = replace(raw, velocity=velocity, torque=torque)
+    assert (usual_efforts(model(), [still]) < 0.1).all()
 
 
 @pytest.mark.parametrize(
