@@ -44,11 +44,14 @@ class DriveRatios:
     friction : array_like, shape (joints,)
         At the speed of the log; of joints whose friction is viscous and dry.
     rotors : array_like, shape (joints,)
+    fault : str
+        Why the robot's file cannot be read; see `DrawnParts`.
     """
 
     joints: tuple[str, ...]
     friction: Vector
     rotors: Vector
+    fault: str = ""
 
     def __post_init__(self) -> None:
         shape = (len(self.joints),)
@@ -106,7 +109,8 @@ def drive_ratios(
         for joint in model.robot.joints
     ]
     names = tuple(joint.name for joint in model.robot.joints)
-    return DriveRatios(names, *np.array(found).reshape(-1, 2).T)
+    friction, rotors = np.array(found).reshape(-1, 2).T
+    return DriveRatios(names, friction, rotors, drawn.fault)
 
 
 def _ratios(
@@ -159,6 +163,13 @@ def drive_reasons(ratios: DriveRatios) -> Iterator[Reason]:
 
     Where a joint has none, or less, the joints are not alike.
     """
+    if ratios.fault:
+        yield Reason(
+            "nominal drives",
+            "use",
+            "shapes of links and nominal drives were not compared, since the robot's "
+            f"file cannot be read: {ratios.fault}",
+        )
     for what, values, care in (
         ("friction", ratios.friction, FRICTION_CARE),
         ("rotor inertia", ratios.rotors, ROTOR_CARE),

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def drawn_parts(problem: Problem) -> DrawnParts:
-    """Return what the robot's file draws; nothing where it cannot be read.
+    """Return what the robot's file draws; only the fault where it cannot be read.
 
     It is evidence beside the robot, which needs neither shapes nor nominal drives.
     """
@@ -28,8 +28,8 @@ def drawn_parts(problem: Problem) -> DrawnParts:
             return _of_urdf(problem.file(model.urdf), problem.model.robot, packages)
         if model.mjcf is not None:
             return _of_mjcf(problem.file(model.mjcf), problem.model.robot)
-    except ConsistentIdError:
-        pass
+    except ConsistentIdError as cause:
+        return DrawnParts(fault=str(cause))
     return DrawnParts()
 
 
@@ -37,7 +37,7 @@ def _of_urdf(file: Path, robot: RobotModel, packages: list[Path]) -> DrawnParts:
     from consistent_id.motion.collisions.urdf_bodies import urdf_shapes
 
     shapes = urdf_shapes(file, packages)
-    unread = {link.name for link in shapes.unread}
+    unread = {link.name for link in shapes.unread} | {name for name, _ in shapes.bare}
     drives = {}
     for joint in shapes.root.all("joint"):
         stated = joint.child("dynamics")
@@ -83,7 +83,10 @@ def _middle(body: "Body") -> Any:
 
 
 def _of_mjcf(file: Path, robot: RobotModel) -> DrawnParts:
-    """Return shapes of bodies that merge no others, and the joints' drives."""
+    """Return shapes of bodies that merge no others, and the joints' drives.
+
+    Shapes that do not contain the body's own mass are not those of the whole body.
+    """
     from consistent_id.export.mjcf_bodies import require_mujoco
     from consistent_id.robot.loaders.mjcf_spec import stand_in
 
@@ -123,6 +126,11 @@ def _of_mjcf(file: Path, robot: RobotModel) -> DrawnParts:
             for g in range(compiled.ngeom)
             if compiled.geom_bodyid[g] == b
         ]
-        if far and np.isfinite(max(far)):
+        mass, extent = float(compiled.body_mass[b]), 0.0
+        if mass > 0.0:
+            spread = float(compiled.body_inertia[b].sum()) / (2.0 * mass)
+            centre = float(np.linalg.norm(compiled.body_ipos[b] - origin))
+            extent = centre + np.sqrt(spread)
+        if far and extent <= max(far) < np.inf:
             reach[link.name] = max(far)
     return DrawnParts(reach, drives)

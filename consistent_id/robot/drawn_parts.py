@@ -31,13 +31,16 @@ class DrawnParts:
     ----------
     reach : mapping of str to float, [m]
         Distance from a link's joint to the farthest point of its shapes, or more; only
-        of links all of whose shapes are known.
+        of links all of whose shapes are known, and whose masses all have shapes.
     drives : mapping of str to DrawnDrive
         Of joints for which the file has any.
+    fault : str
+        Why the file cannot be read; empty if it can be, or if there is none.
     """
 
     reach: Mapping[str, float] = field(default_factory=dict)
     drives: Mapping[str, DrawnDrive] = field(default_factory=dict)
+    fault: str = ""
 
     @property
     def friction_known(self) -> bool:

@@ -62,17 +62,18 @@ class Stated:
 
 
 def urdf_arm(folder):
-    """Write an arm with a shape of its first link and a fixed tool with another."""
+    """Write an arm with shapes of its links, and of a tool fixed to the last."""
     urdf, _ = write_arm(folder)
     box = '<collision><origin xyz="0.2 0 0"/><geometry><box size="{}"/></geometry>'
     text = urdf.read_text()
+    for link, size in (("upper", ".2 .4 .4"), ("fore", ".2 .1 .1")):
+        shaped = f'<link name="{link}">{box.format(size)}</collision>'
+        text = text.replace(f'<link name="{link}">', shaped)
     text = text.replace(
-        '<link name="upper">',
-        f'<link name="upper">{box.format(".2 .4 .4")}</collision>',
-    ).replace(
         "</robot>",
-        '<link name="tool"><collision><geometry><sphere radius="0.1"/></geometry>'
-        '</collision></link><joint name="fixed" type="fixed"><parent link="fore"/>'
+        '<link name="tool"><collision><origin xyz="0 0.2 0"/><geometry>'
+        '<sphere radius="0.1"/></geometry></collision></link>'
+        '<joint name="fixed" type="fixed"><parent link="fore"/>'
         '<child link="tool"/><origin xyz="0.3 0 0.4" rpy="1 0 0"/></joint></robot>',
     )
     urdf.write_text(text)
@@ -84,13 +85,39 @@ def test_the_reach_of_links_is_that_of_their_shapes_with_those_of_merged_links(
 ):
     urdf, robot = urdf_arm(tmp_path)
     reach = drawn_parts(Stated(tmp_path, robot, urdf=urdf.name)).reach
-    # Of a box .2 x .4 x .4 about (.2, 0, 0), and of a ball of .1 at (.3, 0, .4).
-    assert reach == pytest.approx({"upper": 0.2 + 0.3, "fore": 0.5 + 0.1})
+    # Of a box .2 x .4 x .4 about (.2, 0, 0), and of a ball of .1 that is .2 from the
+    # tool's origin at (.3, 0, .4), along an axis turned by one radian about x.
+    ball = np.linalg.norm([0.3, 0.2 * np.cos(1.0), 0.4 + 0.2 * np.sin(1.0)])
+    assert reach == pytest.approx({"upper": 0.2 + 0.3, "fore": ball + 0.1})
 
 
-def test_a_file_that_is_gone_draws_nothing(tmp_path):
+def test_a_tool_with_a_mass_and_no_shape_makes_the_shapes_of_its_link_unknown(tmp_path):
+    urdf, _ = urdf_arm(tmp_path)
+    inertial = (
+        '<inertial><mass value="{}"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" '
+        'ixz="0" iyz="0"/></inertial>'
+    )
+    text = urdf.read_text()
+    for mass, known in (("3", {"upper"}), ("0.01", {"upper", "fore"})):
+        bare = (
+            f'<link name="bare">{inertial.format(mass)}</link><joint name="fixed2" '
+            'type="fixed"><parent link="fore"/><child link="bare"/>'
+            '<origin xyz="1.2 0 0"/></joint></robot>'
+        )
+        urdf.write_text(text.replace("</robot>", bare))
+        drawn = drawn_parts(Stated(tmp_path, load_robot(urdf), urdf=urdf.name))
+        assert set(drawn.reach) == known
+
+
+def test_a_file_that_is_gone_draws_nothing_and_a_note_says_so(tmp_path):
     _, robot = urdf_arm(tmp_path)
-    assert drawn_parts(Stated(tmp_path, robot, urdf="none.urdf")) == DrawnParts()
+    gone = drawn_parts(Stated(tmp_path, robot, urdf="none.urdf"))
+    assert (dict(gone.reach), dict(gone.drives)) == ({}, {})
+    model = TorqueModel(robot, DRIVE)
+    ratios = drive_ratios(model, np.zeros(len(model.layout)), None, gone, {})
+    (note,) = drive_reasons(ratios)
+    assert note.word == "use"
+    assert "none.urdf" in note.statement
     assert drawn_parts(Stated(tmp_path, robot)) == DrawnParts()
 
 
@@ -104,6 +131,24 @@ def test_mjcf_draws_shapes_and_drives(tmp_path):
     assert drawn.drives["c"] == DrawnDrive(3.0, 0.5, 0.05)
     assert drawn.friction_known
     assert drawn.rotors_known
+
+
+@pytest.mark.parametrize(
+    ("mass", "inertia"),
+    [('pos=".9 0 0" mass="1"', ".01"), ('pos=".1 0 0" mass="1"', ".2")],
+)
+def test_mjcf_shapes_without_their_body_s_mass_are_not_the_whole_body(
+    tmp_path, mass, inertia
+):
+    pytest.importorskip("mujoco")
+    text = MJCF.format(a=1, r=0.2)
+    own = 'pos=".1 0 0" mass="1" diaginertia=".01 .01 .01"'
+    assert own in text
+    other = f'{mass} diaginertia="{inertia} {inertia} {inertia}"'
+    (tmp_path / "arm.xml").write_text(text.replace(own, other))
+    robot = load_robot(tmp_path / "arm.xml")
+    drawn = drawn_parts(Stated(tmp_path, robot, mjcf="arm.xml"))
+    assert set(drawn.reach) == {"one", "two"}
 
 
 @pytest.mark.parametrize(
