@@ -8,6 +8,8 @@ from consistent_id.cli.answers import Answer, show, tables_answer
 from consistent_id.cli.options import OUTPUT, TIME_LIMIT, Option, add_command, positive
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from consistent_id._support.tables import Table
     from consistent_id.robot.model import RobotModel
     from consistent_id.rollout.servo_fit import ServoFit
@@ -98,27 +100,24 @@ def _answer(options: argparse.Namespace) -> Answer:
     from consistent_id._support.tables import Table
     from consistent_id.robot.loaders.robot_file import load_robot
     from consistent_id.rollout.servo_fit import FORMS, identify_servos
-    from consistent_id.rollout.servo_log import logged_joints, read_servo_logs
+    from consistent_id.rollout.servo_log import logged_joints, read_servo_sets
 
     folder = options.output
     if folder is not None and not options.dry_run:
         require_writable(folder, [_RECORD, _MODEL])
-    files = [*options.log, *(options.validate or ())]
     columns = dict(options.columns or ())
     robot = load_robot(options.robot)
-    logged = logged_joints(files[:1], robot.joint_names, columns)
+    logged = logged_joints(options.log[:1], robot.joint_names, columns)
     still = dict.fromkeys(set(robot.joint_names) - set(logged), 0.0)
     robot = load_robot(options.robot, locked=still) if still else robot
-    logs = read_servo_logs(
-        files,
+    training, validation = read_servo_sets(
+        options.log,
+        options.validate or (),
         robot.joint_names,
         columns=columns,
         units=options.angles,
         full_duty=options.full_duty,
     )
-    kept = {path.name for path in options.validate or ()}
-    training = [log for log in logs if log.name.split(", part ")[0] not in kept]
-    validation = [log for log in logs if log.name.split(", part ")[0] in kept]
     forms = tuple(FORMS) if options.friction is None else (options.friction,)
     fit = identify_servos(robot, training, validation, forms=forms, gain=options.gain)
     tables, record = fit.tables(), fit.to_dict()
@@ -142,7 +141,7 @@ def _answer(options: argparse.Namespace) -> Answer:
 
 
 def _simulator(
-    file: Path, robot: "RobotModel", fit: "ServoFit", logs: "list[ServoLog]"
+    file: Path, robot: "RobotModel", fit: "ServoFit", logs: "Sequence[ServoLog]"
 ) -> "tuple[Table, dict[str, float], str] | None":
     """Return MuJoCo's errors and its file; None if MuJoCo or the form is not there."""
     from consistent_id._support.tables import Table

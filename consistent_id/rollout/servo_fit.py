@@ -356,6 +356,7 @@ def _names(logs: Sequence[ServoLog], joint: int) -> tuple[str, ...]:
     if any(log.enabled is not None and not log.enabled[:, joint].all() for log in logs):
         names.insert(1, "back_emf")  # else it is part of viscous friction
     warm = [log.temperature[joint] for log in logs if log.temperature is not None]
+    warm = [value for value in warm if np.isfinite(value)]
     if len(warm) > 1 and np.ptp(warm) >= _WARM:
         names.append("heat")
     return tuple(names)

@@ -234,7 +234,7 @@ def _supply(log: ServoLog, nominal: float | None) -> float:
 
 
 def _warmth(log: ServoLog, joint: int) -> float:
-    if log.temperature is None:
+    if log.temperature is None or not np.isfinite(log.temperature[joint]):
         return 0.0
     return float(log.temperature[joint]) - REFERENCE_TEMPERATURE
 

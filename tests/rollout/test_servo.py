@@ -14,7 +14,7 @@ from consistent_id.robot.loaders.robot_file import load_robot
 from consistent_id.rollout import ServoLog, identify_servos, read_servo_logs
 from consistent_id.rollout import servo_fit as fitting
 from consistent_id.rollout.servo_fit import JointServo, ServoFit, ServoForm, evolved
-from consistent_id.rollout.servo_log import duty_law, logged_joints
+from consistent_id.rollout.servo_log import duty_law, logged_joints, read_servo_sets
 from consistent_id.rollout.servo_motion import (
     STEP,
     cut_pieces,
@@ -169,6 +169,94 @@ def test_each_joint_of_an_arm_has_its_own_columns(tmp_path):
     assert log.duty is None
     assert logged_joints([path], ("a", "finger", "b")) == ("a", "b")
     assert logged_joints([path], ("x", "y")) == ("x", "y")
+
+
+def table_log(path, columns, rows=30, period=1 / 30):
+    """Write columns, shape (rows,) or constant, beside time."""
+    values = [np.broadcast_to(v, rows) for v in columns.values()]
+    table = np.column_stack([period * np.arange(rows), *values])
+    names = ",".join(["t", *columns])
+    np.savetxt(path, table, delimiter=",", header=names, comments="")
+    return path
+
+
+def test_missing_values_are_neither_zero_duty_nor_a_motor_that_is_off(tmp_path):
+    ramp = np.linspace(0.0, 0.5, 30)
+    missing = np.arange(30) % 3 == 1
+    columns = {"q": 0.0, "cmd": ramp, "pwm": np.where(missing, np.nan, ramp)}
+    columns |= {"torque_enable": np.where(missing, np.nan, np.arange(30) < 20)}
+    columns |= {"volts": np.nan, "temp": np.nan}
+    path = table_log(tmp_path / "a.csv", columns)
+    (log,) = read_servo_logs([path], ("j",), full_duty=1.0)
+    assert np.isnan(log.duty[missing]).all()
+    law = duty_law(log, 0)
+    assert law.gain == pytest.approx(1.0)
+    assert law.misfit < 1e-12
+    assert log.enabled[:, 0].tolist() == [1.0] * 20 + [0.0] * 10
+    assert log.volts is None
+    assert log.temperature is None
+    columns["pwm"] = np.nan
+    path = table_log(tmp_path / "b.csv", columns)
+    assert read_servo_logs([path], ("j",))[0].duty is None
+
+
+def test_a_column_is_of_the_longest_joint_that_it_names_and_of_no_other(tmp_path):
+    columns = {"wrist_roll.pos": 1.0, "wrist_roll.cmd": 2.0}
+    columns |= {"wrist.pos": 3.0, "wrist.cmd": 4.0}
+    path = table_log(tmp_path / "a.csv", columns)
+    (log,) = read_servo_logs([path], ("wrist", "wrist_roll"))
+    assert log.position[0].tolist() == [3.0, 1.0]
+    assert log.goal[0].tolist() == [4.0, 2.0]
+    (log,) = read_servo_logs([path], ("wrist",))
+    assert log.position[0, 0] == 3.0
+    assert logged_joints([path], ("wrist", "wrist_roll")) == ("wrist", "wrist_roll")
+    few = table_log(tmp_path / "b.csv", dict(list(columns.items())[:2]))
+    assert logged_joints([few], ("wrist", "wrist_roll")) == ("wrist_roll",)
+    with pytest.raises(RecordingError, match="no column is the position of wrist"):
+        read_servo_logs([few], ("wrist", "wrist_roll"))
+    with pytest.raises(RecordingError, match=r"column 'wrist\.pos' would be"):
+        read_servo_logs(
+            [path], ("wrist", "wrist_roll"), columns={"position": "wrist.pos"}
+        )
+    with pytest.raises(RecordingError, match="position and goal"):
+        read_servo_logs([path], ("wrist",), columns={"goal": "wrist.pos"})
+
+
+def test_times_in_milliseconds_or_nanoseconds_are_refused(tmp_path):
+    for period in (5.0, 5e6, 1e-5):
+        path = table_log(tmp_path / "a.csv", {"q": 0.0, "cmd": 0.0}, period=period)
+        with pytest.raises(
+            RecordingError, match=r"expected 0\.0005 to 0\.5 s; are the"
+        ):
+            read_servo_logs([path], ("j",))
+
+
+def test_a_held_load_is_not_full_duty_but_a_duty_that_stays_while_the_error_grows(
+    tmp_path,
+):
+    ramp = np.linspace(0.0, 1.0, 30)
+    for limit, full in ((np.inf, 885.0), (300.0, 300.0)):
+        error = np.minimum(ramp, 0.5) if np.isinf(limit) else ramp
+        duty = np.minimum(800.0 * error, limit)
+        path = table_log(tmp_path / "a.csv", {"q": 0.0, "cmd": error, "pwm": duty})
+        (log,) = read_servo_logs([path], ("j",))
+        assert np.allclose(log.duty[:, 0], duty / full)
+
+
+def test_logs_of_the_same_name_in_two_folders_are_two_logs(tmp_path):
+    files = []
+    for folder in ("x", "y"):
+        (tmp_path / folder).mkdir()
+        columns = {"q": 0.0, "cmd": float(folder == "y")}
+        files.append(table_log(tmp_path / folder / "a.csv", columns))
+    other = table_log(tmp_path / "x" / "c.csv", {"q": 0.0, "cmd": 2.0})
+    sets = read_servo_sets([files[0], other], [files[1]], ("j",))
+    assert [log.goal[0, 0] for log in sets.training] == [0.0, 2.0]
+    assert [log.goal[0, 0] for log in sets.validation] == [1.0]
+    names = [log.name for logs in sets for log in logs]
+    assert names == [files[0].as_posix(), "c.csv", files[1].as_posix()]
+    with pytest.raises(RecordingError, match="given twice"):
+        read_servo_sets([other], [tmp_path / "y" / ".." / "x" / "c.csv"], ("j",))
 
 
 def hand_made(**values):
