@@ -8,10 +8,9 @@ from consistent_id.cli.answers import Answer, show, tables_answer
 from consistent_id.cli.options import OUTPUT, TIME_LIMIT, Option, add_command, positive
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from consistent_id._support.tables import Table
-    from consistent_id.robot.model import RobotModel
     from consistent_id.rollout.servo_fit import ServoFit
     from consistent_id.rollout.servo_log import ServoLog
 
@@ -99,6 +98,7 @@ def _answer(options: argparse.Namespace) -> Answer:
     from consistent_id._support.files import require_writable
     from consistent_id._support.tables import Table
     from consistent_id.robot.loaders.robot_file import load_robot
+    from consistent_id.robot.model import followers_at
     from consistent_id.rollout.servo_fit import FORMS, identify_servos
     from consistent_id.rollout.servo_log import logged_joints, read_servo_sets
 
@@ -106,7 +106,7 @@ def _answer(options: argparse.Namespace) -> Answer:
     if folder is not None and not options.dry_run:
         require_writable(folder, [_RECORD, _MODEL])
     columns = dict(options.columns or ())
-    robot = load_robot(options.robot)
+    robot = whole = load_robot(options.robot)
     logged = logged_joints(options.log[:1], robot.joint_names, columns)
     still = dict.fromkeys(set(robot.joint_names) - set(logged), 0.0)
     robot = load_robot(options.robot, locked=still) if still else robot
@@ -124,7 +124,8 @@ def _answer(options: argparse.Namespace) -> Answer:
     if still:
         names = ", ".join(sorted(still))
         tables.append(Table("Joints without columns", (), (), (f"{names}: held at 0",)))
-    made = _simulator(options.robot, robot, fit, validation or training)
+    held = still | followers_at(whole.joints, still)
+    made = _simulator(options.robot, held, fit, validation or training)
     if made is not None:
         tables.append(made[0])
         record["mujoco"] = made[1]
@@ -141,7 +142,10 @@ def _answer(options: argparse.Namespace) -> Answer:
 
 
 def _simulator(
-    file: Path, robot: "RobotModel", fit: "ServoFit", logs: "Sequence[ServoLog]"
+    file: Path,
+    held: "Mapping[str, float]",
+    fit: "ServoFit",
+    logs: "Sequence[ServoLog]",
 ) -> "tuple[Table, dict[str, float], str] | None":
     """Return MuJoCo's errors and its file; None if MuJoCo or the form is not there."""
     from consistent_id._support.tables import Table
@@ -160,10 +164,10 @@ def _simulator(
 
     try:
         errors = {
-            log.name: float(replayed_in_mujoco(file, fit, log, gains(log)).mean())
+            log.name: float(replayed_in_mujoco(file, fit, log, gains(log), held).mean())
             for log in logs
         }
-        text = servo_mjcf(file, fit, gains(logs[0]))
+        text = servo_mjcf(file, fit, gains(logs[0]), held)
     except ModelError as cause:  # such as: MuJoCo is not installed
         return Table("No MuJoCo file", (), (), (str(cause),)), {}, ""
     mean = sum(errors.values()) / len(errors)

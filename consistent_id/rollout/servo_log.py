@@ -92,6 +92,11 @@ class ServoLog:
                 f"expected {low:g} to {high:g} s; are the times in milliseconds or "
                 "nanoseconds? Convert them to seconds"
             )
+        if self.volts is not None and not 0.0 < self.volts < np.inf:
+            raise RecordingError(
+                f"{self.name}: the supply is {self.volts} V, expected a positive "
+                "number, or None"
+            )
         shape = (len(time), len(self.joints))
         for channel in ("position", "goal", "duty", "enabled"):
             values, finite = getattr(self, channel), channel != "duty"
