@@ -50,8 +50,8 @@ def add_servo(command: argparse.ArgumentParser) -> None:
         Option("log [...]", "logs to learn from", Path),
         Option(
             "--validate FILE ...",
-            "logs that are simulated, not learnt from; of them only the duty's gain is "
-            "used",
+            "logs that are simulated, not learnt from; of them only the duty's gain "
+            "and deadband are used, for themselves",
         ),
         Option(
             "--columns ROLE=COLUMN ...",
@@ -67,8 +67,8 @@ def add_servo(command: argparse.ArgumentParser) -> None:
         ),
         Option(
             "--full-duty NUMBER",
-            "that stands for full duty (default: the largest one if a log stays at "
-            "it, else the next of 1, 100, 885, 1000, 1023)",
+            "that stands for full duty (default: the largest one if it stays while "
+            "the position error grows, else the next of 1, 100, 885, 1000, 1023)",
             positive,
         ),
         Option(

@@ -266,8 +266,8 @@ def identify_servos(
     robot : RobotModel
         With inertias; its joints turn.
     training, validation : sequence of ServoLog
-        To learn from, and to be simulated only; of the latter only the duty's gain is
-        used, where it is measured.
+        To learn from, and to be simulated only; of the latter only the duty's gain
+        and deadband are used, where they are measured, and for themselves alone.
     forms : sequence of str
         Of `FORMS`.
     gain : float, optional, [1/rad]

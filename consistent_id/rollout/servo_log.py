@@ -188,8 +188,9 @@ def read_servo_logs(
     units : {"rad", "deg", "ticks"}
         Of positions and goals.
     full_duty : float, optional
-        The number that stands for full duty; by default the largest one where a log
-        stays at it, else the next of 1, 100, 885, 1000 and 1023.
+        The number that stands for full duty; by default the largest one if it
+        stays while the position error grows, else the next of 1, 100, 885, 1000 and
+        1023.
 
     Raises
     ------
