@@ -8,8 +8,9 @@ from consistent_id.cli.answers import Answer, show, tables_answer
 from consistent_id.cli.options import OUTPUT, TIME_LIMIT, Option, add_command, positive
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from consistent_id._support.tables import Table
-    from consistent_id.robot.model import RobotModel
     from consistent_id.rollout.servo_fit import ServoFit
     from consistent_id.rollout.servo_log import ServoLog
 
@@ -49,8 +50,8 @@ def add_servo(command: argparse.ArgumentParser) -> None:
         Option("log [...]", "logs to learn from", Path),
         Option(
             "--validate FILE ...",
-            "logs that are simulated, not learnt from; of them only the duty's gain is "
-            "used",
+            "logs that are simulated, not learnt from; of them only the duty's gain "
+            "and deadband are used, for themselves",
         ),
         Option(
             "--columns ROLE=COLUMN ...",
@@ -66,8 +67,8 @@ def add_servo(command: argparse.ArgumentParser) -> None:
         ),
         Option(
             "--full-duty NUMBER",
-            "that stands for full duty (default: the largest one if a log stays at "
-            "it, else the next of 1, 100, 885, 1000, 1023)",
+            "that stands for full duty (default: the largest one if it stays while "
+            "the position error grows, else the next of 1, 100, 885, 1000, 1023)",
             positive,
         ),
         Option(
@@ -97,35 +98,34 @@ def _answer(options: argparse.Namespace) -> Answer:
     from consistent_id._support.files import require_writable
     from consistent_id._support.tables import Table
     from consistent_id.robot.loaders.robot_file import load_robot
+    from consistent_id.robot.model import followers_at
     from consistent_id.rollout.servo_fit import FORMS, identify_servos
-    from consistent_id.rollout.servo_log import logged_joints, read_servo_logs
+    from consistent_id.rollout.servo_log import logged_joints, read_servo_sets
 
     folder = options.output
     if folder is not None and not options.dry_run:
         require_writable(folder, [_RECORD, _MODEL])
-    files = [*options.log, *(options.validate or ())]
     columns = dict(options.columns or ())
-    robot = load_robot(options.robot)
-    logged = logged_joints(files[:1], robot.joint_names, columns)
+    robot = whole = load_robot(options.robot)
+    logged = logged_joints(options.log[:1], robot.joint_names, columns)
     still = dict.fromkeys(set(robot.joint_names) - set(logged), 0.0)
     robot = load_robot(options.robot, locked=still) if still else robot
-    logs = read_servo_logs(
-        files,
+    training, validation = read_servo_sets(
+        options.log,
+        options.validate or (),
         robot.joint_names,
         columns=columns,
         units=options.angles,
         full_duty=options.full_duty,
     )
-    kept = {path.name for path in options.validate or ()}
-    training = [log for log in logs if log.name.split(", part ")[0] not in kept]
-    validation = [log for log in logs if log.name.split(", part ")[0] in kept]
     forms = tuple(FORMS) if options.friction is None else (options.friction,)
     fit = identify_servos(robot, training, validation, forms=forms, gain=options.gain)
     tables, record = fit.tables(), fit.to_dict()
     if still:
         names = ", ".join(sorted(still))
         tables.append(Table("Joints without columns", (), (), (f"{names}: held at 0",)))
-    made = _simulator(options.robot, robot, fit, validation or training)
+    held = still | followers_at(whole.joints, still)
+    made = _simulator(options.robot, held, fit, validation or training)
     if made is not None:
         tables.append(made[0])
         record["mujoco"] = made[1]
@@ -142,7 +142,10 @@ def _answer(options: argparse.Namespace) -> Answer:
 
 
 def _simulator(
-    file: Path, robot: "RobotModel", fit: "ServoFit", logs: "list[ServoLog]"
+    file: Path,
+    held: "Mapping[str, float]",
+    fit: "ServoFit",
+    logs: "Sequence[ServoLog]",
 ) -> "tuple[Table, dict[str, float], str] | None":
     """Return MuJoCo's errors and its file; None if MuJoCo or the form is not there."""
     from consistent_id._support.tables import Table
@@ -161,10 +164,10 @@ def _simulator(
 
     try:
         errors = {
-            log.name: float(replayed_in_mujoco(file, fit, log, gains(log)).mean())
+            log.name: float(replayed_in_mujoco(file, fit, log, gains(log), held).mean())
             for log in logs
         }
-        text = servo_mjcf(file, fit, gains(logs[0]))
+        text = servo_mjcf(file, fit, gains(logs[0]), held)
     except ModelError as cause:  # such as: MuJoCo is not installed
         return Table("No MuJoCo file", (), (), (str(cause),)), {}, ""
     mean = sum(errors.values()) / len(errors)

@@ -3,10 +3,11 @@
 MuJoCo's joint friction is viscous and Coulomb, so the form ``plain`` is written: it was
 fitted by itself, not cut out of a richer one.  The actuator is ``stall gain (goal +
 zero - q)`` within the stall torque; the motor's back-EMF is part of the joint's
-damping.  A delay of the goals is not part of the file.
+damping.  A delay of the goals is not part of the file.  Joints without an identified
+servo are removed, and their bodies placed where these joints were.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,12 @@ _HARD = (0.999, 0.9999, 1e-3, 0.5, 2.0)  # friction that hardly creeps (solimp)
 _TIME = (2.0 * STEP, 1.0)  # its time constant and damping ratio (solref)
 
 
-def servo_spec(robot: str | Path, fit: ServoFit, gains: Sequence[float]) -> Any:
+def servo_spec(
+    robot: str | Path,
+    fit: ServoFit,
+    gains: Sequence[float],
+    held: Mapping[str, float] | None = None,
+) -> Any:
     """Return a robot's ``mujoco.MjSpec`` with the identified servos.
 
     Parameters
@@ -34,6 +40,9 @@ def servo_spec(robot: str | Path, fit: ServoFit, gains: Sequence[float]) -> Any:
         URDF or MJCF file.
     gains : sequence of float, [1/rad]
         Of the firmware: share of full duty over position error, one for each joint.
+    held : mapping of str to float, optional, [rad] or [m]
+        Where joints without an identified servo are; by default those that did not move
+        where the fit says, others at zero.
 
     Raises
     ------
@@ -43,10 +52,20 @@ def servo_spec(robot: str | Path, fit: ServoFit, gains: Sequence[float]) -> Any:
     """
     mujoco = require_mujoco()
     spec = mjcf_spec.read_spec(Path(robot), mujoco)
-    joints = spec_tree(spec).joints
+    joints = dict(spec_tree(spec).joints)
+    moving = {servo.joint for servo in fit.joints}
+    where = {**fit.not_moved, **(held or {})}
+    still = {name: where.get(name, 0.0) for name in joints if name not in moving}
     for item in list(spec.actuators):
-        if item.target in {servo.joint for servo in fit.joints}:
+        if item.target in joints:
             spec.delete(item)
+    for key in list(spec.keys):  # they would have the old number of joints
+        spec.delete(key)
+    for tie in list(spec.equalities):
+        if {tie.name1, tie.name2} & set(still):
+            spec.delete(tie)
+    if still:
+        _lock(spec, joints, still)
     spec.option.timestep = STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     for servo, gain in zip(fit.joints, gains, strict=True):
@@ -69,6 +88,55 @@ def servo_spec(robot: str | Path, fit: ServoFit, gains: Sequence[float]) -> Any:
     return spec
 
 
+def _lock(spec: Any, joints: Mapping[str, Any], places: Mapping[str, float]) -> None:
+    """Place the bodies of joints where these are, and remove the joints."""
+    mujoco = require_mujoco()
+    model = compiled(spec)
+    for name, place in places.items():
+        body, joint = joints[name].parent, model.joint(name)
+        moved = place - float(model.qpos0[joint.qposadr[0]])
+        if moved and len(list(body.joints)) > 1:
+            raise ModelError(
+                f"joint {name} is one of several joints of body {body.name} and cannot "
+                "be held; log its position, or give it a body of its own"
+            )
+        pose = model.body(body.name)
+        position, turn = np.array(pose.pos), np.array(pose.quat)
+        frame, turned = np.empty(9), np.array([1.0, 0.0, 0.0, 0.0])
+        mujoco.mju_quat2Mat(frame, turn)
+        if int(joint.type[0]) == int(mujoco.mjtJoint.mjJNT_HINGE):
+            mujoco.mju_axisAngle2Quat(turned, joint.axis, moved)
+            arm = np.empty(3)
+            mujoco.mju_rotVecQuat(arm, joint.pos, turned)
+            shift = joint.pos - arm
+        elif int(joint.type[0]) == int(mujoco.mjtJoint.mjJNT_SLIDE):
+            shift = moved * joint.axis
+        else:
+            continue  # a free or ball joint has no single position
+        whole = np.empty(4)
+        mujoco.mju_mulQuat(whole, turn, turned)
+        body.pos, body.quat = position + frame.reshape(3, 3) @ shift, whole
+        body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+        spec.delete(joints[name])
+
+
+def compiled(spec: Any) -> Any:
+    """Return a specification's ``mujoco.MjModel``.
+
+    Raises
+    ------
+    ModelError
+        If MuJoCo refuses it.
+    """
+    mujoco = require_mujoco()
+    try:
+        return spec.compile()
+    except (ValueError, mujoco.FatalError) as cause:
+        raise ModelError(
+            f"MuJoCo refuses the robot with identified servos: {cause}"
+        ) from None
+
+
 def _plain(servo: JointServo) -> ServoForm:
     if FORM not in (form.name for form in servo.forms):
         raise ModelError(
@@ -78,15 +146,24 @@ def _plain(servo: JointServo) -> ServoForm:
     return servo.form(FORM)
 
 
-def servo_mjcf(robot: str | Path, fit: ServoFit, gains: Sequence[float]) -> str:
+def servo_mjcf(
+    robot: str | Path,
+    fit: ServoFit,
+    gains: Sequence[float],
+    held: Mapping[str, float] | None = None,
+) -> str:
     """Return the MJCF text of `servo_spec`."""
-    spec = servo_spec(robot, fit, gains)
-    spec.compile()
+    spec = servo_spec(robot, fit, gains, held)
+    compiled(spec)
     return str(spec.to_xml())
 
 
 def replayed_in_mujoco(
-    robot: str | Path, fit: ServoFit, log: ServoLog, gains: Sequence[float]
+    robot: str | Path,
+    fit: ServoFit,
+    log: ServoLog,
+    gains: Sequence[float],
+    held: Mapping[str, float] | None = None,
 ) -> Vector:
     """Return mean absolute position errors of a log's goals in MuJoCo [rad].
 
@@ -96,22 +173,24 @@ def replayed_in_mujoco(
     Returns
     -------
     ndarray, shape (joints,)
+        Of the joints with an identified servo.
     """
     mujoco = require_mujoco()
-    spec = servo_spec(robot, fit, gains)
+    spec = servo_spec(robot, fit, gains, held)
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
-    compiled = spec.compile()
-    data = mujoco.MjData(compiled)
+    model = compiled(spec)
+    data = mujoco.MjData(model)
     forms = [_plain(servo) for servo in fit.joints]
-    joints = [compiled.joint(servo.joint).id for servo in fit.joints]
-    drives = [compiled.actuator(servo.joint).id for servo in fit.joints]
-    at, dofs = compiled.jnt_qposadr[joints], compiled.jnt_dofadr[joints]
+    joints = [model.joint(servo.joint).id for servo in fit.joints]
+    drives = [model.actuator(servo.joint).id for servo in fit.joints]
+    at, dofs = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
     zero = np.array([form.values["zero"] for form in forms])
-    data.qpos[at] = log.position[0] + zero
-    usual = compiled.actuator_gainprm.copy(), compiled.actuator_biasprm.copy()
+    columns = [log.joints.index(servo.joint) for servo in fit.joints]
+    data.qpos[at] = log.position[0, columns] + zero
+    usual = model.actuator_gainprm.copy(), model.actuator_biasprm.copy()
     emf = np.array([form.values.get("back_emf", 0.0) for form in forms])
-    damping = compiled.dof_damping[dofs].copy()
+    damping = model.dof_damping[dofs].copy()
     delays = [form.values["delay"] for form in forms]
     steps = int(log.time[-1] / STEP) + 2
     q: Matrix = np.empty((steps, len(joints)))
@@ -120,18 +199,19 @@ def replayed_in_mujoco(
         driven = np.ones(len(joints))
         for place, delay in enumerate(delays):
             row = _row(log, (step + 0.5) * STEP - delay)
-            data.ctrl[drives[place]] = log.goal[row, place]
+            data.ctrl[drives[place]] = log.goal[row, columns[place]]
             if log.enabled is not None:
-                driven[place] = log.enabled[_row(log, step * STEP), place] > 0.5
-        compiled.actuator_gainprm[drives] = usual[0][drives] * driven[:, None]
-        compiled.actuator_biasprm[drives] = usual[1][drives] * driven[:, None]
-        compiled.dof_damping[dofs] = damping - emf * (1.0 - driven)
-        mujoco.mj_step(compiled, data)
+                now = log.enabled[_row(log, step * STEP), columns[place]]
+                driven[place] = now > 0.5
+        model.actuator_gainprm[drives] = usual[0][drives] * driven[:, None]
+        model.actuator_biasprm[drives] = usual[1][drives] * driven[:, None]
+        model.dof_damping[dofs] = damping - emf * (1.0 - driven)
+        mujoco.mj_step(model, data)
     grid = np.arange(steps) * STEP
     return np.array(
         [
             abs(np.interp(log.time, grid, column) - seen).mean()
-            for column, seen in zip(q.T, log.position.T, strict=True)
+            for column, seen in zip(q.T, log.position[:, columns].T, strict=True)
         ]
     )
 

@@ -10,7 +10,7 @@ gives the intervals.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -18,8 +18,10 @@ from consistent_id._support.arrays import IntArray, Matrix, Vector
 from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.tables import Table
-from consistent_id.errors import ModelError, RecordingError
+from consistent_id.errors import ModelError, NotExcitedError, RecordingError
 from consistent_id.robot.model import RobotModel
+from consistent_id.rollout.evolution import evolved
+from consistent_id.rollout.servo_bounds import UNITS, SearchBox, box_of, names_shown
 from consistent_id.rollout.servo_log import DutyLaw, ServoLog, duty_law
 from consistent_id.rollout.servo_motion import (
     STEP,
@@ -27,6 +29,7 @@ from consistent_id.rollout.servo_motion import (
     cut_pieces,
     position_errors,
     rigid_model,
+    simulated,
 )
 
 FORMS: Mapping[str, tuple[str, ...]] = {
@@ -42,37 +45,16 @@ FORMS: Mapping[str, tuple[str, ...]] = {
 }
 """Forms of friction, and their parameters beside viscous and Coulomb friction."""
 
-UNITS: Mapping[str, str] = {
-    "stall": "N m",
-    "back_emf": "N m s/rad",
-    "viscous": "N m s/rad",
-    "armature": "kg m^2",
-    "coulomb": "N m",
-    "stribeck": "N m",
-    "stribeck_velocity": "rad/s",
-    "motor_load": "N m/N m",
-    "outer_load": "N m/N m",
-    "motor_load_stribeck": "N m/N m",
-    "outer_load_stribeck": "N m/N m",
-    "heat": "1/K",
-    "delay": "s",
-    "zero": "rad",
-}
-
 WINDOW = 1.0
 """Length of a window [s]: a joint that wrongly rests is wrong for so long."""
 
-_POPULATION = 28
 _GENERATIONS = 110  # over windows
 _POLISHING = 16  # over windows and whole logs
 _AGAIN = 10  # without one log
 _WIDE, _NARROW = 0.25, 0.04  # first widths of the search, of the box
-_WARM = 5.0  # K: least difference of temperature from which its effect is fitted
-_WIDEST = 0.3  # of the box: width of a search
 _WIDER = 3.0  # times its last width, the search without a log begins
-_MIDDLE = {"zero": 0.5, "heat": 0.5}  # where the search begins, in the box
-_BORDER = 0.02  # of the box: nearer, the search ended at its border
 _BLOCKS = 3  # parts in time of a single log
+_MOVES = 5e-3  # rad: a joint that covers less in every log does not move
 
 
 @brief
@@ -83,13 +65,15 @@ class ServoForm:
     Parameters
     ----------
     values : dict of str to float
-        Parameters by name, in the units of `UNITS`.
+        Parameters by name, in the units of `servo_bounds.UNITS`.
     half_intervals : dict of str to float
-        Half widths of 95 % intervals, from leaving out each log in turn; infinite where
-        the search ended at its border.
+        Half widths of 95 % intervals, from leaving out each log in turn; all infinite
+        if the search ended at a border of its box.
     training, left_out : float, [rad]
         Mean absolute error of simulated positions, over whole logs: of the logs that
         were learnt from, and of each log simulated by a fit to the others.
+    at_border : tuple of str
+        Parameters at a border of the box of the search.
     """
 
     name: str
@@ -97,6 +81,7 @@ class ServoForm:
     half_intervals: Mapping[str, float]
     training: float
     left_out: float
+    at_border: tuple[str, ...] = ()
 
 
 @brief
@@ -111,7 +96,8 @@ class JointServo:
     gains : dict of str to float, [1/rad]
         The firmware's gain, duty over position error, of each log.
     deadband : float, [rad]
-        Zero if the log's duty shows none, or there is no duty.
+        Median of the training logs; zero if their duty shows none, or there is no duty.
+        Each log is simulated with its own.
     validation : dict of str to dict of str to float, [rad]
         Errors by form, of each log that was not learnt from.
     """
@@ -143,6 +129,11 @@ class JointServo:
             f"of training {_mrad(other.training)}"
             for other in self.forms
         ]
+        if form.at_border:
+            notes.append(
+                f"the search ended at the border for {', '.join(form.at_border)}: the "
+                "data do not determine it, and no interval is known"
+            )
         if self.deadband:
             notes.append(f"deadband of the firmware: {_mrad(self.deadband)}")
         title = f"Servo of {self.joint}, friction {form.name}"
@@ -158,11 +149,15 @@ class ServoFit:
     ----------
     volts : float, optional, [V]
         The nominal supply, at which `stall` is the torque at full duty.
+    not_moved : dict of str to float, [rad]
+        Joints that do not move in the training logs, at their median positions; their
+        servos are not identified.
     """
 
     robot: str
     joints: tuple[JointServo, ...]
     volts: float | None
+    not_moved: Mapping[str, float] = field(default_factory=dict)
 
     def validation_error(self, form: str | None = None) -> float:
         """Return the mean error of logs not learnt from, over joints [rad].
@@ -195,6 +190,10 @@ class ServoFit:
             notes.append(f"stall: torque at full duty and {self.volts:.2f} V")
         if len(self.joints) > 1:
             notes.append("each joint is simulated while the others move as measured")
+        notes += [
+            f"{joint} does not move in these logs: its servo cannot be identified"
+            for joint in self.not_moved
+        ]
         head = ("joint", "log", *names) if rows else ()
         return [
             Table(first, head, rows, tuple(notes)),
@@ -208,6 +207,7 @@ class ServoFit:
             "robot": self.robot,
             "volts": self.volts,
             "validation_error": _number(self.validation_error()),
+            "not_moved": dict(self.not_moved),
             "joints": {
                 servo.joint: {
                     "friction": servo.chosen.name,
@@ -223,6 +223,7 @@ class ServoFit:
                             },
                             "training_error": form.training,
                             "left_out_error": form.left_out,
+                            "at_border": list(form.at_border),
                         }
                         for form in servo.forms
                     },
@@ -265,8 +266,8 @@ def identify_servos(
     robot : RobotModel
         With inertias; its joints turn.
     training, validation : sequence of ServoLog
-        To learn from, and to be simulated only; of the latter only the duty's gain is
-        used, where it is measured.
+        To learn from, and to be simulated only; of the latter only the duty's gain
+        and deadband are used, where they are measured, and for themselves alone.
     forms : sequence of str
         Of `FORMS`.
     gain : float, optional, [1/rad]
@@ -277,10 +278,13 @@ def identify_servos(
     Raises
     ------
     ModelError
-        If bodies are not known, or a joint slides.
+        If bodies are not known, a joint slides, or a joint follows another one.
     RecordingError
-        If there is no training log, a duty does not follow the position error, or a log
-        has no duty and no gain is stated.
+        If there is no training log, two logs have the same name, a duty does not follow
+        the position error, a log has no duty and no gain is stated, or the motion of
+        the best parameters is not finite.
+    NotExcitedError
+        If no joint moves.
 
     Examples
     --------
@@ -292,13 +296,49 @@ def identify_servos(
     for joint in robot.driven:
         if joint.kind == "prismatic":
             raise ModelError(f"joint {joint.name} slides; servos turn")
+    followers = [joint.name for joint in robot.joints if joint.mimic is not None]
+    if followers:
+        raise ModelError(
+            f"{', '.join(followers)} of {robot.name} follow another joint (mimic); a "
+            "servo that moves two joints is not supported. Lock the joints, or remove "
+            "them from the file"
+        )
+    _require_names([log.name for log in (*training, *validation)])
+    still = _not_moved(robot, training)
     known = [log.volts for log in training if log.volts is not None]
     volts = float(np.median(known)) if known else None
     joints = tuple(
         _identified(robot, place, training, validation, volts, forms, gain, seed)
-        for place in range(len(robot))
+        for place, name in enumerate(robot.joint_names)
+        if name not in still
     )
-    return ServoFit(robot.name, joints, volts)
+    return ServoFit(robot.name, joints, volts, still)
+
+
+def _require_names(names: Sequence[str]) -> None:
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise RecordingError(
+            f"two logs are named {', '.join(twice)}; give each log a name of its own"
+        )
+
+
+def _not_moved(robot: RobotModel, logs: Sequence[ServoLog]) -> dict[str, float]:
+    """Return joints that do not move, and their median positions [rad]."""
+    ranges = np.max([np.ptp(log.position, axis=0) for log in logs], axis=0)
+    middle = np.median(np.concatenate([log.position for log in logs]), axis=0)
+    found = {
+        name: float(at)
+        for name, covered, at in zip(robot.joint_names, ranges, middle, strict=True)
+        if covered < _MOVES
+    }
+    if len(found) == len(robot):
+        raise NotExcitedError(
+            f"joint {', '.join(found)} of {robot.name} moves by less than "
+            f"{1e3 * _MOVES:g} mrad in every training log, so its servo cannot be "
+            "identified; record a motion of some tenths of a radian"
+        )
+    return found
 
 
 def _identified(
@@ -312,23 +352,23 @@ def _identified(
     seed: int,
 ) -> JointServo:
     laws = [_law(log, joint, gain) for log in (*training, *validation)]
-    deadband = float(np.median([law.deadband for law in laws]))
-    pairs = [(law.gain, deadband) for law in laws]
+    pairs = [(law.gain, law.deadband) for law in laws]
     count = len(training)
+    deadband = float(np.median([law.deadband for law in laws[:count]]))
 
     def cut(logs: Sequence[ServoLog], of: slice, window: float | None) -> Pieces:
         return cut_pieces(robot, logs, joint, pairs[of], volts, window)
 
     short = cut(training, slice(count), _window(training))
     whole = cut(training, slice(count), None)
-    box = _box(training, joint, short)
+    box = box_of(training, joint, short)
     found, named = [], dict[str, dict[str, float]]()
     judged = cut(validation, slice(count, None), None) if validation else None
     for name in forms:
-        names = (*_names(training, joint), *FORMS[name])
+        names = (*names_shown(training, joint), *FORMS[name])
         found.append(_fitted(name, names, box, short, whole, seed))
         if judged is not None:
-            errors = position_errors(_sets(found[-1].values), judged)[0].tolist()
+            errors = _finite_errors(_sets(found[-1].values), judged).tolist()
             logs = [log.name for log in validation]
             named[name] = dict(zip(logs, errors, strict=True))
     gains = {
@@ -350,59 +390,14 @@ def _law(log: ServoLog, joint: int, gain: float | None) -> DutyLaw:
     return DutyLaw(gain, 0.0, 0.0)
 
 
-def _names(logs: Sequence[ServoLog], joint: int) -> tuple[str, ...]:
-    """Return the parameters that logs can show, but for friction's form."""
-    names = ["stall", "viscous", "armature", "coulomb", "delay", "zero"]
-    if any(log.enabled is not None and not log.enabled[:, joint].all() for log in logs):
-        names.insert(1, "back_emf")  # else it is part of viscous friction
-    warm = [log.temperature[joint] for log in logs if log.temperature is not None]
-    if len(warm) > 1 and np.ptp(warm) >= _WARM:
-        names.append("heat")
-    return tuple(names)
-
-
-def _box(
-    logs: Sequence[ServoLog], joint: int, pieces: Pieces
-) -> Mapping[str, tuple[float, float]]:
-    """Return where parameters are searched, by the size of torque and speed."""
-    speeds, carried, duties = [], [], []
-    for log in logs:
-        change = abs(np.diff(log.position[:, joint])) / np.diff(log.time)
-        speeds.append(np.convolve(change, np.ones(9) / 9.0, mode="same"))
-        if log.duty is not None:
-            duties.append(abs(log.duty[:, joint]))
-    for piece, q in enumerate(pieces.measured):
-        still = pieces.still[:, piece].mean(axis=0)
-        terms = (1.0 + 0.0 * q, np.cos(q), np.sin(q), np.cos(2 * q), np.sin(2 * q))
-        carried.append(abs(sum(a * b for a, b in zip(still, terms, strict=True))))
-    speed = max(float(np.quantile(np.concatenate(speeds), 0.99)), 0.1)
-    inertia = float(pieces.inertia.mean())
-    torque = float(np.quantile(np.concatenate(carried), 0.95))
-    torque = max(torque, 5.0 * inertia * speed, 1e-4)
-    duty = float(np.quantile(np.concatenate(duties), 0.95)) if duties else 0.5
-    full = torque / max(duty, 0.02)
-    return {
-        "stall": (0.3 * full, 6.0 * full),
-        "back_emf": (0.0, 3.0 * full / speed),
-        "viscous": (0.0, 3.0 * full / speed),
-        "armature": (0.01 * inertia, 3.0 * inertia),
-        "coulomb": (0.0, 0.3 * full),
-        "stribeck": (0.0, 0.3 * full),
-        "stribeck_velocity": (0.01 * speed, 0.2 * speed),
-        "motor_load": (0.0, 0.7),
-        "outer_load": (0.0, 0.7),
-        "motor_load_stribeck": (0.0, 0.7),
-        "outer_load_stribeck": (0.0, 0.7),
-        "heat": (-0.01, 0.03),
-        "delay": (0.0, 0.04),
-        "zero": (-0.1, 0.1),
-    }
-
-
 def _window(logs: Sequence[ServoLog]) -> float:
-    """Return the length of windows: of each log, there are several [s]."""
-    shortest = min(float(log.time[-1]) for log in logs)
-    return min(WINDOW, shortest / _BLOCKS)
+    """Return the length of windows [s]: there are several of each long piece.
+
+    Shorter pieces are one window each.
+    """
+    lengths = [float(log.time[-1]) for log in logs]
+    long = [length for length in lengths if length >= WINDOW] or [max(lengths)]
+    return min(WINDOW, min(long) / _BLOCKS)
 
 
 def _parts(pieces: Pieces) -> IntArray:
@@ -420,19 +415,15 @@ def _parts(pieces: Pieces) -> IntArray:
 def _fitted(
     form: str,
     names: Sequence[str],
-    box: Mapping[str, tuple[float, float]],
+    box: SearchBox,
     short: Pieces,
     whole: Pieces,
     seed: int,
 ) -> ServoForm:
     from scipy.special import stdtrit
 
-    low = np.array([box[name][0] for name in names])
-    high = np.array([box[name][1] for name in names])
-
     def values(sets: Matrix) -> dict[str, Vector]:
-        scaled = low + sets * (high - low)
-        return dict(zip(names, scaled.T, strict=True))
+        return box.values(names, sets)
 
     def of_windows(kept: IntArray) -> Callable[[Matrix], Vector]:
         return lambda sets: position_errors(values(sets), short)[:, kept].mean(axis=1)
@@ -443,10 +434,9 @@ def _fitted(
         return np.asarray(errors + position_errors(known, short).mean(axis=1))
 
     rng = np.random.default_rng(seed)
-    middle = np.array([_MIDDLE.get(name, 0.25) for name in names])
     part = _parts(short)
     every = np.arange(len(part))
-    first = evolved(of_windows(every), middle, _WIDE, _GENERATIONS, rng)
+    first = evolved(of_windows(every), box.start(names), _WIDE, _GENERATIONS, rng)
     best = evolved(of_both, first.best, _NARROW, _POLISHING, rng).best
     parts, errors = [], np.zeros(len(part))
     for group in np.unique(part):
@@ -466,106 +456,40 @@ def _fitted(
             errors[mine] = position_errors(values(found.best[None]), whole)[0, logs]
         else:
             errors[mine] = position_errors(values(found.best[None]), short)[0, mine]
+    known = values(best[None])
+    training = _finite_errors(known, whole)
     count = len(parts)
-    spread = np.array(parts)
+    point = np.array(list(known.values()))[:, 0]
+    spread = np.array(list(values(np.array(parts)).values())).T
     scatter = (count - 1) / count * ((spread - spread.mean(axis=0)) ** 2).sum(axis=0)
     factor = float(stdtrit(count - 1, 0.975))
     # The search is part of the scatter: the fit to all logs is not the mean of parts.
-    apart = best - spread.mean(axis=0)
-    half = np.sqrt(factor**2 * scatter + apart**2) * (high - low)
+    half = np.sqrt(factor**2 * scatter + (point - spread.mean(axis=0)) ** 2)
     if "delay" in names:
         place = list(names).index("delay")
         half[place] = max(half[place], STEP)
-    # At a border that is not a physical one, the data do not determine a parameter.
-    half[(best > 1.0 - _BORDER) | ((best < _BORDER) & (low != 0.0))] = np.inf
-    best_values = low + best * (high - low)
+    # With a true value beyond the border, the other parameters are wrong, too.
+    borders = box.borders(names, best)
+    half[:] = np.inf if borders else half
     return ServoForm(
         form,
-        dict(zip(names, best_values.tolist(), strict=True)),
+        dict(zip(names, point.tolist(), strict=True)),
         dict(zip(names, half.tolist(), strict=True)),
-        float(position_errors(values(best[None]), whole).mean()),
+        float(training.mean()),
         float(errors.mean()),
+        borders,
     )
+
+
+def _finite_errors(values: Mapping[str, Vector], pieces: Pieces) -> Vector:
+    """Return errors of one set, shape (pieces,), or refuse a motion that diverges."""
+    if not np.isfinite(simulated(values, pieces)).all():
+        raise RecordingError(
+            "the simulated motion of the best parameters is not finite; check goals, "
+            "voltage and temperature of the logs, and inertias of the robot"
+        )
+    return np.asarray(position_errors(values, pieces)[0])
 
 
 def _sets(values: Mapping[str, float]) -> dict[str, Vector]:
     return {name: np.array([value]) for name, value in values.items()}
-
-
-class Evolved(NamedTuple):
-    """The end of an evolution.
-
-    Parameters
-    ----------
-    best : ndarray, shape (parameters,)
-        Point of least error.
-    mean : ndarray, shape (parameters,)
-        Of the last distribution, `width` its size and `spread` its covariance's shape.
-    """
-
-    best: Vector
-    mean: Vector
-    width: float
-    spread: Matrix
-
-
-def evolved(
-    error: Callable[[Matrix], Vector],
-    start: Vector,
-    width: float,
-    generations: int,
-    rng: np.random.Generator,
-    spread: Matrix | None = None,
-) -> Evolved:
-    """Search the unit cube for the least error by an evolution strategy.
-
-    Covariance matrix adaptation [Hansen2016]_.
-
-    Parameters
-    ----------
-    error : callable
-        From points, shape (sets, parameters), to their errors.
-    width : float
-        First standard deviation.
-    spread : ndarray, shape (parameters, parameters), optional
-        First covariance's shape.
-    """
-    n, count = len(start), _POPULATION
-    chosen = count // 2
-    weights = np.log(chosen + 0.5) - np.log(np.arange(1, chosen + 1))
-    weights /= weights.sum()
-    mass = 1.0 / (weights**2).sum()
-    c_s = (mass + 2.0) / (n + mass + 5.0)
-    damping = 1.0 + c_s + 2.0 * max(0.0, np.sqrt((mass - 1.0) / (n + 1.0)) - 1.0)
-    c_c = (4.0 + mass / n) / (n + 4.0 + 2.0 * mass / n)
-    c_1 = 2.0 / ((n + 1.3) ** 2 + mass)
-    c_m = min(1.0 - c_1, 2.0 * (mass - 2.0 + 1.0 / mass) / ((n + 2.0) ** 2 + mass))
-    usual = np.sqrt(n) * (1.0 - 0.25 / n + 1.0 / (21.0 * n * n))
-    mean, C = start.copy(), np.eye(n) if spread is None else spread
-    path, sizes = np.zeros(n), np.zeros(n)
-    best, least = start, float(error(start[None])[0])
-    for generation in range(generations):
-        squares, axes = np.linalg.eigh(C)
-        lengths = np.sqrt(np.maximum(squares, 1e-20))
-        steps = rng.normal(size=(count, n)) * lengths @ axes.T
-        tried = mean + width * steps
-        inside = np.clip(tried, 0.0, 1.0)
-        errors = error(inside)
-        if errors.min() < least:
-            best, least = inside[errors.argmin()], float(errors.min())
-        # Beyond the box the error is that of the border, and a little more.
-        outside = ((tried - inside) ** 2).sum(axis=1)
-        order = np.argsort(errors + least * outside)[:chosen]
-        step = weights @ steps[order]
-        mean = mean + width * step
-        plain = axes / lengths @ (axes.T @ step)
-        sizes = (1.0 - c_s) * sizes + np.sqrt(c_s * (2.0 - c_s) * mass) * plain
-        size = np.linalg.norm(sizes)
-        width *= float(np.exp(c_s / damping * (size / usual - 1.0)))
-        width = min(width, _WIDEST)  # at the border it would grow for ever
-        steady = np.sqrt(1.0 - (1.0 - c_s) ** (2 * generation + 2))
-        grows = float(size / steady < (1.4 + 2.0 / (n + 1.0)) * usual)
-        path = (1.0 - c_c) * path + grows * np.sqrt(c_c * (2.0 - c_c) * mass) * step
-        among = (steps[order].T * weights) @ steps[order]
-        C = (1.0 - c_1 - c_m) * C + c_1 * np.outer(path, path) + c_m * among
-    return Evolved(best, np.clip(mean, 0.0, 1.0), width, C)

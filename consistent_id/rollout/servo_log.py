@@ -41,8 +41,11 @@ _FULL = (1.0, 100.0, 885.0, 1000.0, 1023.0)  # usual numbers for full duty
 _MOST_ANGLE = 4.0 * np.pi  # rad: servos that turn further are seldom logged in rad
 _GAP = 5.0  # usual periods without a sample, after which a new piece begins
 _LEAST = 20  # samples of a piece
+_PERIODS = (0.5e-3, 0.5)  # s: usual periods of a servo's log lie between
 _SATURATED = 0.98  # of full duty
 _AT_LIMIT = 3  # samples at the largest duty, if it is the limit
+_GROWN = 1.1  # of the error that the duty answers: more, and the duty is at its limit
+_SHARED = ("volts", "temperature", "enabled")  # one column may be that of all joints
 
 
 @brief
@@ -55,11 +58,11 @@ class ServoLog:
     time : array_like, shape (samples,), [s]
     position, goal : array_like, shape (samples, joints), [rad]
     duty : array_like, shape (samples, joints), optional
-        Share of full duty, -1 to 1.
+        Share of full duty, -1 to 1; NaN where it is not known.
     volts : float, optional, [V]
         Median of the supply.
     temperature : array_like, shape (joints,), optional, [deg C]
-        Mean over the piece.
+        Mean over the piece; NaN for joints without a temperature.
     enabled : array_like of bool, shape (samples, joints), optional
         Whether the motor is driven; by default always.
     """
@@ -82,12 +85,25 @@ class ServoLog:
                 "times that increase"
             )
         freeze(self, time=time - time[0])
+        low, high = _PERIODS
+        if not low <= self.period <= high:
+            raise RecordingError(
+                f"{self.name}: the median time between samples is {self.period:.4g} s, "
+                f"expected {low:g} to {high:g} s; are the times in milliseconds or "
+                "nanoseconds? Convert them to seconds"
+            )
+        if self.volts is not None and not 0.0 < self.volts < np.inf:
+            raise RecordingError(
+                f"{self.name}: the supply is {self.volts} V, expected a positive "
+                "number, or None"
+            )
         shape = (len(time), len(self.joints))
         for channel in ("position", "goal", "duty", "enabled"):
-            values = getattr(self, channel)
+            values, finite = getattr(self, channel), channel != "duty"
             if values is not None:
                 what = f"{self.name}: {channel}"
-                freeze(self, **{channel: frozen(values, shape, what, RecordingError)})
+                kept = frozen(values, shape, what, RecordingError, finite)
+                freeze(self, **{channel: kept})
 
     @property
     def period(self) -> float:
@@ -112,7 +128,9 @@ class DutyLaw(NamedTuple):
 
 
 def duty_law(log: ServoLog, joint: int) -> DutyLaw | None:
-    """Return the law that a log's duty follows; None if the log has no duty.
+    """Return the law that a log's duty follows; None if the joint has no duty.
+
+    Samples without a duty are left out.
 
     Raises
     ------
@@ -122,7 +140,9 @@ def duty_law(log: ServoLog, joint: int) -> DutyLaw | None:
     if log.duty is None:
         return None
     duty = log.duty[:, joint]
-    used = abs(duty) < _SATURATED
+    if not np.isfinite(duty).any():
+        return None
+    used = abs(duty) < _SATURATED  # False for NaN
     if log.enabled is not None:
         used &= log.enabled[:, joint] > 0.5
     error = (log.goal - log.position)[:, joint]
@@ -168,22 +188,79 @@ def read_servo_logs(
     units : {"rad", "deg", "ticks"}
         Of positions and goals.
     full_duty : float, optional
-        The number that stands for full duty; by default the largest one where a log
-        stays at it, else the next of 1, 100, 885, 1000 and 1023.
+        The number that stands for full duty; by default the largest one if it
+        stays while the position error grows, else the next of 1, 100, 885, 1000 and
+        1023.
 
     Raises
     ------
     RecordingError
         If a file cannot be read, or lacks a position or a goal.
     """
-    files = [Path(path) for path in paths]
-    raw = [_read(file, joints, columns or {}) for file in files]
-    full = _full_duty(raw) if full_duty is None else full_duty
-    return tuple(
-        log
-        for file, arrays in zip(files, raw, strict=True)
-        for log in _pieces(file, arrays, tuple(joints), UNITS[units], full)
-    )
+    return read_servo_sets(
+        paths, (), joints, columns=columns, units=units, full_duty=full_duty
+    ).training
+
+
+class ServoSets(NamedTuple):
+    """Logs to learn from, and logs that are simulated only."""
+
+    training: tuple[ServoLog, ...]
+    validation: tuple[ServoLog, ...]
+
+
+def read_servo_sets(
+    training: Iterable[str | Path],
+    validation: Iterable[str | Path],
+    joints: Sequence[str],
+    *,
+    columns: Mapping[str, str] | None = None,
+    units: str = "rad",
+    full_duty: float | None = None,
+) -> ServoSets:
+    """Read logs to learn from and logs for validation; see `read_servo_logs`.
+
+    A log is named after its file, with its folder if another file has the same name.
+    By default the number for full duty is that of the training logs.
+
+    Raises
+    ------
+    RecordingError
+        As `read_servo_logs`, or if a file is given twice.
+    """
+    sets = [[Path(path) for path in paths] for paths in (training, validation)]
+    names = _log_names([file for files in sets for file in files])
+    raw = [[_read(file, joints, columns or {}) for file in files] for files in sets]
+    full = full_duty
+    for arrays in raw:
+        full = _full_duty(arrays) if full is None else full
+    scale = 1.0 if full is None else full
+
+    def made(
+        files: Sequence[Path], given: Sequence[Mapping[str, Array]]
+    ) -> tuple[ServoLog, ...]:
+        return tuple(
+            log
+            for file, arrays in zip(files, given, strict=True)
+            for log in _pieces(names[file], arrays, tuple(joints), UNITS[units], scale)
+        )
+
+    return ServoSets(made(sets[0], raw[0]), made(sets[1], raw[1]))
+
+
+def _log_names(files: Sequence[Path]) -> dict[Path, str]:
+    """Return a name of each file, and refuse one that is given twice."""
+    places = [file.resolve() for file in files]
+    for file, place in zip(files, places, strict=True):
+        if places.count(place) > 1:
+            raise RecordingError(
+                f"{file} is given twice; a log is learnt from or validated, once"
+            )
+    short = [file.name for file in files]
+    return {
+        file: file.name if short.count(file.name) == 1 else file.as_posix()
+        for file in files
+    }
 
 
 def logged_joints(
@@ -203,7 +280,7 @@ def logged_joints(
         found = [j for j in joints if stated.replace("{joint}", j) in names]
         return tuple(found or joints)
     fitting = [name for name in names if _fits("position", words(name))]
-    found = [j for j in joints if any(_names_joint(name, j) for name in fitting)]
+    found = [j for j in joints if _columns_of(j, fitting, joints)]
     return tuple(found or joints)
 
 
@@ -224,6 +301,7 @@ def _read(
                 f"{file}: no column is the {role} of {', '.join(joints)}; its columns "
                 f"are {', '.join(names)}; name it with --columns {role}=COLUMN"
             )
+    _require_own_columns(file, found)
     wanted = list(dict.fromkeys(name for given in found.values() for name in given))
     arrays = read_parts(reader_of(file), file, wanted)
     made = {
@@ -239,23 +317,56 @@ def _found(role: str, names: Sequence[str], joints: Sequence[str]) -> list[str]:
     fitting = [name for name in names if _fits(role, words(name))]
     if role == "time":
         return fitting[:1]
+    own = [_columns_of(joint, fitting, joints) for joint in joints]
     if len(joints) == 1:
-        return fitting[:1]
-    own = [[name for name in fitting if _names_joint(name, joint)] for joint in joints]
+        return (own[0] or fitting)[:1]
     if not all(own):
         own = [
-            [name for name in fitting if name.rstrip("])").endswith(str(number))]
+            [name for name in fitting if _ends_with(name, number)]
             for number in range(1, len(joints) + 1)
         ]
     if all(own):
         return [of_joint[0] for of_joint in own]
-    shared = role not in ("position", "goal", "duty") and len(fitting) == 1
+    shared = role in _SHARED and len(fitting) == 1
     return fitting * len(joints) if shared else []
+
+
+def _columns_of(joint: str, columns: Sequence[str], joints: Sequence[str]) -> list[str]:
+    """Return the columns that name a joint, those with the fewest words first.
+
+    A column that names a joint whose name contains this one's is not among them.
+    """
+    longer = [name for name in joints if name != joint and _names_joint(name, joint)]
+    own = [
+        column
+        for column in columns
+        if _names_joint(column, joint)
+        and not any(_names_joint(column, name) for name in longer)
+    ]
+    return sorted(own, key=lambda column: len(words(column)))
 
 
 def _names_joint(column: str, joint: str) -> bool:
     around = rf"(?<![A-Za-z0-9]){re.escape(joint)}(?![A-Za-z0-9])"
     return re.search(around, column, re.IGNORECASE) is not None
+
+
+def _ends_with(column: str, number: int) -> bool:
+    return re.search(rf"(?<!\d)0*{number}[\])]*$", column) is not None
+
+
+def _require_own_columns(file: Path, found: Mapping[str, Sequence[str]]) -> None:
+    """Refuse a column that has two meanings, or is the position of two joints."""
+    seen: dict[str, str] = {}
+    for role, given in found.items():
+        for name in dict.fromkeys(given) if role in _SHARED else given:
+            if name in seen:
+                raise RecordingError(
+                    f"{file}: column {name!r} would be {seen[name]} and {role} of "
+                    "different joints or meanings; state the columns, such as "
+                    f"--columns {role}={role}_{{joint}}"
+                )
+            seen[name] = role
 
 
 def _fits(role: str, said: set[str]) -> bool:
@@ -266,18 +377,32 @@ def _fits(role: str, said: set[str]) -> bool:
     return bool(said & _ROLES[role]) and not said & _GOAL
 
 
-def _full_duty(raw: Sequence[Mapping[str, Array]]) -> float:
-    duties = [abs(arrays["duty"]) for arrays in raw if "duty" in arrays]
-    if not duties:
-        return 1.0
-    most = max(float(np.nanmax(duty)) for duty in duties)
-    if sum(int((duty == most).sum()) for duty in duties) >= _AT_LIMIT and most > 0.0:
+def _full_duty(raw: Sequence[Mapping[str, Array]]) -> float | None:
+    """Return the number for full duty; None without a duty.
+
+    A held load, too, gives the largest duty many times.  It is full duty only where
+    the position error grows further and the duty does not.
+    """
+    with_duty = [arrays for arrays in raw if "duty" in arrays]
+    sizes = [abs(arrays["duty"]) for arrays in with_duty]
+    most = max((float(size[size >= 0.0].max(initial=0.0)) for size in sizes), default=0)
+    if most <= 0.0:
+        return None if not sizes else 1.0
+    beyond = 0
+    for arrays, size in zip(with_duty, sizes, strict=True):
+        error = abs(arrays["goal"] - arrays["position"])
+        for duty, apart in zip(size.T, error.T, strict=True):
+            below = (duty > 0.2 * most) & (duty < 0.95 * most) & (apart > 0.0)
+            if below.any():
+                answered = most * float(np.median(apart[below] / duty[below]))
+                beyond += int(((duty == most) & (apart > _GROWN * answered)).sum())
+    if beyond >= _AT_LIMIT:
         return most
     return next((full for full in _FULL if full >= most), most)
 
 
 def _pieces(
-    file: Path,
+    name: str,
     arrays: Mapping[str, Array],
     joints: tuple[str, ...],
     unit: float,
@@ -289,29 +414,60 @@ def _pieces(
     good &= np.isfinite(arrays["goal"]).all(axis=1)
     good[good] = np.diff(np.maximum.accumulate(time[good]), prepend=-np.inf) > 0.0
     rows = np.flatnonzero(good)
-    if len(rows) < _LEAST:
-        raise RecordingError(f"{file}: {len(rows)} usable samples, expected {_LEAST}")
     steps = np.diff(time[rows])
-    parts = np.split(rows, np.flatnonzero(steps > _GAP * np.median(steps)) + 1)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    parts = np.split(rows, np.flatnonzero(steps > _GAP * usual) + 1)
     kept = [part for part in parts if len(part) >= _LEAST]
+    if not kept:
+        raise RecordingError(
+            f"{name}: {len(rows)} usable samples, expected {_LEAST} or more without a "
+            "gap"
+        )
+    held = _held(arrays["enabled"]) if "enabled" in arrays else None
     for number, part in enumerate(kept, start=1):
         position = unit * arrays["position"][part]
         if np.ptp(position) > _MOST_ANGLE:
             raise RecordingError(
-                f"{file}: position covers {np.ptp(position):.4g} rad, more than two "
+                f"{name}: position covers {np.ptp(position):.4g} rad, more than two "
                 "turns; if it is in degrees or ticks say --angles deg or --angles ticks"
             )
-        cut = {role: values[part] for role, values in arrays.items()}
+        cut = {
+            role: values[part]
+            for role, values in arrays.items()
+            if np.isfinite(values[part]).any()
+        }
         yield ServoLog(
-            name=file.name if len(kept) == 1 else f"{file.name}, part {number}",
+            name=name if len(kept) == 1 else f"{name}, part {number}",
             joints=joints,
             time=cut["time"],
             position=position,
             goal=unit * cut["goal"],
-            duty=np.nan_to_num(cut["duty"] / full) if "duty" in cut else None,
+            duty=cut["duty"] / full if "duty" in cut else None,
             volts=float(np.nanmedian(cut["volts"])) if "volts" in cut else None,
-            temperature=(
-                np.nanmean(cut["temperature"], axis=0) if "temperature" in cut else None
-            ),
-            enabled=np.nan_to_num(cut["enabled"]) if "enabled" in cut else None,
+            temperature=_means(cut["temperature"]) if "temperature" in cut else None,
+            enabled=None if held is None else held[part],
         )
+
+
+def _means(values: Matrix) -> Vector:
+    """Return means over known samples, shape (joints,); NaN where none is known."""
+    known = np.isfinite(values)
+    count = known.sum(axis=0)
+    total = np.where(known, values, 0.0).sum(axis=0)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _held(values: Matrix) -> Matrix | None:
+    """Return values, each held until the next is known; None if there are none.
+
+    The first known value is also that of the time before.  A column without any is
+    one.
+    """
+    known = np.isfinite(values)
+    if not known.any():
+        return None
+    values = np.where(known.any(axis=0), values, 1.0)
+    rows = np.arange(len(values))[:, None]
+    last = np.maximum.accumulate(np.where(known, rows, 0), axis=0)
+    first = known.argmax(axis=0)
+    return np.take_along_axis(values, np.maximum(last, first), axis=0)

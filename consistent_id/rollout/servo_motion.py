@@ -131,7 +131,9 @@ def cut_pieces(
         for number in range(whole):
             begin = number * length
             inside = (log.time >= begin - 1e-9) & (log.time <= begin + length)
-            made.append((log, law, motion, begin, np.flatnonzero(inside), source))
+            if inside.any():
+                rows = np.flatnonzero(inside)
+                made.append((log, law, motion, begin, rows, source))
     grid: Vector = STEP * np.arange(steps + 1, dtype=np.float64)
     loads = [
         _load(model, motion, joint, begin + grid[:-1])
@@ -234,7 +236,7 @@ def _supply(log: ServoLog, nominal: float | None) -> float:
 
 
 def _warmth(log: ServoLog, joint: int) -> float:
-    if log.temperature is None:
+    if log.temperature is None or not np.isfinite(log.temperature[joint]):
         return 0.0
     return float(log.temperature[joint]) - REFERENCE_TEMPERATURE
 
@@ -384,7 +386,10 @@ def position_errors(
     pieces: Pieces,
     friction: Callable[[Mapping[str, Array]], Friction | None] | None = None,
 ) -> Array:
-    """Return mean absolute errors of position, shape (sets, pieces), [rad]."""
+    """Return mean absolute errors of position, shape (sets, pieces), [rad].
+
+    The error of a motion that is not finite is 100 rad, so that a search leaves it.
+    """
     out = simulated(parameters, pieces, friction)
     errors = np.empty(out.shape[1:])
     for piece, (time, seen) in enumerate(

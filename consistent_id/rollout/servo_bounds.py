@@ -1,0 +1,127 @@
+"""Parameters of a servo that logs can show, and where they are searched.
+
+Torque at full duty and the inertia of rotor and gears are scales.  With a geared servo
+and a light link they may be many times those of the link alone, so they are searched by
+their logarithms.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.rollout.servo_log import ServoLog
+from consistent_id.rollout.servo_motion import Pieces
+
+UNITS: Mapping[str, str] = {
+    "stall": "N m",
+    "back_emf": "N m s/rad",
+    "viscous": "N m s/rad",
+    "armature": "kg m^2",
+    "coulomb": "N m",
+    "stribeck": "N m",
+    "stribeck_velocity": "rad/s",
+    "motor_load": "N m/N m",
+    "outer_load": "N m/N m",
+    "motor_load_stribeck": "N m/N m",
+    "outer_load_stribeck": "N m/N m",
+    "heat": "1/K",
+    "delay": "s",
+    "zero": "rad",
+}
+"""Of parameters."""
+
+_WARM = 5.0  # K: least difference of temperature from which its effect is fitted
+_BORDER = 0.02  # of the box: nearer, the search ended at its border
+_SCALES = ("stall", "armature")  # searched by their logarithms
+_MIDDLE = {"zero": 0.5, "heat": 0.5} | dict.fromkeys(_SCALES, 0.5)
+
+
+@dataclass(frozen=True, slots=True)
+class SearchBox:
+    """Where parameters are searched, as a unit cube.
+
+    Parameters
+    ----------
+    limits : mapping of str to (float, float)
+    """
+
+    limits: Mapping[str, tuple[float, float]]
+
+    def start(self, names: Sequence[str]) -> Vector:
+        """Return where the search begins, of the unit cube."""
+        return np.array([_MIDDLE.get(name, 0.25) for name in names])
+
+    def values(self, names: Sequence[str], sets: Matrix) -> dict[str, Vector]:
+        """Return parameters of points of the unit cube, shape (sets, parameters)."""
+        found = {}
+        for name, share in zip(names, sets.T, strict=True):
+            low, high = self.limits[name]
+            if name in _SCALES:
+                found[name] = low * (high / low) ** share
+            else:
+                found[name] = low + share * (high - low)
+        return found
+
+    def borders(self, names: Sequence[str], point: Vector) -> tuple[str, ...]:
+        """Return the parameters at a border that is not a physical one.
+
+        The least armature is as good as none.
+        """
+        return tuple(
+            name
+            for name, share in zip(names, point, strict=True)
+            if share > 1.0 - _BORDER
+            or (share < _BORDER and name != "armature" and self.limits[name][0] != 0.0)
+        )
+
+
+def names_shown(logs: Sequence[ServoLog], joint: int) -> tuple[str, ...]:
+    """Return the parameters that logs can show, but for friction's form."""
+    names = ["stall", "viscous", "armature", "coulomb", "delay", "zero"]
+    if any(log.enabled is not None and not log.enabled[:, joint].all() for log in logs):
+        names.insert(1, "back_emf")  # else it is part of viscous friction
+    warm = [log.temperature[joint] for log in logs if log.temperature is not None]
+    warm = [value for value in warm if np.isfinite(value)]
+    if len(warm) > 1 and np.ptp(warm) >= _WARM:
+        names.append("heat")
+    return tuple(names)
+
+
+def box_of(logs: Sequence[ServoLog], joint: int, pieces: Pieces) -> SearchBox:
+    """Return where parameters are searched, by the size of torque and speed."""
+    speeds, carried, duties = [], [], []
+    for log in logs:
+        change = abs(np.diff(log.position[:, joint])) / np.diff(log.time)
+        speeds.append(np.convolve(change, np.ones(9) / 9.0, mode="same"))
+        if log.duty is not None:
+            duties.append(abs(log.duty[:, joint]))
+    for piece, q in enumerate(pieces.measured):
+        still = pieces.still[:, piece].mean(axis=0)
+        terms = (1.0 + 0.0 * q, np.cos(q), np.sin(q), np.cos(2 * q), np.sin(2 * q))
+        carried.append(abs(sum(a * b for a, b in zip(still, terms, strict=True))))
+    speed = max(float(np.quantile(np.concatenate(speeds), 0.99)), 0.1)
+    inertia = float(pieces.inertia.mean())
+    torque = float(np.quantile(np.concatenate(carried), 0.95))
+    torque = max(torque, 5.0 * inertia * speed, 1e-4)
+    duty = float(np.quantile(np.concatenate(duties), 0.95)) if duties else 0.5
+    full = torque / max(duty, 0.02)
+    return SearchBox(
+        {
+            "stall": (0.1 * full, 20.0 * full),
+            "back_emf": (0.0, 3.0 * full / speed),
+            "viscous": (0.0, 3.0 * full / speed),
+            "armature": (0.01 * inertia, 30.0 * inertia),
+            "coulomb": (0.0, 0.3 * full),
+            "stribeck": (0.0, 0.3 * full),
+            "stribeck_velocity": (0.01 * speed, 0.2 * speed),
+            "motor_load": (0.0, 0.7),
+            "outer_load": (0.0, 0.7),
+            "motor_load_stribeck": (0.0, 0.7),
+            "outer_load_stribeck": (0.0, 0.7),
+            "heat": (-0.01, 0.03),
+            "delay": (0.0, 0.04),
+            "zero": (-0.3, 0.3),
+        }
+    )
