@@ -82,6 +82,7 @@ class _Candidates:
         self.parts = slow_and_fast(problem)
         self.tried: dict[Settings, float] = {}
         self.skipped: dict[str, None] = {}
+        self.built = False  # whether any was, though its rollouts may diverge
         self._squares: dict[Settings, Vector] = {}
 
     def squares(self, settings: Settings) -> Vector:
@@ -93,6 +94,7 @@ class _Candidates:
             try:
                 made = with_settings(self.problem, settings)
                 found = squares_of_parts(made, self.parts)
+                self.built = True
             except ConsistentIdError as reason:
                 self.skipped[str(reason)] = None
                 found = np.full(2 * BLOCKS_OF_PART, np.inf)
@@ -104,6 +106,20 @@ class _Candidates:
         """Return the root-mean-square error of rollouts of parts not learnt from."""
         self.squares(settings)
         return self.tried[settings]
+
+    def none_found(self) -> RecordingError:
+        """Return why no settings have an error."""
+        seen = "; ".join(self.skipped)
+        if self.built:
+            what = (
+                "with no settings the rollouts stay near the robot; check gains, "
+                "columns and units"
+            )
+        else:
+            what = "no settings can be fitted to a part of the training motion"
+        return RecordingError(
+            f"problem {self.problem.name!r}: {what}{seen and '. Seen: ' + seen}"
+        )
 
 
 def chosen_settings(problem: Problem, start: Settings | None = None) -> SettingsChoice:
@@ -119,7 +135,8 @@ def chosen_settings(problem: Problem, start: Settings | None = None) -> Settings
     ProblemError
         If the problem has no gains.
     RecordingError
-        If no settings give a rollout that stays near the robot.
+        If no settings give a rollout that stays near the robot, or there is too little
+        motion for two parts.
     """
     gains_of(problem)
     candidates = _Candidates(problem)
@@ -143,11 +160,7 @@ def chosen_settings(problem: Problem, start: Settings | None = None) -> Settings
     found = _delayed(best, candidates, near, most)
     best = min((best, replace(best, delay=found.delay)), key=error)
     if not np.isfinite(error(best)):
-        seen = "; ".join(candidates.skipped)
-        raise RecordingError(
-            f"problem {problem.name!r}: with no settings the rollouts stay near the "
-            f"robot; check gains, columns and units{seen and '. Seen: ' + seen}"
-        )
+        raise candidates.none_found()
     tried = tuple(candidates.tried.items())
     skipped = list(candidates.skipped)
     if unbounded := _without_range(problem):
