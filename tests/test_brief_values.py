@@ -1,6 +1,6 @@
 """Values show themselves in a few lines, and as tables in notebooks."""
 
-from dataclasses import is_dataclass
+from dataclasses import dataclass, is_dataclass
 from importlib import import_module
 from inspect import isclass
 from pkgutil import iter_modules
@@ -9,6 +9,7 @@ import pytest
 
 import consistent_id
 from consistent_id import least_squares, load_problem
+from consistent_id._support.brief import brief
 from consistent_id.problems.study import Study
 
 MOST_LINES = 30
@@ -66,6 +67,19 @@ def test_values_show_themselves_in_thirty_lines(shown):
     for value in shown:
         assert len(repr(value).splitlines()) <= MOST_LINES, type(value)
         assert len(repr(value)) < 15_000, type(value)
+        assert not hasattr(value, "_repr_html_") or "<t" in value._repr_html_()
+
+
+def test_a_table_that_needs_an_argument_is_not_the_one_of_notebooks():
+    @brief
+    @dataclass(frozen=True)
+    class Draft:
+        name: str
+
+        def table(self, folder):
+            raise AssertionError
+
+    assert "<td>name</td>" in Draft("arm")._repr_html_()
 
 
 @pytest.mark.slow

@@ -1,7 +1,8 @@
 """Values that show themselves in a few lines, and as a table in notebooks."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
+from inspect import signature
 from math import prod
 from typing import Any, TypeVar
 
@@ -21,8 +22,8 @@ def brief(cls: type[_Value]) -> type[_Value]:
 
     Small values keep the text that Python makes of all fields.  Of others, large
     arrays are shown by their shapes and long sequences by their lengths.  Notebooks
-    show the value's own table, or else a table of its fields.  A dataclass that defines
-    ``__repr__`` or ``_repr_html_`` itself keeps it.
+    show the value's own tables, or else a table of its fields.  A dataclass that has
+    ``__repr__`` or ``_repr_html_`` of its own keeps it.
 
     Examples
     --------
@@ -54,10 +55,12 @@ def brief(cls: type[_Value]) -> type[_Value]:
 
 
 def _html(self: Any) -> str:
-    own = getattr(type(self), "table", None)
-    if callable(own):
-        table: Table = self.table()
-        return table.html()
+    for name in ("table", "tables"):
+        own = getattr(type(self), name, None)
+        if callable(own) and len(signature(own).parameters) == 1:
+            found: Table | Iterable[Table] = getattr(self, name)()
+            tables = [found] if isinstance(found, Table) else found
+            return "".join(table.html() for table in tables)
     rows = tuple(_fields(self))
     return Table(type(self).__name__, ("field", "value"), rows).html()
 

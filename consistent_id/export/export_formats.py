@@ -197,9 +197,6 @@ def exported(
     """
     known, options = _format(form), dict[str, Any]()
     require_exportable(estimate, known.name, allow_refused=allow_refused)
-    doubtful: tuple[str, ...] = ()
-    if known.name != "json":  # a record of the estimate as it is
-        estimate, doubtful = without_doubtful(estimate)
     if source is not None:
         if not known.takes_source:
             taking = [f.content for f in EXPORT_FORMATS if f.takes_source]
@@ -215,7 +212,7 @@ def exported(
     function = getattr(module, known.function)
     # The gate is passed: the function need not check the estimate again.
     export: Export = function(estimate, allow_refused=True, **options)
-    notes = (*doubtful, *_of_springs(estimate, gains))
+    notes = _of_springs(estimate, gains)
     return replace(export, notes=(*export.notes, *notes)) if notes else export
 
 

@@ -29,7 +29,13 @@ from consistent_id.export.drive_values import (
     joint_drives,
     not_expressed,
 )
-from consistent_id.export.export_formats import Export, exporter, provenance
+from consistent_id.export.export_formats import (
+    Export,
+    exporter,
+    provenance,
+    require_exportable,
+    without_doubtful,
+)
 from consistent_id.export.mjcf_bodies import (
     MjcfSource,
     put_into,
@@ -233,6 +239,8 @@ def to_mjcf(
 ) -> Export:
     """Return MJCF with explicit inertials, armature, damping, friction loss, springs.
 
+    Offsets and springs within their standard error are left out.
+
     Parameters
     ----------
     estimate : Estimate
@@ -258,7 +266,10 @@ def to_mjcf(
         If the estimate is refused.
     """
     mujoco = require_mujoco()
-    spec, notes = mujoco_spec(estimate, source, allow_refused=allow_refused)
+    require_exportable(estimate, "mjcf", allow_refused=allow_refused)
+    estimate, doubtful = without_doubtful(estimate)
+    spec, notes = mujoco_spec(estimate, source, allow_refused=True)
+    notes = (*notes, *doubtful)
     line = provenance(estimate)
     try:
         if source is not None:

@@ -5,11 +5,15 @@
 A ROS 2 node between joint states and an effort controller of ros2_control.  The
 estimate is that of a folder of results; one whose verdict is ``do not use`` is refused.
 A state that lacks a joint or a number, or whose torque exceeds the limits, is not
-answered: the node stops, and the controller's own time-out has to stop the arm.
+answered: the node ends, and so it does if no state comes for ``oldest_state`` seconds.
+Effort controllers hold the last command for ever, so the node sends zero torque at its
+end: the arm sinks, or its brakes hold it.  If the node is killed, or the network fails,
+nothing is sent: keep the emergency stop at hand, or give the drives a time-out.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -24,6 +28,7 @@ PARAMETERS = {
     "friction_share": 0.8,
     "friction_velocity": 0.05,
     "effort_share": 0.5,
+    "oldest_state": 0.1,
 }
 
 
@@ -61,7 +66,7 @@ class Compensation:
     def limits(self) -> np.ndarray:
         """Largest torques that may be sent, shape (joints,), [N m or N]."""
         robot = self.control.model.robot
-        effort = np.array([joint.limits.effort for joint in robot.joints])
+        effort = np.array([joint.limits.effort for joint in robot.driven])
         return self.effort_share * effort
 
     def torque(
@@ -127,17 +132,26 @@ def main() -> None:
     }
     compensation = compensation_of(settings)
     sender = node.create_publisher(Float64MultiArray, settings["commands"], 1)
+    oldest = settings["oldest_state"]
+    last: list[float] = []  # when the last state came; none as yet
 
     def heard(state: Any) -> None:
         torque = compensation.torque(state.name, state.position, state.velocity)
         sender.publish(Float64MultiArray(data=torque))
+        last[:] = [monotonic()]
 
-    node.create_subscription(
-        JointState, settings["states"], heard, qos_profile_sensor_data
-    )
+    def watch() -> None:
+        if last and monotonic() - last[0] > oldest:
+            raise TimeoutError(f"no state came for {oldest:g} s")
+
     try:
+        node.create_subscription(
+            JointState, settings["states"], heard, qos_profile_sensor_data
+        )
+        node.create_timer(0.5 * oldest, watch)
         rclpy.spin(node)
     finally:
+        sender.publish(Float64MultiArray(data=[0.0] * len(compensation.joints)))
         node.destroy_node()
         rclpy.shutdown()
 

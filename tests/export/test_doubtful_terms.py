@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from estimates import estimate_of
 
-from consistent_id import DHRow, DriveTerms, TorqueModel, from_modified_dh
+from consistent_id import (
+    DHRow,
+    DriveTerms,
+    TorqueModel,
+    from_modified_dh,
+    to_mjcf,
+)
 from consistent_id.export.export_formats import exported, without_doubtful
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.rollout.file_error import FileError
@@ -42,11 +48,22 @@ def test_only_offsets_and_springs_within_their_error_are_left_out(estimate):
     assert "joint1.offset 0.05 +- 0.06" in note and "joint2.spring" in note
 
 
-def test_files_lack_them_and_say_so_but_the_record_does_not(estimate):
-    source = exported(estimate, "numpy", allow_refused=True)
-    assert any("joint1.offset" in note for note in source.notes)
-    record = exported(estimate, "json", allow_refused=True)
-    assert not any("left out" in note for note in record.notes)
+def test_mjcf_lacks_them_and_says_so_at_both_doors_but_functions_have_them(estimate):
+    pytest.importorskip("mujoco")
+    mjcf = exported(estimate, "mjcf", allow_refused=True)
+    assert any("left out" in n and "joint1.offset" in n for n in mjcf.notes)
+    stiff = b'stiffness="0.2"'
+    assert mjcf.content.count(stiff) == 1
+    assert to_mjcf(whole(estimate)).content.count(stiff) == 2
+    assert to_mjcf(estimate, allow_refused=True) == mjcf
+    for form in ("json", "numpy"):
+        found = exported(estimate, form, allow_refused=True)
+        assert not any("left out" in note for note in found.notes)
+
+
+def whole(estimate):
+    """The same estimate, all of whose terms are sure."""
+    return replace(estimate, parameter_errors=None)
 
 
 def test_an_estimate_without_errors_stays_as_it_is(estimate):

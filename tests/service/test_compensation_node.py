@@ -7,6 +7,7 @@ are those of rclpy that the node makes.
 import runpy
 import sys
 from pathlib import Path
+from time import sleep
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
@@ -93,7 +94,7 @@ def test_the_node_answers_joint_states_with_commands(tmp_path, monkeypatch):
     assert main([*map(str, words), "--output", str(results)]) == 0
     stated = {"results": str(results), "joints": ", ".join(ORDER)}
     q = np.loadtxt(log, delimiter=",", skiprows=1)[::100, 1:9]
-    sent, closed = [], []
+    sent, closed, timers = [], [], []
     store = get_typestore(Stores.ROS2_HUMBLE)
     state = message_class(store, "sensor_msgs/msg/JointState")
     array = message_class(store, "std_msgs/msg/Float64MultiArray")
@@ -115,13 +116,22 @@ def test_the_node_answers_joint_states_with_commands(tmp_path, monkeypatch):
         declare_parameter=declare,
         create_publisher=publisher,
         create_subscription=listen,
+        create_timer=lambda period, watch: timers.append((period, watch)),
         destroy_node=lambda: closed.append(True),
     )
+
+    def spin(node):
+        ((period, watch),) = timers
+        assert period == 0.05
+        watch()  # states have just come
+        sleep(0.11)
+        watch()
+
     modules = {
         "rclpy": {
             "init": lambda: None,
             "create_node": lambda name: node,
-            "spin": lambda node: None,
+            "spin": spin,
             "shutdown": lambda: None,
         },
         "rclpy.qos": {"qos_profile_sensor_data": None},
@@ -132,8 +142,10 @@ def test_the_node_answers_joint_states_with_commands(tmp_path, monkeypatch):
         module = ModuleType(name)
         module.__dict__.update(content)
         monkeypatch.setitem(sys.modules, name, module)
-    NODE["main"]()
-    assert closed and len(sent) == len(q)
+    with pytest.raises(TimeoutError, match=r"no state came for 0\.1 s"):
+        NODE["main"]()
+    assert closed and len(sent) == len(q) + 1
+    assert sent.pop() == [0.0] * 4  # at the end
     model = pin.buildModelFromXML(urdf())
     held = [pin.computeGeneralizedGravity(model, model.createData(), r[:4]) for r in q]
     friction = LEVELS[0] * q[:, 4:] + LEVELS[1] * np.tanh(q[:, 4:] / 0.05)
