@@ -5,7 +5,7 @@ candidate that cannot be built is skipped, with its reason.  Whether to refine b
 rollout, and how far, is tried on the same parts.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -45,6 +45,7 @@ threshold as for other terms of a model, so that they are not selected by chance
 """
 
 _PASSES = 2  # over cut-off and velocity scale
+_BEYOND = 1.5  # times a stated delay is tried at the most, if that is more than `MOST`
 
 RIDGES = (0.1, 0.3, 1.0)
 """Weights of the torque fit that are tried, from large steps to small ones."""
@@ -81,6 +82,7 @@ class _Candidates:
         self.parts = slow_and_fast(problem)
         self.tried: dict[Settings, float] = {}
         self.skipped: dict[str, None] = {}
+        self.built = False  # whether any was, though its rollouts may diverge
         self._squares: dict[Settings, Vector] = {}
 
     def squares(self, settings: Settings) -> Vector:
@@ -92,6 +94,7 @@ class _Candidates:
             try:
                 made = with_settings(self.problem, settings)
                 found = squares_of_parts(made, self.parts)
+                self.built = True
             except ConsistentIdError as reason:
                 self.skipped[str(reason)] = None
                 found = np.full(2 * BLOCKS_OF_PART, np.inf)
@@ -103,6 +106,20 @@ class _Candidates:
         """Return the root-mean-square error of rollouts of parts not learnt from."""
         self.squares(settings)
         return self.tried[settings]
+
+    def none_found(self) -> RecordingError:
+        """Return why no settings have an error."""
+        seen = "; ".join(self.skipped)
+        if self.built:
+            what = (
+                "with no settings the rollouts stay near the robot; check gains, "
+                "columns and units"
+            )
+        else:
+            what = "no settings can be fitted to a part of the training motion"
+        return RecordingError(
+            f"problem {self.problem.name!r}: {what}{seen and '. Seen: ' + seen}"
+        )
 
 
 def chosen_settings(problem: Problem, start: Settings | None = None) -> SettingsChoice:
@@ -118,16 +135,18 @@ def chosen_settings(problem: Problem, start: Settings | None = None) -> Settings
     ProblemError
         If the problem has no gains.
     RecordingError
-        If no settings give a rollout that stays near the robot.
+        If no settings give a rollout that stays near the robot, or there is too little
+        motion for two parts.
     """
     gains_of(problem)
     candidates = _Candidates(problem)
     error = candidates.error
     groups = _sloped_groups(problem)
     if start is None:
-        start = Settings(delay=min(problem.delay_of_commands, MOST))
+        start = Settings(delay=problem.delay_of_commands)
+    most = max(MOST, _BEYOND * start.delay)  # a stated delay is within the range
     best = _started(start, groups, problem, error)
-    best = replace(best, delay=_delayed(best, candidates, FIRST).delay)
+    best = replace(best, delay=_delayed(best, candidates, [*FIRST, most], most).delay)
     for _ in range(_PASSES):
         before = best
         best = _climbed(best, "cutoff", _cutoffs(problem), error)
@@ -138,14 +157,10 @@ def chosen_settings(problem: Problem, start: Settings | None = None) -> Settings
     best = _with_slopes(best, groups, error)
     best = with_springs(best, problem, error)
     near = [best.delay - NEAR, best.delay, best.delay + NEAR]
-    found = _delayed(best, candidates, near)
+    found = _delayed(best, candidates, near, most)
     best = min((best, replace(best, delay=found.delay)), key=error)
     if not np.isfinite(error(best)):
-        seen = "; ".join(candidates.skipped)
-        raise RecordingError(
-            f"problem {problem.name!r}: with no settings the rollouts stay near the "
-            f"robot; check gains, columns and units{seen and '. Seen: ' + seen}"
-        )
+        raise candidates.none_found()
     tried = tuple(candidates.tried.items())
     skipped = list(candidates.skipped)
     if unbounded := _without_range(problem):
@@ -170,12 +185,13 @@ def _started(
 
 
 def _delayed(
-    best: Settings, candidates: _Candidates, first: Sequence[float]
+    best: Settings, candidates: _Candidates, first: Sequence[float], most: float
 ) -> FoundDelay:
     """Return the delay of commands with the least error, and its standard error."""
     return found_delay(
         lambda delay: candidates.squares(replace(best, delay=delay)),
         [*first, best.delay],
+        most,
     )
 
 
@@ -328,43 +344,57 @@ class RidgeChoice:
     ridge : float, optional
         Weight of the torque fit; None: not to refine at all.
     errors : dict of (float or None) to float, [rad or m]
-        Of rollouts of the part that was not learnt from, both ways.
+        Of rollouts of the part that was not learnt from, both ways; infinite where they
+        diverge, or a part cannot be refined.
+    reason : str, optional
+        Why a refinement was not possible.
     """
 
     ridge: float | None
     errors: dict[float | None, float]
+    reason: str | None = None
 
 
 def chosen_ridge(problem: Problem) -> RidgeChoice:
     """Choose how far to refine a problem's estimate, on its training data alone.
 
+    A part that cannot be refined, such as one whose fit diverges, has an infinite
+    error: then there is no refinement, for a reason that is returned.
+
     Raises
     ------
     ProblemError
         If the problem has no gains.
-    RecordingError
-        If a motion diverges.
     """
-    slow, fast = slow_and_fast(problem)
-    squares: dict[float | None, list[float]] = {}
-    for learnt, judged in ((slow, fast), (fast, slow)):
-        for ridge, error in _errors(problem, learnt, judged).items():
-            squares.setdefault(ridge, []).append(error**2)
-    errors = {ridge: float(np.sqrt(np.mean(s))) for ridge, s in squares.items()}
-    return RidgeChoice(min(errors, key=lambda ridge: errors[ridge]), errors)
+    gains_of(problem)
+    squares: dict[float | None, list[float]] = {r: [] for r in (None, *RIDGES)}
+    reason = None
+    try:
+        slow, fast = slow_and_fast(problem)
+        for learnt, judged in ((slow, fast), (fast, slow)):
+            for ridge, error in _errors(problem, learnt, judged):
+                squares[ridge].append(error**2)
+    except ConsistentIdError as why:
+        reason = str(why)
+    errors = {
+        ridge: float(np.sqrt(np.mean(s))) if len(s) == 2 else np.inf
+        for ridge, s in squares.items()
+    }
+    best = min(errors, key=lambda ridge: errors[ridge])
+    return RidgeChoice(None if reason else best, errors, reason)
 
 
 def _errors(
     problem: Problem, learnt: Spans, judged: Spans
-) -> dict[float | None, float]:
-    """Return the errors of rollouts of one part, by what is learnt from the other.
+) -> Iterator[tuple[float | None, float]]:
+    """Yield the errors of rollouts of one part, by what is learnt from the other.
 
     One step shows whether a refinement predicts; all weights share its derivatives.
     """
     logs = problem.logs("training")
     estimate, regression = torque_fit(problem, within(problem.training, learnt))
     others = within(logs, judged)
-    errors: dict[float | None, float] = {None: rollout_error(problem, estimate, others)}
+    yield None, rollout_error(problem, estimate, others)
     start = refinement_start(
         estimate,
         regression,
@@ -375,5 +405,4 @@ def _errors(
     )
     for ridge in RIDGES:
         moved = replace(estimate, parameters=refined_once(start, ridge))
-        errors[ridge] = rollout_error(problem, moved, others)
-    return errors
+        yield ridge, rollout_error(problem, moved, others)

@@ -30,9 +30,10 @@ class FoundDelay:
     delay : float, [s]
     error : float, [s]
         Standard error, from the scatter between blocks of the motion; infinite where
-        the squared error has no least value in between.
+        the squared error has no least value in between, or at a bound.
     at_bound : bool
-        Whether the least error is at the longest delay that was tried.
+        Whether the error still falls at the longest delay that was tried, or towards
+        delays below 0: then there is none, or commands are logged later than they act.
     """
 
     delay: float
@@ -41,9 +42,11 @@ class FoundDelay:
 
 
 def found_delay(
-    squares: Callable[[float], Vector], first: Sequence[float] = FIRST
+    squares: Callable[[float], Vector],
+    first: Sequence[float] = FIRST,
+    most: float = MOST,
 ) -> FoundDelay:
-    """Return the delay from 0 to `MOST` at which the sum of squares is least.
+    """Return the delay from 0 to `most` at which the sum of squares is least.
 
     Parameters
     ----------
@@ -52,6 +55,8 @@ def found_delay(
         (blocks,); infinite where rollouts diverge.
     first : sequence of float, [s]
         Delays that are tried before the first parabola.
+    most : float, [s]
+        Longest delay.
     """
     tried: dict[float, Vector] = {}
 
@@ -60,7 +65,7 @@ def found_delay(
             tried[delay] = np.asarray(squares(delay), dtype=float)
         return float(tried[delay].sum())
 
-    for delay in sorted({round(min(max(d, 0.0), MOST), 6) for d in first}):
+    for delay in sorted({round(min(max(d, 0.0), most), 6) for d in first}):
         total(delay)
     for _ in range(_PARABOLAS):
         best = min(tried, key=total)
@@ -71,15 +76,18 @@ def found_delay(
     best = min(tried, key=total)
     for near in (best - NEAR, best + NEAR):
         closer = any(0.0 < (d - best) / (near - best) < 2.0 for d in tried if d != best)
-        if 0.0 <= near <= MOST and not closer:
+        if 0.0 <= near <= most and not closer:
             total(round(near, 6))
     if len(tried) < 3:  # at an end: a parabola needs a third
         total(2.0 * NEAR if best < NEAR else best - 2.0 * NEAR)
     best = min(tried, key=total)
     places = _around(tried, best)
-    lowest = _lowest([(d, total(d)) for d in places])
+    points = [(d, total(d)) for d in places]
     error = _jackknifed(places, np.array([tried[d] for d in places]))
-    return FoundDelay(lowest, error, best >= MOST - _SAME)
+    # Below 0 a parabola is a poor guess: how far its lowest point is does not count.
+    early = round(_vertex(points), 6) < 0.0
+    at_bound = early or best >= most - _SAME
+    return FoundDelay(_lowest(points), np.inf if at_bound else error, at_bound)
 
 
 def _around(tried: dict[float, Vector], best: float) -> list[float]:
@@ -93,6 +101,12 @@ def _around(tried: dict[float, Vector], best: float) -> list[float]:
 
 def _lowest(points: list[tuple[float, float]]) -> float:
     """Return where a parabola through three points is lowest, within their delays."""
+    delays = [d for d, _ in points]
+    return round(float(np.clip(_vertex(points), min(delays), max(delays))), 6)
+
+
+def _vertex(points: list[tuple[float, float]]) -> float:
+    """Return where a parabola through three points is lowest; else the best point."""
     delays = np.array([d for d, _ in points])
     values = np.array([v for _, v in points])
     at = float(delays[values.argmin()])
@@ -100,10 +114,7 @@ def _lowest(points: list[tuple[float, float]]) -> float:
         return at
     scale = 1e-3  # in ms, for the condition
     bend, slope, _ = np.polyfit((delays - at) / scale, values, 2)
-    if bend <= 0.0:
-        return at
-    lowest = at - scale * slope / (2.0 * bend)
-    return round(float(np.clip(lowest, delays[0], delays[-1])), 6)
+    return at if bend <= 0.0 else float(at - scale * slope / (2.0 * bend))
 
 
 def _jackknifed(delays: list[float], squares: Vector) -> float:

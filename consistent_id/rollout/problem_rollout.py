@@ -15,7 +15,7 @@ from consistent_id.comparison.speed_trend import (
     speed_of,
     speed_trend,
 )
-from consistent_id.errors import NotExcitedError
+from consistent_id.errors import ConsistentIdError, NotExcitedError, RecordingError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.uncertainties.block_scatter import (
     BLOCKS,
@@ -94,6 +94,9 @@ class ProblemRollout:
     ridge : RidgeChoice, optional
         How far to refine, if that was asked; a refinement that predicts worse is not
         taken.
+    notes : tuple of str
+        Why settings are as stated, or the estimate is not refined, though that was
+        asked.
     """
 
     study: Study
@@ -105,6 +108,7 @@ class ProblemRollout:
     scatter: BlockScatter | None = None
     trend: TrendAt | None = None
     form: FormLoss | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def problem(self) -> Problem:
@@ -116,6 +120,7 @@ class ProblemRollout:
         verdict = self.estimate.verdict
         verdict_table = Table(verdict.sentence, (), (), verdict.lines)
         tables = [verdict_table, *self.rollout.tables()]
+        tables += [Table(note, (), (), ()) for note in self.notes]
         if self.form is not None:
             tables.append(self.form.table())
         if self.settings is not None:
@@ -147,6 +152,10 @@ class ProblemRollout:
             notes.append(
                 f"the delay is the longest that is tried, {1e3 * found.delay:g} ms: "
                 "check the clock of commands"
+                if found.delay > 0.0
+                else "the delay is the shortest that is tried, 0 ms, and its error is "
+                "unknown: either there is none, or commands are logged later than they "
+                "act (check their clock)"
             )
         elif found is not None and np.isfinite(found.error):
             notes.append(
@@ -163,12 +172,18 @@ class ProblemRollout:
         return Table(title, tuple(cells), (tuple(cells.values()),), tuple(notes))
 
     def _refinement_table(self, choice: RidgeChoice) -> Table:
-        plain = 1e3 * choice.errors[None]
-        least = 1e3 * min(e for ridge, e in choice.errors.items() if ridge is not None)
+        if choice.reason is not None:
+            title = f"Refinement by rollout is not possible: {choice.reason}"
+            return Table(title, (), (), ())
+        steps = [e for ridge, e in choice.errors.items() if ridge is not None]
+        plain, least = (
+            f"{1e3 * error:.2f} mrad (mm)" if np.isfinite(error) else "infinite"
+            for error in (choice.errors[None], min(steps))
+        )
         what = "taken" if choice.ridge is not None else "not taken: it predicts worse"
         title = (
-            f"Refinement by rollout is {what}; error on the other part {plain:.2f} "
-            f"without, {least:.2f} mrad (mm) with one step"
+            f"Refinement by rollout is {what}; error on the other part {plain} "
+            f"without, {least} with one step"
         )
         return Table(title, (), (), ())
 
@@ -186,6 +201,8 @@ class ProblemRollout:
         """Return what was found by name, for JSON."""
         given = None if self.refinement is None else self.estimate.verdict
         record = {**self.study.answer(given), **self.rollout.to_dict()}
+        if self.notes:
+            record["notes"] = list(self.notes)
         if self.refinement is not None:
             record["refined"] = {
                 "training_error_before": self.refinement.before,
@@ -248,7 +265,8 @@ def rollout_of(
         was not learnt from.
     choose : bool
         Choose cut-off, delay, shape of friction and equal motors on the training logs.
-        The study is that of the problem with these settings.
+        The study is that of the problem with these settings; or as stated, if none can
+        be chosen.
     form : str, optional
         Fit friction in the form that a file format has; see `in_form_of`.  The study is
         that of the problem with this friction.
@@ -260,11 +278,37 @@ def rollout_of(
     ModelError
         If MuJoCo is not installed, or refuses a robot.
     RecordingError
-        If a motion diverges.
+        If a motion diverges, also with the stated settings and without refinement.
     """
     gains_of(study.problem)  # before the work, as MuJoCo
     require_mujoco()
-    choice = chosen_settings(study.problem) if choose else None
+    choice, notes = None, []
+    if choose:
+        try:
+            choice = chosen_settings(study.problem)
+        except ConsistentIdError as reason:
+            notes.append(f"Settings are as stated: {reason}")
+    ways = dict.fromkeys([(choice, refine), (choice, False), (None, False)])
+    *better, last = ways
+    for settings, refining in better:
+        try:
+            done = _rolled(study, settings, refining, against, form)
+        except RecordingError as reason:
+            what = "not refined" if refining else "not with the chosen settings"
+            notes.append(f"The replayed estimate is {what}: {reason}")
+        else:
+            return replace(done, notes=tuple(notes))
+    return replace(_rolled(study, *last, against, form), notes=tuple(notes))
+
+
+def _rolled(
+    study: Study,
+    choice: SettingsChoice | None,
+    refine: bool,
+    against: Sequence[str | Path],
+    form: str | None,
+) -> ProblemRollout:
+    """Replay with these settings; see `rollout_of`."""
     if choice is not None:
         study = replace(study, problem=with_settings(study.problem, choice.settings))
     stated = study
@@ -274,7 +318,10 @@ def rollout_of(
     ridge = chosen_ridge(problem) if refine else None
     done = None
     if ridge is not None and ridge.ridge is not None:
-        done = _refined(study, gains, ridge.ridge)
+        try:
+            done = _refined(study, gains, ridge.ridge)
+        except ConsistentIdError as reason:
+            ridge = replace(ridge, ridge=None, reason=str(reason))
     if done is None:
         estimate = study.run(costs=False).recommended.with_verdict
     else:

@@ -20,6 +20,7 @@ from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded, worker_threads
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.constraints.cones.certificate import Certificate
+from consistent_id.errors import RecordingError
 from consistent_id.estimation.best_fit import best_fit
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
@@ -176,7 +177,8 @@ def refined(
     ModelError
         If MuJoCo is not installed.
     RecordingError
-        If a log has no commands, or a motion diverges.
+        If a log has no commands, or a motion of the torque fit diverges.  Steps to
+        motions that diverge are shortened.
     """
     started = perf_counter()
     begin = refinement_start(
@@ -184,7 +186,10 @@ def refined(
     )
     x, size = begin.x, begin.size
     for k in range(steps):
-        linear = begin.linear if k == 0 else begin.linearised(x)
+        try:
+            linear = begin.linear if k == 0 else begin.linearised(x)
+        except RecordingError:  # beside `x` a motion diverges: no other step
+            break
         goal = _goal(begin, linear, x, ridge)
         x, now = _descended(begin, (x, size), goal)
         gained, size = size - now, now
@@ -247,7 +252,13 @@ def refinement_start(
     constraints: Sequence[Constraint],
     delay: float = 0.0,
 ) -> RefinementStart:
-    """Return where `refined` begins; see there."""
+    """Return where `refined` begins; see there.
+
+    Raises
+    ------
+    RecordingError
+        If a motion diverges, of the torque fit or of one beside it.
+    """
     joints = estimate.model.robot.joint_names
     known = tuple(replayable(log.of(joints)) for log in logs)
     replays = Replays(estimate, known, gains)
@@ -315,11 +326,20 @@ def _descended(
     share = 1.0
     for _ in range(_HALVINGS):
         tried = x + share * (goal - x)
-        now = _size(start.replays.errors(tried, start.delay), start.level)
+        now = _size_at(start, tried)
         if now < size:
             return tried, now
         share /= 2.0
     return here
+
+
+def _size_at(start: RefinementStart, x: Vector) -> float:
+    """Return the size of the errors at `x`; infinite where a motion diverges."""
+    try:
+        errors = start.replays.errors(x, start.delay)
+    except RecordingError:
+        return np.inf
+    return _size(errors, start.level)
 
 
 def _size(errors: Matrix, level: Vector | None = None) -> float:

@@ -26,6 +26,20 @@ def test_a_delay_beyond_one_sample_is_found_with_the_scatter_of_its_blocks(first
 def test_a_delay_beyond_the_longest_is_at_its_bound():
     found = found_delay(lambda delay: squares(delay, PLACES + 0.02))
     assert found.at_bound and found.delay == MOST
+    assert found.error == np.inf
+
+
+@pytest.mark.parametrize("first", [FIRST, (-NEAR, 0.0, NEAR)])
+def test_commands_that_act_before_they_are_logged_are_at_the_bound_of_none(first):
+    found = found_delay(lambda delay: squares(delay, PLACES - 0.019), first)
+    assert found.at_bound and found.delay == 0.0
+    assert found.error == np.inf
+
+
+def test_a_longer_range_has_a_longer_delay():
+    found = found_delay(lambda delay: squares(delay, PLACES + 0.02), (0.03, 0.04), 0.04)
+    assert found.delay == pytest.approx(PLACES.mean() + 0.02, abs=1e-6)
+    assert not found.at_bound and found.error < 1e-3
 
 
 def test_no_delay_has_a_standard_error_too():
