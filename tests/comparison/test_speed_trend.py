@@ -20,7 +20,8 @@ NAMES = ("hip.viscous", "hip.rotor_inertia")
 def blocks(values, noise):
     zero = np.zeros(len(NAMES))
     return [
-        BlockScatter(NAMES, row, np.full(len(NAMES), noise), zero, 1) for row in values
+        BlockScatter(NAMES, row, np.full(len(NAMES), noise), zero, 1, zero + np.inf)
+        for row in values
     ]
 
 
