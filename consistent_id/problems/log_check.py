@@ -23,7 +23,7 @@ _OF_DELAYS = (
 
 
 # What a filter of the drives looks like where its delay is corrected.
-_EFFECTS = ("clock", "masses or gain", "offset zero", "gravity")
+_EFFECTS = ("clock", "masses or gain", "offset zero", "gravity", "lag")
 
 
 def check_problem(problem: Problem) -> Diagnosis:
