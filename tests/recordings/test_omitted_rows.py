@@ -143,8 +143,8 @@ def test_a_missing_value_of_any_table_is_left_out_by_its_row(tmp_path, kind):
 
 
 def test_rows_are_not_named_where_leaving_them_out_mends_nothing(tmp_path):
-    back = {row: f"{row / 100 - 3:.2f},0,0" for row in range(201, SAMPLES + 1)}
-    path = _with(tmp_path, back)  # the clock starts again
+    back = {row: f"{row / 100 - 3:.2f},0,0" for row in range(341, SAMPLES + 1)}
+    path = _with(tmp_path, back)  # the clock starts again, for too short a recording
     assert not _advised(lambda: read_recording(path, ["elbow"], COLUMNS))[1]
     many = {row: ",," for row in range(100, 150)}
     path = _with(tmp_path, many)

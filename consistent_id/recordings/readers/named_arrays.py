@@ -129,8 +129,8 @@ def _of_one_clock(time: Vector, keep: BoolArray, second: float, where: str) -> V
     """Return the time of recordings that one file holds one after another.
 
     Where the clock goes back, a recording ends, if all are long and nowhere else the
-    clock stands or goes back; the next one follows after a break.  Otherwise the clock
-    is returned as it is, and is refused later.
+    clock stands or goes back; the next one follows after a break.  Otherwise, or if a
+    few wild stamps make it go back, the clock is returned as it is, and refused later.
 
     Parameters
     ----------
@@ -140,13 +140,13 @@ def _of_one_clock(time: Vector, keep: BoolArray, second: float, where: str) -> V
     second : float
         In the unit of `time`.
     """
-    rows = np.flatnonzero(keep & np.isfinite(time))
+    rows = np.flatnonzero(keep & (abs(time) <= LATEST))
     steps = np.diff(time[rows])
     ends = np.flatnonzero(steps <= 0.0)
     if not len(ends) or (steps[ends] == 0.0).any():
         return time
     lengths = np.diff(np.concatenate([[-1], ends, [len(rows) - 1]]))
-    if lengths.min() < _LEAST_OF_A_RECORDING:
+    if lengths.min() < _LEAST_OF_A_RECORDING or len(broken_samples(time[rows], ())):
         return time
     late = np.zeros(len(time))
     late[rows[ends + 1]] = BREAK * second - steps[ends]
