@@ -40,7 +40,8 @@ class FileError:
     def lines(self) -> list[str]:
         """Return the error and how to add the delay, for people."""
         plain = (
-            f"rollout error of the file, read back: {1e3 * self.plain:.2f} mrad (mm)"
+            "rollout error of the file, read back, with the problem's gains: "
+            f"{1e3 * self.plain:.2f} mrad (mm)"
         )
         if self.delay == 0.0:
             return [plain]
@@ -50,7 +51,7 @@ class FileError:
             "the file has no delay of commands; in Python: "
             f"n = round({self.delay:g} / model.opt.timestep); "
             "late = collections.deque([command] * (n + 1), maxlen=n + 1); in each step "
-            "late.append(command); data.ctrl[:] = late[0]",
+            "late.append(command), and give late[0] to the drive",
         ]
 
 

@@ -171,9 +171,9 @@ class ContactDetector:
             raise ProblemError(
                 f"the memory is {memory} s, expected ages as 0.05 and 0.3"
             )
-        if not false_alarms > 0.0:
+        if not 0.0 < false_alarms < np.inf:
             raise ProblemError(
-                f"{false_alarms} false alarms an hour, expected more than 0"
+                f"{false_alarms} false alarms an hour, expected a number above 0"
             )
         joints = logs[0].joints
         flags = [np.ones(len(log), dtype=bool) for log in logs]
@@ -230,7 +230,7 @@ class ContactDetector:
         Raises
         ------
         ProblemError
-            If a channel is missing that `fit` had.
+            If a channel is missing that `fit` had, or the time goes back.
         """
         n = len(self.joints)
         row = self.spread.signals.row(n, torque, velocity, acceleration, expected)
@@ -276,6 +276,11 @@ class ContactDetector:
         return found
 
     def _next(self, state: ContactState, time: float, row: Vector) -> ContactState:
+        if state.rows.size and not time >= state.time:
+            raise ProblemError(
+                f"time goes from {state.time:g} to {time:g} s, expected a clock that "
+                "does not go back; begin again with `start`"
+            )
         newest, oldest = self.memory
         keep = state.times >= time - oldest - SLACK
         times = np.append(state.times[keep], time)

@@ -70,7 +70,13 @@ class ContactPlace:
 
     @property
     def strength_error(self) -> float:
-        """Standard error of `strength` [N]."""
+        """Standard error of `strength` [N].
+
+        Infinite if no direction of the force is known.  With open directions,
+        `strength` is the size of the known part.
+        """
+        if len(self.open_directions) == 3:
+            return np.inf
         along = self.force / max(self.strength, 1e-12)
         return float(np.sqrt(along @ self.covariance @ along))
 
@@ -103,13 +109,19 @@ def contact_place(
     Raises
     ------
     ProblemError
-        If the covariance is not positive definite, or the base floats.
+        If the covariance is not positive definite, the base floats, or joints follow
+        others.
     """
     n = len(robot)
     if robot.floating:
         raise ProblemError(
             f"the base of {robot.name!r} floats; a contact is placed on robots whose "
             "base stands still"
+        )
+    if len(robot.joints) != n:
+        raise ProblemError(
+            f"joints of {robot.name!r} follow others; contacts are not placed on such "
+            "robots: lock these joints"
         )
     if not radius >= 0.0:
         raise ProblemError(f"the links' radius is {radius} m, expected 0 or more")

@@ -33,6 +33,7 @@ _ROUNDS = 15  # of weighted least squares for the variances
 _LARGEST = 0.999  # quantile of a squared change, above which it counts no more
 _TOP = 20  # largest values at least, from which rare ones are extrapolated
 _SHARE = 0.05  # of all values, where these are more
+_DEPENDENT = 1e-9  # least eigenvalue of a correlation, over the sum of all
 _FLOOR = 1e-12  # of the largest variance, which no joint's falls below
 
 
@@ -267,8 +268,9 @@ def fitted_spread(
         for name in ("rows", "means", "states")
     )
     n = rows.shape[1] // _PARTS
-    step = [np.median(np.diff(part.time)) for part in parts if len(part.time) > 1]
-    hours = len(rows) * float(np.median(step)) / 3600.0 if step else 0.0
+    # A gap, such as a touch that was left out, counts as the memory at most.
+    steps = [np.minimum(np.diff(part.time), oldest).sum() for part in parts]
+    hours = float(sum(steps)) / 3600.0
     if hours * 3600.0 < 2 * _TOP * oldest:
         raise ProblemError(
             f"nothing touched the arm for {hours * 3600:.3g} s of the logs, expected "
@@ -284,7 +286,13 @@ def fitted_spread(
     scaled = [_scaled(part, plain) for part in parts]
     levels = _levels(parts, scaled, rate, hours, oldest)
     z = np.concatenate(scaled) / np.take_along_axis(levels.T, states, axis=0)
-    weights: Matrix = np.linalg.inv(z.T @ z / len(z)).astype(np.float64)
+    correlation = z.T @ z / len(z)
+    if not np.linalg.eigvalsh(correlation)[0] > _DEPENDENT * np.trace(correlation):
+        raise ProblemError(
+            "a joint's torque from outside never changes, or is a sum of those of "
+            "other joints: leave such joints out of the logs"
+        )
+    weights: Matrix = np.linalg.inv(correlation).astype(np.float64)
     found = ResidualSpread(signals, coefficients, largest, levels, weights)
     tops = [_maxima(part.time, found.distances(part), oldest) for part in parts]
     return found, _rare(np.concatenate(tops), rate * hours), hours
@@ -386,6 +394,11 @@ def _levels(
             )
             if (tops > 0.0).sum() >= 2 * _TOP:
                 out[j, state] = _rare(tops[tops > 0.0], budget)
+    if np.isnan(out).all():
+        raise ProblemError(
+            f"no joint rests, or moves, for {2 * _TOP} times {oldest:g} s of the logs; "
+            "expected longer logs in which nothing touches the arm"
+        )
     # A state that the logs do not have is as bad as the joint's worst, or any joint's.
     worst = np.where(np.isnan(out).all(axis=1), np.nanmax(out), _worst(out))
     return np.where(np.isnan(out), worst[:, None], out)

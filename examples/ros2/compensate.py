@@ -11,6 +11,7 @@ end: the arm sinks, or its brakes hold it.  If the node is killed, or the networ
 nothing is sent: keep the emergency stop at hand, or give the drives a time-out.
 """
 
+import signal
 from collections.abc import Sequence
 from dataclasses import dataclass
 from time import monotonic
@@ -121,10 +122,13 @@ def main() -> None:
     """Run the node until it is interrupted, or a state cannot be answered."""
     import rclpy
     from rclpy.qos import qos_profile_sensor_data
+    from rclpy.signals import SignalHandlerOptions
     from sensor_msgs.msg import JointState
     from std_msgs.msg import Float64MultiArray
 
-    rclpy.init()
+    # Handlers of rclpy would close the context before the last command is sent.
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     node = rclpy.create_node("compensation")
     settings = {
         name: node.declare_parameter(name, value).value
@@ -133,15 +137,15 @@ def main() -> None:
     compensation = compensation_of(settings)
     sender = node.create_publisher(Float64MultiArray, settings["commands"], 1)
     oldest = settings["oldest_state"]
-    last: list[float] = []  # when the last state came; none as yet
+    last = [monotonic()]  # when the last state came, or the node began
 
     def heard(state: Any) -> None:
         torque = compensation.torque(state.name, state.position, state.velocity)
         sender.publish(Float64MultiArray(data=torque))
-        last[:] = [monotonic()]
+        last[0] = monotonic()
 
     def watch() -> None:
-        if last and monotonic() - last[0] > oldest:
+        if monotonic() - last[0] > oldest:
             raise TimeoutError(f"no state came for {oldest:g} s")
 
     try:
@@ -153,7 +157,7 @@ def main() -> None:
     finally:
         sender.publish(Float64MultiArray(data=[0.0] * len(compensation.joints)))
         node.destroy_node()
-        rclpy.shutdown()
+        rclpy.try_shutdown()
 
 
 if __name__ == "__main__":

@@ -168,9 +168,7 @@ def test_the_shell_replays_and_writes_what_it_found(folder, tmp_path, capsys):
     assert main([*options, "--accept", "misfit"]) == 0
     told = capsys.readouterr().out
     read_back = f"{1e3 * record['models'][own]['position_rmse']:.2f} mrad"
-    assert f"rollout error of the file, read back: {read_back}" in " ".join(
-        told.split()
-    )
+    assert f"read back, with the problem's gains: {read_back}" in " ".join(told.split())
     problem = study.problem
     found = rollout(
         study.estimate(record["method"]),

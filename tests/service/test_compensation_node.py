@@ -94,7 +94,8 @@ def test_the_node_answers_joint_states_with_commands(tmp_path, monkeypatch):
     assert main([*map(str, words), "--output", str(results)]) == 0
     stated = {"results": str(results), "joints": ", ".join(ORDER)}
     q = np.loadtxt(log, delimiter=",", skiprows=1)[::100, 1:9]
-    sent, closed, timers = [], [], []
+    sent, closed, timers, options = [], [], [], []
+    monkeypatch.setattr("signal.signal", lambda number, handler: None)
     store = get_typestore(Stores.ROS2_HUMBLE)
     state = message_class(store, "sensor_msgs/msg/JointState")
     array = message_class(store, "std_msgs/msg/Float64MultiArray")
@@ -129,11 +130,14 @@ def test_the_node_answers_joint_states_with_commands(tmp_path, monkeypatch):
 
     modules = {
         "rclpy": {
-            "init": lambda: None,
+            "init": lambda signal_handler_options: options.append(
+                signal_handler_options
+            ),
             "create_node": lambda name: node,
             "spin": spin,
-            "shutdown": lambda: None,
+            "try_shutdown": lambda: None,
         },
+        "rclpy.signals": {"SignalHandlerOptions": SimpleNamespace(NO="no")},
         "rclpy.qos": {"qos_profile_sensor_data": None},
         "sensor_msgs.msg": {"JointState": state},
         "std_msgs.msg": {"Float64MultiArray": array},
@@ -145,7 +149,8 @@ def test_the_node_answers_joint_states_with_commands(tmp_path, monkeypatch):
     with pytest.raises(TimeoutError, match=r"no state came for 0\.1 s"):
         NODE["main"]()
     assert closed and len(sent) == len(q) + 1
-    assert sent.pop() == [0.0] * 4  # at the end
+    assert sent.pop() == [0.0] * 4  # at the end, before the context is closed
+    assert options == ["no"]
     model = pin.buildModelFromXML(urdf())
     held = [pin.computeGeneralizedGravity(model, model.createData(), r[:4]) for r in q]
     friction = LEVELS[0] * q[:, 4:] + LEVELS[1] * np.tanh(q[:, 4:] / 0.05)

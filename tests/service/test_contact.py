@@ -142,6 +142,21 @@ def test_a_push_that_moves_a_resting_arm_does_not_hide_itself():
     assert found.contact[6000:6010].any()
 
 
+def test_a_clock_that_goes_back_is_refused_and_one_that_stands_is_not(detector):
+    state = detector.step(detector.start(5.0), 5.0, np.zeros(3))
+    state = detector.step(state, 5.0, np.zeros(3))
+    for time in (4.9, np.nan):
+        with pytest.raises(ProblemError, match="does not go back"):
+            detector.step(state, time, np.zeros(3))
+
+
+def test_uneven_stamps_count_as_the_time_that_they_take():
+    log = noise(60.0, 3)
+    part = np.concatenate([np.arange(k, k + 4) for k in range(0, len(log) - 4, 8)])
+    bursts = ContactDetector.fit([log.samples(part)])
+    assert bursts.hours == pytest.approx(60.0 / 3600.0, rel=0.02)
+
+
 def test_what_cannot_be_learned_is_refused(detector):
     log = noise(60.0, 13)
     with pytest.raises(ProblemError, match="no log"):
@@ -152,8 +167,15 @@ def test_what_cannot_be_learned_is_refused(detector):
         ContactDetector.fit([replace(log, torque=None)])
     with pytest.raises(ProblemError, match="free samples"):
         ContactDetector.fit([log], free=[np.ones(3, dtype=bool)])
-    with pytest.raises(ProblemError, match="expected more than 0"):
-        ContactDetector.fit([log], false_alarms=0.0)
+    for rate in (0.0, np.inf):
+        with pytest.raises(ProblemError, match="expected a number above 0"):
+            ContactDetector.fit([log], false_alarms=rate)
+    still = log.torque * [1.0, 1.0, 0.0]
+    with pytest.raises(ProblemError, match="never changes"):
+        ContactDetector.fit([replace(log, torque=still)])
+    mirrored = log.torque[:, [0, 1, 1]] * [1.0, 1.0, -1.0]
+    with pytest.raises(ProblemError, match="a sum of those of other joints"):
+        ContactDetector.fit([replace(log, torque=mirrored)])
     with pytest.raises(ProblemError, match="expected ages"):
         ContactDetector.fit([log], memory=(0.3, 0.05))
     fast = ContactDetector.fit([moving(60.0, 15)])

@@ -1,13 +1,17 @@
 """The observer follows torque from outside; a force is found where it acts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
 from estimates import estimate_of
-from robots import random_robot
+from robots import random_robot, with_followers
 
 from consistent_id import ProblemError, Recording, TorqueModel
+from consistent_id.robot import Mimic
 from consistent_id.service import MomentumObserver, control_model
+from consistent_id.service.contact_place import contact_place
 
 GAIN = 20.0
 PUSH = np.array([3.0, -2.0, 1.0, 0.5, 0.2, 0.1])
@@ -154,3 +158,13 @@ def test_a_force_that_the_torque_does_not_show_is_open():
     assert found.link == control.model.robot.link_names[0]
     assert found.open_directions.shape == (2, 3)  # one joint shows one direction
     np.testing.assert_allclose(found.open_directions @ found.force, 0.0, atol=1e-6)
+    unknown = replace(found, open_directions=np.eye(3), force=np.zeros(3))
+    assert unknown.strength_error == np.inf
+
+
+def test_robots_whose_joints_follow_others_are_refused():
+    _, robot = random_robot(np.random.default_rng(5), 4)
+    names = [joint.name for joint in robot.joints]
+    robot = with_followers(robot, {names[2]: Mimic(names[0], 0.5)})
+    with pytest.raises(ProblemError, match="follow others"):
+        contact_place(robot, np.zeros(3), np.ones(3), np.eye(3))
