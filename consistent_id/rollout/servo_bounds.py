@@ -1,4 +1,4 @@
-"""Parameters of a servo that logs can show, and where they are searched.
+"""Parameters of a servo that logs can show, where they are searched, their intervals.
 
 Torque at full duty and the inertia of rotor and gears are scales.  With a geared servo
 and a light link they may be many times those of the link alone, so they are searched by
@@ -12,7 +12,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.rollout.servo_log import ServoLog
-from consistent_id.rollout.servo_motion import Pieces
+from consistent_id.rollout.servo_motion import STEP, Pieces
 
 UNITS: Mapping[str, str] = {
     "stall": "N m",
@@ -125,3 +125,26 @@ def box_of(logs: Sequence[ServoLog], joint: int, pieces: Pieces) -> SearchBox:
             "zero": (-0.3, 0.3),
         }
     )
+
+
+def half_intervals(names: Sequence[str], point: Vector, spread: Matrix) -> Vector:
+    """Return half of 95 % intervals, by the jackknife.
+
+    Parameters
+    ----------
+    point : ndarray, shape (parameters,)
+        Fitted to all logs.
+    spread : ndarray, shape (fits, parameters)
+        Each fitted without one part of the logs.
+    """
+    from scipy.special import stdtrit
+
+    count = len(spread)
+    scatter = (count - 1) / count * ((spread - spread.mean(axis=0)) ** 2).sum(axis=0)
+    factor = float(stdtrit(count - 1, 0.975))
+    # The search is part of the scatter: the fit to all logs is not the mean of parts.
+    half = np.sqrt(factor**2 * scatter + (point - spread.mean(axis=0)) ** 2)
+    if "delay" in names:
+        place = list(names).index("delay")
+        half[place] = max(half[place], STEP)
+    return np.asarray(half)

@@ -21,10 +21,15 @@ from consistent_id._support.tables import Table
 from consistent_id.errors import ModelError, NotExcitedError, RecordingError
 from consistent_id.robot.model import RobotModel
 from consistent_id.rollout.evolution import evolved
-from consistent_id.rollout.servo_bounds import UNITS, SearchBox, box_of, names_shown
+from consistent_id.rollout.servo_bounds import (
+    UNITS,
+    SearchBox,
+    box_of,
+    half_intervals,
+    names_shown,
+)
 from consistent_id.rollout.servo_log import DutyLaw, ServoLog, duty_law
 from consistent_id.rollout.servo_motion import (
-    STEP,
     Pieces,
     cut_pieces,
     position_errors,
@@ -420,8 +425,6 @@ def _fitted(
     whole: Pieces,
     seed: int,
 ) -> ServoForm:
-    from scipy.special import stdtrit
-
     def values(sets: Matrix) -> dict[str, Vector]:
         return box.values(names, sets)
 
@@ -458,16 +461,9 @@ def _fitted(
             errors[mine] = position_errors(values(found.best[None]), short)[0, mine]
     known = values(best[None])
     training = _finite_errors(known, whole)
-    count = len(parts)
     point = np.array(list(known.values()))[:, 0]
     spread = np.array(list(values(np.array(parts)).values())).T
-    scatter = (count - 1) / count * ((spread - spread.mean(axis=0)) ** 2).sum(axis=0)
-    factor = float(stdtrit(count - 1, 0.975))
-    # The search is part of the scatter: the fit to all logs is not the mean of parts.
-    half = np.sqrt(factor**2 * scatter + (point - spread.mean(axis=0)) ** 2)
-    if "delay" in names:
-        place = list(names).index("delay")
-        half[place] = max(half[place], STEP)
+    half = half_intervals(names, point, spread)
     # With a true value beyond the border, the other parameters are wrong, too.
     borders = box.borders(names, best)
     half[:] = np.inf if borders else half
