@@ -7,11 +7,13 @@ are used if they are requested instead of torque, motor currents only with a gai
 because no log contains the torque per ampere.
 """
 
-import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+import shlex
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
+
+import numpy as np
 
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.recordings.column_words import (
@@ -22,17 +24,28 @@ from consistent_id.recordings.column_words import (
     unit_of,
     words,
 )
-from consistent_id.recordings.log_formats import LEROBOT, log_format
-from consistent_id.recordings.own_names import mapping_advice, own_names
+from consistent_id.recordings.log_formats import has_no_arrays, log_format
+from consistent_id.recordings.numbered_columns import (
+    NumberedColumns,
+    numbered_columns,
+    shown,
+    with_joint,
+)
+from consistent_id.recordings.own_names import mapping_advice, mapping_option, own_names
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
+from consistent_id.recordings.readers.csv import lacks_names
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
 from consistent_id.recordings.readers.units import KNOWN, Units, is_time
 from consistent_id.recordings.recording import COMMANDS
+from consistent_id.recordings.unnamed_columns import is_clock, without_names
 from consistent_id.robot.parameters import did_you_mean
 
 _WITHOUT_TORQUE = (
     "Parameters cannot be found without torque or current: record the effort too."
 )
+
+GAINS = "KP,KD"  # in place of values that no log holds
+_CLOCKS = {"time", "timestamp", "timestamps", "stamp", "clock", "t"}
 
 _EXAMPLES = {
     "position": "q_{joint}",
@@ -67,37 +80,6 @@ class _NamePattern:
     joints: tuple[str, ...]  # joints of the robot with such a column in the log
     names: tuple[tuple[str, str], ...] = ()  # the log's name of a joint, the robot's
     is_array: bool = False  # of all joints
-
-
-@dataclass(frozen=True, slots=True)
-class _NumberedColumns:
-    """Columns whose names differ only by a number.
-
-    Parameters
-    ----------
-    before, after : str
-        The text on either side of the number.
-    """
-
-    before: str
-    after: str
-    first: int
-    last: int
-
-    def __len__(self) -> int:
-        return self.last - self.first + 1
-
-    def __str__(self) -> str:
-        return f"{self.before}{{{self.first}..{self.last}}}{self.after}"
-
-    @property
-    def pattern(self) -> str:
-        """The pattern without its number, for words and units."""
-        return f"{self.before}{{number}}{self.after}"
-
-    def name(self, place: int) -> str:
-        """Return the name at an index, from 0."""
-        return f"{self.before}{self.first + place}{self.after}"
 
 
 def guess_columns(
@@ -172,10 +154,12 @@ def guess_columns(
         known = {c: name for c, name in given if name is not None} | known
     in_file = names is None
     names = column_names(log) if names is None else names
-    flat = in_file and len(joints) > 1 and _has_no_arrays(log, names)
+    if in_file and lacks_names(names):
+        raise without_names(log, names, joints, tuple(known))
+    flat = in_file and len(joints) > 1 and has_no_arrays(log, names)
     names = [name for name in names if name not in taken]
     if "time" not in known:
-        found = replace(found, time=_time(log, names))
+        found = replace(found, time=_time(log, names, in_file=in_file))
     moved = joints
     for channel in ("position", "velocity", effort):
         if channel in known:
@@ -185,6 +169,8 @@ def guess_columns(
             for pattern in _candidates(channel, names, moved, held, currents)
             if not (flat and pattern.is_array)
         ]
+        if in_file:
+            patterns = _with_motion(log, patterns, len(moved))
         if not patterns:
             if channel == "velocity":
                 continue
@@ -215,7 +201,8 @@ def _of_messages(
     if not named:
         raise RecordingError(
             f"{log}: topic {chosen.name} names no joint of {shown(joints)}."
-            f"{mapping_advice(chosen.joints, joints)}"
+            f"{mapping_advice(chosen.joints, joints)}",
+            options=mapping_option(chosen.joints, joints),
         )
     notes = []
     if chosen.others:
@@ -231,13 +218,6 @@ def _of_messages(
         notes.append(f"{chosen.name} has no velocity of every joint: it is not read")
     topic = chosen.name if chosen.others else topic
     return ColumnGuess(found, named, tuple(notes), topic)
-
-
-def _has_no_arrays(log: Path, names: Sequence[str]) -> bool:
-    """Return whether each column belongs to one joint: in text, or of a named list."""
-    form = log_format(log)
-    elements = (name.startswith("observation.state.") for name in names)
-    return form.name == "CSV" or (form is LEROBOT and any(elements))
 
 
 def _rivals(best: _NamePattern, others: Sequence[_NamePattern]) -> str:
@@ -302,14 +282,44 @@ def _with(columns: Columns, channel: str, pattern: _NamePattern) -> Columns:
     return replace(columns, **given)
 
 
-def _time(log: Path, names: Sequence[str]) -> str:
+def _time(log: Path, names: Sequence[str], *, in_file: bool) -> str:
+    """Return the name of the clock; else the only like it whose numbers rise evenly."""
     found = [name for name in names if is_time(name)]
     if found:
         return min(found, key=len)
+    likely = [name for name in names if in_file and words(name) & _CLOCKS]
+    read = reader_of(log).read_arrays(log, likely) if likely else {}
+    rising = [n for n in likely if is_clock(np.asarray(read[n], float).reshape(-1))]
+    if len(rising) == 1:
+        return rising[0]
     raise RecordingError(
         f"{log}: no column is named time, t or timestamp; the log has {shown(names)}. "
         "Name it: --time NAME"
     )
+
+
+def _with_motion(
+    log: Path, patterns: Sequence[_NamePattern], joints: int
+) -> list[_NamePattern]:
+    """Return the arrays that are of all joints, and in which most joints are not zero.
+
+    All patterns, if some are no arrays.
+    """
+    arrays = [p.text for p in patterns if p.is_array]
+    if len(arrays) < 2 or len(arrays) < len(patterns):
+        return list(patterns)
+    read = reader_of(log).read_arrays(log, arrays)
+    empty = {name: _empty_joints(read[name], joints) for name in arrays}
+    return [p for p in patterns if empty[p.text] == min(empty.values())]
+
+
+def _empty_joints(values: np.ndarray, joints: int) -> int:
+    """Return how many joints of an array are zero throughout; more if it lacks some."""
+    numbers = np.asarray(values, dtype=np.float64)
+    if numbers.ndim != 2 or joints not in numbers.shape:
+        return joints + 1
+    upright = numbers if numbers.shape[1] == joints else numbers.T
+    return int((upright == 0.0).all(axis=0).sum())
 
 
 def _patterns(
@@ -328,7 +338,7 @@ def _patterns(
     for name in names:
         for pattern in _by_name(name, known, joints):
             found.setdefault(pattern.text, pattern)
-    for run in _numbered_columns(names):
+    for run in numbered_columns(names):
         for every in (joints, held):
             if len(run) == len(every):
                 pattern = _by_number(run, joints, every)
@@ -374,7 +384,7 @@ def _expanded(pattern: _NamePattern) -> list[str]:
 def _by_name(
     name: str, known: frozenset[str], joints: Sequence[str]
 ) -> list[_NamePattern]:
-    text = _with_joint(name, joints)
+    text = with_joint(name, joints)
     if text == name:
         return []
     present = tuple(j for j in joints if text.replace("{joint}", j) in known)
@@ -382,7 +392,7 @@ def _by_name(
 
 
 def _by_number(
-    run: _NumberedColumns, joints: Sequence[str], every: Sequence[str]
+    run: NumberedColumns, joints: Sequence[str], every: Sequence[str]
 ) -> _NamePattern:
     """Return a pattern of columns that count every joint, for some of them."""
     if run.first == 1 and tuple(every[: len(joints)]) == tuple(joints):
@@ -400,14 +410,16 @@ def _not_found(
     known: Mapping[str, str],
 ) -> RecordingError:
     example = _EXAMPLES[channel]
-    runs = _numbered_columns(names)
+    runs = numbered_columns(names)
     others = [run for run in runs if channel_of(run.pattern) == channel]
     own = own_names(names) if channel == "position" else ()
-    more = ""
+    more = options = ""
     if len(own) > 1 and len(own) >= max(map(len, others), default=0):
         more = mapping_advice(own, joints)
+        options = mapping_option(own, joints)
     elif others:
-        more = _of_another_number(others[0], joints, chains)
+        options = _locked(others[0], joints, chains)
+        more = _of_another_number(others[0], joints, options)
     elif channel == "torque" and (currents := _patterns("current", names, joints)):
         more = (
             f" {currents[0].text} are motor currents: convert them to torque with "
@@ -425,24 +437,27 @@ def _not_found(
             "... --bodies model; consistent-id rollout ROBOT LOG with the same options "
             "then replays the log and fits the drives"
         )
+        options = f"--gains {GAINS} --bodies model"
     elif channel == "torque" and "position_command" in known:
         more = (
             f" Of the commands in {known['position_command']} the gains of the drives "
             "make torque: --gains KP,KD[,LIMIT] ..."
         )
+        options = f"--gains {GAINS} --bodies model"
     elif not any(joint in name for joint in joints for name in names):
         more = " If the log has other names of joints: --names NAME=JOINT ..."
     flag = channel.replace("_", "-")
     return RecordingError(
         f"{log}: found no column that is the {channel} of {shown(joints)}; the "
         f"log has {shown(names, joints)}. Name it: --{flag} {example}, or with "
-        f"{{number}} for the joint's place from 1, {{index}} from 0.{more}"
+        f"{{number}} for the joint's place from 1, {{index}} from 0.{more}",
+        options=options,
     )
 
 
 def _of_controllers(names: Sequence[str], joints: Sequence[str]) -> str:
     """Return a sentence on torques that a controller computes; empty of none."""
-    for run in _numbered_columns(names):
+    for run in numbered_columns(names):
         said = words(run.pattern)
         if len(run) == len(joints) and {"target", "moment"} <= said:
             return (
@@ -453,94 +468,30 @@ def _of_controllers(names: Sequence[str], joints: Sequence[str]) -> str:
     return ""
 
 
-def _of_another_number(
-    run: _NumberedColumns,
+def _locked(
+    run: NumberedColumns,
     joints: Sequence[str],
     chains: Mapping[int, Sequence[str]] | None,
 ) -> str:
+    """Return the option that locks joints which a log does not have; empty if open."""
+    if len(run) > len(joints):
+        return ""
+    moved = joints[: len(run)] if chains is None else chains.get(len(run), ())
+    rest = [joint for joint in joints if joint not in moved]
+    return f"--lock {shlex.join(rest)}" if moved else ""
+
+
+def _of_another_number(run: NumberedColumns, joints: Sequence[str], lock: str) -> str:
     """Return advice if a log has columns of another number of joints."""
     said = (
         f" {run} are {len(run)} columns, the robot has {len(joints)} joints that move"
     )
     if len(run) > len(joints):
         return f"{said}."
-    if chains is None:
-        rest = " ".join(joints[len(run) :])
-        first = f"the first {len(run)}"
-        return f"{said}: if the log has {first}, lock the others: --lock {rest}"
-    if moved := chains.get(len(run)):
-        rest = " ".join(joint for joint in joints if joint not in moved)
-        ends = f"those from {moved[0]} to {moved[-1]}"
-        return f"{said}: if the log has {ends}, lock the others: --lock {rest}"
-    return f"{said}: name the joints at rest: --lock JOINT ... (or --base, --tip LINK)"
-
-
-def _numbered_columns(names: Sequence[str]) -> tuple[_NumberedColumns, ...]:
-    """Return runs of at least two names with consecutive numbers, in the log's order.
-
-    Examples
-    --------
-    >>> [str(run) for run in _numbered_columns(["t", "q1", "q2", "q3", "tau_0_Nm"])]
-    ['q{1..3}']
-    """
-    known = frozenset(names)
-    return tuple(dict.fromkeys(run for name in names for run in _runs(name, known)))
-
-
-_DIGITS = re.compile(r"\d+")
-
-
-def _runs(name: str, known: frozenset[str]) -> Iterator[_NumberedColumns]:
-    for found in _DIGITS.finditer(name):
-        if found[0] not in ("0", "1"):
-            continue
-        before, after = name[: found.start()], name[found.end() :]
-        first = int(found[0])
-        if f"{before}{first - 1}{after}" in known:
-            continue
-        last = first
-        while f"{before}{last + 1}{after}" in known:
-            last += 1
-        if last > first:
-            yield _NumberedColumns(before, after, first, last)
-
-
-def _with_joint(name: str, joints: Sequence[str]) -> str:
-    """Return a name with ``{joint}`` in place of a joint's name, if it has one.
-
-    Whole words are preferred, then longer names: joint_10 to joint_1.
-    """
-    within = [j for j in joints if j in name]
-    whole = [j for j in within if _is_whole(j, name)] if len(within) > 1 else within
-    inside = max(whole or within, key=len, default=None)
-    return name if inside is None or "{" in name else name.replace(inside, "{joint}")
-
-
-def _is_whole(joint: str, name: str) -> bool:
-    """Return whether a name has a joint's in whole words: of b.tau, b and not a."""
-    return re.search(rf"(?<![^\W_]){re.escape(joint)}(?![^\W_])", name) is not None
-
-
-def shown(names: Sequence[str], joints: Sequence[str] = (), most: int = 12) -> str:
-    """Return names for a message: as patterns if they have numbers or joints' names.
-
-    Examples
-    --------
-    >>> shown(["time", "q1", "q2", "current1", "current2"])
-    'time, q{1..2}, current{1..2}'
-    >>> shown(["time", "q_hip", "q_knee"], ["hip", "knee"])
-    'time, q_{joint}'
-    """
-    names = list(dict.fromkeys(_with_joint(name, joints) for name in names))
-    lines: list[str] = []
-    gone: set[str] = set()
-    runs = _numbered_columns(names)
-    for name in names:
-        if name in gone:
-            continue
-        run = next((r for r in runs if name == r.name(0)), None)
-        lines.append(name if run is None else str(run))
-        if run is not None:
-            gone |= {run.name(place) for place in range(len(run))}
-    more = len(lines) - most
-    return ", ".join(lines[:most]) + (f" and {more} more" if more > 0 else "")
+    if not lock:
+        return (
+            f"{said}: name the joints at rest: --lock JOINT ... (or --base, --tip LINK)"
+        )
+    moved = [joint for joint in joints if joint not in shlex.split(lock)]
+    ends = f"those from {moved[0]} to {moved[-1]}"
+    return f"{said}: if the log has {ends}, lock the others: {lock}"

@@ -98,7 +98,7 @@ _NOT_OF_A_SENSOR = {"target", "desired", "des", "cmd", "command", "ref"}
 _NOT_OF_A_SENSOR |= {"joint", "contact"}
 
 
-_JOINT = re.compile(r"\{\w+\}")
+_JOINT = re.compile(r"\{[^{}]*\}")
 _LETTERS = re.compile(r"[a-z]+")
 _HUMP = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 

@@ -98,13 +98,16 @@ HDF5 = LogFormat(
     "hdf5",
     "h5py",
     extra="hdf5",
-    lists_names=False,
     streams=True,
     states_units=True,
 )
 
 LEROBOT = LogFormat("LeRobot", (), "lerobot", folders=True)
 _LEROBOT_INFO = ("meta", "info.json")  # of its folder
+
+TABLES = LogFormat("folder of tables", (), "table_folder", folders=True)
+_TABLES = (".csv", ".tsv", ".txt", ".dat", ".parquet", ".feather", ".arrow")
+_BAGS = (".mcap", ".db3", ".bag")
 
 LOG_FORMATS = (
     LogFormat(
@@ -115,7 +118,9 @@ LOG_FORMATS = (
     LogFormat("Feather", (".feather", ".arrow"), "feather", streams=True),
     LogFormat("NPZ", (".npz",), "npz"),
     HDF5,
-    LogFormat("MATLAB", (".mat",), "mat", lists_names=False, streams=True),
+    LogFormat("MATLAB", (".mat",), "mat", streams=True),
+    LogFormat("PyTorch", (".pt", ".pth"), "pytorch"),
+    TABLES,
     LogFormat(
         "ROS bag",
         (".mcap", ".db3", ".bag"),
@@ -140,9 +145,11 @@ def log_format(path: Path) -> LogFormat:
     suffix = path.suffix.lower()
     if _is_lerobot(path):
         return LEROBOT
+    if path.is_dir() and len(tables_in(path)) > 1:
+        return TABLES
     for known in LOG_FORMATS:
         if known.folders if path.is_dir() else suffix in known.suffixes:
-            if known is not LEROBOT:
+            if known not in (LEROBOT, TABLES):
                 return known
     suffixes = (suffix for known in LOG_FORMATS for suffix in known.suffixes)
     folders = (f"a {known.name}'s folder" for known in LOG_FORMATS if known.folders)
@@ -160,6 +167,23 @@ def files_of(path: Path) -> tuple[Path, ...]:
         return tuple(sorted(file for file in path.iterdir() if file.is_file()))
     data = sorted((path / "data").rglob("*.parquet"))
     return (path.joinpath(*_LEROBOT_INFO), *data)
+
+
+def has_no_arrays(path: Path, names: Sequence[str]) -> bool:
+    """Return whether each column belongs to one joint: in text, or of a named list."""
+    form = log_format(path)
+    elements = (name.startswith("observation.state.") for name in names)
+    if form is TABLES:
+        return all(log_format(file).name == "CSV" for file in tables_in(path))
+    return form.name == "CSV" or (form is LEROBOT and any(elements))
+
+
+def tables_in(folder: Path) -> tuple[Path, ...]:
+    """Return the tables in a folder by name; none if it holds a bag."""
+    files = sorted(file for file in folder.iterdir() if file.is_file())
+    if any(file.suffix.lower() in _BAGS for file in files):
+        return ()
+    return tuple(file for file in files if file.suffix.lower() in _TABLES)
 
 
 def _is_lerobot(path: Path) -> bool:

@@ -87,7 +87,7 @@ class TorqueFilter:
 
 
 @brief
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Recording:
     """Motion and torque of named joints on one clock.
 
@@ -201,7 +201,7 @@ class Recording:
             bad = int(np.argmax(abs(time)))
             raise SampleError(
                 f"{self.name}: time of sample {bad} is {time[bad]:.3g} s, expected "
-                f"seconds. State the unit: --units us (or ms, ns)"
+                f"seconds. State the unit: --units us (or ms, ns)",
             )
         steps = np.diff(time)
         if (steps <= 0.0).any():
@@ -209,7 +209,8 @@ class Recording:
             raise SampleError(
                 f"{self.name}: time goes from {time[bad]:.9g} s (sample {bad}) to "
                 f"{time[bad + 1]:.9g} s; it must increase. Sort the samples; of "
-                'repeated ones take one: duplicates = "first" (--duplicates first)'
+                'repeated ones take one: duplicates = "first" (--duplicates first)',
+                options="--duplicates first" if (steps >= 0.0).all() else "",
             )
 
     def _checked(self, channel: str, values: Matrix, samples: int) -> Matrix:
@@ -395,6 +396,8 @@ class LogFinding:
         Strength of the evidence: one at the threshold, larger beyond it.
     recording : str
         Recording in which it was found.
+    size : str
+        The factor that was found, with its standard error, if it is one.
     """
 
     kind: str
@@ -404,6 +407,7 @@ class LogFinding:
     advice: str
     score: float = 1.0
     recording: str = ""
+    size: str = ""
 
 
 def several(recordings: Recording | Sequence[Recording]) -> list[Recording]:

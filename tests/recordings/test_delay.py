@@ -120,6 +120,7 @@ def test_signals_that_have_no_delay_to_find_are_refused():
             signals.estimate_delay(a, bad)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not (Path(DATA) / "tiago").is_dir() or not DATA, reason="no data")
 def test_tiagos_velocity_comes_some_190_ms_after_its_position():
     for file in ("identification/first60.parquet", "validation/last40.parquet"):
@@ -136,6 +137,7 @@ def test_tiagos_velocity_comes_some_190_ms_after_its_position():
         assert found.correlations.min() > 0.99
 
 
+@pytest.mark.slow
 def test_three_clocks_are_brought_to_the_slowest():
     rng = np.random.default_rng(4)
     motion, step = tones(rng), 1e-3

@@ -142,6 +142,7 @@ def test_noise_levels_of_the_model_itself_are_recovered(order):
     assert abs(np.log(np.median(found.drive) / drive)) < 0.7
 
 
+@pytest.mark.slow
 def test_the_smoother_believes_in_no_noise_below_the_encoders_step():
     time = np.arange(1000) / 100.0
     step = 1e-3
@@ -151,6 +152,7 @@ def test_the_smoother_believes_in_no_noise_below_the_encoders_step():
     assert (found.position < 1.2 * step / np.sqrt(12)).all()
 
 
+@pytest.mark.slow
 def test_smoothed_acceleration_is_near_that_of_the_best_filter_without_being_told():
     time = np.arange(1200) / 100.0
     truth = series(time, period=7.3, joints=1)
@@ -169,6 +171,7 @@ def test_smoothed_acceleration_is_near_that_of_the_best_filter_without_being_tol
     assert ours < 3.0 * min(filtered) and ours < 0.2 * filtered[-1]
 
 
+@pytest.mark.slow
 @REPEATABLE
 @given(st.integers(1, 8), st.floats(1.5, 6.0), st.integers(0, 1000))
 def test_a_series_is_recovered_with_its_harmonics_on_a_jittered_clock(h, period, seed):

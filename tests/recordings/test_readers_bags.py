@@ -136,6 +136,7 @@ def test_the_topic_is_the_one_asked_for(save):
         read_recording(path, JOINTS, topic="/c")
 
 
+@pytest.mark.slow
 def test_the_topic_that_names_the_joints_is_taken(save):
     claw = [(stamp, ["claw"], [0.01], [0.0], [0.0]) for stamp, *_ in states(9)]
     path = save({"/gripper": claw, "/joint_states": states(5)})

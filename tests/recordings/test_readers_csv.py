@@ -27,6 +27,7 @@ def refused(tmp_path, text, message, columns=None):
         read_recording(written(tmp_path, text), ["elbow"], columns)
 
 
+@pytest.mark.slow
 @REPEATABLE
 @given(
     values=st.lists(st.tuples(NUMBER, NUMBER), min_size=2, max_size=5),
@@ -113,6 +114,7 @@ def test_plain_numbers_are_read_the_fast_way(separator):
     )
 
 
+@pytest.mark.slow
 @REPEATABLE
 @given(
     values=st.lists(st.tuples(NUMBER, NUMBER), min_size=2, max_size=5),
@@ -187,9 +189,13 @@ def test_a_date_that_is_none_is_refused(tmp_path):
     refused(tmp_path, "time,q_elbow\n2001-13-09T01:46:40,1\n", "is not a number")
 
 
-def test_a_file_without_header_is_refused_where_columns_are_looked_for(tmp_path):
-    with pytest.raises(RecordingError, match=r"contains numbers .* the 3 columns"):
-        csv.array_names(written(tmp_path, "0,1,2\n1,2,3\n"))
+def test_columns_of_a_file_without_header_are_numbered(tmp_path):
+    path = written(tmp_path, "0.5,1,2\n1.5,2,3\n")
+    assert csv.array_names(path) == ("column1", "column2", "column3")
+    assert "no header" in csv.notes(path)[0]
+    read = csv.read_arrays(path, ["column3", "column1"])
+    assert read["column3"].tolist() == [2.0, 3.0]
+    assert read["column1"].tolist() == [0.5, 1.5]
 
 
 def test_bytes_that_are_no_text_are_refused(tmp_path):
@@ -322,7 +328,7 @@ FAULTY = {
     "twice": ("time;q_elbow;q_elbow\n0;1;1\n", "'q_elbow' occurs twice"),
     "other separator": ("time;q_elbov\n0;1\n", "no column 'q_elbow'; known: q_elbov"),
     "commas for all": ("time,q_elbow\n0,5,1,0\n", "4 fields.*If commas mark decimals"),
-    "no header": ("0,1\n1,2\n", "first row contains numbers"),
+    "no header": ("0,1\n1,2\n", "no column 'time'; known: column1, column2"),
     "empty cell": (
         "time,q_elbow\n0,1\n1,\n",
         "row 2 \\(line 3\\), column 'q_elbow' is empty",
@@ -357,6 +363,7 @@ def test_a_fault_in_the_last_row_of_a_long_log_is_found(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_a_long_log_is_read_in_well_under_a_second(tmp_path):
     rng = np.random.default_rng(0)
     names = [f"{channel}_{k}" for channel in ("q", "dq", "tau") for k in range(6)]

@@ -111,6 +111,7 @@ def bag(request, tmp_path_factory):
     return ros.write_ros1(tmp_path / "log.bag", topics)
 
 
+@pytest.mark.slow
 def test_an_inertial_unit_is_read_at_the_joints_samples(bag):
     log = read(bag, base=UNIT)
     assert len(log) > 1190
@@ -125,6 +126,7 @@ def test_an_inertial_unit_is_read_at_the_joints_samples(bag):
     assert np.allclose(log.position[inside, 0], np.sin(3 * t), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_odometry_gives_the_bases_motion_whatever_the_quaternions_sign(bag):
     log = read(bag, base=POSE)
     inside = (log.time > 0.5) & (log.time < 5.5)
@@ -135,6 +137,7 @@ def test_odometry_gives_the_bases_motion_whatever_the_quaternions_sign(bag):
     assert np.allclose(log.base.specific_force[inside, 2], up, atol=2e-3)
 
 
+@pytest.mark.slow
 def test_wrenches_and_flags_of_other_topics(bag):
     sole = ci.recordings.WrenchColumns("left_sole", "/sole.wrench")
     foot = ci.recordings.ContactColumns("left_foot", "/foot.data")
@@ -156,6 +159,7 @@ def test_wrenches_and_flags_of_other_topics(bag):
     assert np.array_equal(pressed.closed, log.time > 2.0 + 1e-6)
 
 
+@pytest.mark.slow
 def test_a_gap_of_a_topic_is_left_out_and_said(tmp_path, caplog):
     kind, messages = imu(200.0)
     messages = [m for m in messages if not 2.0 < at(m[0]) < 2.5]
@@ -187,6 +191,7 @@ def test_a_pose_with_jittered_stamps_is_differentiated_by_its_own_times(tmp_path
     assert np.allclose(base.specific_force[inside, 2], up[inside], atol=5e-3)
 
 
+@pytest.mark.slow
 def test_slower_topics_are_named_with_the_frequency_that_they_allow(tmp_path, caplog):
     topics = {"/joint_states": joints(), "/imu": imu(50.0)}
     read(ros.write_mcap(tmp_path / "bag", topics), base=UNIT)
@@ -194,6 +199,7 @@ def test_slower_topics_are_named_with_the_frequency_that_they_allow(tmp_path, ca
     assert "below 20 Hz" in caplog.text
 
 
+@pytest.mark.slow
 def test_topics_without_an_instant_in_common_are_refused(tmp_path):
     topics = {"/joint_states": joints(), "/imu": imu(first=100.0)}
     path = ros.write_mcap(tmp_path / "bag", topics)
@@ -235,6 +241,7 @@ def test_faulty_names_are_told(tmp_path, name, message):
         read(path, base=replace(UNIT, angular_velocity=name))
 
 
+@pytest.mark.slow
 def test_kinds_that_the_bag_defines_are_read(tmp_path):
     types = get_typestore(Stores.ROS2_HUMBLE)
     text = "std_msgs/Header header\nfloat32[4] force\n"

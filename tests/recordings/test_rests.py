@@ -54,3 +54,12 @@ def test_what_was_not_known_stays_so():
 def test_a_cut_off_that_is_none_is_refused(cutoff):
     with pytest.raises(ci.RecordingError, match="expected a positive number"):
         ci.signals.rest_guard(cutoff)
+
+
+@pytest.mark.parametrize("window", [0.0, 0.02, 0.13, 9.0])
+def test_a_speed_share_is_the_largest_within_half_a_window(window):
+    time, dq = np.arange(200) / 100.0, np.random.default_rng(0).normal(size=(200, 2))
+    log = ci.Recording(("a", "b"), time, np.zeros((200, 2)), dq)
+    own, reach = (abs(dq) / abs(dq).max(axis=0)).max(axis=1), int(50 * window + 1e-6)
+    expected = [own[max(i - reach, 0) : i + reach + 1].max() for i in range(200)]
+    assert ci.signals.speed_share(log, window).tolist() == expected

@@ -1,5 +1,6 @@
 """A log's names of its channels, and the resulting names for given joints."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from string import Formatter
@@ -16,6 +17,7 @@ from consistent_id.recordings.readers.units import (
 from consistent_id.recordings.recording import COMMANDS
 from consistent_id.robot.parameters import did_you_mean, require_known
 
+_RANGE = re.compile(r"\{(?P<first>\d+)\.\.(?P<last>\d+)\}")
 CHANNELS = ("position", "velocity", "acceleration", "torque", *COMMANDS)
 
 
@@ -25,8 +27,9 @@ class Columns:
     """A log's names of its columns, arrays or fields.
 
     ``{joint}`` stands for a joint's name in the log, ``{number}`` for its number among
-    the requested joints, counted from 1, and ``{index}`` for it from 0.  None: the log
-    has no such channel.
+    the requested joints, counted from 1, and ``{index}`` for it from 0.  ``{8..13}``
+    stands for these numbers, one for each joint in their order.  None: the log has no
+    such channel.
 
     Parameters
     ----------
@@ -56,6 +59,7 @@ class Columns:
     --------
     >>> Columns(position="q{number}").position.format(joint="elbow", number=3)
     'q3'
+    >>> unnamed = Columns("column1", "column{2..7}", torque="column{14..19}")
     >>> renamed = Columns(position="{joint}.pos", names={"A1": "shoulder"})
     >>> arrays = Columns("log.t", "log.q", array_joints=("shoulder", "elbow"))
     """
@@ -225,6 +229,7 @@ def _places(columns: Columns, in_log: Sequence[str]) -> tuple[int, ...]:
 
 
 def _placeholders(pattern: str) -> set[str]:
+    pattern = _RANGE.sub("{index}", pattern)
     try:
         return {
             field for _, field, _, _ in Formatter().parse(pattern) if field is not None
@@ -235,9 +240,21 @@ def _placeholders(pattern: str) -> set[str]:
 
 def _expanded(pattern: str, joints: Sequence[str]) -> tuple[str, ...]:
     refusal = (
-        f"column pattern {pattern!r}: only {{joint}}, {{number}} and {{index}} can "
-        "stand in it"
+        f"column pattern {pattern!r}: only {{joint}}, {{number}}, {{index}} and a "
+        "range such as {8..13} can stand in it"
     )
+    if (numbers := _RANGE.search(pattern)) is not None:
+        first, last = int(numbers["first"]), int(numbers["last"])
+        if last - first + 1 != len(joints):
+            raise RecordingError(
+                f"column pattern {pattern!r} has {max(last - first + 1, 0)} numbers, "
+                f"expected one for each of the {len(joints)} joints"
+            )
+        singles = (_RANGE.sub(str(k), pattern, count=1) for k in range(first, last + 1))
+        return tuple(
+            _expanded(single, [joint])[0]
+            for single, joint in zip(singles, joints, strict=True)
+        )
     if not _placeholders(pattern) <= {"joint", "number", "index"}:
         raise RecordingError(refusal)
     try:

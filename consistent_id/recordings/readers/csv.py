@@ -1,5 +1,7 @@
 """Columns of a text file: encoding, separators and decimal commas are found in it.
 
+Columns of a file without a header are called ``column1``, ``column2`` and so on.
+
 PyArrow reads the numbers.  Where it refuses them the csv module reads the file again,
 row by row: it knows the row and the column of each fault.
 """
@@ -28,6 +30,8 @@ _SPACE = " "  # separates where no other mark does: names may contain spaces
 _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
 _PIECE = 2**22  # characters of text that are read at a time
 _UTF_16, _WINDOWS = "utf-16", "cp1252"
+_WITHOUT_NAMES = "column"
+_NUMBERED = 3  # columns from which on 1, 2, 3 or 0, 1, 2 is a header, not a row
 _CONTROLS = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
 
 
@@ -43,6 +47,8 @@ class _CsvHeader:
         Characters up to the end of that line.
     rows : int
         Number of rows between the header and the text that is read next.
+    worded : _CsvHeader, optional
+        The same line as a header, if its numbers are taken as a row.
     """
 
     names: tuple[str, ...]
@@ -50,6 +56,7 @@ class _CsvHeader:
     line: int
     end: int
     rows: int = 0
+    worded: "_CsvHeader | None" = None
 
 
 def read_arrays(path: Path, names: Sequence[str], omit: Collection[int] = ()) -> Arrays:
@@ -139,16 +146,33 @@ def encoding_of(path: Path) -> str:
 
 
 def notes(path: Path) -> tuple[str, ...]:
-    """Return a sentence on the encoding of a file, if it is not UTF-8."""
-    encoding = encoding_of(path)
+    """Return sentences on the encoding if it is not UTF-8, and on a missing header."""
+    said, encoding = [], encoding_of(path)
     if encoding == _UTF_16:
-        return (f"{path.name} is UTF-16 text",)
+        said.append(f"{path.name} is UTF-16 text")
     if encoding == _WINDOWS:
-        return (
+        said.append(
             f"{path.name} is not UTF-8, it is read as Latin-1 (Windows-1252): check "
-            "letters such as \N{DEGREE SIGN} in the names of columns",
+            "letters such as \N{DEGREE SIGN} in the names of columns"
         )
-    return ()
+    if lacks_names(names := array_names(path)):
+        said.append(
+            f"{path.name} has no header: its {len(names)} columns are called "
+            f"{names[0]} to {names[-1]}"
+        )
+    return tuple(said)
+
+
+def lacks_names(names: Sequence[str]) -> bool:
+    """Return whether columns have the names that replace a missing header.
+
+    Examples
+    --------
+    >>> lacks_names(["column1", "column2"]), lacks_names(["time", "column2"])
+    (True, False)
+    """
+    numbered = (f"{_WITHOUT_NAMES}{k}" for k in range(1, len(names) + 1))
+    return len(names) > 1 and tuple(names) == tuple(numbered)
 
 
 def _pieces_of_lines(path: Path) -> Iterator[str]:
@@ -172,7 +196,8 @@ def _has_other_lines(text: str) -> bool:
 def array_names(path: Path) -> tuple[str, ...]:
     """Return the header: the first line, or the last comment above numbers.
 
-    Its separator is the one that gives the most fields.
+    Its separator is the one that gives the most fields.  Without a header, columns are
+    numbered from 1.
     """
     try:
         with _readable(path):
@@ -183,17 +208,25 @@ def array_names(path: Path) -> tuple[str, ...]:
         max((h.names for h in headers), key=len, default=())
         for headers in (first, above)
     )
-    if comment and all(map(_is_number, names)):
-        return comment
-    _require_words(path, names)
-    return names
+    return comment if len(comment) == len(names) and lacks_names(names) else names
 
 
 def _header(path: Path, text: str, names: Sequence[str]) -> _CsvHeader:
     """Return the header by the one separator with which it has all names."""
     first, above = _headers(text)
+    worded = [h.worded for h in first if h.worded is not None]
+    # numpy.savetxt separates the words of a comment otherwise than the numbers below.
+    titled = [
+        replace(h, names=title.names)
+        for h in first
+        for title in above
+        if lacks_names(h.names) and len(title.names) == len(h.names)
+    ]
+    if set(names) <= {name for h in above for name in h.names}:
+        first = [h for h in first if not lacks_names(h.names)] or first
     fitting = [h for h in first if set(names) <= set(h.names)]
-    fitting = fitting or [h for h in above if set(names) <= set(h.names)]
+    for others in (titled, above, worded):
+        fitting = fitting or [h for h in others if set(names) <= set(h.names)]
     if len(fitting) > 1:
         marks = " and ".join(repr(header.separator) for header in fitting)
         raise RecordingError(
@@ -201,21 +234,8 @@ def _header(path: Path, text: str, names: Sequence[str]) -> _CsvHeader:
             f"rename columns that contain a separator"
         )
     header = fitting[0] if fitting else max(first, key=lambda h: len(h.names))
-    if not fitting:
-        _require_words(path, header.names)
     require(str(path), names, header.names)
     return header
-
-
-def _require_words(path: Path, names: Sequence[str]) -> None:
-    """Refuse numbers in place of names."""
-    if names and all(map(_is_number, names)):
-        raise RecordingError(
-            f"{path}: the first row contains numbers ({', '.join(names[:3])}), "
-            f"expected a header that names the {len(names)} columns. Add one, such as "
-            "time,q1,q2,tau1,tau2, or read the file into a table with names (in "
-            "Python: recording_from)"
-        )
 
 
 def _headers(text: str) -> tuple[list[_CsvHeader], list[_CsvHeader]]:
@@ -227,9 +247,21 @@ def _headers(text: str) -> tuple[list[_CsvHeader], list[_CsvHeader]]:
     first = [_split(lines, start, mark) for mark in _marks(line)]
     above = [_split(io.StringIO(comment), 0, mark) for mark in _marks(comment)]
     return (
-        [replace(h, line=comments + h.line) for h in first],
+        [_named(replace(h, line=comments + h.line), start) for h in first],
         [replace(h, line=comments, end=start) for h in above if comment],
     )
+
+
+def _named(header: _CsvHeader, start: int) -> _CsvHeader:
+    """Return a first line of numbers as a row; as a header if it counts the columns."""
+    given = header.names
+    if len(given) < 2 or not all(map(_is_number, given)):
+        return header
+    counts = ([str(first + k) for k in range(len(given))] for first in (0, 1))
+    names = tuple(f"{_WITHOUT_NAMES}{k}" for k in range(1, len(given) + 1))
+    if len(given) >= _NUMBERED and list(given) in counts:
+        return replace(header, names=names, worded=header)
+    return replace(header, names=names, line=header.line - 1, end=start, worded=header)
 
 
 def _marks(line: str) -> tuple[str, ...]:

@@ -27,6 +27,17 @@ _LINKS = 64  # groups and links on the way to a dataset; logs have 2 or 3
 _UNREADABLE = (OSError, RuntimeError, KeyError, ValueError, TypeError, MemoryError)
 
 
+def array_names(path: Path) -> tuple[str, ...]:
+    """Return the paths of the datasets; not those to which MATLAB's cells refer."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            return tuple(p for p in _paths(file) if not p.startswith("#"))
+    except _UNREADABLE as cause:
+        raise RecordingError(f"{path}: not readable as HDF5: {cause}") from None
+
+
 def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
     """Return the datasets at the named paths, such as ``run/q``.
 

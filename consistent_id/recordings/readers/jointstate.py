@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from consistent_id._support.arrays import Matrix
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.own_names import mapping_advice
+from consistent_id.recordings.own_names import mapping_advice, mapping_option
 from consistent_id.recordings.readers.columns import CHANNELS, Columns, at_least_one
 from consistent_id.recordings.readers.named_arrays import gained
 from consistent_id.recordings.readers.topics import (
@@ -196,7 +196,8 @@ def _check_names(
     if not set(joints) & set(seen):
         raise RecordingError(
             f"{where}: no message names a joint of {', '.join(joints)}."
-            f"{mapping_advice(seen, joints)} (names of [data.columns])"
+            f"{mapping_advice(seen, joints)} (names of [data.columns])",
+            options=mapping_option(seen, joints),
         )
     for joint in joints:
         if joint not in seen:

@@ -83,12 +83,15 @@ def require_units(path: Path, names: Sequence[str]) -> None:
         return
     said = f"{path}: {which} reaches {most:.4g}, which is no angle in radians. "
     if most > _MOST_NORMALISED:
-        raise RecordingError(f"{said}If it is in degrees: --units deg")
+        raise RecordingError(
+            f"{said}If it is in degrees: --units deg", options="--units deg"
+        )
     raise RecordingError(
         f"{said}LeRobot writes degrees (use_degrees) or normalised positions, -100 to "
         "100 between the ends of a joint's calibrated range, and the data set does not "
         "say which. If degrees: --units deg. Normalised positions need the calibration "
-        "file of the arm: (range_max - range_min) of its 4096 steps a turn are 200"
+        "file of the arm: (range_max - range_min) of its 4096 steps a turn are 200",
+        options="--units deg",
     )
 
 

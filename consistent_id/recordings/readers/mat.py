@@ -65,6 +65,37 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
     return {name: _field(path, variables, name) for name in names}
 
 
+def array_names(path: Path) -> tuple[str, ...]:
+    """Return the names of arrays of numbers, those in single structures by their path.
+
+    Raises
+    ------
+    RecordingError
+        If the file is not MATLAB's.
+    """
+    if in_pieces(path):
+        inside: tuple[str, ...] = HDF5.reader(path).array_names(path)
+        return tuple(name.replace("/", ".") for name in inside)
+    if fault := _damage(path.read_bytes(), path):
+        raise RecordingError(f"{path}: not readable as MATLAB file: {fault}")
+    variables = _loaded(path, None).items()
+    every = (_inside(n, v) for n, v in variables if not n.startswith("__"))
+    return tuple(name for names in every for name in names)
+
+
+def _inside(name: str, value: Any) -> list[str]:
+    """Return the names of the arrays of numbers in a value, perhaps a structure."""
+    fields = getattr(getattr(value, "dtype", None), "names", None)
+    if fields and value.size == 1:
+        return [
+            inner
+            for field in fields
+            for inner in _inside(f"{name}.{field}", value[field].reshape(-1)[0])
+        ]
+    numeric = isinstance(value, np.ndarray) and value.dtype.kind in "iufb"
+    return [name] if numeric else []
+
+
 def in_pieces(path: Path) -> bool:
     """Return whether a file is of MATLAB 7.3, which can be read piece by piece."""
     with path.open("rb") as file:
@@ -90,7 +121,8 @@ def read_batches(path: Path, names: Sequence[str], first: int) -> Iterator[Array
         yield {places[place]: values for place, values in batch.items()}
 
 
-def _loaded(path: Path, names: Sequence[str]) -> dict[str, Any]:
+def _loaded(path: Path, names: Sequence[str] | None) -> dict[str, Any]:
+    """Return the named variables, or all."""
     import warnings
 
     from scipy.io import loadmat, whosmat
@@ -100,8 +132,9 @@ def _loaded(path: Path, names: Sequence[str]) -> dict[str, Any]:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             known = [name for name, _, _ in whosmat(path)]
-            require_known(names, known, f"{path}: no variable", RecordingError)
-            return dict(loadmat(path, variable_names=list(names)))
+            wanted = known if names is None else list(names)
+            require_known(wanted, known, f"{path}: no variable", RecordingError)
+            return dict(loadmat(path, variable_names=wanted))
     except (MatReadError, *_UNREADABLE) as cause:
         raise RecordingError(f"{path}: not readable as MATLAB file: {cause}") from None
 

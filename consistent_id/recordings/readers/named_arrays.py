@@ -121,7 +121,7 @@ def recording_of(
         broken = broken_samples(seconds, [*channels.values(), *beside.values()])
         rows = np.arange(1, len(time) + 1) if numbers is None else numbers
         advice = omit_advice(rows[keep][broken].tolist(), len(seconds))
-        raise RecordingError(f"{cause}{advice}") from None
+        raise RecordingError(f"{cause}{advice}", options=cause.options) from None
     return recording
 
 

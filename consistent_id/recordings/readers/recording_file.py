@@ -74,8 +74,9 @@ def read_recording(
         decimal comma where the comma does not separate), Parquet (``.parquet``),
         a LeRobot data set (its folder, or a file of it), Feather (``.feather``,
         ``.arrow``), NPZ (``.npz``), HDF5 (``.h5``, ``.hdf5``),
-        MATLAB (``.mat``); a ROS bag with ``sensor_msgs/JointState`` (``.mcap``,
-        ``.db3``, ``.bag`` or a folder).
+        MATLAB (``.mat``), PyTorch (``.pt``, ``.pth``: tensors of ``torch.save``); a
+        folder of tables with one clock, side by side; a ROS bag with
+        ``sensor_msgs/JointState`` (``.mcap``, ``.db3``, ``.bag`` or a folder).
         Of its other topics, what `BesideColumns` name as ``TOPIC.FIELD``, such as
         ``"/imu/data.angular_velocity"``.
     joints : sequence of str
@@ -97,6 +98,18 @@ def read_recording(
     ------
     RecordingError
         If the file, a column or a value is missing or faulty; with file, row, column.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> file = Path(tempfile.mkdtemp(), "log.csv")
+    >>> lines = ["time,q_elbow", "0.0,0.1", "0.1,0.2", "0.2,0.3"]
+    >>> _ = file.write_text(chr(10).join(lines))
+    >>> log = ci.read_recording(file, ["elbow"], ci.Columns(position="q_{joint}"))
+    >>> log.rate, log.position.ravel()
+    (10.0, array([0.1, 0.2, 0.3]))
     """
     path = Path(path)
     if log_format(path).holds == "joint states":

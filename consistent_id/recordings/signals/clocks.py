@@ -44,6 +44,14 @@ def resampled(
         If a step is longer than `max_gap`: the motion in between is not known.  If the
         rate is so low that signals would fold back, or so high that samples would be
         invented.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> time = np.arange(200) / 100
+    >>> log = ci.Recording(("elbow",), time, np.sin(time)[:, None])
+    >>> ci.resampled(log, 125.0).rate
+    125.0
     """
     time = recording.time
     steps = np.diff(time)

@@ -29,6 +29,15 @@ def differentiated(recording: Recording) -> Recording:
     ------
     RecordingError
         If the clock is not uniform or there are fewer than four samples.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> time = np.arange(200) / 100
+    >>> log = ci.Recording(("elbow",), time, np.sin(time)[:, None])
+    >>> differentiated = ci.signals.differentiated(log)
+    >>> bool(abs(differentiated.velocity[:, 0] - np.cos(time)).max() < 1e-3)
+    True
     """
     return altered(recording, _differentiated)
 

@@ -169,9 +169,10 @@ def _limited(tau: Vector, step: float, moves: BoolArray) -> BoolArray:
 
 def _filled_runs(at: BoolArray, least: int) -> list[slice]:
     """Return runs of at least `least` samples of which most are marked."""
-    from scipy.ndimage import uniform_filter1d
-
-    near = uniform_filter1d(at.astype(float), least, mode="constant") > _FILLED
+    first = np.arange(len(at)) - least // 2
+    low, high = np.clip([first, first + least], 0, len(at))
+    before = np.concatenate([[0], np.cumsum(at)])
+    near = (before[high] - before[low]) / least > _FILLED
     found = []
     for run in _runs(near | at):
         marked = np.flatnonzero(at[run]) + run.start

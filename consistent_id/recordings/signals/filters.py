@@ -58,6 +58,15 @@ def low_passed(
     ------
     RecordingError
         If the clock is not uniform or a cut-off is not below half the sampling rate.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> time = np.arange(200) / 100
+    >>> log = ci.Recording(("elbow",), time, np.sin(time)[:, None])
+    >>> smooth = ci.low_passed(log, motion_cutoff=5.0)
+    >>> bool(abs(smooth.position - log.position)[50:150].max() < 1e-3)
+    True
     """
     behind = recording.torque_filter
     rate = uniform_rate(recording if behind is None else behind.source)
@@ -115,13 +124,22 @@ def decimated(recording: Recording, factor: int) -> Recording:
         raise RecordingError(f"decimation factor is {factor!r}, expected 1, 2, 3, ...")
     if factor == 1:
         return recording
-    done = anti_aliased(recording, factor)
-    behind = done.torque_filter
-    if behind is None:
-        return done.samples(slice(None, None, factor))
+    return spaced(anti_aliased(recording, factor), factor)
+
+
+def spaced(recording: Recording, factor: int) -> Recording:
+    """Keep every `factor`-th sample, as it is.
+
+    If the torque is filtered, samples are kept on a grid of the clock before the
+    filter.  Samples may be missing, and with every `factor`-th one of those that are
+    left, few or none would be on the grid from which `build_regression` takes rows.
+    """
+    behind = recording.torque_filter
+    if behind is None or factor == 1:
+        return recording.samples(slice(None, None, factor))
     own, places = behind.step, behind.kept + behind.first
     on_grid = np.flatnonzero(places % (own * factor) == places[0] % own)
-    few = done.samples(on_grid if len(on_grid) > 1 else slice(None, None, factor))
+    few = recording.samples(on_grid if len(on_grid) > 1 else slice(None, None, factor))
     behind = replace(require_filter(few), thinned=own * factor)
     return replace(few, torque_filter=behind)
 

@@ -83,16 +83,29 @@ def speed_share(
     top : ndarray, shape (joints,), optional, [rad/s or m/s]
         Top speed of each joint; by default the largest of the recording.
     """
-    from scipy.ndimage import maximum_filter1d
-
     speed = recording.velocity
     if speed is None:
         raise RecordingError(f"{recording.name} has no velocity")
     top = abs(speed).max(axis=0) if top is None else top
     share = np.max(abs(speed) / np.where(top > 0.0, top, np.inf), axis=1)
     step = float(np.median(np.diff(recording.time)))
-    width = 2 * speed_reach(step, window) + 1
-    return np.asarray(maximum_filter1d(share, width, mode="nearest"))
+    return _largest_around(share, speed_reach(step, window))
+
+
+def _largest_around(values: Vector, reach: int) -> Vector:
+    """Return the largest value within so many samples on either side.
+
+    Windows are doubled; the import of scipy.ndimage takes longer.
+    """
+    ends = np.full(reach, -np.inf)
+    largest: Vector = np.concatenate([ends, values, ends])
+    span, width = 1, 2 * reach + 1
+    while 2 * span <= width:
+        largest = np.maximum(largest[:-span], largest[span:])
+        span *= 2
+    last = width - span
+    found = np.maximum(largest[: len(values)], largest[last : last + len(values)])
+    return np.asarray(found)
 
 
 def speed_reach(step: float, window: float = SPEED_WINDOW) -> int:

@@ -27,6 +27,14 @@ def trimmed(
     recording : Recording
     start, stop : float, [s]
         On the recording's clock.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> time = np.arange(200) / 100
+    >>> log = ci.Recording(("elbow",), time, np.sin(time)[:, None])
+    >>> ci.trimmed(log, 0.5, 1.0).duration
+    0.5
     """
     if np.isnan(start) or np.isnan(stop):
         raise RecordingError(f"{recording.name}: trimmed from {start} s to {stop} s")

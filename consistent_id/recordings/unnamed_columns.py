@@ -1,0 +1,224 @@
+"""Columns without names: what they may be, by their numbers alone.
+
+A clock rises in steps of about one length.  Columns that follow each other are a block,
+one for each joint; a block is a velocity if it is the rate of change of another, which
+is a position.  Nothing in numbers distinguishes a torque from a current or a command:
+the first other block is proposed, and the rest are named.
+"""
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.numbered_columns import shown
+from consistent_id.recordings.readers.recording_file import reader_of
+
+_UNEVEN = 20.0  # longest step over the median one, of a clock
+_REPEATED = 4  # most rows with one stamp
+_ALIKE = 0.9  # least correlation of a velocity with the position's rate of change
+_COPY = 0.98  # of a command of position with the position
+_FEWEST = 20  # rows that correlations need
+_SMOOTH = 5  # samples over which a rate of change is taken
+_MOST_ROWS = 20_000  # that correlations take, spread over the log
+_MOST_BLOCKS = 400  # that are compared with each other
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnLayout:
+    """The first columns, from 1, of the blocks of a table; None if there is none.
+
+    Parameters
+    ----------
+    others : tuple of int
+        Of blocks that may be the torque instead.
+    """
+
+    joints: int
+    time: int | None
+    position: int | None = None
+    velocity: int | None = None
+    torque: int | None = None
+    others: tuple[int, ...] = ()
+
+    def block(self, first: int) -> str:
+        """Return the pattern of a block."""
+        return f"column{{{first}..{first + self.joints - 1}}}"
+
+
+def without_names(
+    log: Path, names: Sequence[str], joints: Sequence[str], known: Sequence[str]
+) -> RecordingError:
+    """Return an error that proposes what the columns of a headerless file are."""
+    read = reader_of(log).read_arrays(log, names)
+    layout = column_layout(np.column_stack([read[n] for n in names]), len(joints))
+    said = (
+        f"{log} has no header: its {len(names)} columns are called {names[0]} to "
+        f"{names[-1]}"
+    )
+    if layout.time is None:
+        return RecordingError(
+            f"{said}, and none of them rises like a clock. Add a column of times [s] "
+            "and a header, such as time,q1,q2,tau1,tau2"
+        )
+    options = layout_options(layout, known)
+    if not options:
+        return RecordingError(
+            f"{said}. column{layout.time} rises like a clock; the others are not "
+            f"position and torque of {shown(joints)}. Name them: --time, --position, "
+            "--torque, with a range such as column{2..7}"
+        )
+    rate = " (a velocity is the rate of change of its position)"
+    others = ", ".join(map(layout.block, layout.others))
+    more = f"; {others} may be it as well" if others else ""
+    return RecordingError(
+        f"{said}. From their numbers{rate if layout.velocity else ''}, the joints in "
+        f"the robot's order, with the first other block as the torque{more}: {options}",
+        options=options,
+    )
+
+
+def column_layout(values: Matrix, joints: int) -> ColumnLayout:
+    """Return what the columns of a table may be.
+
+    Parameters
+    ----------
+    values : ndarray, shape (rows, columns)
+    joints : int
+
+    Examples
+    --------
+    >>> t = np.arange(0, 2, 0.01)
+    >>> table = np.column_stack([t, np.sin(3 * t), 3 * np.cos(3 * t), np.cos(t) ** 2])
+    >>> column_layout(table, 1)
+    ColumnLayout(joints=1, time=1, position=2, velocity=3, torque=4, others=())
+    """
+    time = next((k for k in range(values.shape[1]) if is_clock(values[:, k])), None)
+    if time is None or len(values) < _FEWEST:
+        return ColumnLayout(joints, None if time is None else time + 1)
+    starts = range(time + 1, values.shape[1] - joints + 1, joints)
+    moving = [s for s in starts if np.ptp(values[:, s : s + joints], axis=0).any()]
+    if not moving:
+        return ColumnLayout(joints, time + 1)
+    moving = moving[:_MOST_BLOCKS]
+    blocks = np.hstack([values[:, s : s + joints] for s in moving])
+    every = -(-len(blocks) // _MOST_ROWS)
+    rates = _rates(blocks, values[:, time])[::every]
+    blocks = blocks[::every]
+    motion = _motion(_correlations(rates, blocks, joints))
+    alike = _correlations(blocks, blocks, joints)[list(motion)].max(axis=0)
+    torques = [
+        first + 1
+        for k, first in enumerate(moving)
+        if k not in motion and alike[k] < _COPY
+    ]
+    return ColumnLayout(
+        joints,
+        time + 1,
+        moving[motion[0]] + 1,
+        moving[motion[1]] + 1 if len(motion) > 1 else None,
+        next(iter(torques), None),
+        tuple(torques[1:]),
+    )
+
+
+def is_clock(column: Vector) -> bool:
+    """Return whether a column rises in steps of about one length; stamps may repeat."""
+    steps = np.diff(column)
+    rising = steps[steps > 0.0]
+    if _REPEATED * len(rising) < len(steps) or not np.isfinite(column).all():
+        return False
+    if not len(rising) or steps.min() < 0.0:
+        return False
+    return bool(rising.max() <= _UNEVEN * np.median(rising))
+
+
+def layout_options(layout: ColumnLayout, known: Sequence[str] = ()) -> str:
+    """Return the options that name the columns, filled in; empty if a channel is open.
+
+    Parameters
+    ----------
+    known : sequence of str
+        Channels whose columns are stated already.
+    """
+    found = {
+        "time": None if layout.time is None else f"column{layout.time}",
+        **{
+            channel: None if first is None else layout.block(first)
+            for channel, first in (
+                ("position", layout.position),
+                ("velocity", layout.velocity),
+                ("torque", layout.torque),
+            )
+        },
+    }
+    needed = {"time", "position", "torque"} - set(known)
+    if any(found[channel] is None for channel in needed):
+        return ""
+    return " ".join(
+        f"--{channel} {shlex.quote(name)}"  # shells expand braces
+        for channel, name in found.items()
+        if name is not None and channel not in known
+    )
+
+
+def _motion(alike: Matrix) -> tuple[int, ...]:
+    """Return which block is the position, and which the velocity if there is one.
+
+    The pair that fits best; if the first of it is itself the rate of change of a block
+    before it, the pair is one of velocity and acceleration.
+
+    Parameters
+    ----------
+    alike : ndarray, shape (blocks, blocks)
+        Correlations of the rate of change of one block with another block.
+    """
+    alike = np.where(np.eye(len(alike), dtype=bool), -1.0, alike)
+    likely = np.flatnonzero(alike > alike.max() - 1e-3)
+    position, velocity = divmod(int(likely[0]), len(alike))
+    if alike[position, velocity] < _ALIKE:
+        return (0,)
+    while (before := np.flatnonzero(alike[:position, position] >= _ALIKE)).size:
+        position, velocity = int(before[0]), position
+    return position, velocity
+
+
+def _rates(block: Matrix, time: Vector) -> Matrix:
+    """Return rates of change over a few samples, of rows with a step of time."""
+    width = min(_SMOOTH, len(time) - 1)
+    steps = np.maximum(time[width:] - time[:-width], np.finfo(float).tiny)
+    slope = (block[width:] - block[:-width]) / steps[:, None]
+    lead = width // 2
+    return np.pad(slope, ((lead, width - lead), (0, 0)), mode="edge")
+
+
+def _correlations(one: Matrix, other: Matrix, joints: int) -> Matrix:
+    """Return correlations of blocks, the median over joints that move.
+
+    Returns
+    -------
+    ndarray, shape (blocks, blocks)
+        Of each block of one with each of the other; zero if nothing moves in both.
+    """
+    a, b = _normalised(one), _normalised(other)
+    found = np.stack([a[:, j::joints].T @ b[:, j::joints] for j in range(joints)])
+    moves = np.stack(
+        [
+            np.outer(a[:, j::joints].any(axis=0), b[:, j::joints].any(axis=0))
+            for j in range(joints)
+        ]
+    )
+    moves |= ~moves.any(axis=0)
+    return np.asarray(np.nanmedian(np.where(moves, found, np.nan), axis=0))
+
+
+def _normalised(columns: Matrix) -> Matrix:
+    """Return columns of length one about their means; zero where nothing moves."""
+    centred = columns - columns.mean(axis=0)
+    scale = np.linalg.norm(centred, axis=0)
+    moves = np.isfinite(scale) & (scale > 0.0)
+    return np.where(moves, centred, 0.0) / np.where(moves, scale, 1.0)

@@ -1,0 +1,64 @@
+"""One recording in several tables: their clock makes them one."""
+
+import numpy as np
+import pytest
+
+from consistent_id import Columns, RecordingError, read_recording
+from consistent_id.recordings.log_formats import TABLES, log_format
+from consistent_id.recordings.readers import table_folder
+
+TIME = np.arange(5) * 0.1
+
+
+def table(folder, name, header, *columns):
+    values = np.column_stack(columns)
+    np.savetxt(folder / name, values, delimiter=",", header=header, comments="")
+
+
+def test_tables_of_one_clock_are_read_side_by_side_and_others_named(tmp_path):
+    table(tmp_path, "position.csv", "t,hip_position", TIME, TIME**2)
+    table(tmp_path, "effort.csv", "t,hip_effort", TIME, -TIME)
+    table(tmp_path, "wrench.csv", "t,fx", TIME + 0.05, TIME)
+    assert log_format(tmp_path) is TABLES
+    columns = Columns("t", "{joint}_position", torque="{joint}_effort")
+    log = read_recording(tmp_path, ["hip"], columns)
+    np.testing.assert_allclose(log.position[:, 0], TIME**2)
+    np.testing.assert_allclose(log.torque[:, 0], -TIME)
+    assert (
+        "wrench.csv: of another clock, or no table" in table_folder.notes(tmp_path)[0]
+    )
+
+
+def test_what_is_no_table_is_named_and_a_faulty_clock_is_an_error(tmp_path):
+    table(tmp_path, "position.csv", "t,hip_position", TIME, TIME**2)
+    table(tmp_path, "effort.csv", "t,hip_effort", TIME, -TIME)
+    (tmp_path / "README.txt").write_text("Logs of a hip, in rad.\nBy hand.\n")
+    (tmp_path / "empty.csv").touch()
+    assert len(table_folder.array_names(tmp_path)) == 3
+    assert "README.txt, empty.csv: of another" in table_folder.notes(tmp_path)[0]
+    (tmp_path / "wrench.csv").write_text("t,fx\n0,1\nx,2\n")
+    with pytest.raises(RecordingError, match="'x' is not a number"):
+        table_folder.array_names(tmp_path)
+
+
+def test_a_name_of_several_tables_follows_its_table(tmp_path):
+    table(tmp_path, "q.csv", "time,hip", TIME, TIME)
+    table(tmp_path, "tau.csv", "time,hip", TIME, 2 * TIME)
+    assert set(table_folder.array_names(tmp_path)) == {"time", "q.hip", "tau.hip"}
+
+
+def test_tables_of_different_clocks_are_several_recordings(tmp_path):
+    table(tmp_path, "a.csv", "t,q_hip", TIME, TIME)
+    table(tmp_path, "b.csv", "t,q_hip", 2 * TIME, TIME)
+    files = [tmp_path / "a.csv", tmp_path / "b.csv"]
+    assert table_folder.one_recording(files) is None
+    with pytest.raises(RecordingError, match="same clock"):
+        table_folder.array_names(tmp_path)
+
+
+def test_files_of_one_recording_have_their_folder(tmp_path):
+    table(tmp_path, "a.csv", "t,q_hip", TIME, TIME)
+    table(tmp_path, "b.csv", "t,tau_hip", TIME, TIME)
+    files = [tmp_path / "a.csv", tmp_path / "b.csv"]
+    assert table_folder.one_recording(files) == tmp_path
+    assert table_folder.one_recording(files[:1]) is None
