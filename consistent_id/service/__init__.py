@@ -11,6 +11,9 @@ from consistent_id.service.controller_formats import (
 from consistent_id.service.external_torque import MomentumObserver
 from consistent_id.service.gain_check import GainCheck, check_gains
 from consistent_id.service.load_quantities import LoadQuantities
+from consistent_id.service.load_watch import LoadWatch
+from consistent_id.service.online_estimate import OnlineEstimate
+from consistent_id.service.online_state import LoadChange, OnlineState
 from consistent_id.service.weighing import WeighedLoad, weigh_load
 
 __all__ = [
@@ -20,8 +23,12 @@ __all__ = [
     "ControllerFormat",
     "ControllerLoad",
     "GainCheck",
+    "LoadChange",
     "LoadQuantities",
+    "LoadWatch",
     "MomentumObserver",
+    "OnlineEstimate",
+    "OnlineState",
     "WeighedLoad",
     "check_gains",
     "control_model",

@@ -21,7 +21,9 @@ from consistent_id._support.arrays import (
 )
 from consistent_id._support.brief import brief
 from consistent_id.errors import ProblemError
+from consistent_id.export.export_formats import Export
 from consistent_id.recordings.recording import Recording
+from consistent_id.service.contact_c import DetectorValues, detector_c
 from consistent_id.service.residual_spread import (
     SLACK,
     ResidualSpread,
@@ -191,6 +193,32 @@ class ContactDetector:
         spread, limit, hours = fitted_spread(parts, false_alarms, used, oldest)
         return cls(joints, spread, limit, false_alarms, memory, hours)
 
+    def c(self, *, name: str = "robot", rate: float = 1000.0) -> Export:
+        """Return the detector as C without allocation: a source and a header.
+
+        Parameters
+        ----------
+        name : str
+            Prefix of the functions.  The source includes `name`.h, so save it as
+            `name`.c.
+        rate : float, [Hz]
+            Most samples a second, for which the memory has room.
+
+        Raises
+        ------
+        ProblemError
+            If the rate is too low for the memory.
+        """
+        values = DetectorValues(
+            self.joints,
+            self.spread,
+            self.limit,
+            self.false_alarms,
+            self.memory,
+            self.hours,
+        )
+        return detector_c(values, name, rate)
+
     @property
     def covariance(self) -> Matrix:
         """Covariance of the change without a contact, at rest, shape (joints, joints).
@@ -200,7 +228,14 @@ class ContactDetector:
         return self.spread.covariance
 
     def start(self, time: float) -> ContactState:
-        """Return the state before the first sample, which has the given time."""
+        """Return the state before the first sample, which has the given time.
+
+        Raises
+        ------
+        ProblemError
+            If the time is not finite.
+        """
+        _require_time(time)
         n = len(self.joints)
         still = np.zeros(n)
         width = len(self.spread.signals.row(n, still, still, still, still))
@@ -230,7 +265,8 @@ class ContactDetector:
         Raises
         ------
         ProblemError
-            If a channel is missing that `fit` had, or the time goes back.
+            If a channel is missing that `fit` had, or the time goes back or is not
+            finite.
         """
         n = len(self.joints)
         row = self.spread.signals.row(n, torque, velocity, acceleration, expected)
@@ -281,6 +317,7 @@ class ContactDetector:
                 f"time goes from {state.time:g} to {time:g} s, expected a clock that "
                 "does not go back; begin again with `start`"
             )
+        _require_time(time)
         newest, oldest = self.memory
         keep = state.times >= time - oldest - SLACK
         times = np.append(state.times[keep], time)
@@ -298,3 +335,9 @@ class ContactDetector:
         return ContactState(
             time, distance > 1.0, distance, change, state.begun, times, rows, mean
         )
+
+
+def _require_time(time: float) -> None:
+    # After a start without a time, no memory would ever be full: no contact is found.
+    if not np.isfinite(time):
+        raise ProblemError(f"the time is {time}, expected seconds")

@@ -294,8 +294,8 @@ def fitted_spread(
         )
     weights: Matrix = np.linalg.inv(correlation).astype(np.float64)
     found = ResidualSpread(signals, coefficients, largest, levels, weights)
-    tops = [_maxima(part.time, found.distances(part), oldest) for part in parts]
-    return found, _rare(np.concatenate(tops), rate * hours), hours
+    tops = [interval_maxima(part.time, found.distances(part), oldest) for part in parts]
+    return found, rare_level(np.concatenate(tops), rate * hours), hours
 
 
 def _rows(
@@ -384,7 +384,7 @@ def _levels(
         for state in range(len(STATES)):
             tops = np.concatenate(
                 [
-                    _maxima(
+                    interval_maxima(
                         part.time,
                         np.where(part.states[:, j] == state, abs(z[:, j]), 0.0),
                         oldest,
@@ -393,7 +393,7 @@ def _levels(
                 ]
             )
             if (tops > 0.0).sum() >= 2 * _TOP:
-                out[j, state] = _rare(tops[tops > 0.0], budget)
+                out[j, state] = rare_level(tops[tops > 0.0], budget)
     if np.isnan(out).all():
         raise ProblemError(
             f"no joint rests, or moves, for {2 * _TOP} times {oldest:g} s of the logs; "
@@ -408,7 +408,7 @@ def _worst(levels: Matrix) -> Vector:
     return np.asarray(np.where(np.isnan(levels), 0.0, levels).max(axis=1))
 
 
-def _maxima(time: Vector, values: Vector, length: float) -> Vector:
+def interval_maxima(time: Vector, values: Vector, length: float) -> Vector:
     """Return the largest value in each interval of the given length."""
     if not len(time):
         return np.zeros(0)
@@ -417,7 +417,7 @@ def _maxima(time: Vector, values: Vector, length: float) -> Vector:
     return np.asarray(np.maximum.reduceat(values, starts))
 
 
-def _rare(values: Vector, expected: float) -> float:
+def rare_level(values: Vector, expected: float) -> float:
     """Return the level that `expected` of so many new values exceed.
 
     The largest values fall off exponentially; the mean of `n` excesses is known from

@@ -1,13 +1,18 @@
 """Contacts in noise whose statistics are known."""
 
+import ctypes
+import shutil
+import subprocess
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from consistent_id import ProblemError, Recording
 from consistent_id.service import ContactDetector
 
+NEEDS_CC = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no cc")
 JOINTS = ("shoulder", "elbow", "wrist")
 SIGMA = np.array([2.0, 1.0, 0.3])
 
@@ -18,10 +23,8 @@ def noise(seconds, seed, rate=200.0, memory=0.8):
     n = round(seconds * rate)
     mixed = np.linalg.cholesky(np.array([[1, 0.5, 0], [0.5, 1, 0.3], [0, 0.3, 1]]))
     fresh = rng.normal(size=(n, 3)) @ mixed.T * np.sqrt(1.0 - memory**2)
-    out = np.empty((n, 3))
-    out[0] = rng.normal(size=3)
-    for k in range(1, n):
-        out[k] = memory * out[k - 1] + fresh[k]
+    fresh[0] = rng.normal(size=3)
+    out = lfilter([1.0], [1.0, -memory], fresh, axis=0)
     time = np.arange(n) / rate
     slow = 5.0 * np.sin(0.3 * time[:, None] + np.arange(3))
     return Recording(JOINTS, time, np.zeros((n, 3)), torque=SIGMA * (out + slow))
@@ -183,3 +186,122 @@ def test_what_cannot_be_learned_is_refused(detector):
         fast.step(fast.start(0.0), 0.0, np.zeros(3))
     with pytest.raises(ProblemError, match="no velocity"):
         fast.along(log)
+
+
+def in_c(detector, folder, rate):
+    """The detector, compiled, and a state with the header's fields."""
+    source = detector.c(name="arm", rate=rate).save(folder / "arm.c")
+    user = folder / "user.c"
+    user.write_text('#include "arm.h"\n#include "arm.c"\n#include "arm.h"\n')
+    strict = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic"]
+    library = folder / "arm.so"
+    subprocess.run(
+        ["cc", *strict, "-shared", "-fPIC", "-o", library, user, "-lm"], check=True
+    )
+    found = ctypes.CDLL(str(library))
+    found.arm_start.argtypes = [ctypes.c_void_p, ctypes.c_double]
+    vector = ctypes.POINTER(ctypes.c_double)
+    found.arm_step.argtypes = [ctypes.c_void_p, ctypes.c_double, *[vector] * 4]
+    n = len(detector.joints)
+    text = source.with_suffix(".h").read_text()
+    most = int(text.split("ARM_SAMPLES ")[1].split()[0])
+
+    class State(ctypes.Structure):
+        _fields_ = [
+            ("contact", ctypes.c_int),
+            ("distance", ctypes.c_double),
+            ("change", ctypes.c_double * n),
+            ("threshold", ctypes.c_double * n),
+            ("count", ctypes.c_int),
+            ("first", ctypes.c_int),
+            ("clock", ctypes.c_double * 2),
+            ("memory", ctypes.c_double * (most * (1 + 6 * n))),
+        ]
+
+    return found, State()
+
+
+def as_c(values):
+    return None if values is None else (ctypes.c_double * len(values))(*values)
+
+
+@pytest.mark.slow
+@NEEDS_CC
+@pytest.mark.parametrize("moves", [True, False])
+def test_c_finds_the_same_sample_by_sample(tmp_path, moves):
+    make = moving if moves else noise
+    log = make(60.0, 5)
+    if moves:
+        push = np.gradient(log.velocity, log.time, axis=0)
+        log = replace(log, acceleration=push, torque_command=2.0 * push)
+    detector = ContactDetector.fit([log.samples(slice(0, 9000))])
+    library, state = in_c(detector, tmp_path, 200.0)
+    rest = log.samples(slice(9000, None))
+    torque = rest.torque.copy()
+    torque[1500:, 1] += 10.0  # a contact
+    known = detector.start(rest.time[0])
+    library.arm_start(ctypes.byref(state), rest.time[0])
+    seen = 0
+    for k, time in enumerate(rest.time):
+        rows = [torque[k]]
+        rows += [
+            None if c is None else c[k]
+            for c in (rest.velocity, rest.acceleration, rest.torque_command)
+        ]
+        known = detector.step(known, time, *rows)
+        found = library.arm_step(ctypes.byref(state), time, *map(as_c, rows))
+        assert found == state.contact == known.contact
+        seen += found
+        # Of sums of some sixty numbers that are ten times the change.
+        assert state.distance == pytest.approx(known.distance, rel=1e-12, abs=1e-12)
+        np.testing.assert_allclose(list(state.change), known.change, atol=1e-12)
+        threshold = detector.thresholds(known)
+        np.testing.assert_allclose(list(state.threshold), threshold, rtol=1e-12)
+    assert seen
+
+
+@pytest.mark.slow
+@NEEDS_CC
+def test_c_leaves_out_samples_that_are_none(tmp_path, detector):
+    library, state = in_c(detector, tmp_path, 100.0)
+    library.arm_start(ctypes.byref(state), 0.0)
+    address, zero = ctypes.byref(state), [0.0] * 3
+
+    def step(time, torque):
+        return library.arm_step(address, time, as_c(torque), None, None, None)
+
+    assert step(0.01, zero) == 0
+    before = bytes(state)
+    assert step(0.0, zero) == -1  # the clock goes back
+    assert step(0.02, [0.0, np.nan, 0.0]) == -1
+    assert step(np.inf, zero) == -1
+    assert library.arm_step(address, 0.02, None, None, None, None) == -1
+    assert bytes(state) == before
+    # 32 samples have room; the 33rd within 0.3 s has not, and later ones have again.
+    answers = [step(0.01 + 1e-3 * k, zero) for k in range(1, 40)]
+    assert answers[:31] == [0] * 31
+    assert set(answers[31:]) == {-2}
+    assert step(1.0, zero) == 0
+
+
+def test_a_memory_without_room_for_a_sample_is_refused(detector):
+    with pytest.raises(ProblemError, match="rate is 3"):
+        detector.c(rate=3.0)
+
+
+@pytest.mark.parametrize("time", [np.nan, np.inf])
+def test_times_that_are_none_are_refused(detector, time):
+    with pytest.raises(ProblemError, match="the time is"):
+        detector.start(time)
+    with pytest.raises(ProblemError, match="the time is"):
+        detector.step(detector.start(0.0), time, np.zeros(3))
+
+
+@pytest.mark.slow
+@NEEDS_CC
+def test_c_that_was_started_without_a_time_does_not_stay_silent(tmp_path, detector):
+    library, state = in_c(detector, tmp_path, 100.0)
+    library.arm_start(ctypes.byref(state), np.nan)
+    zero = as_c([0.0] * 3)
+    answer = library.arm_step(ctypes.byref(state), 0.0, zero, None, None, None)
+    assert answer == -1

@@ -133,6 +133,7 @@ def test_compensated_friction_has_no_jump_where_the_identified_one_has():
     assert not found[:, 1].any()
 
 
+@pytest.mark.slow
 def test_casadi_is_the_same():
     control = control_model(driven(1), friction_velocity=0.3)
     functions = control.casadi()
@@ -243,6 +244,7 @@ def test_a_law_that_is_not_smooth_is_left_out_and_named():
     assert names[0] in control.c().notes[0]
 
 
+@pytest.mark.slow
 def test_what_cannot_be_computed_is_refused():
     control = control_model(driven())
     with pytest.raises(ProblemError, match=r"load_friction.*give q"):

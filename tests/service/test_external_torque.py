@@ -102,6 +102,7 @@ def contact(reference, q, link, point, force):
     return moved.T @ force
 
 
+@pytest.mark.slow
 def test_a_known_force_is_found_where_it_acts():
     reference, control = arm(3)
     observer, robot = MomentumObserver(control), control.model.robot
@@ -125,6 +126,7 @@ def test_a_known_force_is_found_where_it_acts():
     assert np.median(off) < 0.2  # near singular poses it may be more
 
 
+@pytest.mark.slow
 def test_intervals_of_the_force_contain_it():
     reference, control = arm(3)
     observer, rng = MomentumObserver(control), np.random.default_rng(4)

@@ -55,6 +55,7 @@ def test_the_table_states_what_the_problem_file_needs(found):
     assert [row[0] for row in table.rows] == list(JOINTS)
 
 
+@pytest.mark.slow
 def test_a_wrong_mass_makes_all_gains_wrong_by_the_same_factor(files, found):
     problem = draft_problem(
         files["robot"], files["empty"], select=False, cutoff=8.0, torque_gain=STATED
@@ -63,6 +64,7 @@ def test_a_wrong_mass_makes_all_gains_wrong_by_the_same_factor(files, found):
     np.testing.assert_allclose(heavy.gains, 2.0 * found.gains, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_shell_prints_and_writes_gains(files, found, tmp_path, capsys):
     words = ["gains", files["robot"], files["empty"], "--loaded", files["loaded"]]
     words += ["--known-mass", LOAD.mass, *WORDS, "--output", tmp_path / "out"]
@@ -74,6 +76,7 @@ def test_the_shell_prints_and_writes_gains(files, found, tmp_path, capsys):
     assert record["verdict"] == found.verdict.word
 
 
+@pytest.mark.slow
 def test_logs_without_the_load_show_no_gain(files, tmp_path, capsys):
     again = write_log(tmp_path / "again.csv", None, gains=GAINS, seed=2)
     words = ["gains", files["robot"], files["empty"], "--loaded", again]
@@ -113,13 +116,16 @@ def test_the_quantile_is_that_of_all_joints(found):
 
 
 def test_torques_of_commands_have_no_gains_of_currents(files):
-    problem = draft_problem(files["robot"], files["empty"], select=False).problem()
+    problem = draft_problem(
+        files["robot"], files["empty"], select=False, cutoff=8.0
+    ).problem()
     data = msgspec.structs.replace(problem.table.data, gains=GainsTable(kp=100.0))
     table = msgspec.structs.replace(problem.table, data=data)
     with pytest.raises(ProblemError, match="computes torque from the joints' commands"):
         check_gains(replace(problem, table=table), files["loaded"], known_mass=1.0)
 
 
+@pytest.mark.slow
 def test_a_link_that_is_called_load_is_no_obstacle(tmp_path):
     file = tmp_path / "robot.urdf"
     file.write_text(urdf().replace('"link3"', '"load"'))

@@ -71,6 +71,7 @@ def test_the_tool_s_frame_is_that_of_the_file(found):
     np.testing.assert_allclose(place.homogeneous, FLANGE.homogeneous, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_tool_s_place_is_given_in_the_frame_of_the_flange(problem, files, found):
     place = [0.0, 0.0, 0.2, 0.0, 0.0, np.pi / 2]
     other = weigh_load(problem, files["loaded"], link="flange", tool=place)
@@ -101,6 +102,7 @@ def test_poses_at_rest_show_mass_and_centre_of_mass_alone(still):
     assert not still.for_controller.inertia.any()
 
 
+@pytest.mark.slow
 def test_without_a_load_none_is_seen(problem, files):
     found = weigh_load(problem, files["again"], link="flange")
     assert found.verdict.word == "do not use"
@@ -117,6 +119,7 @@ def test_without_a_load_none_is_seen(problem, files):
         overlooked.for_controller  # noqa: B018
 
 
+@pytest.mark.slow
 def test_arms_of_vertical_axes_do_not_show_the_height_of_the_centre(
     tmp_path, monkeypatch
 ):
@@ -183,6 +186,7 @@ def test_a_known_mass_shows_and_corrects_gains_that_are_off(files, tmp_path):
     assert found.in_flange.low[0] < LOAD.mass < found.in_flange.high[0]
 
 
+@pytest.mark.slow
 def test_right_gains_are_left_alone(problem, files):
     found = weigh_load(problem, files["loaded"], known_mass=LOAD.mass)
     assert not found.corrected
@@ -212,6 +216,7 @@ def test_frames_that_make_no_sense_are_refused(problem, files):
         weigh_load(load_problem("problems/rx60"), loaded)
 
 
+@pytest.mark.slow
 def test_rows_are_those_of_the_logs_with_the_load(problem, files):
     whole = weigh_load(problem, files["loaded"], link="flange")
     half = weigh_load(problem, files["loaded"], link="flange", rows=(1, 500))
@@ -252,6 +257,7 @@ def test_the_shell_refuses_a_name_before_it_reads_logs(tmp_path, capsys, name):
     assert f"name of the load is {name!r}" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_shell_writes_nothing_of_a_load_that_is_not_seen(files, tmp_path, capsys):
     out = tmp_path / "out"
     words = ["payload", files["robot"], files["empty"], "--loaded", files["again"]]

@@ -67,6 +67,7 @@ def problem(tmp_path_factory):
     return ci.load_problem(folder)
 
 
+@pytest.mark.slow
 def test_a_sensor_shows_the_load_s_ten_parameters(problem):
     found = weigh_load(problem, problem.folder / "loaded.csv", tool=[0.0, 0.0, 0.1])
     assert found.verdict.word == "use"
@@ -84,6 +85,7 @@ def test_a_sensor_shows_the_load_s_ten_parameters(problem):
     assert "to put into the body link3" in text
 
 
+@pytest.mark.slow
 def test_a_mass_from_a_scale_is_kept_and_compared(problem):
     loaded = problem.folder / "loaded.csv"
     found = weigh_load(problem, loaded, known_mass=2.0)
