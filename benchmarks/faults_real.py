@@ -39,6 +39,9 @@ RECORDINGS = {
 """Recordings to learn from, and to be predicted: of the TX40 there is one, whole."""
 
 WRONG, TIMES = 0.05, 1.5  # error, and times that of the whole log, that is wrong
+HARM, FAR = 0.10, 2.0  # the same, that harms
+OF_MOTION = ("short", "small motion", "slow motion", "rank")
+"""Kinds that are true of a log without its fault, and name no cause."""
 
 
 @dataclass(frozen=True)
@@ -250,6 +253,15 @@ class Outcome:
         """What was done to it."""
         return self.name.partition("/")[2]
 
+    def harmful(self, whole: float) -> bool:
+        """Whether an estimate was made that is wrong enough to do harm."""
+        return self.error > max(HARM, FAR * whole)
+
+    @property
+    def causes(self) -> set[str]:
+        """The kinds that were named as a cause."""
+        return {*self.faults, *self.warnings} - {*UNNAMED, *OF_MOTION}
+
     def answer(self, whole: float) -> str:
         """Return how it was answered, beside the error from the whole log."""
         kinds = SPOILS[self.label][0]
@@ -358,11 +370,32 @@ def page(outcomes: dict[str, Outcome]) -> str:
         "",
         f"{len(answers)} of {spoilt} spoilt logs: {counts}.",
         "",
+        *_figures(outcomes),
+        "",
         "| spoilt by | arm | verdict | findings | error | answer |",
         "|---|---|---|---|---:|---|",
         *(f"| {' | '.join(row)} |" for row in sorted(rows)),
     ]
     return "\n".join(lines) + "\n"
+
+
+def _figures(outcomes: dict[str, Outcome]) -> list[str]:
+    """Return verdicts on harmful estimates, and how often a named cause is right."""
+    spoilt = [found for found in outcomes.values() if found.label != "whole"]
+    words = [
+        found.said
+        for found in spoilt
+        if found.harmful(outcomes[f"{found.name.partition('/')[0]}/whole"].error)
+    ]
+    named = [found for found in spoilt if found.causes]
+    right = sum(bool(f.causes & set(SPOILS[f.label][0])) for f in named)
+    return [
+        f"The error is above {HARM:.0%} and above {FAR:g} times that without the fault",
+        f"for {len(words)} estimates: {words.count('use')} of them are `use`,",
+        f"{words.count('use with care')} `use with care`, {words.count('do not use')}",
+        f"`do not use`. A cause is named for {len(named)} logs; for {right} of them it",
+        "is among those of the fault.",
+    ]
 
 
 def kept(file: Path | None) -> dict[str, Outcome]:

@@ -69,6 +69,7 @@ _OF_OTHER_ROBOTS = {
     "offset zero",
     "model does not explain",
 }
+_OF_THE_ROBOT = ("coupling",)  # parts of the robot, not faults of a log
 _PULL = 1e-4  # weight of the squared distance to the nominal robot
 
 
@@ -111,6 +112,22 @@ def diagnose(
         Faults of the clock and of the kinematics are reported alone, because faults of
         the torque follow from them.  Only the torque of the model's `torque_joints` is
         examined.  For a robot with a floating base each channel is examined by itself.
+
+    Examples
+    --------
+    >>> import dataclasses
+    >>> import consistent_id as ci
+    >>> arm = ci.from_modified_dh("arm", [ci.DHRow(-np.pi / 2, 0.0)])
+    >>> model = ci.TorqueModel(arm, ci.DriveTerms(viscous=True))
+    >>> t = np.arange(2000)[:, None] / 100
+    >>> q, dq, ddq = 2 * np.sin(3 * t), 6 * np.cos(3 * t), -18 * np.sin(3 * t)
+    >>> motion = ci.Recording(("joint1",), t[:, 0], q, dq, ddq)
+    >>> body = [2.0, 0.6, 0, 0, 0.05, 0, 0.3, 0, 0, 0.3]  # kg, kg m, kg m^2
+    >>> log = ci.simulate_torque(model, [*body, 0.4], motion)
+    >>> spike = log.torque + 1e3 * (t == 5.0)
+    >>> wrong = dataclasses.replace(log, torque=spike)
+    >>> "outliers" in [found.kind for found in ci.diagnose(model, wrong).findings]
+    True
     """
     training = [training] if isinstance(training, Recording) else list(training)
     constraints = datasheet_constraints(model) if constraints is None else constraints
@@ -136,6 +153,7 @@ def diagnose(
         else:
             found += [replace(f, recording=log.name) for f in of_one]
     found += _of_all(open_) if open_ else []
+    found = _of_the_robot(found, {log.name for log in training})
     signs = [f for f in found if f.severity != "note" and f.kind in _OF_OTHER_ROBOTS]
     if signs:
         logs = [rows(log).of(model.robot.joint_names) for log in training]
@@ -147,6 +165,28 @@ def diagnose(
     names = {log.name for log in looked_at[len(training) :]}
     found = _of_short_validation(found, names - {log.name for log in training})
     return Diagnosis(tuple(found), tuple(log.name for log in looked_at))
+
+
+def _of_the_robot(
+    found: Sequence[LogFinding], training: Collection[str]
+) -> list[LogFinding]:
+    """Turn parts that the robot seems to have in validation alone into notes.
+
+    A robot has a gear coupling in all logs, or in none.
+    """
+    seen = {(f.kind, f.where) for f in found if f.recording in training}
+    return [
+        replace(
+            f,
+            severity="note",
+            statement=f"{f.statement}; no training recording shows it",
+        )
+        if f.kind in _OF_THE_ROBOT
+        and f.recording not in training
+        and (f.kind, f.where) not in seen
+        else f
+        for f in found
+    ]
 
 
 def _of_short_validation(

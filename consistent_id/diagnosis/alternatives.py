@@ -93,8 +93,6 @@ def _other_gain(as_is: FittedLog) -> Iterator[Candidate]:
 
     Several joints carry one body, so that their torques have to agree.
     """
-    from scipy.optimize import minimize_scalar
-
     factors = as_is.factors
     everyone, names = factors.model.robot.joint_names, factors.model.torque_joints
     if as_is.misfit < _EXPLAINED or len(names) < 2:
@@ -110,6 +108,8 @@ def _other_gain(as_is: FittedLog) -> Iterator[Candidate]:
     name, start = names[j], float(np.log(_GAINS[k]))
     if tried[j, k] * _THRESHOLD > factors.least_misfit():
         return
+    from scipy.optimize import minimize_scalar  # its import takes longer than the rest
+
     near = minimize_scalar(
         lambda logarithm: changed(name, logarithm).least_misfit(),
         bounds=(start - 0.4, start + 0.4),
@@ -134,31 +134,35 @@ def _other_clock(as_is: FittedLog) -> Iterator[Candidate]:
     velocities at which friction changes: a model that has them wrong is no wrong clock,
     and explains the log as well with these velocities alone changed.
     """
-    from scipy.optimize import minimize_scalar
-
     if as_is.misfit < _EXPLAINED:
         return
     model, base = as_is.factors.model, as_is.factors.base
     screen = Screen.of(as_is)
 
-    def least(model: TorqueModel, log: Recording) -> float:
-        return screen.least_misfit(channel_factors(model, base, [log])[0])
+    def left(speeds: Sequence[float]) -> list[float]:
+        logs = [_at_speed(screen.few, speed) for speed in speeds]
+        return [screen.least_misfit(f) for f in channel_factors(model, base, logs)]
 
-    def left(logarithm: float) -> float:
-        return least(model, _at_speed(screen.few, float(np.exp(logarithm))))
-
-    tried = [left(float(s)) for s in np.log(_SPEEDS)]
+    tried = left(_SPEEDS)
     k = int(np.argmin(tried))
     if k in (0, len(tried) - 1) or _SPEEDS[k] == 1.0:
         return  # at the ends the torque is all gravity, or all inertia
     if min(tried) * _OF_TIME > tried[_SPEEDS.index(1.0)]:
         return
-    other_edges = (_with_edges(model, speed) for speed in _SPEEDS)
-    edges = [least(other, screen.few) for other in other_edges]
+    others = (_with_edges(model, speed) for speed in _SPEEDS)
+    edges = [
+        screen.least_misfit(channel_factors(other, base, [screen.few])[0])
+        for other in others
+    ]
     if min(tried) * _OF_TIME > min(edges):
         return
+    from scipy.optimize import minimize_scalar
+
     inner = np.log(_SPEEDS)[[k - 1, k + 1]]
-    speed = float(np.exp(minimize_scalar(left, bounds=inner, method="bounded").x))
+    best = minimize_scalar(
+        lambda size: left([float(np.exp(size))])[0], bounds=inner, method="bounded"
+    )
+    speed = float(np.exp(best.x))
     cause = Cause(
         "clock",
         "time",
@@ -318,7 +322,10 @@ def _angle(model: TorqueModel, gravity: Vector) -> float:
 def _words(model: TorqueModel, turned: Vector) -> str:
     text = ", ".join(f"{g:.2f}" for g in turned)
     degrees = np.degrees(_angle(model, turned))
-    return f"gravity along ({text}) m/s^2, {degrees:.0f} degrees from the model's"
+    return (
+        f"gravity along ({text}) m/s^2 (--gravity {text.replace(',', '')}), "
+        f"{degrees:.0f} degrees from the model's"
+    )
 
 
 def gravity_in(model: TorqueModel, recording: Recording) -> Vector:

@@ -148,7 +148,8 @@ def channel_factors(
         Motions from which the drives' columns are taken, if not from `recordings`.
     """
     others = [None] * len(recordings) if drives is None else drives
-    read = {id(log): _drive_rows(model, base, log) for log in others if log is not None}
+    each = {id(log): log for log in others if log is not None}
+    read = {key: _drive_rows(model, base, log) for key, log in each.items()}
     placed = _of_drives(model, base)
     motions = [motion_of(model, recording, None) for recording in recordings]
     found = []

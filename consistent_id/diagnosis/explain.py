@@ -32,6 +32,7 @@ from consistent_id.errors import InfeasibleError, SolverError
 from consistent_id.estimation.best_fit import BestFit, best_fit
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.filtered_rows import altered
+from consistent_id.recordings.signals.filters import spaced
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.regression.regressor import TorqueModel
@@ -231,8 +232,8 @@ def fitted_log(
 
 
 def thinned(recording: Recording, samples: int) -> Recording:
-    """Return evenly spaced samples of a recording, at most `samples` of them."""
-    return recording.samples(slice(None, None, -(-len(recording) // samples)))
+    """Return evenly spaced samples of a recording, about `samples` of them at most."""
+    return spaced(recording, -(-len(recording) // samples))
 
 
 def explanations(
@@ -341,7 +342,7 @@ class Screen:
         """Return the samples of a log on which changes are tried."""
         model, base = log.factors.model, log.factors.base
         few = thinned(log.recording, _SCREENED)
-        bare = thinned(of_samples(log.recording), _SCREENED)
+        bare = of_samples(few)
         filtered, coarse = (
             channel_factors(model, base, [one])[0].least_misfit() for one in (few, bare)
         )
@@ -393,9 +394,9 @@ def explanation_finding(explanation: Explanation) -> LogFinding:
         c.kind,
         "fault",
         c.where,
-        f"{c.statement}, a physically consistent robot with the datasheet's values "
-        f"leaves {explanation.misfit:.1%} of each joint's torque unexplained (root "
-        f"mean square over joints); as it is, {explanation.as_is:.1%}",
+        f"{c.statement}, {explanation.misfit:.1%} instead of {explanation.as_is:.1%} "
+        "of each joint's torque is unexplained by a physically consistent robot with "
+        "the datasheet's values (root mean square over joints)",
         c.advice,
         explanation.score,
     )

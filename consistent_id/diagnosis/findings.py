@@ -77,8 +77,9 @@ def _looked_for(found: Diagnosis) -> str:
     if not found.by_themselves:
         return f"looked for: {_LOOKED_FOR}"
     return (
-        f"looked for: {_OF_SIGNALS}; not for signs, gains, exchanged channels and "
-        "lags, which can only be found for a robot on a fixed base"
+        f"looked for: {_OF_SIGNALS}; not for signs, gains and exchanged channels, "
+        "which can only be found for a robot on a fixed base, and for lags only with "
+        'delays = { torque = "estimated" } in [data.preparation]'
     )
 
 

@@ -26,11 +26,11 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.filters import zero_phase
 from consistent_id.recordings.signals.repetitions import estimated_period
 from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.linear import column_sizes, smallest_solution
+from consistent_id.regression.linear import column_sizes, extended, smallest_solution
 from consistent_id.regression.regression import triangle
 from consistent_id.regression.regressor import TorqueModel
 
-_SEGMENTS = 20
+SEGMENTS = 20
 RANK = 1e-6  # of the largest singular value of unit columns
 _LOST = 1e-6  # squared share in the null space of an undetermined parameter
 _TINY = 1e-300  # least divisor in place of an error of zero
@@ -76,7 +76,7 @@ class Jackknife:
         A, z = self.whole[:, columns], self.whole[:, -1]
         _, s, Vt = np.linalg.svd(A / column_sizes(A), full_matrices=False)
         kept = Vt[s > RANK * s.max(initial=0.0)]
-        x = smallest_solution(A, z, RANK)
+        x = self.solution(columns)
         moves = [
             smallest_solution(F[:, columns], F[:, -1], RANK) - x for F in self.others
         ]
@@ -85,6 +85,15 @@ class Jackknife:
         lost = 1.0 - np.sum(kept**2, axis=0) > _LOST
         errors = np.where(lost, np.inf, np.maximum(errors, _TINY))
         return Fitted(x, errors, float(np.linalg.norm(z - A @ x)))
+
+    def solution(self, columns: list[int]) -> Vector:
+        """Return the solution of `fitted` alone."""
+        return smallest_solution(self.whole[:, columns], self.whole[:, -1], RANK)
+
+    def misfit(self, columns: list[int]) -> float:
+        """Return the misfit of `fitted` alone."""
+        A, z = self.whole[:, columns], self.whole[:, -1]
+        return float(np.linalg.norm(z - A @ self.solution(columns)))
 
     def by_instrument(self, column: int, instrument: int) -> Fitted:
         """Solve ``a x = z`` for one column ``a`` by an instrument ``w``.
@@ -108,28 +117,38 @@ class Jackknife:
 
     def __add__(self, other: "Jackknife") -> "Jackknife":
         """Return the factors of both together; each pair of segments is left out."""
-        others = map(_factor, self.others, other.others)
-        return Jackknife(_factor(self.whole, other.whole), tuple(others))
+        others = map(_merged, self.others, other.others)
+        return Jackknife(_merged(self.whole, other.whole), tuple(others))
 
     def without(self, count: int) -> "Jackknife":
         """Eliminate the first columns: the others become orthogonal to them.
 
         Columns that only have rounding errors left become zero.
         """
-        kept, rest = _independent(self.whole[:, :count]), self.whole[:, count:]
+        sizes = np.linalg.norm(self.whole[:, count:], axis=0)
+        return self.eliminated(count).cleared(sizes)
+
+    def eliminated(self, count: int) -> "Jackknife":
+        """Eliminate the first columns, as `without`; rounding errors are left."""
+        kept = _independent(self.whole[:, :count]) if count else []
         rank = len(kept)
-        eliminated = [
+        whole, *others = (
             _factor(np.column_stack([F[:, kept], F[:, count:]]))[rank:, rank:]
             for F in (self.whole, *self.others)
-        ]
-        sizes = np.linalg.norm(rest, axis=0)
-        left = np.linalg.norm(eliminated[0], axis=0) > RANK * sizes
+        )
+        return Jackknife(whole, tuple(others))
+
+    def cleared(self, sizes: Vector) -> "Jackknife":
+        """Make columns zero that are rounding errors beside the given sizes."""
+        left = np.linalg.norm(self.whole, axis=0) > RANK * sizes
         left[-1] = True
-        whole, *others = (F * left for F in eliminated)
+        whole, *others = (F * left for F in (self.whole, *self.others))
         return Jackknife(whole, tuple(others))
 
 
-def jackknife(A: Array, z: Matrix, phase: Vector | None = None) -> Jackknife:
+def jackknife(
+    A: Array, z: Matrix, phase: Vector | None = None, *, segments: int = SEGMENTS
+) -> Jackknife:
     """Compress segments, and all but one of them.
 
     Parameters
@@ -141,17 +160,21 @@ def jackknife(A: Array, z: Matrix, phase: Vector | None = None) -> Jackknife:
     """
     rows = np.concatenate([A, z[:, :, None]], axis=2)
     order = np.arange(rows.shape[1]) if phase is None else np.argsort(phase)
-    cuts = [c for c in np.array_split(order, _SEGMENTS) if len(c)]
+    cuts = [c for c in np.array_split(order, segments) if len(c)]
     parts = [_factor(rows[:, c].reshape(-1, rows.shape[2])) for c in cuts]
     none = np.zeros((0, rows.shape[2]))
-    before = list(accumulate(parts, _factor, initial=none))
-    after = list(accumulate(parts[::-1], _factor, initial=none))[::-1]
-    others = tuple(map(_factor, before[:-1], after[1:]))
+    before = list(accumulate(parts, _merged, initial=none))
+    after = list(accumulate(parts[::-1], _merged, initial=none))[::-1]
+    others = tuple(map(_merged, before[:-1], after[1:]))
     return Jackknife(before[-1], others)
 
 
 def _factor(*rows: Matrix) -> Matrix:
     return triangle(np.asfortranarray(np.vstack(rows)))
+
+
+def _merged(one: Matrix, other: Matrix) -> Matrix:
+    return extended(np.array(one, order="F"), np.array(other, order="F"))
 
 
 def _independent(columns: Matrix) -> list[int]:
@@ -277,10 +300,13 @@ def _smooth(values: Array, cutoff: float, rate: float) -> Array:
     """Low-pass along samples, both ways; unchanged if the cut-off is near the rate."""
     if cutoff >= 0.4 * rate:
         return values
-    columns = values.reshape(-1, values.shape[-1]).T
+    series = values.reshape(-1, values.shape[-1])
+    there = series.any(axis=1)  # more than half are zero: columns of other joints
+    columns = series[there].T
     pad = min(len(columns) - 1, _PAD)
-    smooth = zero_phase(columns, cutoff=cutoff, rate=rate, order=4, pad=pad)
-    return smooth.T.reshape(values.shape)
+    smooth = np.zeros_like(series)
+    smooth[there] = zero_phase(columns, cutoff=cutoff, rate=rate, order=4, pad=pad).T
+    return smooth.reshape(values.shape)
 
 
 def _misfits(rows: Array, torque: Matrix) -> Vector:

@@ -8,16 +8,16 @@ noise.  Torque and motion are changed before the filter, too (`altered`).
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
+from consistent_id._support.caches import kept_with
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.motion_arrays import Motion, motion_of
+from consistent_id.regression.position_slopes import position_slopes
 from consistent_id.regression.regressor import TorqueModel
 
-_STEP = 1e-4  # rad or m, of the finite differences
 _SPEEDS = (0.01, 0.05, 0.25)  # shares of top speed at which friction changes
 
 
@@ -77,16 +77,22 @@ class SampleRows:
         names = self.model.robot.joint_names
         return [names.index(name) for name in self.model.torque_joints]
 
-    @property
-    def at_rest(self) -> "SampleRows":
-        """The rows of the same positions without motion."""
-        still, rows = np.zeros_like(self.motion.dq), self.motion.filtered
-        rest = self.motion._replace(dq=still, ddq=still)
-        if rows is not None:
-            still = np.zeros_like(rows.along.dq)
-            along = rows.along._replace(dq=still, ddq=still)
-            rest = rest._replace(filtered=replace(rows, along=along))
-        return replace(self, motion=rest)
+    def at_rest(self, bodies: Vector, gravity: Vector) -> Matrix:
+        """Return the torque of bodies at the same positions, without motion.
+
+        Parameters
+        ----------
+        bodies : ndarray, shape (10 links,)
+        gravity : ndarray, shape (3,), [m/s^2]
+
+        Returns
+        -------
+        ndarray, shape (torque joints, samples)
+        """
+        robot = replace(self.model.robot, gravity=gravity)
+        bare = TorqueModel(robot, torque_joints=self.model.torque_joints)
+        torque = bare.rigid_torque(bodies, (self.along.q, None, None))
+        return self.filtered(torque.T[:, None])[:, 0]
 
     def regressor(self) -> Array:
         """Return all columns, shape (torque joints, parameters, samples)."""
@@ -131,8 +137,6 @@ class SampleRows:
     def slopes_by_position(self, x: Vector, joints: Sequence[int]) -> Array:
         """Return slopes of the torque over positions of some joints.
 
-        By finite differences.
-
         Parameters
         ----------
         x : ndarray, shape (parameters,)
@@ -142,22 +146,10 @@ class SampleRows:
         -------
         ndarray, shape (torque joints, joints given, samples)
         """
-        model, (q, dq, ddq), slopes = self.model, self.along[:3], []
-        bodies, drives = np.split(x, [model.layout.inertial_size])
-
-        def torque(moved: Array) -> Array:
-            if drives.any():
-                return model.predict(x, moved, dq, ddq)
-            return model.rigid_torque(bodies, (moved, dq, ddq))
-
-        for joint in joints:
-            step = _STEP * (np.arange(q.shape[1]) == joint)
-            change = torque(q + step) - torque(q - step)
-            slopes.append(change.T / (2 * _STEP))
-        return self.filtered(np.stack(slopes, axis=1))
+        return self.filtered(position_slopes(self.model, x, self.along[:3], joints))
 
 
-@lru_cache(maxsize=4)
+@kept_with(1, most=4)
 def _every_sample(model: TorqueModel, recording: Recording) -> Motion:
     """Return a row for each sample, the same ones each time: their columns are kept.
 

@@ -134,7 +134,7 @@ def moved_channels(
         found = _composed(sizes, shifts.sizes, joints)
         found[joints:] = np.clip(1.0 + found[joints:], *_FACTORS) - 1.0
         scores = _scores(found, least, shifts.errors)
-        as_is = pooled.fitted(off).misfit
+        as_is = pooled.misfit(off)
         worth = shifts.misfits**2 <= (1.0 - _SHARE) * as_is**2
         fresh = (scores >= 1.0) & worth & ~np.isin(range(len(least)), off)
         rest = [int(k) for k in np.flatnonzero(fresh)]
@@ -177,7 +177,7 @@ def _together(system: Jackknife, alone: Shifts, least: Vector) -> dict[int, floa
     """Return zero offsets that are certain only together: opposite ones cancel."""
     seen = np.flatnonzero(np.isfinite(alone.errors[: len(least)]))
     fit = system.fitted(seen.tolist())
-    if fit.misfit**2 > (1.0 - _SHARE) * system.fitted([]).misfit ** 2:
+    if fit.misfit**2 > (1.0 - _SHARE) * system.misfit([]) ** 2:
         return {}
     scores = _scores(fit.solution, least[seen], fit.errors)
     return {
@@ -298,6 +298,7 @@ def _gain(joint: str, c: float, score: float) -> LogFinding:
         f"check the gain and gear ratio of {joint} (times {1.0 / (1.0 + c):.3g} would "
         "fit)",
         float(score),
+        size=f"{1.0 + c:.3g}",
     )
 
 

@@ -497,4 +497,5 @@ def _gain(
     advice = f"check the gain (times {factor:.3g} would fit), or the model's masses"
     if where == "all joints":
         statement = f"{statement} ({_slopes(parts)})"
-    return LogFinding(kind, severity, where, statement, advice, 1.5)
+    size = f"{1.0 / factor:.3g}"
+    return LogFinding(kind, severity, where, statement, advice, 1.5, size=size)

@@ -14,8 +14,11 @@ each joint gets a rotor inertia and friction that the model may lack.
 
 The error of ``f`` joins two: that of the likelihood, and the scatter when one of twenty
 segments is left out (`Jackknife`), which contains what the model does not explain.
-Noise is in both, so the error is too large where nothing else is wrong: under white
-noise 1.6 times for the zero of a joint (`benchmarks/coverage_bodies.py`).
+Noise is in both, so the error is too large where nothing else is wrong
+(`benchmarks/coverage_bodies.py` measures the zero of a joint).
+A factor is the same in all logs.  Where each log by itself gives another size, what the
+model lacks stands in for the factor, and the error grows by the ratio of Birge
+(`_disagreement`).
 Some robots' bodies are worse known than the widths say.  That shows when ``f`` is taken
 out of the log: the sum of squares then exceeds that without the nominal bodies by more
 than one for each base parameter, and all widths are multiplied by the root of that
@@ -32,10 +35,13 @@ from consistent_id.diagnosis.factor_rows import (
     LEAN,
     Factor,
     FactorLogs,
+    FactorRows,
     factor_system,
     factors_of,
     leaning,
+    least_costs,
     least_misfit,
+    relative_noise,
 )
 from consistent_id.diagnosis.findings import LogFinding, Severity
 from consistent_id.diagnosis.linearise import Jackknife
@@ -51,7 +57,7 @@ _ALIKE = 0.8  # share of the best explanation that rivals reach
 
 # Standard errors from which on a factor is a warning, and a fault.  Of right logs of
 # five real arms (benchmarks/whole_robot.py), the largest are 2.4 for the clock, 2.8 for
-# zeros up to `_FARTHEST` and 2.1 for the base; for gains 1.8, and 2.9 for a KUKA whose
+# zeros up to `_FARTHEST` and 2.1 for the base; for gains 1.3, and 3.4 for a KUKA whose
 # counterbalance its model lacks: that is a warning.
 _LIKELY, _SURE = 3.0, 5.0
 _LIKELY_ONE = 2.5  # the same for clock and gain: there is one of each, not one a joint
@@ -104,7 +110,7 @@ def whole_robot_factors(as_is: FactorLogs) -> list[FoundFactor]:
         Those that the logs determine.
     """
     factors = factors_of(as_is.model)
-    system = factor_system(as_is, factors, instruments=True)
+    system = factor_system(as_is, factors)
     level = [k for k, f in enumerate(factors) if f.kind == "gravity"]
     first = [f for f in _alone(system, factors) if f.factor.kind != "gravity"]
     if level:
@@ -113,14 +119,15 @@ def whole_robot_factors(as_is: FactorLogs) -> list[FoundFactor]:
             first += _estimated(as_is, [_lean(as_is, turn)])
     likely = [f for f in first if f.ratio >= _gate(f.factor)]
     likely = sorted(likely, key=lambda f: -f.explained)[:_TRIED]
-    settled = [_settled(as_is, found.factor) for found in likely]
+    cost = least_costs(as_is)[0] if likely else 0.0
+    settled = [_settled(as_is, found, cost) for found in likely]
     rest = [f for f in first if f not in likely]
     return sorted([*settled, *rest], key=lambda f: -f.explained)
 
 
 def _turn(system: Jackknife, factors: Sequence[Factor], level: list[int]) -> Vector:
     """Return the turn of gravity about two level axes together, a vector [rad]."""
-    angles = system.fitted(level).solution
+    angles = system.solution(level)
     return np.asarray(angles @ np.array([factors[k].axis for k in level]))
 
 
@@ -137,50 +144,93 @@ def _lean(as_is: FactorLogs, turn: Vector) -> Factor:
             break
         turned = leaning(state.model, tuple(turn / size), min(size, _LARGEST))
         axis = np.cross(gravity, np.asarray(turned.robot.gravity))
-        state = replace(state, model=turned)
+        state = replace(state, rows=FactorRows(turned, state.logs))
         factors = [f for f in factors_of(state.model) if f.kind == "gravity"]
-        turn = _turn(factor_system(state, factors), factors, [0, 1])
+        turn = _turn(factor_system(state, factors, scatter=False), factors, [0, 1])
     axis = axis / np.linalg.norm(axis)
     return Factor("gravity", "base", LEAN, axis=tuple(axis.tolist()))
 
 
-def _settled(as_is: FactorLogs, factor: Factor) -> FoundFactor:
-    """Estimate a factor anew with the logs without it, until it changes little."""
-    size, error = _converged(as_is, factor)
+def _settled(as_is: FactorLogs, first: FoundFactor, cost: float) -> FoundFactor:
+    """Estimate a factor anew with the logs without it, until it changes little.
+
+    The residual of the logs as they are contains the fault itself.  So the noise is
+    estimated again from the logs without it.
+
+    Parameters
+    ----------
+    first : FoundFactor
+        As it was estimated from the logs as they are.
+    cost : float
+        Least sum of squares of the logs as they are.
+    """
+    factor = first.factor
+    size, _ = _converged(as_is, first)
     without = as_is.without(factor, size)
-    left = _cost(without)
-    bodies = left - _cost(without, nominal=False)
-    inertial = _inertial(as_is.model)
-    explained = _cost(as_is) - left
+    explained = cost - least_costs(without)[0]
+    state = replace(as_is, noise=relative_noise(without.rows))
+    size, error = _converged_from(state, factor, size)
+    left, of_drives = least_costs(state.without(factor, size))
+    bodies, inertial = left - of_drives, _inertial(as_is.model)
     if bodies > inertial:
-        wider = replace(as_is, widths=as_is.widths * np.sqrt(bodies / inertial))
-        size, error = _converged(wider, factor)
+        state = replace(state, widths=state.widths * np.sqrt(bodies / inertial))
+        size, error = _converged_from(state, factor)
+    error *= _disagreement(state, factor)
     return FoundFactor(factor, size, error, explained)
 
 
-def _converged(as_is: FactorLogs, factor: Factor) -> tuple[float, float]:
-    """Return the size and the error with which a factor settles."""
-    size, error = 0.0, np.inf
+def _disagreement(state: FactorLogs, factor: Factor) -> float:
+    """Return how much farther apart logs are than their errors allow, at least one.
+
+    With sizes ``f_k`` and errors ``s_k`` of ``n`` logs by themselves, and the mean
+    ``f`` of the sizes weighted with ``1 / s_k^2``, it is the ratio of Birge,
+    ``sqrt(sum_k (f_k - f)^2 / s_k^2 / (n - 1))``.
+    """
+    if len(state.logs) < 2:
+        return 1.0
+    alone = [replace(state, rows=FactorRows(state.model, [log])) for log in state.logs]
+    found = np.array([_converged_from(one, factor) for one in alone])
+    sizes, errors = found[np.isfinite(found[:, 1])].T
+    if len(sizes) < 2:
+        return 1.0
+    mean = np.average(sizes, weights=errors**-2)
+    squares = float(np.sum(((sizes - mean) / errors) ** 2)) / (len(sizes) - 1)
+    return max(float(np.sqrt(squares)), 1.0)
+
+
+def _converged_from(
+    state: FactorLogs, factor: Factor, start: float = 0.0
+) -> tuple[float, float]:
+    """Return the size and the error with which a factor settles, from a first size."""
+    found = _estimated(state.without(factor, start), [factor])
+    return _converged(state, found[0], start) if found else (start, np.inf)
+
+
+def _converged(
+    as_is: FactorLogs, first: FoundFactor, start: float = 0.0
+) -> tuple[float, float]:
+    """Return the size and the error with which a factor settles.
+
+    Parameters
+    ----------
+    first : FoundFactor
+        As it was estimated with the first size taken out of the logs.
+    """
+    size, found = start, [first]
     for _ in range(_ROUNDS):
-        found = _estimated(as_is.without(factor, size), [factor])
-        if not found:
-            break
         step = float(np.clip(found[0].size, -_LARGEST, _LARGEST))
         size, error = size + step, found[0].error
         if abs(step) <= _SETTLED:
             break
+        found = _estimated(as_is.without(first.factor, size), [first.factor])
+        if not found:
+            break
     return size, error
-
-
-def _cost(state: FactorLogs, *, nominal: bool = True) -> float:
-    """Return the least sum of squares: of the torque, and of the bodies' distance."""
-    z = factor_system(state, (), nominal=nominal).whole[:, -1]
-    return float(z @ z)
 
 
 def _estimated(state: FactorLogs, factors: Sequence[Factor]) -> list[FoundFactor]:
     """Linearise once, and estimate each factor without the others."""
-    return _alone(factor_system(state, factors, instruments=True), factors)
+    return _alone(factor_system(state, factors), factors)
 
 
 def _alone(system: Jackknife, factors: Sequence[Factor]) -> list[FoundFactor]:
@@ -191,7 +241,7 @@ def _alone(system: Jackknife, factors: Sequence[Factor]) -> list[FoundFactor]:
             continue
         one = _by_least_squares(system, k, factor)
         if factor.kind == "masses or gain":
-            one = _nearer_to_none(one, _by_nominal(system, k, len(factors) + k, factor))
+            one = _nearer_to_none(one, _by_nominal(system, k, len(factors), factor))
         found.append(one)
     return found
 
@@ -257,8 +307,17 @@ def factor_findings(
             f"{_WITHOUT[best.factor.kind]}",
             _ADVICE[best.factor.kind],
             min(best.ratio / _gate(best.factor), abs(best.size) / best.factor.least),
+            size="" if rivals else _size(best),
         )
     ]
+
+
+def _size(found: FoundFactor) -> str:
+    """Return a factor of clock or torque in words."""
+    if found.factor.kind not in ("clock", "masses or gain"):
+        return ""
+    factor = float(np.exp(found.size))
+    return f"{factor:.3g} +- {factor * found.error:.2g}"
 
 
 _WITHOUT = {
@@ -318,16 +377,17 @@ def _distance(as_is: FactorLogs) -> float:
     factors = factors_of(as_is.model)
     costs = []
     for nominal in (True, False):
-        system = factor_system(as_is, factors, nominal=nominal)
-        seen = np.flatnonzero(np.linalg.norm(system.whole[:, :-1], axis=0) > 0.0)
-        costs.append(system.fitted(seen.tolist()).misfit ** 2)
+        system = factor_system(as_is, factors, nominal=nominal, scatter=False)
+        free = system.whole[:, : len(factors)]
+        seen = np.flatnonzero(np.linalg.norm(free, axis=0) > 0.0)
+        costs.append(system.misfit(seen.tolist()) ** 2)
     linear = costs[0] - costs[1]
     first = [f for f in _estimated(as_is, factors) if np.isfinite(f.error)]
     best = max(first, key=lambda f: f.explained, default=None)
     if best is not None:
-        size, _ = _converged(as_is, best.factor)
-        without = as_is.without(best.factor, size)
-        settled = _cost(without) - _cost(without, nominal=False)
+        size, _ = _converged(as_is, best)
+        left, of_drives = least_costs(as_is.without(best.factor, size))
+        settled = left - of_drives
         linear = min(linear, settled)
     return linear / _inertial(as_is.model)
 
@@ -337,9 +397,8 @@ def _distance_of_loaded(as_is: FactorLogs) -> float:
 
     Bodies of all last links and all factors together would explain too much.
     """
-    loaded = replace(as_is, loaded=True)
-    cost = _cost(loaded) - _cost(loaded, nominal=False)
-    return cost / _inertial(as_is.model)
+    left, of_drives = least_costs(replace(as_is, loaded=True))
+    return (left - of_drives) / _inertial(as_is.model)
 
 
 def _inertial(model: TorqueModel) -> int:
@@ -365,8 +424,7 @@ def _shown(found: FoundFactor) -> bool:
 def _cause(model: TorqueModel, found: FoundFactor) -> str:
     kind, size, error = found.factor.kind, found.size, found.error
     if kind in ("clock", "masses or gain"):
-        factor = float(np.exp(size))
-        said = f"{factor:.3g} +- {factor * error:.2g} times"
+        said = f"{_size(found)} times"
         if kind == "clock":
             return f"with a clock {said} as fast"
         return f"if the torque is {said} the robot's"
@@ -375,7 +433,8 @@ def _cause(model: TorqueModel, found: FoundFactor) -> str:
         along = ", ".join(f"{g:.2f}" for g in turned)
         return (
             f"if the base leans by {abs(np.degrees(size)):.2g} +- "
-            f"{np.degrees(error):.2g} degrees (gravity along ({along}) m/s^2)"
+            f"{np.degrees(error):.2g} degrees (gravity along ({along}) m/s^2: "
+            f"--gravity {along.replace(',', '')})"
         )
     joint, sign = model.robot.driven[found.factor.joint], "+" if size > 0.0 else "-"
     if joint.kind == "prismatic":

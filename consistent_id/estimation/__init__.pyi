@@ -24,11 +24,6 @@ from consistent_id.estimation.drive_calibration import (
 )
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import Fit
-from consistent_id.estimation.foot_radius import (
-    ContactRadius,
-    contact_radius,
-    with_radii,
-)
 from consistent_id.estimation.gains import DriveGains, identify_gains
 from consistent_id.estimation.instrumental import (
     EndogeneityTest,
@@ -37,6 +32,15 @@ from consistent_id.estimation.instrumental import (
 )
 from consistent_id.estimation.judgement import Evidence, judge
 from consistent_id.estimation.payload import Payload, identify_payload
+from consistent_id.estimation.radius_and_delay import (
+    ContactRadius,
+    RadiusAndDelay,
+    TorqueDelay,
+    contact_radius,
+    estimate_radius_and_delay,
+    with_radii,
+    without_torque_delay,
+)
 from consistent_id.estimation.resting import RestSpeed, rest_speed
 from consistent_id.estimation.robust import huber
 from consistent_id.estimation.shape_fit import ShapeFit, fit_shapes
@@ -58,10 +62,12 @@ __all__ = [
     "Fit",
     "JointSprings",
     "Payload",
+    "RadiusAndDelay",
     "Reason",
     "RegularisationPath",
     "RestSpeed",
     "ShapeFit",
+    "TorqueDelay",
     "Verdict",
     "best_cutoff",
     "command_delay",
@@ -70,6 +76,7 @@ __all__ = [
     "contradiction",
     "cross_validated",
     "endogeneity_test",
+    "estimate_radius_and_delay",
     "fit_calibration",
     "fit_shapes",
     "huber",
@@ -83,4 +90,5 @@ __all__ = [
     "to_cvxpy",
     "weighted_least_squares",
     "with_radii",
+    "without_torque_delay",
 ]

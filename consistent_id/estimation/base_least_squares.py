@@ -66,6 +66,20 @@ def least_squares(
     ------
     NotExcitedError
         If the data excite no parameter.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> arm = ci.from_modified_dh("arm", [ci.DHRow(-np.pi / 2, 0.0)])
+    >>> model = ci.TorqueModel(arm, ci.DriveTerms(viscous=True))
+    >>> q, dq, ddq = np.random.default_rng(0).normal(size=(3, 200, 1))
+    >>> motion = ci.Recording(("joint1",), np.arange(200) / 100, q, dq, ddq)
+    >>> body = [2.0, 0.6, 0, 0, 0.05, 0, 0.3, 0, 0, 0.3]  # kg, kg m, kg m^2
+    >>> log = ci.simulate_torque(model, [*body, 0.4], motion)
+    >>> regression = ci.build_regression(model, log)
+    >>> plain = ci.least_squares(model, regression)
+    >>> round(plain["joint1.viscous"], 6), len(plain.base)
+    (0.4, 4)
     """
     started = perf_counter()
     base = base_parameters(model) if base is None else base

@@ -104,6 +104,21 @@ def constrained_least_squares(
         If the data excite nothing, or the torque is zero.
     SolverError
         If no solver returns a usable point.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> arm = ci.from_modified_dh("arm", [ci.DHRow(-np.pi / 2, 0.0)])
+    >>> model = ci.TorqueModel(arm, ci.DriveTerms(viscous=True))
+    >>> q, dq, ddq = np.random.default_rng(0).normal(size=(3, 200, 1))
+    >>> motion = ci.Recording(("joint1",), np.arange(200) / 100, q, dq, ddq)
+    >>> body = [2.0, 0.6, 0, 0, 0.05, 0, 0.3, 0, 0, 0.3]  # kg, kg m, kg m^2
+    >>> log = ci.simulate_torque(model, [*body, 0.4], motion)
+    >>> regression = ci.build_regression(model, log)
+    >>> known = [ci.PhysicalConsistency(), ci.FixedMasses({"link1": 2.0})]
+    >>> found = ci.constrained_least_squares(model, regression, constraints=known)
+    >>> round(found["joint1.viscous"], 4), found.certificate.verdict
+    (0.4, 'certified')
     """
     started = perf_counter()
     base = base_parameters(model) if base is None else base

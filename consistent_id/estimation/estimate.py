@@ -23,6 +23,7 @@ from consistent_id.estimation.estimate_file import (
     finite_or_none,
     read_estimate,
 )
+from consistent_id.estimation.estimate_plot import draw_torque, torque_curves
 from consistent_id.estimation.fit import Fit
 from consistent_id.estimation.fitted_to import FittedSpan, FittedUnder
 from consistent_id.estimation.judgement import Evidence, judge
@@ -31,7 +32,6 @@ from consistent_id.estimation.torque_error import (
     measured_torque,
     prediction_errors,
 )
-from consistent_id.estimation.torque_plot import draw_torque, torque_curves
 from consistent_id.estimation.verdict import Verdict
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
@@ -111,6 +111,22 @@ class Estimate:
     fitted_under : FittedUnder, optional
         Constraints, prior and weights of a constrained estimate; None of any other, and
         of one that was read from a file.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> arm = ci.from_modified_dh("arm", [ci.DHRow(-np.pi / 2, 0.0)])
+    >>> model = ci.TorqueModel(arm, ci.DriveTerms(viscous=True))
+    >>> q, dq, ddq = np.random.default_rng(0).normal(size=(3, 200, 1))
+    >>> motion = ci.Recording(("joint1",), np.arange(200) / 100, q, dq, ddq)
+    >>> body = [2.0, 0.6, 0, 0, 0.05, 0, 0.3, 0, 0, 0.3]  # kg, kg m, kg m^2
+    >>> log = ci.simulate_torque(model, [*body, 0.4], motion)
+    >>> regression = ci.build_regression(model, log)
+    >>> estimate = ci.least_squares(model, regression)
+    >>> estimate.method, round(estimate["joint1.viscous"], 6)
+    ('least squares', 0.4)
+    >>> estimate.predict(log).shape, round(estimate.score(log).stacked, 6)
+    ((200, 1), 0.0)
     """
 
     method: str

@@ -76,6 +76,8 @@ class ReasonRecord(msgspec.Struct):
     word: Word
     statement: str
     advice: str
+    factor: str = ""
+    size: str = ""
 
 
 class SpanRecord(msgspec.Struct):

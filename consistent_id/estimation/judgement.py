@@ -8,6 +8,7 @@ the optimum is proven.  The worst reason decides.
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -20,11 +21,9 @@ from consistent_id.estimation.body_slopes import Slopes
 from consistent_id.estimation.drive_ratios import DriveRatios, drive_reasons
 from consistent_id.estimation.fit import Fit
 from consistent_id.estimation.slope_reasons import (
-    EFFORT_CARE,
     JOINT_MATTERS,
-    agreeing,
+    effort_reasons,
     slope_reasons,
-    slopes_of,
     where,
 )
 from consistent_id.estimation.torque_error import (
@@ -33,7 +32,14 @@ from consistent_id.estimation.torque_error import (
     stacked_beyond,
     stacked_error,
 )
-from consistent_id.estimation.verdict import Reason, Verdict, Word, percent, weighed
+from consistent_id.estimation.verdict import (
+    Reason,
+    Verdict,
+    Word,
+    factor_of,
+    percent,
+    weighed,
+)
 from consistent_id.recordings.recording import LogFinding
 from consistent_id.regression.mass_matrix import POSES
 from consistent_id.regression.residual_noise import WHITE
@@ -143,10 +149,19 @@ def judge(evidence: Evidence) -> Verdict:
     return weighed(evidence.method, found, evidence.accepted, error, recordings)
 
 
-def _of_slopes(evidence: Evidence) -> Iterator[Reason]:
-    """Compare the channel with the torque of the nominal bodies, joint by joint."""
+def _of_slopes(evidence: Evidence, *, of_faults: bool = False) -> Iterator[Reason]:
+    """Compare the channel with the torque of the nominal bodies, joint by joint.
+
+    Slopes of a kind, or of a factor, that a fault states follow it: it also says what
+    mends the log.
+    """
+    faults = [f for f in evidence.findings if f.severity == "fault"]
+    stated = {f.kind for f in faults}
+    stated |= {factor_of(f, evidence.findings)[0] for f in faults} - {""}
     if evidence.fit is not None:
-        yield from slope_reasons(evidence.fit, evidence.crossed)
+        for reason in slope_reasons(evidence.fit, evidence.crossed):
+            if (not stated.isdisjoint((reason.kind, reason.factor))) == of_faults:
+                yield reason
 
 
 def _of_findings(evidence: Evidence) -> Iterator[Reason]:
@@ -156,7 +171,8 @@ def _of_findings(evidence: Evidence) -> Iterator[Reason]:
         word: Word = "do not use" if finding.severity == "fault" else "use with care"
         where = ", ".join(w for w in (finding.recording, finding.where) if w)
         said = f"{where}: {finding.statement}"
-        yield Reason(finding.kind, word, said, finding.advice)
+        factor, size = factor_of(finding, evidence.findings)
+        yield Reason(finding.kind, word, said, finding.advice, factor, size)
 
 
 def _of_fit(evidence: Evidence) -> Iterator[Reason]:
@@ -320,33 +336,7 @@ def _of_channel(evidence: Evidence) -> Iterator[Reason]:
     fit = evidence.fit
     if fit is None:
         return
-    exceeds, usual = fit.efforts > EFFORT_CARE, evidence.usual_efforts
-    if usual is not None:
-        few = where(exceeds & (usual <= EFFORT_CARE))
-        exceeds = exceeds & (usual > EFFORT_CARE)
-        if few:
-            said = ", ".join(f"{fit.joints[j]} {fit.efforts[j]:.2g} times" for j in few)
-            yield Reason(
-                "effort limit",
-                "use",
-                f"peaks of torque exceed the model's effort limit: {said}; 99 % of the "
-                "samples do not",
-            )
-    beyond = where(exceeds)
-    if beyond:
-        said = ", ".join(f"{fit.joints[j]} {fit.efforts[j]:.2g} times" for j in beyond)
-        statement = f"torque exceeds the model's effort limit: {said}"
-        if agreeing(fit)[beyond].all():
-            statement += (
-                f"; but measured over nominal torque is {slopes_of(fit, beyond)}: "
-                "peaks, perhaps outliers, or a wrong limit"
-            )
-        yield Reason(
-            "effort limit",
-            "use with care",
-            statement,
-            "check the unit and gain of torque, or correct the limit",
-        )
+    yield from effort_reasons(fit, evidence.usual_efforts)
     if fit.drive_share < FRICTIONLESS:
         yield Reason(
             "no friction",
@@ -484,6 +474,7 @@ Rule = Callable[[Evidence], Iterable[Reason]]
 RULES: tuple[Rule, ...] = (
     _of_slopes,
     _of_findings,
+    partial(_of_slopes, of_faults=True),
     _of_fit,
     _of_held_out,
     _of_bodies,

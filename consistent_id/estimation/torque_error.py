@@ -13,9 +13,10 @@ import numpy as np
 from consistent_id._support.arrays import Array, Vector
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.recording import Recording
+from consistent_id.regression import torque_along
 from consistent_id.regression.drive.laws import AsymmetricCoulomb, Coulomb
 from consistent_id.regression.drive.term import DriveTerm, JointSamples
-from consistent_id.regression.motion_arrays import Motion, motion_of
+from consistent_id.regression.motion_arrays import Motion, motion_of, unknown_rows
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
 
@@ -85,6 +86,10 @@ def measured_torque(model: TorqueModel, recording: Recording) -> Array | None:
     ndarray, shape (samples, torque joints), [N m or N], or None
         None if the recording has no torque.
     """
+    if recording.torque_filter is not None:  # its rows are not those of every sample
+        measured = torque_along.measured_torque(model, recording)
+        unknown = unknown_rows(model, recording)
+        return measured if unknown is None else np.where(unknown, np.nan, measured)
     if not model.robot.floating and recording.of(model.torque_joints).torque is None:
         return None
     motion = motion_of(model, recording, None)

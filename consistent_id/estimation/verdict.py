@@ -4,12 +4,13 @@ A certificate proves an optimum.  A verdict weighs all evidence on the estimate;
 `judge`.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from textwrap import shorten
 from typing import Any, Literal, Self
 
 from consistent_id._support.brief import brief
+from consistent_id.recordings.recording import LogFinding
 
 Word = Literal["use", "use with care", "do not use"]
 """The word of a verdict."""
@@ -23,6 +24,17 @@ HELP = "docs/bad-result.md"
 BAD_RESULT = "my result is bad, what now?"
 """What the page is about, as messages name it."""
 
+_GAIN, _MASSES = "the gain and the unit of torque", "the model's masses"
+FACTORS: dict[str, tuple[str, ...]] = {
+    "torque unit": (_GAIN,),
+    "torque gain": (_GAIN, "the gear ratio", _MASSES),
+    "gain or unit": (_GAIN, "the unit of time", _MASSES),
+    "masses or gain": (_GAIN, _MASSES, "a load", "a counterbalance"),
+    "nominal model": (_GAIN, "drive terms (rotor inertia)", _MASSES),
+}
+"""Kinds of reasons that state a factor of torque -> what may be its cause."""
+
+_SAME = 1.1  # ratio up to which factors of several logs are one fault
 _BRIEF = 3  # reasons shown on a terminal
 _WIDE = 180  # characters of each
 _NAMED = 2  # most recordings that are named
@@ -43,12 +55,19 @@ class Reason:
         What was found, with figures.
     advice : str
         What to do next.
+    factor : str
+        What is off by a factor, such as ``"torque of all joints"``.  Reasons that state
+        the same factor are joined; see `joined`.
+    size : str
+        That factor, with its standard error.
     """
 
     kind: str
     word: Word
     statement: str
     advice: str = ""
+    factor: str = ""
+    size: str = ""
 
 
 @brief
@@ -174,8 +193,17 @@ def confirmed(stated: Verdict, found: Verdict) -> Verdict:
     """
     accepted, recordings = found.accepted, stated.recordings or found.recordings
     before = weighed(stated.method, stated.reasons, accepted, None, recordings)
-    words = {r.kind: WORDS.index(r.word) for r in reversed(before.reasons)}
-    worse = [r for r in found.grounds if WORDS.index(r.word) > words.get(r.kind, 0)]
+    words = {
+        name: WORDS.index(r.word)
+        for r in reversed(before.reasons)
+        for name in (r.kind, r.factor)
+        if name
+    }
+    worse = [
+        r
+        for r in found.grounds
+        if WORDS.index(r.word) > max(words.get(r.kind, 0), words.get(r.factor, 0))
+    ]
     reasons = (*before.reasons, *worse)
     errors = [e for e in (stated.held_out, found.held_out) if e is not None]
     error = max(errors, default=None)
@@ -194,11 +222,88 @@ def weighed(
         replace(r, word="use", statement=f"{r.statement} (accepted by the user)")
         if r.word != "use" and r.kind in accepted
         else r
-        for r in found
+        for r in joined(found)
     ]
     reasons.sort(key=lambda r: -WORDS.index(r.word))
     word = reasons[0].word if reasons else "use"
     return Verdict(word, method, tuple(reasons), accepted, held_out, recordings)
+
+
+def factor_of(finding: LogFinding, findings: Sequence[LogFinding]) -> tuple[str, str]:
+    """Return what a finding says is off by a factor, if it is one, and the factor.
+
+    Several logs that state a factor of the same torque have to agree in it: otherwise
+    each has its own fault, and none of their reasons is joined.
+    """
+    if finding.kind not in FACTORS:
+        return "", finding.size
+    factor = f"torque of {finding.where}"
+    alike = [
+        f
+        for f in findings
+        if f.kind in FACTORS
+        and f.severity != "note"
+        and f.where == finding.where
+        and f.recording
+    ]
+    if len({f.recording for f in alike}) < 2:
+        return factor, finding.size
+    sizes = [float(f.size.partition(" ")[0]) for f in alike if f.size]
+    if len(sizes) < len(alike) or max(sizes) > _SAME * min(sizes):
+        return "", finding.size
+    return factor, f"{finding.size} ({finding.recording})".removesuffix(" ()")
+
+
+def joined(found: Iterable[Reason]) -> list[Reason]:
+    """Join the reasons that state the same factor; the first of the worst leads.
+
+    Its statement is kept, with the sizes that the others found.  Its advice names the
+    possible causes of all of them; that of a fault, which says what mends it, is kept.
+
+    Examples
+    --------
+    >>> first = Reason("gain or unit", "use with care", "0.8", "", "torque of all")
+    >>> second = replace(first, kind="masses or gain", statement="", size="0.9")
+    >>> [reason.statement for reason in joined([first, second])]
+    ['0.8; masses or gain states the same factor: 0.9']
+    """
+    found = list(found)
+    alike: dict[str, list[Reason]] = {}
+    for reason in found:
+        if reason.factor and reason.word != "use":
+            alike.setdefault(reason.factor, []).append(reason)
+    several = {factor: of for factor, of in alike.items() if len(of) > 1}
+    leads = {
+        factor: max(of, key=lambda r: WORDS.index(r.word))
+        for factor, of in several.items()
+    }
+    return [
+        _joined(reason, several[reason.factor])
+        if reason is leads.get(reason.factor)
+        else reason
+        for reason in found
+        if reason.word == "use" or leads.get(reason.factor, reason) is reason
+    ]
+
+
+def _joined(lead: Reason, alike: Sequence[Reason]) -> Reason:
+    """Return one reason for all that state a factor."""
+    others = [r for r in alike if r is not lead]
+    sizes = dict.fromkeys(
+        f"{r.kind} states the same factor" + (f": {r.size}" if r.size else "")
+        for r in others
+    )
+    causes = dict.fromkeys(c for r in (lead, *others) for c in FACTORS.get(r.kind, ()))
+    *first, last = causes
+    listed = f"{', '.join(first)}, or {last}" if first else last
+    free = f'check {listed}; if masses are not known, masses = "free" (--masses free)'
+    mends = lead.advice if lead.word == "do not use" else ""
+    return replace(
+        lead,
+        statement="; ".join((lead.statement, *sizes)),
+        advice=f"{mends or free}; if all this is known to be right, --accept "
+        f'"{lead.kind}"',
+    )
 
 
 def _few(names: tuple[str, ...]) -> tuple[str, ...]:

@@ -123,6 +123,7 @@ def test_factors_with_changed_torque_are_those_of_the_changed_log(measured):
     assert kinds == {"torque sign", "channel order", "torque unit"}
 
 
+@pytest.mark.slow
 def test_motions_compressed_together_are_those_compressed_alone():
     model, log = arm(), at_samples(clean_log(1))
     base = base_parameters(model)

@@ -78,19 +78,20 @@ def test_friction_that_holds_joints_at_rest_contradicts_no_model():
     assert found.of("model does not explain") == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "fault",
     [
-        pytest.param("degrees", marks=pytest.mark.slow),
+        "degrees",
         "torque reversed",
         "torque channels exchanged",
-        pytest.param("position channels exchanged", marks=pytest.mark.slow),
-        pytest.param("torque in kN m", marks=pytest.mark.slow),
-        pytest.param("zero off by 90 degrees", marks=pytest.mark.slow),
+        "position channels exchanged",
+        "torque in kN m",
+        "zero off by 90 degrees",
         "zero off by 4 to 10 degrees",
-        pytest.param("torque late by 40 to 100 ms", marks=pytest.mark.slow),
-        pytest.param("torque of one joint zero", marks=pytest.mark.slow),
-        pytest.param("one joint does not move", marks=pytest.mark.slow),
+        "torque late by 40 to 100 ms",
+        "torque of one joint zero",
+        "one joint does not move",
     ],
 )
 def test_a_fault_that_only_the_torque_shows_is_found_as_what_it_is(fault):
@@ -104,6 +105,7 @@ def _three_degrees(log):
     return replace(log, position=log.position + np.radians([0.0, 3.0, 0.0, 0.0]))
 
 
+@pytest.mark.slow
 def test_a_zero_off_by_a_known_angle_is_measured():
     shifts = estimate_shifts(_estimated(2, _three_degrees).without_lag)
     assert np.degrees(shifts.sizes[1]) == pytest.approx(-3.0, abs=0.3)
@@ -214,6 +216,7 @@ def test_a_dead_torque_channel_is_found_and_stops_nothing():
     assert finding.recording == log.name
 
 
+@pytest.mark.slow
 def test_masses_that_no_log_can_have_are_the_datasheets_fault():
     masses = [FixedMasses({"link4": 3.0}), ParameterBounds({"link4.m": (9.0, 10.0)})]
     found = diagnose(arm(), clean_log(0), prepare=logs().prepared, constraints=masses)

@@ -64,6 +64,7 @@ def test_the_share_of_friction_is_that_with_which_the_log_was_made(inertia):
     assert _fitted(model, log).friction == pytest.approx(min(share, 1.0), abs=0.03)
 
 
+@pytest.mark.slow
 def test_friction_that_varies_is_no_other_robot():
     model, log, _ = _swing(0.01)
     assert _fitted(model, log).misfit > 0.08

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from functools import cache
+from gc import collect
+from weakref import ref
 
 import numpy as np
 import pytest
@@ -17,17 +19,28 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.diagnosis import diagnose
-from consistent_id.diagnosis.all_logs import _of_whole_robot, corrected_shifts
+from consistent_id.diagnosis.all_logs import (
+    _of_the_robot,
+    _of_whole_robot,
+    corrected_shifts,
+)
 from consistent_id.diagnosis.alternatives import gravity_in
 from consistent_id.diagnosis.channel_factors import channel_factors
 from consistent_id.diagnosis.contact import joint_residuals
-from consistent_id.diagnosis.explain import RUBS, datasheet_constraints, fitted_log
+from consistent_id.diagnosis.explain import (
+    RUBS,
+    datasheet_constraints,
+    fitted_log,
+    thinned,
+)
 from consistent_id.diagnosis.factor_rows import FactorLogs, factors_of, least_misfit
+from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.diagnosis.linearise import LEAST, linearised
 from consistent_id.diagnosis.sample_rows import SampleRows
 from consistent_id.diagnosis.torque_causes import lost_signs, residuals
 from consistent_id.diagnosis.torque_channel import torque_parts
 from consistent_id.regression.base import base_parameters
+from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.robot.model import Link
 
 SHARP = DriveTerms(viscous=True, coulomb="sign")
@@ -85,7 +98,9 @@ def test_rows_filtered_like_the_torque_explain_a_log_without_noise(cutoff):
     assert as_is.least_likely < 1e-5
 
 
-@pytest.mark.parametrize("cutoff", CUTOFFS)
+@pytest.mark.parametrize(
+    "cutoff", [0.5, *(pytest.param(f, marks=pytest.mark.slow) for f in CUTOFFS[1:])]
+)
 def test_what_a_diagnosis_compares_with_a_filtered_torque_leaves_nothing(cutoff):
     model, log = _run()
     smooth, base = low_passed(log, torque_cutoff=cutoff), base_parameters(model)
@@ -122,6 +137,36 @@ def test_rows_of_samples_would_miss_a_tenth_of_a_torque_behind_a_filter():
     assert _fitted(model, bare).misfit > 0.1
 
 
+@pytest.mark.parametrize("first", range(4))
+@pytest.mark.parametrize("most", [300, 700, 1100, 1500])
+def test_a_log_with_gaps_keeps_its_rows_when_it_is_thinned(first, most):
+    """Slow samples were left out: what is left is not evenly spaced any more."""
+    model, log = _run(SMOOTH)
+    log = low_passed(log, torque_cutoff=5.0)
+    moving = np.flatnonzero(np.arange(len(log)) % 301 > 40)[first:]
+    log = log.samples(moving)
+    few = thinned(log, most)
+    assert len(few) <= 1.02 * most
+    rows, of_all = (len(motion_of(model, each, None).torque) for each in (few, log))
+    # As many as there were, or one of each sample.
+    assert rows >= 0.75 * min(of_all, len(few))
+
+
+@pytest.mark.parametrize(
+    ("where", "severity"),
+    [(("late",), "note"), (("early", "late"), "fault"), (("early",), "fault")],
+)
+def test_a_coupling_that_only_validation_shows_is_a_note(where, severity):
+    found = [
+        LogFinding("coupling", "fault", "5, 6", "with a coupling", "", 2.0, log)
+        for log in where
+    ]
+    said = _of_the_robot(found, {"early"})
+    assert {f.severity for f in said} == {severity}
+    lag = replace(found[0], kind="lag")
+    assert _of_the_robot([lag], {"early"}) == [lag]
+
+
 @pytest.mark.parametrize("kind", ["position", "torque", "clock"])
 def test_a_fault_is_taken_out_before_the_filter(kind):
     model, log = _run()
@@ -145,6 +190,7 @@ def test_a_fault_is_taken_out_before_the_filter(kind):
     assert _fitted(model, mended).misfit < 1e-5
 
 
+@pytest.mark.slow
 def test_lost_signs_are_put_back_before_the_filter():
     model, log = _run()
     torque = np.array(log.torque)
@@ -185,6 +231,7 @@ def test_a_log_that_no_robot_explains_is_still_called_so_behind_a_filter():
     assert "model does not explain" in _kinds(model, spoilt, 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("times", "named"), [(0.5, True), (20.0, False)])
 def test_bodies_that_friction_hides_show_no_wrong_clock(times, named):
     model, log = _run()
@@ -195,3 +242,16 @@ def test_bodies_that_friction_hides_show_no_wrong_clock(times, named):
     as_is = _fitted(model, low_passed(replace(log, **rates), torque_cutoff=5.0))
     assert (as_is.friction < RUBS) == named
     assert [f.kind for f in _of_whole_robot([as_is])] == ["clock"] * named
+
+
+def test_what_is_kept_of_a_log_goes_with_it():
+    model, log = _run()
+    smooth = low_passed(log, torque_cutoff=5.0)
+    rows = SampleRows.of(model, smooth)
+    assert SampleRows.of(model, smooth).motion is rows.motion
+    rows.regressor()
+    motion_of(model, smooth, None).regressor(model)
+    left = ref(smooth)
+    del smooth, rows
+    collect()
+    assert left() is None

@@ -52,6 +52,7 @@ def test_at_the_ends_filters_settle_and_nothing_touches(start, stop):
     assert list(contact(_as_is(_pushed(clean_log(4), start, stop)))) == []
 
 
+@pytest.mark.slow
 def test_what_friction_holds_while_the_robot_rests_is_no_contact():
     log = clean_log(4)
     rows = np.insert(np.arange(len(log)), 1800, np.full(400, 1800))
@@ -92,6 +93,7 @@ def test_friction_that_the_model_lacks_and_a_delay_are_no_contact():
     assert list(contact(as_is)) == []
 
 
+@pytest.mark.slow
 def test_noise_of_its_own_length_and_amplitude_makes_no_contact():
     rng = np.random.default_rng(0)
     samples, found = 1000, 0

@@ -1,5 +1,6 @@
 """A base that leans, beside gains, which look like it."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -100,3 +101,13 @@ def test_a_base_that_leans_is_no_gain_and_a_gain_no_base_that_leans():
     scaled = _log(model, gain=0.7)
     assert leaning_findings(model, scaled, torque_parts(model, scaled)) == []
     assert [f.kind for f in diagnose(model, scaled).faults] == ["torque gain"]
+
+
+def test_the_option_that_is_printed_is_the_gravity_of_the_log():
+    upright, leaning = _arm(), _arm(np.radians(30))
+    log = _log(leaning)
+    (found,) = leaning_findings(upright, log, torque_parts(upright, log))
+    option = re.search(r"--gravity ([-\d. ]+)\)", str(found))[1]
+    np.testing.assert_allclose(
+        [float(word) for word in option.split()], leaning.robot.gravity, atol=0.05
+    )

@@ -5,13 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from known_arm import OTHER_ROWS, arm, logged, pendulum
+from robots import random_robot, random_states
 
-from consistent_id import InertialParameters
+from consistent_id import InertialParameters, Recording, TorqueModel
 from consistent_id.diagnosis import diagnose
 from consistent_id.diagnosis.factor_rows import (
     FactorLogs,
+    FactorRows,
     factors_of,
     leaning,
+    least_costs,
     relative_noise,
 )
 from consistent_id.diagnosis.whole_robot import (
@@ -110,12 +113,14 @@ def test_a_clean_log_has_no_finding():
     assert whole_robot_findings(_as_is(model, log)) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 4, 5])
 def test_bodies_known_half_as_well_are_no_fault_of_the_log(seed):
     model, log = logged(seed, spread=2.0)
     assert whole_robot_findings(_as_is(model, log)) == []
 
 
+@pytest.mark.slow
 def test_free_masses_take_up_a_gain():
     model, log = logged(4, spread=0.5)
     _, log = faulty(log, model, "masses or gain", 0, np.log(1.4))
@@ -158,6 +163,7 @@ def test_bodies_are_known_as_well_as_the_docs_say():
     assert as_is.widths.tolist() == [0.05, 0.15, 0.30]
 
 
+@pytest.mark.slow
 def test_the_zero_of_a_pendulum_is_known_as_well_as_the_way_to_its_centre_of_mass():
     """A centre of mass beside the arm, by ``w`` of its length ``c``, turns it by w/c.
 
@@ -183,7 +189,7 @@ def test_noise_that_stays_for_eight_samples_counts_eight_times():
     for noise in (white, np.repeat(white[:75], 8, axis=0)):
         noisy = replace(log, torque=log.torque + 0.05 * noise)
         size = np.sqrt(np.mean(noisy.torque**2, axis=0))
-        found.append(relative_noise(model, [noisy]) * size)
+        found.append(relative_noise(FactorRows(model, [noisy])) * size)
     assert found[0] == pytest.approx(np.full(4, 0.05), rel=0.2)
     assert found[1] == pytest.approx(np.full(4, 0.05 * np.sqrt(8.0)), rel=0.3)
 
@@ -197,6 +203,21 @@ def test_one_odd_second_makes_a_factor_doubtful():
     found = whole_robot_factors(_as_is(model, spoilt))
     (zero,) = (f for f in found if _is(f.factor, "offset zero", 1))
     assert abs(zero.size) < zero.error
+
+
+@pytest.mark.slow
+def test_a_factor_that_logs_contradict_is_no_factor_of_the_robot():
+    """What only a part of the motion shows is something else."""
+    model, right = logged(4, noise=0.0)
+    _, wrong = faulty(right, model, "clock", 0, np.log(1.3))
+    first, second = slice(0, 150), slice(150, 600)
+
+    def kinds(*logs):
+        found = whole_robot_findings(FactorLogs.of(model, logs, masses_known=True))
+        return [finding.kind for finding in found]
+
+    assert kinds(wrong.samples(first), wrong.samples(second)) == ["clock"]
+    assert "clock" not in kinds(right.samples(first), wrong.samples(second))
 
 
 @pytest.mark.slow
@@ -256,3 +277,28 @@ def test_what_the_last_link_carries_makes_no_other_robot():
     noise = 0.11 * np.sqrt(np.mean(torque**2, axis=0))
     torque += noise * np.random.default_rng(0).normal(size=torque.shape)
     assert other_robot(_as_is(model, replace(log, torque=torque))) == []
+
+
+def test_limbs_that_share_no_column_cost_what_they_cost_together():
+    _, robot = random_robot(np.random.default_rng(5), 4, tree=True)
+    model, rng = TorqueModel(robot), np.random.default_rng(1)
+    q, dq, ddq = random_states(rng, 4, 150)
+    torque = model.predict(robot.nominal, q, dq, ddq) + rng.normal(size=q.shape)
+    log = Recording(robot.joint_names, np.arange(150) / 100, q, dq, ddq, torque)
+    state = FactorLogs.of(model, [log])
+    assert len(state.rows.groups) > 1
+    w = 1.0 / (state.noise * np.sqrt(np.mean(torque**2, axis=0)))
+    A = np.vstack([Y.T * k for Y, k in zip(state.rows.columns, w, strict=True)])
+    z, scales, bodies = (torque * w).T.ravel(), link_scales(robot), robot.nominal
+    m, d = scales.mass, scales.length
+    mass, centre, moment = state.widths
+    width = np.column_stack([mass * m, *[centre * m * d] * 3, *[moment * m * d**2] * 6])
+    pull = np.eye(len(bodies), A.shape[1]) / width.ravel()[:, None]
+    for found, rows, values in zip(
+        least_costs(state),
+        (np.vstack([A, pull]), A),
+        (np.append(z, bodies / width.ravel()), z),
+        strict=True,
+    ):
+        left = values - rows @ np.linalg.lstsq(rows, values, rcond=1e-9)[0]
+        assert found == pytest.approx(left @ left, rel=1e-6)

@@ -8,8 +8,12 @@ import pytest
 from robots import random_robot
 
 import consistent_id as ci
-from consistent_id.problems.file import ColumnsTable, PreparationTable
-from consistent_id.problems.preparation import check_preparation, prepared
+from consistent_id.problems.file import ColumnsTable, DataTable, PreparationTable
+from consistent_id.problems.preparation import (
+    check_base,
+    check_preparation,
+    prepared,
+)
 from consistent_id.recordings.joint_paths import Sinusoid, SinusoidalMotion
 
 CANDIDATES = (2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 40.0)
@@ -75,6 +79,7 @@ def test_the_chosen_cutoff_predicts_nearly_as_well_as_the_best_there_is(arm):
     assert chosen[0] > chosen[1]  # more noise, lower cut-off
 
 
+@pytest.mark.slow
 def test_smoother_torque_to_learn_from_is_not_rewarded(arm):
     _, log = experiment(arm, 0, 1e-4)
     pairs = [(8.0, f) for f in (2.0, 8.0, 40.0)]
@@ -184,7 +189,7 @@ def test_delays_are_taken_out_and_standstill_is_cut_off():
         ({"window": 0.1}, {}, 'belongs to method = "savitzky-golay"'),
         ({"method": "smoother"}, {"velocity": "dq"}, "leave velocity out"),
         ({"delays": {"velocity": 0.1}}, {}, "does not name"),
-        ({"delays": {"torque": "estimated"}}, {"torque": "t"}, "give a number"),
+        ({"delays": {"position": "estimated"}}, {"position": "q"}, "give a number"),
         ({"shortest_part": 1.0}, {}, "only with max_gap"),
         (
             {"method": "fourier", "period": 1, "trim_standstill": True},
@@ -196,3 +201,10 @@ def test_delays_are_taken_out_and_standstill_is_cut_off():
 def test_keys_that_contradict_each_other_are_refused(keys, columns, message):
     with pytest.raises(ci.ProblemError, match=message):
         check_preparation(table(**keys), ColumnsTable(**columns))
+
+
+def test_the_delay_of_torque_is_estimated_only_for_a_base_that_floats():
+    late = table(delays={"torque": "estimated"})
+    data = DataTable(recordings=[], preparation=late)
+    with pytest.raises(ci.ProblemError, match="only for a base that floats"):
+        check_base(data, floating=False)

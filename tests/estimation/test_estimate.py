@@ -1,6 +1,6 @@
 """Methods of an estimate: its uncertainty from recordings alone, and its picture."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -15,9 +15,13 @@ from consistent_id import (
     constrained_least_squares,
     huber,
     least_squares,
+    low_passed,
     uncertainty,
 )
 from consistent_id.constraints import Penalty
+from consistent_id.estimation.estimate_file import ReasonRecord
+from consistent_id.estimation.estimate_plot import draw_parameters
+from consistent_id.estimation.verdict import Reason
 from consistent_id.regression import joint_noise, segment_regressions
 
 
@@ -45,6 +49,7 @@ def test_an_estimate_knows_the_conditions_that_its_uncertainty_needs():
     np.testing.assert_allclose(values, estimate.parameters, rtol=1e-7, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_weighted_estimate_keeps_its_weights_in_its_uncertainty():
     model, _, log = experiment(1, joints=2, noise=(0.1, 1.0), samples=900)
     regression = build_regression(model, log)
@@ -85,6 +90,7 @@ def pyplot():
     plt.close("all")
 
 
+@pytest.mark.slow
 def test_a_plot_shows_measured_and_predicted_torque_of_each_joint(pyplot):
     estimate, log = estimated()
     axes = estimate.plot(log)
@@ -135,6 +141,26 @@ def test_torque_that_is_not_known_is_not_drawn(pyplot):
     assert np.isfinite(second.get_lines()[0].get_ydata()).all()
 
 
+def test_filtered_torque_is_drawn_at_every_sample(pyplot):
+    estimate, log = estimated()
+    smooth = low_passed(log, torque_cutoff=2.0)
+    axes = estimate.plot(smooth)
+    for j, axis in enumerate(axes):
+        measured, line = axis.get_lines()
+        np.testing.assert_allclose(measured.get_ydata(), smooth.torque[:, j])
+        np.testing.assert_array_equal(line.get_ydata(), estimate.predict(smooth)[:, j])
+
+
+def test_filtered_torque_that_is_not_known_is_not_drawn(pyplot):
+    estimate, log = estimated()
+    known = np.ones(log.position.shape, dtype=bool)
+    known[100:200, 0] = False
+    smooth = low_passed(replace(log, torque_known=known), torque_cutoff=2.0)
+    for axis, own in zip(estimate.plot(smooth), known.T, strict=True):
+        drawn = axis.get_lines()[0].get_ydata()
+        np.testing.assert_array_equal(np.isfinite(drawn), own)
+
+
 def test_wrong_joints_and_axes_are_said(pyplot):
     estimate, log = estimated()
     with pytest.raises(ProblemError, match="no torque of 'elbow'; known: j0, j1"):
@@ -142,3 +168,66 @@ def test_wrong_joints_and_axes_are_said(pyplot):
     _, axis = pyplot.subplots()
     with pytest.raises(ProblemError, match="1 axes for the torque of 2 joints"):
         estimate.plot(log, axes=axis)
+
+
+def parameters_drawn(estimate, **options):
+    return draw_parameters(
+        estimate.model.layout,
+        estimate.parameters,
+        estimate.parameter_errors,
+        estimate.method,
+        **options,
+    )
+
+
+def test_parameters_are_drawn_with_bars_of_95_percent_by_unit(pyplot):
+    estimate, _ = estimated()
+    layout, errors = estimate.model.layout, estimate.parameter_errors
+    assert np.isfinite(errors).any() and np.isnan(errors).any()
+    axes = parameters_drawn(estimate)
+    units = list(dict.fromkeys(layout.units))
+    assert [axis.get_xlabel() for axis in axes] == [f"[{unit}]" for unit in units]
+    seen = {}
+    for axis in axes:
+        labels = [text.get_text() for text in axis.get_yticklabels()]
+        (dots,) = axis.containers
+        (bars,) = dots.lines[2]
+        points = dots.lines[0].get_xydata()
+        for (x, y), ends in zip(points, bars.get_segments(), strict=True):
+            seen[labels[round(y)]] = (x, (ends[1, 0] - ends[0, 0]) / 2)
+        (hollow,) = [
+            line
+            for line in axis.get_lines()
+            if line.get_marker() == "o" and line.get_markerfacecolor() == "none"
+        ]
+        for x, y in hollow.get_xydata():
+            seen[labels[round(y)]] = (x, np.nan)
+    assert set(seen) == set(layout.names)
+    for i, name in enumerate(layout.names):
+        expected = (estimate.parameters[i], 1.959964 * errors[i])
+        assert seen[name] == pytest.approx(expected, rel=1e-3, nan_ok=True)
+
+
+def test_some_parameters_of_a_second_estimate_stand_beside_the_first(pyplot):
+    estimate, _ = estimated()
+    other = replace(estimate, method="other")
+    _, axis = pyplot.subplots()
+    names = estimate.model.layout.names
+    body = names[0].rpartition(".")[0]
+    known = names[int(np.nanargmin(estimate.parameter_errors))]
+    for one in (estimate, other):
+        (same,) = parameters_drawn(one, names=[known], axes=axis)
+        assert same is axis
+    first, second = axis.containers
+    assert first.lines[0].get_xdata() == second.lines[0].get_xdata()
+    assert first.lines[0].get_ydata() != second.lines[0].get_ydata()
+    assert [first.get_label(), second.get_label()] == ["constrained", "other"]
+    assert len(pyplot.get_fignums()) == 1  # the one that was given
+    with pytest.raises(ProblemError, match="1 axes for parameters of 3 units"):
+        parameters_drawn(estimate, names=[body], axes=axis)
+    with pytest.raises(ProblemError, match="no parameter 'arm'"):
+        parameters_drawn(estimate, names=["arm"])
+
+
+def test_a_file_holds_all_of_a_reason():
+    assert ReasonRecord.__struct_fields__ == tuple(f.name for f in fields(Reason))

@@ -54,6 +54,7 @@ def quadruped(tmp_path_factory):
     return model, Recording(robot.joint_names, time, q, dq, ddq, tau[:, 6:], base=base)
 
 
+@pytest.mark.slow
 def test_a_trunk_that_no_joint_torque_shows_is_guessed(quadruped):
     whole, log = quadruped
     legs = TorqueModel(whole.robot, torque_joints=whole.robot.joint_names)
@@ -182,6 +183,7 @@ def test_the_distance_of_nominal_bodies_is_that_of_the_nearest_that_fit(speed):
     assert (expected > prior_share.AGREES) == (speed < 1.0)
 
 
+@pytest.mark.slow
 def test_of_a_penalty_no_errors_of_the_prior_are_known():
     model, log = logged(0)
     rows = build_regression(model, log)

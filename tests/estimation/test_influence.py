@@ -83,6 +83,7 @@ def test_influence_is_the_change_of_a_draw_of_noise():
     assert np.mean(changes) == pytest.approx(1.0, abs=0.35)
 
 
+@pytest.mark.slow
 def test_a_few_right_rows_change_less_than_an_error_and_wrong_ones_more():
     model, log = logged(1)
     rows = slice(300, 315)
@@ -95,6 +96,7 @@ def test_a_few_right_rows_change_less_than_an_error_and_wrong_ones_more():
     assert found.largest > 3.0
 
 
+@pytest.mark.slow
 def test_what_only_the_part_determines_is_not_small():
     # Others determine the bodies; the joint's own friction is lost with its torque.
     model, log = logged(1)
@@ -109,6 +111,7 @@ def test_without_all_joints_there_is_no_estimate():
     assert without(estimated(model, log), [log], joints=model.torque_joints) is None
 
 
+@pytest.mark.slow
 def test_joints_that_show_a_load_are_confirmed_by_the_others():
     model, log = logged(5, load=LOAD)
     estimate = estimated(model, log)
@@ -138,6 +141,7 @@ def test_a_wrong_gain_of_one_joint_is_not_confirmed(joint, gain):
     assert "nominal model" in [r.kind for r in verdict_on(estimate, log).grounds]
 
 
+@pytest.mark.slow
 def test_a_wrong_gain_beside_a_load_is_still_doubted():
     model, log = logged(5, load=LOAD)
     log = replace(log, torque=log.torque * [1.0, 1.0, 1.35, 1.0])

@@ -122,6 +122,7 @@ def test_a_link_that_the_data_show_to_be_thin_stays_thin():
     assert away.max() <= 5.0
 
 
+@pytest.mark.slow
 def test_a_share_that_masses_do_not_allow_is_reduced():
     model, regression, _ = little_data(0)
     light = {
@@ -136,6 +137,7 @@ def test_a_share_that_masses_do_not_allow_is_reduced():
     assert "contains at least 0.01 of its nominal body" in estimate.notes[0]
 
 
+@pytest.mark.slow
 def test_none_is_asked_for_without_physical_consistency():
     model, regression, _ = little_data(0)
     only = (NonNegativeDrive(),)

@@ -285,6 +285,7 @@ def test_newton_converges_on_long_robots_and_every_link_is_strictly_a_body(
         assert values[0] > 1e-9 * values[-1]
 
 
+@pytest.mark.slow
 def test_where_newton_starts_does_not_matter():
     model, regression = noisy(6, joints=3)
     fit, distance = dimensionless(model, regression)

@@ -45,6 +45,7 @@ def test_an_expectation_that_says_nothing_is_a_sentence_and_no_figure():
     assert "%" in recommended([[0.01, 0.02]]).statement
 
 
+@pytest.mark.slow
 def test_the_expected_error_is_that_of_another_motion():
     model, _truth, log = experiment(3, joints=3, noise=0.5, samples=1200)
     _, _, other = experiment(3, joints=3, noise=0.5, samples=1200)

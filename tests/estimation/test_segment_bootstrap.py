@@ -42,6 +42,7 @@ def simulated(seed=0, count=24, noise=0.1):
     return model, tuple(s.weighted(weights) for s in segments), sigma
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_result_whatever_the_number_of_workers(
     monkeypatch,
 ):
@@ -109,6 +110,7 @@ def test_segments_that_are_all_alike_give_no_scatter():
     assert alike.standard_deviation == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("distance", ["pullback", "entropic"])
 def test_every_replicate_satisfies_the_constraints(distance):
     model, segments, _ = simulated(1, noise=0.5)

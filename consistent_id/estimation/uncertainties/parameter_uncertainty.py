@@ -173,6 +173,25 @@ class Uncertainty:
     recordings; None for one recording, or if they do not determine it.  `blocks` is the
     scatter between blocks of a floating base's only recording, and `quantile` standard
     errors either way contain 95 %. `shifts` are those from errors of assumed values.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> arm = ci.from_modified_dh("arm", [ci.DHRow(-np.pi / 2, 0.0)])
+    >>> model = ci.TorqueModel(arm, ci.DriveTerms(viscous=True))
+    >>> q, dq, ddq = np.random.default_rng(0).normal(size=(3, 200, 1))
+    >>> motion = ci.Recording(("joint1",), np.arange(200) / 100, q, dq, ddq)
+    >>> body = [2.0, 0.6, 0, 0, 0.05, 0, 0.3, 0, 0, 0.3]  # kg, kg m, kg m^2
+    >>> log = ci.simulate_torque(model, [*body, 0.4], motion)
+    >>> noisy = ci.simulate_torque(
+    ...     model, [*body, 0.4], motion, noise=0.1, rng=np.random.default_rng(1)
+    ... )
+    >>> parts = ci.regression.segment_regressions(model, [noisy])
+    >>> known = [ci.PhysicalConsistency()]
+    >>> sure = ci.uncertainty(model, parts, constraints=known, replicates=5)
+    >>> low, high = sure["joint1.viscous"].resampled
+    >>> low < 0.42 and high > 0.38
+    True
     """
 
     parameters: tuple[ParameterUncertainty, ...]
@@ -255,6 +274,24 @@ def uncertainty(
     ------
     ProblemError, InfeasibleError, NotExcitedError, SolverError
         See the functions named.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> arm = ci.from_modified_dh("arm", [ci.DHRow(-np.pi / 2, 0.0)])
+    >>> model = ci.TorqueModel(arm, ci.DriveTerms(viscous=True))
+    >>> q, dq, ddq = np.random.default_rng(0).normal(size=(3, 200, 1))
+    >>> motion = ci.Recording(("joint1",), np.arange(200) / 100, q, dq, ddq)
+    >>> body = [2.0, 0.6, 0, 0, 0.05, 0, 0.3, 0, 0, 0.3]  # kg, kg m, kg m^2
+    >>> log = ci.simulate_torque(model, [*body, 0.4], motion)
+    >>> noisy = ci.simulate_torque(
+    ...     model, [*body, 0.4], motion, noise=0.1, rng=np.random.default_rng(1)
+    ... )
+    >>> parts = ci.regression.segment_regressions(model, [noisy])
+    >>> known = [ci.PhysicalConsistency()]
+    >>> sure = ci.uncertainty(model, parts, constraints=known, replicates=5)
+    >>> sure["joint1.viscous"].standard_error < 0.05
+    True
     """
     base = base_parameters(model) if base is None else base
     sources = [0] * len(segments) if sources is None else list(sources)

@@ -1,0 +1,154 @@
+"""The delay of a standing robot's torque, found with the radius of its feet."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from quadrupeds import FEET, FOOT, quadruped_text
+
+import consistent_id as ci
+from consistent_id.estimation.radius_and_delay import TorqueDelay
+
+RATE, SAMPLES = 200, 1200
+LATE = -2e-3  # s: early, by less than half a step
+RADIUS = 0.02  # m
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory):
+    path = tmp_path_factory.mktemp("robot") / "quadruped.xml"
+    path.write_text(quadruped_text())
+    return ci.robot.load_mjcf(path, base="floating")
+
+
+@pytest.fixture(scope="module")
+def known(robot):
+    model = ci.regression.contact_free_model(ci.TorqueModel(robot))
+    values = dict(zip(model.layout.names[10:], robot.nominal[10:], strict=True))
+    return model, [ci.constraints.FixedParameters(values)]
+
+
+@pytest.fixture(scope="module")
+def log(robot):
+    return smooth_log(robot)
+
+
+def smooth_log(robot, *, late=LATE, noise=0.0, seed=0):
+    """A log of sinusoids, all four balls on level ground; its torque is late.
+
+    Only differentiable motion has a torque at other times.
+    """
+    rng = np.random.default_rng(seed)
+    stamps = np.arange(SAMPLES) / RATE
+    turns = rng.uniform(0.3, 3.0, 30) * 2 * np.pi
+    phases, size = rng.uniform(0, 6.0, 30), rng.uniform(0.05, 0.3, 30)
+
+    def moved(t):
+        x = size * np.sin(np.outer(t, turns) + phases)
+        dx = size * turns * np.cos(np.outer(t, turns) + phases)
+        return x, dx, -x * turns**2
+
+    def torque(t):
+        (q, _, _), (_, dq, _), (_, _, ddq) = ([x[:, :12] for x in moved(t)],) * 3
+        return rows(q, dq, ddq, base(t, level=None))
+
+    def base(t, level):
+        x, dx, _ = moved(t)
+        felt = x[:, 18:21] + np.array([0.0, 0.0, 9.81])
+        return ci.recordings.BaseMotion(x[:, 12:15], dx[:, 12:15], felt, level)
+
+    def rows(q, dq, ddq, base):
+        forces = ci.TorqueModel(robot).predict(robot.nominal, q, dq, ddq, base=base)
+        whole = [
+            ci.regression.contact_jacobian(robot, q, frame=foot, point=FOOT)
+            for foot in FEET
+        ]
+        arm = np.array([[0, -RADIUS, 0], [RADIUS, 0, 0], [0, 0, 0]])
+        pushes = np.concatenate([J[:, :3] + arm @ J[:, 3:] for J in whole], axis=1)
+        balance = np.linalg.pinv(np.swapaxes(pushes[:, :, :6], 1, 2))
+        acting = np.einsum("nfr,nr->nf", balance, forces[:, :6])
+        return (forces - np.einsum("nfr,nf->nr", pushes, acting))[:, 6:]
+
+    q, dq, ddq = (x[:, :12] for x in moved(stamps))
+    level = np.tile(np.eye(3), (SAMPLES, 1, 1))
+    closed = np.ones(SAMPLES, dtype=bool)
+    logged = torque(stamps - late)
+    return ci.Recording(
+        robot.joint_names,
+        stamps,
+        q,
+        dq,
+        ddq,
+        logged + noise * rng.normal(size=logged.shape),
+        base=base(stamps, level),
+        contacts=tuple(
+            ci.recordings.ContactFlags(foot, closed, FOOT, radius=RADIUS)
+            for foot in FEET
+        ),
+    )
+
+
+def test_early_torque_is_found_and_taken_back(log, known):
+    model, constraints = known
+    found = ci.estimation.estimate_radius_and_delay(model, log, constraints=constraints)
+    assert found.delay.significant
+    assert found.delay.seconds == pytest.approx(LATE, rel=0.01)
+    assert abs(found.feet.offset) < 2e-5
+
+
+def test_a_wrong_radius_and_early_torque_are_told_apart(log, known):
+    model, constraints = known
+    thick = ci.estimation.with_radii(log, 4e-4)
+    found = ci.estimation.estimate_radius_and_delay(
+        model, thick, constraints=constraints
+    )
+    assert found.delay.seconds == pytest.approx(LATE, rel=0.01)
+    assert found.feet.offset == pytest.approx(-4e-4, rel=0.05)
+
+
+def test_early_torque_spoils_the_trunk_and_its_correction_mends_it(log, known):
+    model, constraints = known
+    found = ci.estimation.estimate_radius_and_delay(model, log, constraints=constraints)
+
+    def off(part):
+        fit = ci.constrained_least_squares(
+            model,
+            ci.regression.contact_free_regression(model, part),
+            constraints=constraints,
+            base=ci.regression.contact_free_base(model, part.contacts),
+        )
+        true = model.robot.nominal[:10]
+        return abs(fit.parameters[:10] - true).max() / abs(true).max()
+
+    inner = slice(10, -10)  # at its ends a log has no torque to move
+    assert off(log.samples(inner)) > 20 * off(found.applied(log).samples(inner))
+
+
+def test_torque_on_time_is_not_significantly_late(robot, known):
+    model, constraints = known
+    log = smooth_log(robot, late=0.0, noise=0.3, seed=1)
+    found = ci.estimation.estimate_radius_and_delay(
+        model, log, constraints=constraints, radius=False
+    )
+    assert found.feet is None
+    assert abs(found.delay.seconds) < 3 * found.delay.standard_error
+
+
+def test_changes_add_up_to_the_covariance():
+    covariance = np.array([[4e-8, -1e-7], [-1e-7, 1e-6]])
+    delay = TorqueDelay(1e-3, 1e-3)
+    radius = ci.estimation.ContactRadius(1e-4, 2e-4)
+    found = ci.estimation.RadiusAndDelay(radius, delay, covariance)
+    changes = np.array(found.changes())
+    assert changes.T @ changes == pytest.approx(covariance, rel=1e-9)
+    alone = replace(found, feet=None, covariance=np.diag([0.0, 1e-6]))
+    assert alone.changes() == [(0.0, pytest.approx(1e-3))]
+
+
+def test_torque_is_moved_before_the_filter(log):
+    smooth = ci.low_passed(log, torque_cutoff=20.0)
+    moved = ci.estimation.without_torque_delay(smooth, LATE)
+    source = moved.torque_filter.source
+    right = ci.estimation.without_torque_delay(log, LATE)
+    assert source.torque == pytest.approx(right.torque)
+    assert (moved.position == smooth.position).all()
