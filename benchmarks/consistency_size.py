@@ -1,10 +1,11 @@
 """How often the test of consistency rejects constraints: size, and power.
 
-``python benchmarks/consistency_size.py [--replicates N] [--duration S]`` makes logs of
-robots on the boundary of their constraints, with the noise level estimated from each
-log.  Twelve friction terms are zero, or all links are points of known mass.  A test
-with a nominal 5 % should reject 5 % of them.  The second figure of each row is for a
-robot that is beyond the boundary, one parameter by some standard errors.
+``python benchmarks/consistency_size.py [--replicates N] [--duration S] [--cases ...]
+[--kinds ...]`` makes logs of robots on the boundary of their constraints.  The level of
+the noise is estimated from each log.  Twelve friction terms are zero, or all links are
+points of known mass.  A test with a nominal 5 % should reject 5 % of them.  The second
+figure of each row is for a robot that is beyond the boundary, one parameter by some
+standard errors.
 """
 
 import argparse
@@ -16,11 +17,12 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 import coverage
+import coverage_methods
 
 import consistent_id as ci
 from consistent_id.comparison.feasibility import consistency_test
 
-KINDS = ("white", "AR(1) 0.9", "outliers", "changing level")
+KINDS = ("white", "AR(1) 0.9", "pink", "outliers", "changing level")
 BEYOND = 2.5  # standard errors
 
 
@@ -53,6 +55,8 @@ CASES = {"twelve friction terms": (friction, -3), "links that are points": (poin
 
 def noise(kind: str, clean: ci.Recording, rng: np.random.Generator) -> np.ndarray:
     """Return noise of unit variance, shape (samples, joints)."""
+    if kind == "pink":
+        return coverage_methods.noise(kind, clean.torque.shape, rng)
     if kind != "changing level":
         return coverage.noise(kind, clean, rng)
     white = coverage.noise("white", clean, rng)
@@ -97,12 +101,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--replicates", type=int, default=200)
     parser.add_argument("--duration", type=float, default=10.0, help="of a log, in s")
+    parser.add_argument("--cases", nargs="+", choices=CASES, default=CASES)
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS)
     given = parser.parse_args()
     coverage.DURATION = given.duration
     print(f"| boundary | noise | size | power at {BEYOND:g} standard errors |")
     print("|---|---|--:|--:|")
-    for case in CASES:
-        for kind in KINDS:
+    for case in given.cases:
+        for kind in given.kinds:
             size, power = (
                 rejected(case, kind, beyond, count)
                 for beyond, count in (

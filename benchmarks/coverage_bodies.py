@@ -225,10 +225,12 @@ def over_intervals(
     )
 
 
-def standing_designs(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
+def standing_designs(
+    noise: Noise, replicates: int, *, correlation: float = 1.0
+) -> Iterator[np.ndarray]:
     """Yield errors of a trunk over those predicted for its motion on feet.
 
-    Those are for white noise.
+    Noise that is correlated over some samples is stated as white at a lower rate.
     """
     robot, rng = quadruped(), np.random.default_rng(14)
     point = np.array([FOOT])
@@ -241,7 +243,7 @@ def standing_designs(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
     path = TrunkPath([0.4, 0.9, 1.7], sizes * tones / np.arange(1, 4)[:, None], 10.0)
     time = np.arange(1000) / 100.0
     moved = standing_motion(stance, StandingLimits(), path, time)
-    predicted = trunk_errors(stance, model, moved, 100.0)
+    predicted = trunk_errors(stance, model, moved, 100.0 / correlation)
     clean = ci.Recording(
         robot.joint_names,
         time,
@@ -265,10 +267,12 @@ def standing_designs(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
         yield (found[:10] - robot.nominal[:10]) / predicted
 
 
-def sensor_designs(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
+def sensor_designs(
+    noise: Noise, replicates: int, *, correlation: float = 1.0
+) -> Iterator[np.ndarray]:
     """Yield errors of a tool over those predicted for its motion on a wrist sensor.
 
-    Those are for white noise.
+    The aim states the time over which noise is correlated; zero is white noise.
     """
     arm_model, _ = arm(6)
     robot, rng = arm_model.robot, np.random.default_rng(15)
@@ -277,7 +281,8 @@ def sensor_designs(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
     path = random_path(robot)
     log = path.recording(rate=100.0)
     base = ci.regression.base_parameters(rows.tool)
-    aim = ci.Aim(noise=SENSOR, correlation_time=0.0, rate=100.0)
+    time = correlation / 100.0 if correlation > 1.0 else 0.0
+    aim = ci.Aim(noise=SENSOR, correlation_time=time, rate=100.0)
     predicted = predicted_accuracy(rows, base, path, aim).standard_errors()
     still = np.zeros((len(log), 0))
     moving = ci.regression.sensor_motion(robot, log, tip)

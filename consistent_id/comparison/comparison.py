@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -45,7 +46,7 @@ _UNCONSTRAINED = (Method.LEAST_SQUARES, Method.WEIGHTED_LEAST_SQUARES, Method.HU
 
 
 @brief
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class EstimateReport:
     """All evidence on one estimate.
 
@@ -104,7 +105,7 @@ class EstimateReport:
         """Whether each link's pseudo-inertia is positive semidefinite."""
         return tuple(link.consistent for link in self.links)
 
-    @property
+    @cached_property
     def evidence(self) -> Evidence:
         """The evidence for the verdict."""
         own, drawn = self.estimate, self.drawn or DrawnParts()
@@ -148,7 +149,7 @@ class EstimateReport:
         """The evidence of the data against every consistent robot; empty if none."""
         return "" if self.consistency is None else self.consistency.contradiction
 
-    @property
+    @cached_property
     def verdict(self) -> Verdict:
         """Whether the estimate may be used, and why."""
         return judge(self.evidence)
@@ -174,6 +175,20 @@ class Comparison:
     model : TorqueModel
     reports : tuple of EstimateReport
         In the order in which the estimates were given.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> arm = ci.from_modified_dh("arm", [ci.DHRow(-np.pi / 2, 0.0)])
+    >>> model = ci.TorqueModel(arm, ci.DriveTerms(viscous=True))
+    >>> q, dq, ddq = np.random.default_rng(0).normal(size=(3, 200, 1))
+    >>> motion = ci.Recording(("joint1",), np.arange(200) / 100, q, dq, ddq)
+    >>> body = [2.0, 0.6, 0, 0, 0.05, 0, 0.3, 0, 0, 0.3]  # kg, kg m, kg m^2
+    >>> log = ci.simulate_torque(model, [*body, 0.4], motion)
+    >>> regression = ci.build_regression(model, log)
+    >>> found = ci.compare([ci.least_squares(model, regression)], [log])
+    >>> round(found["least squares"].validation[0].stacked, 6)
+    0.0
     """
 
     model: TorqueModel
@@ -285,6 +300,21 @@ def compare(
     ------
     ProblemError
         If there is nothing to compare, or the models differ.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> arm = ci.from_modified_dh("arm", [ci.DHRow(-np.pi / 2, 0.0)])
+    >>> model = ci.TorqueModel(arm, ci.DriveTerms(viscous=True))
+    >>> q, dq, ddq = np.random.default_rng(0).normal(size=(3, 200, 1))
+    >>> motion = ci.Recording(("joint1",), np.arange(200) / 100, q, dq, ddq)
+    >>> body = [2.0, 0.6, 0, 0, 0.05, 0, 0.3, 0, 0, 0.3]  # kg, kg m, kg m^2
+    >>> log = ci.simulate_torque(model, [*body, 0.4], motion)
+    >>> regression = ci.build_regression(model, log)
+    >>> plain, robust = ci.least_squares(model, regression), ci.huber(model, log)
+    >>> found = ci.compare([plain, robust], [log])
+    >>> [report.estimate.method for report in found.reports]
+    ['least squares', 'Huber']
     """
     if not estimates:
         raise ProblemError("no estimate to compare")

@@ -199,12 +199,17 @@ class Draft:
     @property
     def _preparation(self) -> PreparationTable:
         standing = self.standing
+        delays = PreparationTable().delays.copy()
+        if self.early:
+            delays["position"] = -self.early
+        if standing is not None and standing.late_torque:
+            delays["torque"] = "estimated"
         return PreparationTable(
             max_gap=self.max_gap,
             resample=self.resample,
             motion_cutoff=self.cutoff,
             torque_cutoff=self.cutoff,
-            delays={"position": -self.early} if self.early else {},
+            delays=delays,
             most_joint_speed=self.stated.most_joint_speed,
             **(standing.preparation if standing else {}),
         )

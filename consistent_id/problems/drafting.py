@@ -1,5 +1,6 @@
 """From a robot and logs to the draft of a problem."""
 
+import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,6 +32,7 @@ from consistent_id.problems.statement import (
     statement_of,
     with_keywords_of_a_statement,
 )
+from consistent_id.recordings.readers.table_folder import one_recording
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import (
     Delay,
@@ -108,6 +110,15 @@ def draft_problem(
     ProblemError
         If no log is given, or one is given twice; if a keyword is unknown, or two
         statements contradict each other.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> folder = "problems/kuka_kr300"
+    >>> log = f"{folder}/FF_A.parquet"
+    >>> draft = ci.draft_problem(f"{folder}/robot.urdf", log, select=False)
+    >>> draft.problem().model.robot.joint_names[0]
+    'joint_1'
     """
     return drafted(Path(model), log, statement_of(stated), progress=progress)
 
@@ -123,7 +134,7 @@ def drafted(
     given = given_logs(log, stated.validation)
     stated.require_logs([*given.training, *given.validation])
     _require_kinds(stated.keep)
-    logs = robot_logs(model, given.training[0], stated, tables=given.tables)
+    logs = _logs_of(model, given, stated)
     stated = logs.stated
     if stated.friction_velocity is None and stated.gains is not None:
         stated = replace(stated, friction_velocity=DRY)
@@ -135,6 +146,33 @@ def drafted(
         if not _torque_as_late(other, reading.late):
             reading, draft = both, other
     return _with_validation(draft, given.validation, reading)
+
+
+def _logs_of(model: Path, given: GivenLogs, stated: Statement) -> RobotLogs:
+    """Find how to read the logs; say if several files are one recording."""
+    files = given.training
+    try:
+        return robot_logs(model, files[0], stated, tables=given.tables)
+    except RecordingError as cause:
+        folder = one_recording(files) if not given.tables else None
+        if folder is None or not _is_readable(model, folder, stated):
+            raise
+        names = ", ".join(file.name for file in files)
+        raise RecordingError(
+            f"{cause} But {names} have the same clock: they are one recording. Give "
+            f"their folder in place of them: {folder}",
+            options=shlex.quote(str(folder)),
+            replaces=[str(file) for file in files],
+        ) from None
+
+
+def _is_readable(model: Path, log: Path, stated: Statement) -> bool:
+    """Return whether a folder's tables can be read as one: repeated runs cannot."""
+    try:
+        robot_logs(model, log, stated).read(log)
+    except ConsistentIdError:
+        return False
+    return True
 
 
 def _draft_of(

@@ -53,6 +53,13 @@ def load_problem(path: str | Path, *, trust: bool = False, **stated: Any) -> Pro
         ``problem.toml`` and holds several problems; with their files.
     ModelError
         If the robot cannot be built.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> problem = ci.load_problem("problems/rx60")
+    >>> problem.name, problem.model.robot.link_names
+    ('rx60', ('link1', 'link2', 'link3'))
     """
     return stated_problem(Path(path), statement_of(stated), trust=trust).problem
 

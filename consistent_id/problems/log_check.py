@@ -40,6 +40,7 @@ def check_problem(problem: Problem) -> Diagnosis:
         if any(f.severity == "fault" for f in hidden):
             kept = tuple(f for f in kept if f.kind not in _EFFECTS)
         found = replace(found, findings=(*kept, *hidden))
+    found = replace(found, findings=(*found.findings, *_late_torque(problem)))
     if problem.gains is None:
         return found
     findings = (
@@ -47,6 +48,33 @@ def check_problem(problem: Problem) -> Diagnosis:
         for f in found.findings
     )
     return replace(found, findings=tuple(findings))
+
+
+def _late_torque(problem: Problem) -> tuple[LogFinding, ...]:
+    """Return the delay of a floating robot's torque, if its interval excludes zero.
+
+    It is corrected, and part of the intervals: a note, no warning.
+    """
+    data = problem.table.data
+    if data is None or data.preparation.delays.get("torque") != "estimated":
+        return ()
+    delay = problem.found_in_training.delay
+    if delay is None or not delay.significant:
+        return ()
+    is_now = "later" if delay.seconds > 0.0 else "earlier"
+    cause = "" if delay.seconds > 0.0 else ", as if stamped before it acts"
+    return (
+        LogFinding(
+            "lag",
+            "note",
+            "all joints",
+            f"the torque is {1e3 * abs(delay.seconds):.2f} ms (+- "
+            f"{1e3 * delay.half_width:.2f}, 95 %) {is_now} than the motion{cause}; the "
+            "fit corrects it, and the intervals contain its error",
+            "state delays = { torque = SECONDS } in [data.preparation] if it is known",
+            abs(delay.seconds) / delay.half_width,
+        ),
+    )
 
 
 def _checked(problem: Problem, prepare: Callable[[Recording], Recording]) -> Diagnosis:
@@ -70,9 +98,10 @@ def named_logs(problem: Problem) -> tuple[list[Recording], list[Recording]]:
 
 
 def delay_of_torque(problem: Problem) -> float:
-    """Return the delay of the torque that the preparation corrects, [s]."""
+    """Return the stated delay of the torque that the preparation corrects, [s]."""
     data = problem.table.data
-    return 0.0 if data is None else float(data.preparation.delays.get("torque", 0.0))
+    stated = 0.0 if data is None else data.preparation.delays.get("torque", 0.0)
+    return 0.0 if stated == "estimated" else float(stated)
 
 
 def _without_delay(problem: Problem) -> Problem:

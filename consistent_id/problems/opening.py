@@ -148,6 +148,15 @@ def identify_log(
         As `draft_problem`.
     NotExcitedError, InfeasibleError, SolverError
         As `run_study`.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> folder = "problems/kuka_kr300"
+    >>> log = f"{folder}/FF_A.parquet"
+    >>> study = ci.identify_log(f"{folder}/robot.urdf", log, select=False)
+    >>> study.verdict.word
+    'use with care'
     """
     from consistent_id.problems.drafting import draft_problem
     from consistent_id.problems.study import run_study

@@ -117,12 +117,11 @@ def check_preparation(table: PreparationTable, columns: ColumnsTable) -> None:
             raise ProblemError(
                 f"{where}: a delay of {channel}, which [data.columns] does not name"
             )
-    for channel in ("position", "torque"):
-        if table.delays.get(channel) == "estimated":  # type: ignore[call-overload]
-            raise ProblemError(
-                f"{where}: the delay of {channel} cannot be found from motion alone; "
-                "give a number of seconds"
-            )
+    if table.delays.get("position") == "estimated":
+        raise ProblemError(
+            f"{where}: the delay of position cannot be found from motion alone; give a "
+            "number of seconds"
+        )
     if table.shortest_part is not None and table.max_gap is None:
         raise ProblemError(f"{where}: shortest_part is of use only with max_gap")
     if table.method == "fourier" and table.trim_standstill is not False:
@@ -156,6 +155,11 @@ def check_base(data: DataTable, *, floating: bool) -> None:
         raise ProblemError(
             "[data.preparation]: most_slip is of contacts, but there is no "
             "[[data.contacts]]; leave it out"
+        )
+    if not floating and data.preparation.delays.get("torque") == "estimated":
+        raise ProblemError(
+            "[data.preparation]: the delay of torque is estimated only for a base that "
+            "floats; give a number of seconds, or leave it to consistent-id select"
         )
     method = data.preparation.method
     if floating and method != "butterworth":
@@ -259,6 +263,8 @@ def prepared(
 def filtered(part: Recording, table: PreparationTable) -> Recording:
     """Take out delays and filter, as a table asks."""
     for channel, delay in table.delays.items():
+        if channel == "torque" and delay == "estimated":  # which takes the robot
+            continue
         late = track(part, channel)
         if delay == "estimated":
             delay = estimate_delay(track(part, "position"), late).seconds

@@ -80,6 +80,15 @@ class Problem:
         File that it was read from; a draft was read from none.
     arm : RobotModel, optional
         The arm that carries a wrench sensor, if the model is that of its tool.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> problem = ci.load_problem("problems/rx60")
+    >>> problem.model.robot.joint_names
+    ('joint1', 'joint2', 'joint3')
+    >>> problem.constraints[0]
+    PhysicalConsistency(margin=1e-06, share=0.0)
     """
 
     folder: Path

@@ -1,7 +1,9 @@
 """Logs of a robot that has no problem file: its joints, their columns and units."""
 
-from collections.abc import Iterable, Mapping, Sequence
+import shlex
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +14,14 @@ from consistent_id.problems.floating.floating_draft import (
     base_in_log,
     floating_columns,
 )
-from consistent_id.problems.statement import Statement
+from consistent_id.problems.nominal_gains import NominalGains, nominal_gains
+from consistent_id.problems.statement import (
+    Statement,
+    declarations,
+    statement_of_words,
+)
 from consistent_id.recordings.column_guess import (
+    GAINS,
     ColumnGuess,
     guess_columns,
     require_torque,
@@ -36,6 +44,7 @@ from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import did_you_mean
 
 _ROBOTS = (".urdf", ".xml", ".mjcf", ".xacro")
+_MOST_REMEDIES = 4
 _CHANNELS = ("time", "position", "velocity", "torque", "position_command")
 
 
@@ -113,6 +122,18 @@ def robot_logs(
         If the two files seem to be exchanged, or the gains are too many or too few.
     """
     tables, stated = tables or {}, stated or Statement()
+    try:
+        return _found(model, log, stated, tables)
+    except (ModelError, RecordingError) as cause:
+        if cause.option_names <= {declarations()[n].option for n in stated.given}:
+            raise  # nothing is proposed, or what is stated already
+        raise _with_remedies(cause, model, log, stated, tables) from None
+
+
+def _found(
+    model: Path, log: Path, stated: Statement, tables: Mapping[Path, ColumnTable]
+) -> RobotLogs:
+    """Find how to read logs with what is stated."""
     if log not in tables:
         _require_order(model, log)
     robot = _loaded(model, stated)
@@ -126,7 +147,8 @@ def robot_logs(
     wrenches = wrenches_in_log(log, in_memory)
     felt = wrench_note(wrenches, robot)
     others = () if floating is None else floating.taken
-    guess = _guessed(
+    guessed = partial(
+        _guessed,
         felt,
         _names_in_log(stated, robot),
         log,
@@ -137,16 +159,26 @@ def robot_logs(
         arrays=_arrays(floating),
         torque_joints=stated.torque_joints,
         units=stated.units,
-        currents=len(stated.torque_gain) > 0,
         commands=stated.gains is not None,
         held=_every_joint(model, stated),
         chains=chains_of(robot),
         topic=stated.topic,
     )
+    try:
+        guess = guessed(currents=len(stated.torque_gain) > 0)
+        require_torque(guess.columns.torque, stated.torque_gain)
+    except RecordingError as cause:
+        gains = None
+        if not stated.torque_gain and not cause.options and log not in tables:
+            gains = _implied_gains(guessed, robot, log)
+        if gains is None:
+            raise
+        raise RecordingError(
+            f"{cause} {gains.sentence}: {gains.option}", options=gains.option
+        ) from None
     stated = replace(stated, topic=guess.topic)
     if log not in tables and "position" not in guess.columns.units:
         _require_usual_units(log, guess)
-    require_torque(guess.columns.torque, stated.torque_gain)
     absent = [name for name in robot.joint_names if name not in guess.joints]
     locked = dict(stated.locked or {}) | dict.fromkeys(absent, 0.0)
     if absent:
@@ -159,6 +191,64 @@ def robot_logs(
         found = replace(found, beside=floating.beside)
         notes = (*notes, *floating.notes)
     return RobotLogs(robot, found, locked, stated, notes, floating, tables)
+
+
+def _with_remedies(
+    cause: ModelError | RecordingError,
+    model: Path,
+    log: Path,
+    stated: Statement,
+    tables: Mapping[Path, ColumnTable],
+) -> ModelError | RecordingError:
+    """Return an error that proposes all that the log needs, not only the first."""
+    said, options, error = [str(cause)], list[str](), cause
+    while error.options and len(options) < _MOST_REMEDIES:
+        if error.option_names & set(" ".join(options).split()):
+            break
+        options.append(error.options)
+        try:
+            words = shlex.split(" ".join(options).replace(GAINS, "1,0"))  # whatever
+            more = _stated_with(stated, words)
+            logs = _found(model, log, more, tables)
+            gains = nominal_gains(logs.robot, logs.read(log))
+            if gains is not None and gains.far and not more.torque_gain:
+                said.append(f"Then {gains.sentence[0].lower()}{gains.sentence[1:]}")
+                options.append(gains.option)
+            break
+        except (ModelError, RecordingError) as following:
+            said.append(f"Then {following}")
+            error = following
+        except ProblemError:  # such as a value that the user has to know
+            break
+    kind = ModelError if isinstance(cause, ModelError) else RecordingError
+    return kind("\n".join(said), options=" ".join(options), replaces=cause.replaces)
+
+
+def _stated_with(stated: Statement, words: Sequence[str]) -> Statement:
+    """Return a statement with options as they are typed in a shell."""
+    names = {d.option: (n, d.usage.endswith("...")) for n, d in declarations().items()}
+    given: dict[str, Any] = {}
+    for word in words:
+        if word in names:
+            name, several = names[word]
+            given[name] = []
+        else:
+            given[name] = [*given[name], word] if several else word
+    more = statement_of_words(given)
+    return replace(stated, **{name: getattr(more, name) for name in more.given})
+
+
+def _implied_gains(
+    guessed: Callable[..., ColumnGuess], robot: RobotModel, log: Path
+) -> NominalGains | None:
+    """Return the gains of a log of currents that the model's bodies imply."""
+    try:
+        guess = guessed(currents=True)
+        if guess.joints != robot.joint_names or guess.columns.torque is None:
+            return None
+        return nominal_gains(robot, read_recording(log, guess.joints, guess.columns))
+    except (RecordingError, ProblemError):
+        return None
 
 
 def _require_usual_units(log: Path, guess: ColumnGuess) -> None:
@@ -214,7 +304,10 @@ def _guessed(
     try:
         guess = guess_columns(log, in_log(joints), known, **more)
     except RecordingError as cause:
-        raise RecordingError(f"{cause} {felt}".strip()) from None
+        said = f"{cause} {felt}".strip()
+        raise RecordingError(
+            said, options=cause.options, replaces=cause.replaces
+        ) from None
     if not renamed:
         return guess
     for joint, name in renamed.items():

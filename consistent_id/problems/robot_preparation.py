@@ -10,10 +10,13 @@ import numpy as np
 from consistent_id._support.arrays import Vector
 from consistent_id.constraints import Constraint
 from consistent_id.estimation.base_least_squares import weighted_least_squares
-from consistent_id.estimation.foot_radius import (
+from consistent_id.estimation.radius_and_delay import (
     ContactRadius,
-    contact_radius,
+    RadiusAndDelay,
+    TorqueDelay,
+    estimate_radius_and_delay,
     with_radii,
+    without_torque_delay,
 )
 from consistent_id.estimation.resting import rest_speed
 from consistent_id.estimation.uncertainties.beyond_noise import NORMAL
@@ -163,14 +166,24 @@ class FoundInTraining:
         See `without_rests`.
     drift : SensorDrift
         Biases of a wrench sensor.
-    feet : ContactRadius, optional
-        The correction of the radius of round feet.
+    standing : RadiusAndDelay, optional
+        The correction of the radius of round feet, and the delay of the torque.
     """
 
     speed: float
     reach: float
     drift: SensorDrift
-    feet: ContactRadius | None = None
+    standing: RadiusAndDelay | None = None
+
+    @property
+    def feet(self) -> ContactRadius | None:
+        """The correction of the radius of round feet, if it is estimated."""
+        return None if self.standing is None else self.standing.feet
+
+    @property
+    def delay(self) -> TorqueDelay | None:
+        """The delay of the torque, if it is estimated."""
+        return None if self.standing is None else self.standing.delay
 
     @staticmethod
     def of(
@@ -187,26 +200,37 @@ class FoundInTraining:
         if how.least_joint_speed == "estimated":
             rests = rest_speed(model, training(), constraints=constraints, reach=reach)
             found = replace(found, speed=rests.speed, reach=rests.reach)
-        if how.contact_radius != "estimated":
+        radius = how.contact_radius == "estimated"
+        delay = how.delays.get("torque") == "estimated"
+        if not radius and not delay:
             return found
-        free = contact_free_model(model)
-        feet = contact_radius(free, found.applied(training()), constraints=constraints)
-        return replace(found, feet=feet)
+        standing = estimate_radius_and_delay(
+            contact_free_model(model),
+            found.applied(training()),
+            constraints=constraints,
+            radius=radius,
+            delay=delay,
+        )
+        return replace(found, standing=standing)
 
     def applied(self, parts: Sequence[Recording]) -> tuple[Recording, ...]:
         """Return recordings with feet as found, without drift and torque at rest."""
         if self.speed > 0.0:
             parts = [without_rests(p, self.speed, reach=self.reach) for p in parts]
-        if self.feet is not None:
-            parts = [with_radii(p, self.feet.offset) for p in parts]
+        if self.standing is not None:
+            parts = [self.standing.applied(p) for p in parts]
         return self.drift.left_out(parts)
 
     def varied(self, parts: Sequence[Recording]) -> list[list[Recording]]:
-        """Return applied recordings once for each value found, changed by its error.
+        """Return applied recordings once for each error of the values found.
 
-        The error is that of a 95 % interval, 1.96 of them either way.
+        Errors are those of 95 % intervals, 1.96 of them either way.  If errors of
+        radius and delay are correlated, the changes are combinations of them.
         """
-        if self.feet is None:
+        if self.standing is None:
             return []
-        error = self.feet.half_width / NORMAL
-        return [[with_radii(p, error) for p in parts]]
+        wide = self.standing.widened(NORMAL).changes()
+        return [
+            [without_torque_delay(with_radii(p, radius), late) for p in parts]
+            for radius, late in wide
+        ]

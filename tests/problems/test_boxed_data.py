@@ -125,6 +125,7 @@ def test_where_recordings_are_absent_the_message_says_where_they_come_from(
     assert ("not set" if folder is None else "no file /nowhere/tiago") in said
 
 
+@pytest.mark.slow
 def test_the_counterbalance_is_no_gain_of_the_torque():
     problem = load_problem(FOLDER)
     (log,) = problem.training

@@ -53,6 +53,7 @@ def test_a_draft_finds_the_motion_and_keeps_its_last_part_to_judge_by(arm):
     assert share == pytest.approx(0.7, abs=0.002)
 
 
+@pytest.mark.slow
 def test_a_draft_without_a_selection_chooses_its_cutoff_from_the_training_rows(arm):
     folder, _ = arm
     draft = draft_problem(folder / "arm.urdf", folder / "log.csv", select=False)
@@ -63,6 +64,7 @@ def test_a_draft_without_a_selection_chooses_its_cutoff_from_the_training_rows(a
     assert "predict each other best" in draft.cutoff_reason
 
 
+@pytest.mark.slow
 def test_what_is_given_is_kept_and_what_is_to_be_plain_is_not_chosen(arm):
     folder, free = arm
     chosen = {step.move.kind for step in free.selection.steps}
@@ -96,8 +98,8 @@ def test_the_file_loads_as_the_problem_that_was_drafted(arm):
     "options",
     [
         pytest.param({}, marks=pytest.mark.slow),
-        {"masses": "free", "torque_gain": (2.0, 0.5), "select": False},
-        {"torque_joints": ["elbow"], "select": False},
+        {"masses": "free", "torque_gain": (2.0, 0.5), "cutoff": 10.0, "select": False},
+        {"torque_joints": ["elbow"], "cutoff": 10.0, "select": False},
     ],
 )
 def test_the_text_holds_exactly_what_was_drafted(arm, options):
@@ -341,7 +343,7 @@ def test_names_of_columns_are_found(tmp_path, kind):
 
 def test_of_other_files_the_columns_are_asked_for(tmp_path):
     with pytest.raises(RecordingError, match="--position"):
-        column_names(tmp_path / "log.h5")
+        column_names(tmp_path / "log.bag")
     with pytest.raises(RecordingError, match="no such file"):
         column_names(tmp_path / "nowhere.csv")
 

@@ -48,6 +48,7 @@ def arm(tmp_path_factory):
     return commanded_logs(tmp_path_factory.mktemp("arm"), 1.0, 0.8)
 
 
+@pytest.mark.slow
 def test_gains_make_the_torque_of_every_log(arm):
     urdf, logs = arm
     problem = draft_problem(
@@ -89,6 +90,7 @@ def test_free_masses_of_known_bodies_are_refused(arm):
         draft_problem(urdf, logs, gains=GAINS, bodies="model", masses="free")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("late", "drafted"), [(0.0, 0.0), (0.006, 0.006)])
 def test_the_delay_of_commands_is_drafted(tmp_path, late, drafted):
     urdf, logs = commanded_logs(tmp_path, 1.0, late=late)
@@ -98,6 +100,7 @@ def test_the_delay_of_commands_is_drafted(tmp_path, late, drafted):
     assert draft.problem().delay_of_commands == found
 
 
+@pytest.mark.slow
 def test_a_command_reaches_its_drive_before_the_next_is_sent(tmp_path):
     urdf, logs = commanded_logs(tmp_path, 1.0, late=0.017)
     draft = draft_problem(urdf, logs, gains=GAINS, select=False, cutoff=10.0)

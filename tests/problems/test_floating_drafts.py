@@ -86,6 +86,7 @@ def test_a_trunk_is_found_from_a_robot_and_logs_alone(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_base_and_contacts_are_found_by_their_names(folder):
     found, notes = logs_of(folder, columns(folder))
     assert found.base.angular_velocity == ("gyro_x", "gyro_y", "gyro_z")
@@ -123,6 +124,7 @@ def test_rotor_inertias_of_the_file_are_taken(folder):
     assert fixed == {f"{leg}_knee.rotor_inertia": 0.02 for leg in "abcd"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", ["wxyz", "xyzw"])
 def test_the_order_of_a_bare_quaternion_is_told_by_the_gyroscope(folder, order):
     log = columns(folder)
@@ -158,6 +160,7 @@ def test_a_unit_is_where_the_robots_file_has_it(folder):
     assert not at_origin.base.imu_position.any()
 
 
+@pytest.mark.slow
 def test_feet_that_swing_need_their_columns_and_the_message_says_so(folder):
     log = without(columns(folder), "contact")
     write_csv(folder / "bare.csv", log)
@@ -169,6 +172,7 @@ def test_feet_that_swing_need_their_columns_and_the_message_says_so(folder):
     assert logs_of(folder, log, Statement(contacts={}))[0].contacts == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("share", "message"),
     [
@@ -183,6 +187,7 @@ def test_an_accelerometer_that_does_not_feel_gravity_is_refused(folder, share, m
         logs_of(folder, log)
 
 
+@pytest.mark.slow
 def test_the_options_for_a_base_without_columns_are_named(folder):
     log = without(columns(folder), "gyro", "place")
     with pytest.raises(ci.RecordingError, match="--angular-velocity gx,gy,gz"):
@@ -205,6 +210,7 @@ def test_a_robot_on_legs_with_a_moving_base_in_its_log_is_asked_about(folder):
         robot_logs(folder / "fixed.xml", folder / "training.csv")
 
 
+@pytest.mark.slow
 def test_arrays_of_mujoco_are_read_by_the_model(folder):
     sensors = '<sensor><clock/><accelerometer site="imu"/><gyro site="imu"/></sensor>'
     text = robot_text(UNIT.replace(' quat="0 1 0 0"', ""))

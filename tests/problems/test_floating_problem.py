@@ -12,6 +12,7 @@ from walking import walk, write_csv
 import consistent_id as ci
 from consistent_id.cli import main
 from consistent_id.estimation.uncertainties.beyond_noise import parameter_shifts
+from consistent_id.problems.log_check import check_problem
 from consistent_id.problems.problem_estimates import variant_regressions
 from consistent_id.problems.study import Study, run_study
 from consistent_id.regression.rows.sensor_drift import driftless_regression
@@ -394,6 +395,29 @@ def test_feet_that_are_said_to_be_balls_are_found_to_be_points(folder):
     shifts = parameter_shifts(found.model, whole, [variant], found.constraints)
     assert (shifts.variance[:10] > 0.0).all()
     assert not shifts.variance[10:].any()  # legs are known
+
+
+@pytest.mark.slow
+def test_torque_that_is_stamped_early_is_found_corrected_and_named(folder):
+    loaded = problem(folder, UNIT, CONTACTS, name="stamps.toml")
+    assert loaded.found_in_training.delay is None
+    text = (folder / "stamps.toml").read_text()
+    text = text.replace("motion", 'delays = { torque = "estimated" }\nmotion', 1)
+    (folder / "stamps.toml").write_text(text)
+    found = ci.load_problem(folder / "stamps.toml")
+    early = 2e-3  # s
+    raw = loaded.read("training.csv")
+    moved = ci.estimation.without_torque_delay(raw, early)
+    found.keep({"training.csv": moved})
+    delay = found.found_in_training.delay
+    assert delay.significant
+    assert delay.seconds == pytest.approx(-early, abs=2.0 * delay.half_width)
+    (note,) = [f for f in check_problem(found).findings if f.kind == "lag"]
+    assert note.severity == "note" and "earlier" in note.statement
+    (variant,) = variant_regressions(found, found.training)
+    whole = ci.build_regression(found.model, found.training)
+    shifts = parameter_shifts(found.model, whole, [variant], found.constraints)
+    assert (shifts.variance[:10] > 0.0).any()
 
 
 @pytest.mark.slow

@@ -131,6 +131,7 @@ def test_a_table_without_a_header_changes_in_its_own_form(form):
     assert kept == odd.replace("motion_cutoff = 9.0", "motion_cutoff = 5.0")
 
 
+@pytest.mark.slow
 def test_a_file_of_very_many_lines_is_written_anew_at_once():
     gains = "torque_gain = [\n" + "1.0,\n" * 20_000 + "]\n"
     long = TEXT.replace("[data]\n", "[data]\n" + gains)

@@ -58,6 +58,7 @@ def test_a_bag_with_a_gripper_is_read_by_the_arms_topic_which_is_said(arm, tmp_p
     assert said in draft.text(tmp_path)
 
 
+@pytest.mark.slow
 def test_a_velocity_that_was_not_recorded_is_not_read(arm, tmp_path):
     urdf, _, log = arm
     found = robot_logs(urdf, bag := _bag(tmp_path, arm=_messages(log, JOINTS)))
@@ -67,6 +68,7 @@ def test_a_velocity_that_was_not_recorded_is_not_read(arm, tmp_path):
     assert found.stated.topic is None  # the only one
 
 
+@pytest.mark.slow
 def test_joints_that_a_bag_lacks_are_locked(arm, tmp_path):
     urdf, _, log = arm
     found = robot_logs(urdf, bag := _bag(tmp_path, arm=_messages(log, ["shoulder"])))
@@ -74,6 +76,7 @@ def test_joints_that_a_bag_lacks_are_locked(arm, tmp_path):
     assert found.read(bag).joints == ("shoulder",)
 
 
+@pytest.mark.slow
 def test_a_bag_without_effort_is_refused(arm, tmp_path):
     urdf, _, log = arm
     bag = _bag(tmp_path, arm=_messages(log, JOINTS, fields=["position"]))
@@ -81,6 +84,7 @@ def test_a_bag_without_effort_is_refused(arm, tmp_path):
         robot_logs(urdf, bag)
 
 
+@pytest.mark.slow
 def test_the_option_in_the_message_reads_the_bag(arm, tmp_path):
     urdf, _, log = arm
     bag = _bag(tmp_path, arm=_messages(log, ["Base", "Link 2"]))

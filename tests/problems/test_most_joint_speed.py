@@ -67,6 +67,7 @@ def test_the_models_limit_is_that_of_each_joint_with_room_for_rounding(arm):
         np.testing.assert_array_equal(one[:, 1], other[:, 1])
 
 
+@pytest.mark.slow
 def test_torque_that_lacks_at_speed_no_longer_spoils_the_estimate(arm, tmp_path):
     """Above its rated speed the elbow gives half the commanded torque."""
     logs = training(arm)

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from logged import write_arm
 from schemas import parsed
+from shared_studies import shared_within
 
 from consistent_id import Estimate, Recording, compare, load_problem
 from consistent_id.cli import main
 from consistent_id.estimation.fitted_to import FittedSpan, fitted_spans
 from consistent_id.estimation.verdict import Reason, Verdict, confirmed
-from consistent_id.problems.study import Study, run_study
+from consistent_id.problems.study import Study
 from consistent_id.recordings.signals.filtered_rows import row_filter
 
 ANSWER = (
@@ -81,6 +82,9 @@ CASES = {
 }
 
 
+studies = shared_within("function")
+
+
 def said(capsys, *arguments):
     """Return what a command prints as JSON, and its exit code."""
     capsys.readouterr()
@@ -100,11 +104,11 @@ LONG_STUDIES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
-def test_every_door_gives_the_same_answer(case, tmp_path, capsys):
+def test_every_door_gives_the_same_answer(case, tmp_path, capsys, studies):
     folder = tmp_path / "problem"
     folder.mkdir()
     place = CASES[case](folder) or folder
-    study = run_study(load_problem(place), costs=False)
+    study = studies.one(Study(load_problem(place))).run(costs=False)
     expected = json.loads(json.dumps(study.answer()))
     assert list(expected) == ["method", "verdict", *ANSWER[2:]]
     assert expected["findings"] or case in NOTHING_WRONG
@@ -115,6 +119,7 @@ def test_every_door_gives_the_same_answer(case, tmp_path, capsys):
         record, code = said(capsys, door, place, *given)
         assert {key: record[key] for key in ANSWER} == expected, door
         assert code == (not study.verdict.usable), door
+    assert studies.made == 1  # a door that asks for another gets its own
 
 
 @pytest.fixture(scope="module")

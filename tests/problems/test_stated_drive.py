@@ -46,7 +46,10 @@ def test_a_word_that_is_unknown_is_refused_with_those_known(words, said):
 @pytest.mark.parametrize("select", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_the_file_says_what_was_stated(tmp_path, select):
     words = ["viscous", "coulomb", "offset", "elbow=viscous"]
-    draft = draft_problem(*write_arm(tmp_path), drive=words, select=select)
+    cutoff = None if select else 10.0
+    draft = draft_problem(
+        *write_arm(tmp_path), drive=words, select=select, cutoff=cutoff
+    )
     (tmp_path / "problem.toml").write_text(draft.text(tmp_path))
     for problem in (draft.problem(), load_problem(tmp_path)):
         shoulder, elbow = problem.model.terms

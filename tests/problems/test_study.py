@@ -2,12 +2,14 @@
 
 from collections import Counter
 
+import numpy as np
 import pytest
 
 from consistent_id import load_problem
 from consistent_id.estimation.method import Method
 from consistent_id.problems import problem_estimates as estimates_module
 from consistent_id.problems import study as study_module
+from consistent_id.problems import study_fits as fits_module
 from consistent_id.problems.study import Study, run_study
 
 PARTS = (
@@ -37,7 +39,9 @@ def calls(monkeypatch):
 
     single = ("regression_of", "constrained_least_squares", "constrained_estimate")
     for name in (*PARTS, *single):
-        users = [m for m in (study_module, estimates_module) if hasattr(m, name)]
+        users = [
+            m for m in (study_module, fits_module, estimates_module) if hasattr(m, name)
+        ]
         assert users
         for module in users:
             work = getattr(module, name)
@@ -76,3 +80,30 @@ def test_recordings_that_are_given_are_estimated_from_as_the_problems_own():
     assert [e.method for e in own] == [e.method for e in alone]
     for mine, other in zip(own, alone, strict=True):
         assert mine.parameters.tolist() == other.parameters.tolist()
+
+
+@pytest.mark.slow
+def test_a_study_draws_torque_and_parameters_that_it_holds():
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    pyplot.switch_backend("Agg")
+    pyplot.close("all")
+    study = Study(load_problem("problems/rx60"))
+    rows = study.problem.model.torque_joints
+    figure, given = pyplot.subplots(len(rows))
+    axes = study.plot_torque(axes=given)
+    assert list(axes) == list(given)
+    log, best = study.validation[0], study.recommendation.method
+    for j, axis in enumerate(axes):
+        lines = {line.get_label(): line.get_ydata() for line in axis.get_lines()}
+        assert list(lines) == ["measured", "least squares", best]
+        np.testing.assert_array_equal(lines["measured"], log.torque[:, j])
+        for method in ("least squares", best):
+            predicted = study.estimate(method).predict(log)[:, j]
+            np.testing.assert_array_equal(lines[method], predicted)
+    found = study.delivered
+    name = found.model.layout.names[int(np.nanargmin(found.parameter_errors))]
+    (axis,) = study.plot_parameters([name], axes=figure.add_subplot())
+    (dots,) = axis.containers
+    assert dots.lines[0].get_xdata() == [found[name]]
+    assert pyplot.get_fignums() == [figure.number]  # none but the one given
+    pyplot.close("all")

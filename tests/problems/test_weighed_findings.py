@@ -32,6 +32,12 @@ def study(folder, spoil, noise=1.0):
     return Study(load_problem(file))
 
 
+@pytest.fixture(scope="module")
+def late(tmp_path_factory):
+    """The study of a log with one outlier in its validation part."""
+    return study(tmp_path_factory.mktemp("late"), outlier(25.0, HELD_OUT))
+
+
 def outlier(size, *rows):
     def spoil(table):
         table[list(rows), ELBOW] += size
@@ -100,10 +106,7 @@ def test_coarse_positions_are_weighed_by_other_rounding_errors(tmp_path):
 
 
 @pytest.mark.slow
-def test_an_outlier_in_the_validation_part_is_a_note_where_the_fit_can_take_it(
-    tmp_path,
-):
-    late = study(tmp_path, outlier(25.0, HELD_OUT))
+def test_an_outlier_in_the_validation_part_is_a_note_where_the_fit_can_take_it(late):
     assert severities(late.diagnosis.findings, "outliers") == {"warning"}
     (note,) = [f for f in late.findings if f.kind == "outliers"]
     assert note.severity == "note"
@@ -122,8 +125,8 @@ def test_a_fault_is_never_weighed(tmp_path):
     assert spoilt.verdict.word == "do not use"
 
 
-def test_a_lag_of_the_held_out_part_is_not_weighed_by_what_the_part_changes(tmp_path):
-    late = study(tmp_path, outlier(25.0, HELD_OUT))
+@pytest.mark.slow
+def test_a_lag_of_the_held_out_part_is_not_weighed_by_what_the_part_changes(late):
     (held_out,) = named_logs(late.problem)[1]
     (spike,) = [f for f in late.diagnosis.findings if f.kind == "outliers"]
     assert spike.recording == held_out.name
@@ -141,6 +144,7 @@ def test_a_lag_of_the_held_out_part_is_not_weighed_by_what_the_part_changes(tmp_
     ]
 
 
+@pytest.mark.slow
 def test_outliers_of_logs_with_one_name_and_one_time_are_not_weighed(tmp_path):
     """Which rows to leave out is not known: the warning stays."""
     files = []

@@ -254,6 +254,8 @@ class StandingDraft:
         Whether torque of joints at rest is declared unknown.
     round_feet : bool
         Whether feet are balls, whose radius is found in the log.
+    late_torque : bool
+        Whether the delay of the torque is found in the log.
     """
 
     known_links: tuple[str, ...]
@@ -261,10 +263,11 @@ class StandingDraft:
     most_slip: float | None
     rests: bool
     round_feet: bool
+    late_torque: bool
 
     @property
     def preparation(self) -> dict[str, Any]:
-        """Keys of the table of preparation."""
+        """Keys of the table of preparation, beside the delay of the position."""
         keys: dict[str, Any] = {"most_slip": self.most_slip}
         if self.rests:
             keys["least_joint_speed"] = "estimated"
@@ -286,6 +289,8 @@ class StandingDraft:
             "that balances the joint",
             "data.preparation.contact_radius": "feet deform: their radius is "
             "estimated from the log",
+            "data.preparation.delays.torque": "many drivers stamp a torque before it "
+            "acts, which looks like inertia",
         }
         if self.rotors:
             found["constraints.fixed"] = "GUESS: armatures of the file"
@@ -326,6 +331,7 @@ def standing_draft(
         SLIP if contacts > 1 and share_at_rest(robot, raws) > _ENOUGH else None,
         contacts > 0,
         any(contact.radius > 0.0 for contact in found.beside.contacts),
+        contacts > 0,
     )
 
 

@@ -210,6 +210,8 @@ def _plain(problem: Problem, fixed: Collection[str], width: float) -> Choice:
         masses = "datasheet"
     preparation = data_of(table).preparation
     delay = preparation.delays.get("torque", 0.0) if "delay" in fixed else 0.0
+    if delay == "estimated":  # of a base that floats, whose model is not selected
+        delay = 0.0
     return Choice(
         tuple(
             _plain_drive(problem, name, fixed, width)
