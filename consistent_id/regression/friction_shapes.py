@@ -263,10 +263,11 @@ def _blocks(
 def _loads(model: TorqueModel, along: Motion) -> dict[int, Vector]:
     """Return the torque of joints whose friction depends on it, [N m or N]."""
     references, row = model.load_references, model.rows
-    return {
-        j: model.rigid_torque(load, (along.q, along.dq, along.ddq))[:, row[j]]
-        for j, load in references.items()
-    }
+    if not references:
+        return {}
+    bodies = next(iter(references.values()))  # of one robot for all joints
+    torque = model.rigid_torque(bodies, (along.q, along.dq, along.ddq))
+    return {j: torque[:, row[j]] for j in references}
 
 
 def _factor(rows: _ShapedRows, S: Matrix) -> Matrix:

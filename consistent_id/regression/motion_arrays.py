@@ -7,7 +7,6 @@ of the cut-off (``S``): ``S F M Y x = S F M tau``.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from threading import Lock
 from typing import NamedTuple
 
@@ -22,6 +21,7 @@ from consistent_id._support.arrays import (
     chunks,
     frozen,
 )
+from consistent_id._support.caches import kept_with
 from consistent_id._support.executors import worker_threads
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.beside import BaseMotion
@@ -42,8 +42,13 @@ from consistent_id.regression.rows.generalised_forces import measured_forces
 PIECE = 4 * CHUNK
 """Samples that one worker compresses before factors are merged."""
 
-_KEPT = 2**25
-"""Bytes of filtered rows that are kept for the next pass over a recording."""
+_KEPT = 2**26
+"""Bytes of a recording's filtered rows that are kept for the next pass over it: those
+of a robot on its feet, 15 s at 30 Hz, are a little fewer.
+"""
+
+_ALL_KEPT = 3 * _KEPT
+"""Bytes of filtered rows of all recordings that are kept at a time."""
 
 _WORKERS = 2
 _FILLING = Lock()
@@ -261,7 +266,7 @@ def _part(values: Array | None, part: slice) -> Array | None:
     return None if values is None else values[part]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class FilteredRows:
     """All filtered rows of a recording.
 
@@ -350,7 +355,7 @@ class FilteredRows:
         return [np.asfortranarray(through(own, samples, span, whole)) for own in every]
 
 
-@lru_cache(maxsize=6)
+@kept_with(1, most=6, room=_ALL_KEPT, size=lambda rows: sum(b.nbytes for b in rows))
 def _kept_blocks(
     model: TorqueModel, rows: FilteredRows, columns: tuple[bytes, ...]
 ) -> list[Matrix]:
@@ -386,7 +391,7 @@ def motion_of(
     return _with_filter(model, recording, weights)
 
 
-@lru_cache(maxsize=8)
+@kept_with(1, most=8)
 def _filtered_motion(model: TorqueModel, recording: Recording) -> Motion:
     """Return the same rows each time: a study takes many passes over few recordings."""
     return _with_filter(model, recording, None)
@@ -464,7 +469,7 @@ def every_sample(
         )
     if weights is not None:
         weights = frozen(weights, tau.shape, f"row_weights of {recording.name}")
-    unknown = _unknown_rows(model, recording)
+    unknown = unknown_rows(model, recording)
     if unknown is not None:
         weights = np.where(unknown, 0.0, 1.0 if weights is None else weights)
     motion = Motion(q, dq, ddq, tau, weights, base)
@@ -483,19 +488,19 @@ def every_sample(
     )
 
 
-@lru_cache(maxsize=4)
+@kept_with(1, most=4)
 def mixing_of(model: TorqueModel, recording: Recording) -> ContactMixing | None:
     """Return how a recording's rows are mixed, with its maps held.
 
     A study goes along the same few recordings again and again, and finding maps takes
     longer than all else that is done with them.
     """
-    unknown = _unknown_rows(model, recording)
+    unknown = unknown_rows(model, recording)
     found = contact_mixing(model.robot, model.torque_joints, recording, unknown)
     return None if found is None else found.holding()
 
 
-def _unknown_rows(model: TorqueModel, recording: Recording) -> BoolArray | None:
+def unknown_rows(model: TorqueModel, recording: Recording) -> BoolArray | None:
     """Return where a row holds what the model does not say, shape (samples, rows)."""
     known, joints = recording.torque_known, recording.joints
     if known is None or known.all():

@@ -14,7 +14,6 @@ that moves by itself, with those that follow it: their screws add.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -75,15 +74,7 @@ class FreeMotion(NamedTuple):
     coordinates: tuple[int, int, int, int, int, int]
 
 
-class FramePlace(NamedTuple):
-    """A frame that is fixed to a link, of its number, and where it is there."""
-
-    link: int
-    rotation: Matrix
-    translation: Vec
-
-
-class _MovingLink(NamedTuple):
+class MovingLink(NamedTuple):
     """A link's motion, and the unit screws ``(coordinate, e, v)`` that move it."""
 
     w: Vec
@@ -105,7 +96,7 @@ def regressor_entries(
     ``m, hx, hy, hz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz`` of the link in the coordinate's
     torque (force, for a sliding joint).
     """
-    for k, state in enumerate(_states(joints, gravity, motion)):
+    for k, state in enumerate(link_states(joints, gravity, motion)):
         for j, e, v in state.screws:
             yield j, k, _entries(e, v, state)
 
@@ -121,150 +112,205 @@ def torque_parts(
     `bodies` holds the ten inertial parameters of each link.  The sum over links is the
     torque; with parameters known, that costs a fraction of `regressor_entries`.
     """
-    for k, state in enumerate(_states(joints, gravity, motion)):
-        f, n = _wrench(state, bodies[k])
+    for k, state in enumerate(link_states(joints, gravity, motion)):
+        f, n = link_wrench(state, bodies[k])
         for j, e, v in state.screws:
-            yield j, k, _plus(_dot(v, f), _dot(e, n))
+            yield j, k, plus(dot(v, f), dot(e, n))
 
 
-def frame_as_base(
+def coordinate_torques(
     joints: Sequence[JointGeometry],
     gravity: Vec,
     motion: Sequence[JointMotion | FreeMotion],
-    place: FramePlace,
-) -> FreeMotion:
-    """Return how a link carries a frame, as the motion of a free base there."""
-    link = next(islice(_states(joints, gravity, motion), place.link, None))
-    a = _add(link.a, _matvec(link.W, place.translation))
-    w, dw, a = (_matvec_transposed(place.rotation, x) for x in (link.w, link.dw, a))
-    return FreeMotion(w, dw, a, (0, 1, 2, 3, 4, 5))
+    bodies: Sequence[Sequence[Sequence[Scalar]]],
+) -> Iterator[tuple[int, int, Scalar]]:
+    """Yield ``(robot, coordinate, torque)`` of robots that move alike.
+
+    `bodies` holds for each robot the ten inertial parameters of each link.  A backward
+    pass carries the sum of wrenches from link to link: in long chains it takes half as
+    long as `torque_parts`, which needs the screws of all coordinates at each link.
+    Several torques of one coordinate, of joints that follow it, add up.
+    """
+    states = list(link_states(joints, gravity, motion, screws=False))
+    for robot, each in enumerate(bodies):
+        wrenches = [
+            link_wrench(link, body) for link, body in zip(states, each, strict=True)
+        ]
+        for k in reversed(range(len(states))):
+            joint, moves, (f, n) = joints[k], motion[k], wrenches[k]
+            if isinstance(moves, FreeMotion):
+                for j, value in zip(moves.coordinates, (*f, *n), strict=True):
+                    yield robot, j, value
+                continue
+            yield robot, moves.coordinate, along_axis(joint, moves, f, n)
+            if joint.parent >= 0:
+                f, n = into_parent(joint, moves, f), into_parent(joint, moves, n)
+                others_f, others_n = wrenches[joint.parent]
+                n = add(n, cross(arm_of(joint, moves), f))
+                wrenches[joint.parent] = add(others_f, f), add(others_n, n)
 
 
-def _states(
+def link_states(
     joints: Sequence[JointGeometry],
     gravity: Vec,
     motion: Sequence[JointMotion | FreeMotion],
-) -> Iterator[_MovingLink]:
-    """Yield the state of each link, parents first."""
+    *,
+    screws: bool = True,
+) -> Iterator[MovingLink]:
+    """Yield the state of each link, parents first; perhaps without its screws."""
     at_rest = (-gravity[0], -gravity[1], -gravity[2])
-    base = _MovingLink(_NONE, _NONE, at_rest, (), (_NONE, _NONE, _NONE))
-    states: list[_MovingLink] = []
+    base = MovingLink(_NONE, _NONE, at_rest, (), (_NONE, _NONE, _NONE))
+    states: list[MovingLink] = []
     for joint, moves in zip(joints, motion, strict=True):
         if isinstance(moves, FreeMotion):
             states.append(_free(moves))
             yield states[-1]
             continue
         parent = base if joint.parent < 0 else states[joint.parent]
-        states.append(_child(joint, moves, parent))
+        states.append(_child(joint, moves, parent, screws=screws))
         yield states[-1]
 
 
-def _free(base: FreeMotion) -> _MovingLink:
+def _free(base: FreeMotion) -> MovingLink:
     """Return the state of a free base; unit rates push and turn it along its axes."""
     units: tuple[Vec, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     screws = [(_NONE, unit) for unit in units] + [(unit, _NONE) for unit in units]
     numbered = zip(base.coordinates, screws, strict=True)
     of_base = tuple((j, e, v) for j, (e, v) in numbered)
-    return _MovingLink(base.w, base.dw, base.a, of_base, _spin(base.w, base.dw))
+    return MovingLink(base.w, base.dw, base.a, of_base, _spin(base.w, base.dw))
 
 
-def _wrench(link: _MovingLink, body: Sequence[Scalar]) -> tuple[Vec, Vec]:
+def link_wrench(link: MovingLink, body: Sequence[Scalar]) -> tuple[Vec, Vec]:
     """``f = m a + W h`` and ``n = I dw + w x I w + h x a``."""
     m, hx, hy, hz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz = body
     h = (hx, hy, hz)
     J = ((Ixx, Ixy, Ixz), (Ixy, Iyy, Iyz), (Ixz, Iyz, Izz))
-    f = _add(_scaled(m, link.a), _matvec(link.W, h))
-    n = _add(_matvec(J, link.dw), _cross(link.w, _matvec(J, link.w)))
-    return f, _add(n, _cross(h, link.a))
+    f = add(scaled(m, link.a), matvec(link.W, h))
+    n = add(matvec(J, link.dw), cross(link.w, matvec(J, link.w)))
+    return f, add(n, cross(h, link.a))
 
 
 def _child(
-    joint: JointGeometry, moves: JointMotion, parent: _MovingLink
-) -> _MovingLink:
+    joint: JointGeometry, moves: JointMotion, parent: MovingLink, *, screws: bool
+) -> MovingLink:
     """Carry the parent's state over a joint into its link's frame."""
-    axis = (joint.align[0][2], joint.align[1][2], joint.align[2][2])
-    arm = joint.translation
+    axis, arm = axis_of(joint), arm_of(joint, moves)
+    w = into_link(joint, moves, parent.w)
+    dw = into_link(joint, moves, parent.dw)
+    a = into_link(joint, moves, add(parent.a, matvec(parent.W, arm)))
+    rate, push = scaled(moves.dq, axis), scaled(moves.ddq, axis)
+    coupled = cross(w, rate)
     if joint.slides:
-        arm = _add(arm, _scaled(moves.q, _matvec(joint.rotation, axis)))
-    w = _into(joint, moves, parent.w)
-    dw = _into(joint, moves, parent.dw)
-    a = _into(joint, moves, _add(parent.a, _matvec(parent.W, arm)))
-    screws = tuple(
-        (j, _into(joint, moves, e), _into(joint, moves, _add(v, _cross(e, arm))))
+        a = add(add(a, push), scaled(2.0, coupled))
+    else:
+        w, dw = add(w, rate), add(add(dw, push), coupled)
+    if not screws:
+        return MovingLink(w, dw, a, (), _spin(w, dw))
+    carried = tuple(
+        (j, into_link(joint, moves, e), into_link(joint, moves, add(v, cross(e, arm))))
         for j, e, v in parent.screws
     )
-    rate, push = _scaled(moves.dq, axis), _scaled(moves.ddq, axis)
-    coupled = _cross(w, rate)
-    if joint.slides:
-        a = _add(_add(a, push), _scaled(2.0, coupled))
-    else:
-        w, dw = _add(w, rate), _add(_add(dw, push), coupled)
-    return _MovingLink(
-        w, dw, a, _moved(screws, joint.slides, axis, moves), _spin(w, dw)
-    )
+    own = _moved(carried, joint.slides, axis, moves)
+    return MovingLink(w, dw, a, own, _spin(w, dw))
+
+
+def axis_of(joint: JointGeometry) -> Vec:
+    """Return a joint's axis, in the joint's frame as in its link's."""
+    return joint.align[0][2], joint.align[1][2], joint.align[2][2]
+
+
+def arm_of(joint: JointGeometry, moves: JointMotion) -> Vec:
+    """Return the place of a link's frame in that of its parent."""
+    if not joint.slides:
+        return joint.translation
+    slid = scaled(moves.q, matvec(joint.rotation, axis_of(joint)))
+    return add(joint.translation, slid)
+
+
+def along_axis(joint: JointGeometry, moves: JointMotion, f: Vec, n: Vec) -> Scalar:
+    """Return what a wrench on a link asks of the coordinate that moves its joint."""
+    return mul(moves.ratio, dot(axis_of(joint), f if joint.slides else n))
 
 
 def _moved(
     screws: tuple[_Screw, ...], slides: bool, axis: Vec, moves: JointMotion
 ) -> tuple[_Screw, ...]:
     """Add a joint's own screw to that of its coordinate."""
-    own = _scaled(moves.ratio, axis)
+    own = scaled(moves.ratio, axis)
     e, v = (_NONE, own) if slides else (own, _NONE)
     for place, (j, others_e, others_v) in enumerate(screws):
         if j == moves.coordinate:
-            whole = (j, _add(others_e, e), _add(others_v, v))
+            whole = (j, add(others_e, e), add(others_v, v))
             return (*screws[:place], whole, *screws[place + 1 :])
     return (*screws, (moves.coordinate, e, v))
 
 
 def _spin(w: Vec, dw: Vec) -> Matrix:
     """``W = [dw x] + w w^T - (w.w) 1``, so that ``W h = dw x h + w x (w x h)``."""
-    xx, yy, zz = _mul(w[0], w[0]), _mul(w[1], w[1]), _mul(w[2], w[2])
-    xy, xz, yz = _mul(w[0], w[1]), _mul(w[0], w[2]), _mul(w[1], w[2])
-    x, y, z = dw
+    xx, yy, zz = mul(w[0], w[0]), mul(w[1], w[1]), mul(w[2], w[2])
+    xy, xz, yz = mul(w[0], w[1]), mul(w[0], w[2]), mul(w[1], w[2])
+    return spin_of((xx, yy, zz), (xy, xz, yz), dw)
+
+
+def spin_of(squares: Vec, products: Vec, dw: Vec) -> Matrix:
+    """Return `_spin`, or its slope, from ``xx, yy, zz`` and ``xy, xz, yz`` of w w^T."""
+    (xx, yy, zz), (xy, xz, yz), (x, y, z) = squares, products, dw
     return (
-        (_minus(0.0, _plus(yy, zz)), _minus(xy, z), _plus(xz, y)),
-        (_plus(xy, z), _minus(0.0, _plus(xx, zz)), _minus(yz, x)),
-        (_minus(xz, y), _plus(yz, x), _minus(0.0, _plus(xx, yy))),
+        (minus(0.0, plus(yy, zz)), minus(xy, z), plus(xz, y)),
+        (plus(xy, z), minus(0.0, plus(xx, zz)), minus(yz, x)),
+        (minus(xz, y), plus(yz, x), minus(0.0, plus(xx, yy))),
     )
 
 
-def _entries(e: Vec, v: Vec, link: _MovingLink) -> tuple[Scalar, ...]:
+def _entries(e: Vec, v: Vec, link: MovingLink) -> tuple[Scalar, ...]:
     """Coefficients of the ten inertial parameters in ``v.f + e.n``.
 
     The inertia's are those of ``e dw^T + (e x w) w^T``, symmetrised; written out, each
     is linear in ``e`` with entries of ``W`` (or products of rates) as coefficients.
     """
     (x, y, z), (wx, wy, wz), (dwx, dwy, dwz), W = e, link.w, link.dw, link.W
-    ux, uy, uz = _cross(e, link.w)
+    ux, uy, uz = cross(e, link.w)
     xx, yy, zz = W[0][0], W[1][1], W[2][2]
     return (
-        _dot(v, link.a),
-        *_add(_matvec_transposed(W, v), _cross(link.a, e)),
-        _plus(_mul(x, dwx), _mul(ux, wx)),
-        _plus(_minus(_mul(y, W[2][1]), _mul(x, W[2][0])), _mul(z, _minus(xx, yy))),
-        _plus(_mul(y, dwy), _mul(uy, wy)),
-        _plus(_minus(_mul(x, W[1][0]), _mul(z, W[1][2])), _mul(y, _minus(zz, xx))),
-        _plus(_minus(_mul(z, W[0][2]), _mul(y, W[0][1])), _mul(x, _minus(yy, zz))),
-        _plus(_mul(z, dwz), _mul(uz, wz)),
+        dot(v, link.a),
+        *add(matvec_transposed(W, v), cross(link.a, e)),
+        plus(mul(x, dwx), mul(ux, wx)),
+        plus(minus(mul(y, W[2][1]), mul(x, W[2][0])), mul(z, minus(xx, yy))),
+        plus(mul(y, dwy), mul(uy, wy)),
+        plus(minus(mul(x, W[1][0]), mul(z, W[1][2])), mul(y, minus(zz, xx))),
+        plus(minus(mul(z, W[0][2]), mul(y, W[0][1])), mul(x, minus(yy, zz))),
+        plus(mul(z, dwz), mul(uz, wz)),
     )
 
 
-def _into(joint: JointGeometry, moves: JointMotion, x: Vec) -> Vec:
+def into_link(joint: JointGeometry, moves: JointMotion, x: Vec) -> Vec:
     """Turn a vector of the parent link's axes into the link's own axes."""
-    x = _matvec_transposed(joint.rotation, x)
+    x = matvec_transposed(joint.rotation, x)
     if joint.slides:
         return x
-    x1, x2, x3 = _matvec_transposed(joint.align, x)
+    x1, x2, x3 = matvec_transposed(joint.align, x)
     turned = (
-        _plus(_mul(moves.cos, x1), _mul(moves.sin, x2)),
-        _minus(_mul(moves.cos, x2), _mul(moves.sin, x1)),
+        plus(mul(moves.cos, x1), mul(moves.sin, x2)),
+        minus(mul(moves.cos, x2), mul(moves.sin, x1)),
         x3,
     )
-    return _matvec(joint.align, turned)
+    return matvec(joint.align, turned)
 
 
-def _mul(x: Scalar, y: Scalar) -> Scalar:
+def into_parent(joint: JointGeometry, moves: JointMotion, x: Vec) -> Vec:
+    """Turn a vector of the link's axes into the parent link's axes."""
+    if not joint.slides:
+        x1, x2, x3 = matvec_transposed(joint.align, x)
+        turned = (
+            minus(mul(moves.cos, x1), mul(moves.sin, x2)),
+            plus(mul(moves.sin, x1), mul(moves.cos, x2)),
+            x3,
+        )
+        x = matvec(joint.align, turned)
+    return matvec(joint.rotation, x)
+
+
+def mul(x: Scalar, y: Scalar) -> Scalar:
     """Product that keeps structural zeros and ones out of the arithmetic."""
     if type(x) is float:
         if x == 0.0:
@@ -279,7 +325,8 @@ def _mul(x: Scalar, y: Scalar) -> Scalar:
     return x * y
 
 
-def _plus(x: Scalar, y: Scalar) -> Scalar:
+def plus(x: Scalar, y: Scalar) -> Scalar:
+    """Sum that keeps structural zeros out."""
     if type(x) is float and x == 0.0:
         return y
     if type(y) is float and y == 0.0:
@@ -287,36 +334,43 @@ def _plus(x: Scalar, y: Scalar) -> Scalar:
     return x + y
 
 
-def _minus(x: Scalar, y: Scalar) -> Scalar:
+def minus(x: Scalar, y: Scalar) -> Scalar:
+    """Difference that keeps structural zeros out."""
     return x if type(y) is float and y == 0.0 else x - y
 
 
-def _scaled(s: Scalar, x: Vec) -> Vec:
-    return _mul(s, x[0]), _mul(s, x[1]), _mul(s, x[2])
+def scaled(s: Scalar, x: Vec) -> Vec:
+    """Return ``s x``."""
+    return mul(s, x[0]), mul(s, x[1]), mul(s, x[2])
 
 
-def _add(x: Vec, y: Vec) -> Vec:
-    return _plus(x[0], y[0]), _plus(x[1], y[1]), _plus(x[2], y[2])
+def add(x: Vec, y: Vec) -> Vec:
+    """Return ``x + y``."""
+    return plus(x[0], y[0]), plus(x[1], y[1]), plus(x[2], y[2])
 
 
-def _dot(x: Vec, y: Vec) -> Scalar:
-    return _plus(_plus(_mul(x[0], y[0]), _mul(x[1], y[1])), _mul(x[2], y[2]))
+def dot(x: Vec, y: Vec) -> Scalar:
+    """Return ``x.y``."""
+    return plus(plus(mul(x[0], y[0]), mul(x[1], y[1])), mul(x[2], y[2]))
 
 
-def _cross(x: Vec, y: Vec) -> Vec:
+def cross(x: Vec, y: Vec) -> Vec:
+    """Return ``x x y``."""
     return (
-        _minus(_mul(x[1], y[2]), _mul(x[2], y[1])),
-        _minus(_mul(x[2], y[0]), _mul(x[0], y[2])),
-        _minus(_mul(x[0], y[1]), _mul(x[1], y[0])),
+        minus(mul(x[1], y[2]), mul(x[2], y[1])),
+        minus(mul(x[2], y[0]), mul(x[0], y[2])),
+        minus(mul(x[0], y[1]), mul(x[1], y[0])),
     )
 
 
-def _matvec(m: Matrix, x: Vec) -> Vec:
-    return _dot(m[0], x), _dot(m[1], x), _dot(m[2], x)
+def matvec(m: Matrix, x: Vec) -> Vec:
+    """Return ``m x``."""
+    return dot(m[0], x), dot(m[1], x), dot(m[2], x)
 
 
-def _matvec_transposed(m: Matrix, x: Vec) -> Vec:
-    return _add(_add(_scaled(x[0], m[0]), _scaled(x[1], m[1])), _scaled(x[2], m[2]))
+def matvec_transposed(m: Matrix, x: Vec) -> Vec:
+    """Return ``m^T x``."""
+    return add(add(scaled(x[0], m[0]), scaled(x[1], m[1])), scaled(x[2], m[2]))
 
 
 def joint_geometry(robot: RobotModel) -> tuple[JointGeometry, ...]:

@@ -65,6 +65,19 @@ class Regression:
         None where no residuals were at hand: noise is then taken to be white.
     peaks : array_like, shape (joints,) or (), optional, [N m or N]
         Largest torque of each joint; by default zero: not known.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> arm = ci.from_modified_dh("arm", [ci.DHRow(-np.pi / 2, 0.0)])
+    >>> model = ci.TorqueModel(arm, ci.DriveTerms(viscous=True))
+    >>> q, dq, ddq = np.random.default_rng(0).normal(size=(3, 200, 1))
+    >>> motion = ci.Recording(("joint1",), np.arange(200) / 100, q, dq, ddq)
+    >>> body = [2.0, 0.6, 0, 0, 0.05, 0, 0.3, 0, 0, 0.3]  # kg, kg m, kg m^2
+    >>> log = ci.simulate_torque(model, [*body, 0.4], motion)
+    >>> regression = ci.build_regression(model, log)
+    >>> regression.counts, [factor.shape for factor in regression.factors]
+    ((200,), [(5, 12)])
     """
 
     layout: ParameterLayout
@@ -208,6 +221,19 @@ def build_regression(
         had been low-passed.
     NotExcitedError
         If there is no recording.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> arm = ci.from_modified_dh("arm", [ci.DHRow(-np.pi / 2, 0.0)])
+    >>> model = ci.TorqueModel(arm, ci.DriveTerms(viscous=True))
+    >>> q, dq, ddq = np.random.default_rng(0).normal(size=(3, 200, 1))
+    >>> motion = ci.Recording(("joint1",), np.arange(200) / 100, q, dq, ddq)
+    >>> body = [2.0, 0.6, 0, 0, 0.05, 0, 0.3, 0, 0, 0.3]  # kg, kg m, kg m^2
+    >>> log = ci.simulate_torque(model, [*body, 0.4], motion)
+    >>> regression = ci.build_regression(model, log)
+    >>> regression.counts, regression.residual_rms(np.array([*body, 0.4])).round(9)
+    ((200,), array([0.]))
     """
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
     if not recordings:

@@ -34,11 +34,11 @@ from consistent_id.regression.loads import checked_reference
 from consistent_id.regression.newton_euler import (
     JointGeometry,
     Scalar,
+    coordinate_torques,
     floats,
     joint_geometry,
     link_motions,
     regressor_entries,
-    torque_parts,
 )
 from consistent_id.regression.row_names import (
     BASE_ROWS,
@@ -412,16 +412,15 @@ class TorqueModel:
         """
         x = frozen(x, (len(self.layout),), "parameters")
         state, moves = self._checked(q, dq, ddq, base)
-        torque = self.rigid_torque(x[: self.layout.inertial_size], state, moves)
-        row, references = self.rows, self.load_references
+        bodies, row = [x[: self.layout.inertial_size]], self.rows
+        if self.load_references:
+            bodies.append(np.asarray(self.load_reference))
+        torque, *carried = self.rigid_torques(bodies, state, moves)
         for part in chunks(len(torque), CHUNK):
-            few = [values[part] for values in state]
-            carried = None if moves is None else moves[part]
             loads = {
-                j: self.rigid_torque(reference, few, carried)[:, row[j]]
-                for j, reference in references.items()
+                j: load[part, row[j]] for load in carried for j in self.load_references
             }
-            q, dq, ddq = (np.ascontiguousarray(values.T) for values in few)
+            q, dq, ddq = (np.ascontiguousarray(values[part].T) for values in state)
             for j, column, values in self.drive_entries(q, dq, ddq, loads):
                 if j in row:
                     torque[part, row[j]] += x[column] * values
@@ -449,11 +448,20 @@ class TorqueModel:
         base : ndarray, shape (samples, 9), optional
             How the base moves, if it floats; see `BaseMotion.stacked`.
         """
+        return self.rigid_torques([bodies], state, base)[0]
+
+    def rigid_torques(
+        self,
+        bodies: Sequence[Vector],
+        state: Sequence[Array | None],
+        base: Array | None = None,
+    ) -> list[Array]:
+        """Return `rigid_torque` of several robots' bodies along one motion."""
         robot, row = self.robot, self.rows
         geometry, gravity = joint_geometry(robot), floats(robot.gravity)
-        numbers = bodies.reshape(-1, 10).tolist()
+        numbers = [own.reshape(-1, 10).tolist() for own in bodies]
         samples = 0 if state[0] is None else len(state[0])
-        torque = np.zeros((samples, len(self.torque_joints)))
+        torques = [np.zeros((samples, len(self.torque_joints))) for _ in bodies]
         for part in chunks(samples, CHUNK):
             moves: list[Sequence[Scalar] | Array] = [
                 [0.0] * len(robot)
@@ -465,10 +473,11 @@ class TorqueModel:
             motion = link_motions(
                 robot, moves, lambda x: (np.sin(x), np.cos(x)), carried
             )
-            for j, _, values in torque_parts(geometry, gravity, motion, numbers):
+            found = coordinate_torques(geometry, gravity, motion, numbers)
+            for robot_number, j, values in found:
                 if j in row:
-                    torque[part, row[j]] += values
-        return torque
+                    torques[robot_number][part, row[j]] += values
+        return torques
 
     def drive_entries(
         self, q: Any, dq: Any, ddq: Any, loads: Mapping[int, Any]

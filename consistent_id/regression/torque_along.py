@@ -90,6 +90,18 @@ def simulate_torque(
         Standard deviation.
     rng : numpy.random.Generator, optional
         Needed for noise.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> arm = ci.from_modified_dh("arm", [ci.DHRow(-np.pi / 2, 0.0)])
+    >>> model = ci.TorqueModel(arm, ci.DriveTerms(viscous=True))
+    >>> q, dq, ddq = np.random.default_rng(0).normal(size=(3, 200, 1))
+    >>> motion = ci.Recording(("joint1",), np.arange(200) / 100, q, dq, ddq)
+    >>> body = [2.0, 0.6, 0, 0, 0.05, 0, 0.3, 0, 0, 0.3]  # kg, kg m, kg m^2
+    >>> log = ci.simulate_torque(model, [*body, 0.4], motion)
+    >>> log.torque.shape, log.name
+    ((200, 1), 'recording (simulated)')
     """
     motion = motion.of(model.robot.joint_names)
     torque = replace(model, torque_joints=()).predict(parameters, *states(motion))

@@ -7,8 +7,9 @@ from consistent_id.rollout.refine import Refined, refined
 from consistent_id.rollout.replay_model import ReplayModel, replay_model
 from consistent_id.rollout.rollout_page import rollout_html
 from consistent_id.rollout.servo_export import servo_mjcf
-from consistent_id.rollout.servo_fit import JointServo, ServoFit, identify_servos
+from consistent_id.rollout.servo_fit import identify_servos
 from consistent_id.rollout.servo_log import ServoLog, read_servo_logs
+from consistent_id.rollout.servo_result import JointServo, ServoFit
 
 __all__ = [
     "JointServo",

@@ -45,6 +45,9 @@ from consistent_id.rollout.settings import (
     with_settings,
 )
 
+FORMAT = "consistent_id rollout 1"
+"""Format of `ProblemRollout.to_dict`."""
+
 
 class FormLoss(NamedTuple):
     """The cost of a format's form of friction.
@@ -200,7 +203,11 @@ class ProblemRollout:
     def to_dict(self) -> dict[str, Any]:
         """Return what was found by name, for JSON."""
         given = None if self.refinement is None else self.estimate.verdict
-        record = {**self.study.answer(given), **self.rollout.to_dict()}
+        record = {
+            "format": FORMAT,
+            **self.study.answer(given),
+            **self.rollout.to_dict(),
+        }
         if self.notes:
             record["notes"] = list(self.notes)
         if self.refinement is not None:

@@ -17,9 +17,9 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import ModelError
 from consistent_id.export.mjcf_bodies import require_mujoco, spec_tree
 from consistent_id.robot.loaders import mjcf_spec
-from consistent_id.rollout.servo_fit import JointServo, ServoFit, ServoForm
 from consistent_id.rollout.servo_log import ServoLog
 from consistent_id.rollout.servo_motion import STEP
+from consistent_id.rollout.servo_result import JointServo, ServoFit, ServoForm
 
 FORM = "plain"
 _HARD = (0.999, 0.9999, 1e-3, 0.5, 2.0)  # friction that hardly creeps (solimp)

@@ -9,20 +9,15 @@ gives the intervals.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from consistent_id._support.arrays import IntArray, Matrix, Vector
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
-from consistent_id._support.tables import Table
 from consistent_id.errors import ModelError, NotExcitedError, RecordingError
 from consistent_id.robot.model import RobotModel
 from consistent_id.rollout.evolution import evolved
 from consistent_id.rollout.servo_bounds import (
-    UNITS,
     SearchBox,
     box_of,
     half_intervals,
@@ -36,6 +31,7 @@ from consistent_id.rollout.servo_motion import (
     rigid_model,
     simulated,
 )
+from consistent_id.rollout.servo_result import JointServo, ServoFit, ServoForm
 
 FORMS: Mapping[str, tuple[str, ...]] = {
     "plain": (),
@@ -60,198 +56,6 @@ _WIDE, _NARROW = 0.25, 0.04  # first widths of the search, of the box
 _WIDER = 3.0  # times its last width, the search without a log begins
 _BLOCKS = 3  # parts in time of a single log
 _MOVES = 5e-3  # rad: a joint that covers less in every log does not move
-
-
-@brief
-@dataclass(frozen=True, slots=True)
-class ServoForm:
-    """A form of friction fitted to one joint.
-
-    Parameters
-    ----------
-    values : dict of str to float
-        Parameters by name, in the units of `servo_bounds.UNITS`.
-    half_intervals : dict of str to float
-        Half widths of 95 % intervals, from leaving out each log in turn; all infinite
-        if the search ended at a border of its box.
-    training, left_out : float, [rad]
-        Mean absolute error of simulated positions, over whole logs: of the logs that
-        were learnt from, and of each log simulated by a fit to the others.
-    at_border : tuple of str
-        Parameters at a border of the box of the search.
-    """
-
-    name: str
-    values: Mapping[str, float]
-    half_intervals: Mapping[str, float]
-    training: float
-    left_out: float
-    at_border: tuple[str, ...] = ()
-
-
-@brief
-@dataclass(frozen=True, slots=True)
-class JointServo:
-    """One joint's servo.
-
-    Parameters
-    ----------
-    forms : tuple of ServoForm
-        All that were fitted; `chosen` has the least error of logs left out.
-    gains : dict of str to float, [1/rad]
-        The firmware's gain, duty over position error, of each log.
-    deadband : float, [rad]
-        Median of the training logs; zero if their duty shows none, or there is no duty.
-        Each log is simulated with its own.
-    validation : dict of str to dict of str to float, [rad]
-        Errors by form, of each log that was not learnt from.
-    """
-
-    joint: str
-    forms: tuple[ServoForm, ...]
-    gains: Mapping[str, float]
-    deadband: float
-    validation: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-
-    @property
-    def chosen(self) -> ServoForm:
-        """The form with the least error of logs left out."""
-        return min(self.forms, key=lambda form: form.left_out)
-
-    def form(self, name: str) -> ServoForm:
-        """Return the form of a name."""
-        return next(form for form in self.forms if form.name == name)
-
-    def table(self) -> Table:
-        """Return the chosen form's parameters, for people."""
-        form = self.chosen
-        rows = tuple(
-            (name, f"{value:.4g}", _half(form.half_intervals[name]), UNITS[name])
-            for name, value in form.values.items()
-        )
-        notes = [
-            f"friction {other.name}: error of logs left out {_mrad(other.left_out)}, "
-            f"of training {_mrad(other.training)}"
-            for other in self.forms
-        ]
-        if form.at_border:
-            notes.append(
-                f"the search ended at the border for {', '.join(form.at_border)}: the "
-                "data do not determine it, and no interval is known"
-            )
-        if self.deadband:
-            notes.append(f"deadband of the firmware: {_mrad(self.deadband)}")
-        title = f"Servo of {self.joint}, friction {form.name}"
-        return Table(title, ("parameter", "value", "+-", "unit"), rows, tuple(notes))
-
-
-@brief
-@dataclass(frozen=True, slots=True)
-class ServoFit:
-    """Servos of a robot.
-
-    Parameters
-    ----------
-    volts : float, optional, [V]
-        The nominal supply, at which `stall` is the torque at full duty.
-    not_moved : dict of str to float, [rad]
-        Joints that do not move in the training logs, at their median positions; their
-        servos are not identified.
-    """
-
-    robot: str
-    joints: tuple[JointServo, ...]
-    volts: float | None
-    not_moved: Mapping[str, float] = field(default_factory=dict)
-
-    def validation_error(self, form: str | None = None) -> float:
-        """Return the mean error of logs not learnt from, over joints [rad].
-
-        NaN if there are none.
-        """
-        errors = [
-            servo.validation[form or servo.chosen.name].values()
-            for servo in self.joints
-            if servo.validation
-        ]
-        found = [value for values in errors for value in values]
-        return float(np.mean(found)) if found else float("nan")
-
-    def tables(self) -> list[Table]:
-        """Return what was found, for people."""
-        shown = self.validation_error()
-        if np.isfinite(shown):
-            first = f"Error of simulated position, logs not used: {_mrad(shown)}"
-        else:
-            first = "No log was left unused; the error is that of logs left out in turn"
-        rows = tuple(
-            (servo.joint, log, *(f"{1e3 * by[log]:.1f}" for by in _by_form(servo)))
-            for servo in self.joints
-            for log in next(iter(servo.validation.values()), {})
-        )
-        names = tuple(form.name for form in self.joints[0].forms)
-        notes = ["mean absolute error in mrad, from the start to the end of each log"]
-        if self.volts is not None:
-            notes.append(f"stall: torque at full duty and {self.volts:.2f} V")
-        if len(self.joints) > 1:
-            notes.append("each joint is simulated while the others move as measured")
-        notes += [
-            f"{joint} does not move in these logs: its servo cannot be identified"
-            for joint in self.not_moved
-        ]
-        head = ("joint", "log", *names) if rows else ()
-        return [
-            Table(first, head, rows, tuple(notes)),
-            *(servo.table() for servo in self.joints),
-        ]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return what was found by name, for JSON."""
-        return {
-            "format": "consistent_id servo 1",
-            "robot": self.robot,
-            "volts": self.volts,
-            "validation_error": _number(self.validation_error()),
-            "not_moved": dict(self.not_moved),
-            "joints": {
-                servo.joint: {
-                    "friction": servo.chosen.name,
-                    "gains": dict(servo.gains),
-                    "deadband": servo.deadband,
-                    "validation": {k: dict(v) for k, v in servo.validation.items()},
-                    "forms": {
-                        form.name: {
-                            "values": dict(form.values),
-                            "half_intervals": {
-                                name: _number(value)
-                                for name, value in form.half_intervals.items()
-                            },
-                            "training_error": form.training,
-                            "left_out_error": form.left_out,
-                            "at_border": list(form.at_border),
-                        }
-                        for form in servo.forms
-                    },
-                }
-                for servo in self.joints
-            },
-        }
-
-
-def _half(value: float) -> str:
-    return f"{value:.2g}" if np.isfinite(value) else "not known"
-
-
-def _number(value: float) -> float | None:
-    return value if np.isfinite(value) else None
-
-
-def _by_form(servo: JointServo) -> list[Mapping[str, float]]:
-    return [servo.validation[form.name] for form in servo.forms]
-
-
-def _mrad(value: float) -> str:
-    return f"{1e3 * value:.1f} mrad"
 
 
 @single_threaded
@@ -380,7 +184,13 @@ def _identified(
         log.name: law.gain
         for log, law in zip((*training, *validation), laws, strict=True)
     }
-    return JointServo(robot.joint_names[joint], tuple(found), gains, deadband, named)
+    followed = {
+        log.name: float(np.mean(abs(log.goal[:, joint] - log.position[:, joint])))
+        for log in (*training, *validation)
+    }
+    return JointServo(
+        robot.joint_names[joint], tuple(found), gains, deadband, named, followed
+    )
 
 
 def _law(log: ServoLog, joint: int, gain: float | None) -> DutyLaw:
@@ -464,9 +274,10 @@ def _fitted(
     point = np.array(list(known.values()))[:, 0]
     spread = np.array(list(values(np.array(parts)).values())).T
     half = half_intervals(names, point, spread)
-    # With a true value beyond the border, the other parameters are wrong, too.
+    # With a true value beyond the border, the other parameters are wrong, too: their
+    # intervals are conditional on the value at the border.
     borders = box.borders(names, best)
-    half[:] = np.inf if borders else half
+    half[[name in borders for name in names]] = np.inf
     return ServoForm(
         form,
         dict(zip(names, point.tolist(), strict=True)),

@@ -95,6 +95,7 @@ def test_the_least_error_of_a_person_of_bodies_is_proven(plates):
     assert data.error(best.parameters) == pytest.approx(494096.3, abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_small_slack_delivers_the_optimum_and_both_misfits_are_printed(plates):
     _, data = plates
     model, regression, base = data.rows

@@ -250,6 +250,7 @@ def test_in_open_loop_a_heavier_rotor_falls_behind_as_the_closed_form_says():
     assert abs(truth).max() > 0.02
 
 
+@pytest.mark.slow
 def test_limits_of_a_file_do_not_stop_a_robot_that_was_beyond_them():
     model = arm()
     log = blank(model.robot.joint_names, *chirps())

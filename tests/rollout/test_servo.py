@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from schemas import parsed
 
 from consistent_id.cli import main
 from consistent_id.errors import ModelError, NotExcitedError, RecordingError
@@ -15,7 +16,6 @@ from consistent_id.rollout import ServoLog, identify_servos, read_servo_logs
 from consistent_id.rollout import servo_fit as fitting
 from consistent_id.rollout.evolution import evolved
 from consistent_id.rollout.servo_bounds import box_of
-from consistent_id.rollout.servo_fit import JointServo, ServoFit, ServoForm
 from consistent_id.rollout.servo_log import duty_law, logged_joints, read_servo_sets
 from consistent_id.rollout.servo_motion import (
     STEP,
@@ -24,6 +24,7 @@ from consistent_id.rollout.servo_motion import (
     rigid_model,
     simulated,
 )
+from consistent_id.rollout.servo_result import JointServo, ServoFit, ServoForm
 
 PENDULUM = """<robot name="pendulum"><link name="bench"/>
 <link name="arm"><inertial><origin xyz="0.1 0 0"/><mass value="0.5"/>
@@ -266,6 +267,7 @@ def hand_made(**values):
     return ServoFit("pendulum", (JointServo("servo", (form,), {}, 0.0),), None)
 
 
+@pytest.mark.slow
 def test_mujoco_moves_like_the_simulation(pendulum, file):
     pytest.importorskip("mujoco")
     from consistent_id.rollout.servo_export import replayed_in_mujoco
@@ -301,6 +303,7 @@ def test_bodies_have_to_be_known(pendulum):
         identify_servos(pendulum, [replace(a_log(pendulum), duty=None)])
 
 
+@pytest.mark.slow
 def test_one_command_writes_the_servo_and_its_simulator(
     pendulum, file, tmp_path, capsys, monkeypatch
 ):
@@ -314,7 +317,8 @@ def test_one_command_writes_the_servo_and_its_simulator(
     assert main([*words, "--output", str(tmp_path / "out")]) == 0
     out = capsys.readouterr().out
     assert "Error of simulated position, logs not used" in out
-    record = json.loads((tmp_path / "out" / "servo.json").read_text())
+    assert out.splitlines()[0].startswith(("use", "use with care"))
+    record = parsed((tmp_path / "out" / "servo.json").read_text())
     assert record["format"] == "consistent_id servo 1"
     servo = record["joints"]["servo"]
     assert servo["gains"]["b.csv"] == pytest.approx(GAIN, rel=1e-3)
@@ -333,6 +337,7 @@ def quick(monkeypatch, generations=2):
         monkeypatch.setattr(fitting, name, generations)
 
 
+@pytest.mark.slow
 def test_a_log_for_validation_changes_nothing_that_is_learnt(pendulum, monkeypatch):
     quick(monkeypatch)
     log, other = a_log(pendulum, 1.5), a_log(pendulum, 1.5, name="other")
@@ -376,6 +381,7 @@ def two_joints(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_a_joint_that_does_not_move_is_named_and_others_are_identified(
     tmp_path, monkeypatch
 ):
@@ -424,6 +430,7 @@ def test_joints_without_a_servo_are_held_in_mujoco(tmp_path, held):
     assert replayed_in_mujoco(file, fit, log, [GAIN]).shape == (1,)
 
 
+@pytest.mark.slow
 def test_a_joint_without_columns_is_not_in_the_written_robot(
     tmp_path, monkeypatch, capsys
 ):
@@ -450,7 +457,8 @@ def test_a_joint_that_follows_another_one_is_refused(tmp_path):
         identify_servos(load_robot(file), [log], gain=1.0)
 
 
-def test_at_a_border_no_parameter_has_an_interval(pendulum, monkeypatch):
+@pytest.mark.slow
+def test_at_a_border_the_other_intervals_are_conditional(pendulum, monkeypatch):
     quick(monkeypatch, 12)
     limits = {"stall": (2.0, 4.0)}
 
@@ -460,7 +468,10 @@ def test_at_a_border_no_parameter_has_an_interval(pendulum, monkeypatch):
     monkeypatch.setattr(fitting, "box_of", narrow)
     servo = identify_servos(pendulum, [a_log(pendulum, 1.5)], forms=["plain"]).joints[0]
     assert "stall" in servo.chosen.at_border  # the true one is 0.7
-    assert np.isinf(list(servo.chosen.half_intervals.values())).all()
+    half = servo.chosen.half_intervals
+    assert {n for n, h in half.items() if np.isinf(h)} == set(servo.chosen.at_border)
+    assert 0 < len(servo.chosen.at_border) < len(half)
+    assert any("hold only if this value" in note for note in servo.table().notes)
     assert any("ended at the border for" in note for note in servo.table().notes)
 
 
@@ -489,3 +500,42 @@ def test_a_planted_servo_is_found_again_within_twice_its_intervals(pendulum):
     for name in ("stall", "coulomb", "viscous", "armature"):
         assert form.half_intervals[name] < 0.2 * form.values[name]
         assert form.values[name] == pytest.approx((TRUTH | planted)[name], rel=0.17)
+
+
+@pytest.mark.parametrize(
+    "change, word, kinds",
+    [
+        ({}, "use", []),
+        ({"validation": 0.21}, "do not use", ["position error", "generalisation"]),
+        ({"validation": 0.07}, "use with care", ["generalisation"]),
+        ({"at_border": ("stall",)}, "use with care", ["undetermined"]),
+        ({"not_moved": {"other": 0.0}}, "use with care", ["not moved"]),
+        ({"validation": None}, "use", []),
+    ],
+)
+def test_the_verdict_on_a_servo_is_that_of_its_worst_reason(change, word, kinds):
+    """Training 0.02 rad, goals 0.2 rad off: nearer than the goals is the least."""
+    form = ServoForm(
+        "plain", {"stall": 0.7}, {"stall": 0.1}, 0.02, 0.03, change.get("at_border", ())
+    )
+    error = change.get("validation", 0.05)
+    judged = {} if error is None else {"plain": {"b": error}}
+    goals = {"a": 0.3, "b": 0.2}
+    servo = JointServo("servo", (form,), {"a": GAIN}, 0.0, judged, goals)
+    fit = ServoFit("arm", (servo,), None, change.get("not_moved", {}))
+    assert fit.verdict.word == word
+    assert [reason.kind for reason in fit.verdict.grounds] == kinds
+    if servo.chosen.at_border:  # the table prints the other intervals
+        assert "the others hold only if" in fit.verdict.grounds[0].statement
+    assert fit.tables()[0].title.startswith(f"{word}: servo")
+    assert fit.verdict.recordings == (() if error is None else ("b",))
+    assert parsed(json.dumps(fit.to_dict()))["verdict"] == word
+
+
+def test_the_error_of_the_goals_is_their_mean_distance(pendulum, monkeypatch):
+    quick(monkeypatch)
+    log = a_log(pendulum, 1.5)
+    servo = identify_servos(pendulum, [log], forms=["plain"]).joints[0]
+    assert servo.goal_error == {
+        "log": pytest.approx(abs(log.goal - log.position).mean())
+    }

@@ -27,6 +27,7 @@ from consistent_id._support.executors import single_threaded, worker_threads
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recordings.beside import ContactFlags
 from consistent_id.recordings.recording import Recording, several
+from consistent_id.recordings.signals.filtered_rows import places_of_rows, row_filter
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.linear import split_at_gap
 from consistent_id.regression.motion_arrays import Motion, motion_of
@@ -88,7 +89,8 @@ def contact_free_regression(
     pieces = [
         (recording.contacts, motion.samples(part.start, part.stop), part.start)
         for recording in several(recordings)
-        for motion in [motion_of(whole, _at_samples(recording), None)]
+        for bare in [replace(_at_samples(recording), contacts=())]
+        for motion in [motion_of(whole, bare, None)]
         for part in chunks(len(motion.q), CHUNK)
     ]
 
@@ -116,13 +118,22 @@ def contact_free_regression(
     )
 
 
-def _at_samples(recording: Recording) -> Recording:
-    """Return a recording whose rows are those of its samples, without contacts.
+def _at_samples(recording: Recording, kept: IntArray | None = None) -> Recording:
+    """Return a recording whose rows are those of its samples, or of some of them.
 
     The number of rows that no contact force enters changes with the contacts, so that
     they cannot be filtered along time: torque stays filtered, rows are not.
     """
-    return replace(recording, contacts=(), torque_filter=None)
+    recording = replace(recording, torque_filter=None)
+    return recording if kept is None else recording.samples(kept)
+
+
+def _worth_keeping(recording: Recording) -> IntArray:
+    """Return the samples of a recording that its filter leaves independent."""
+    behind = recording.torque_filter
+    if behind is None:
+        return np.arange(len(recording))
+    return places_of_rows(behind, row_filter(recording).step)
 
 
 def contact_free_model(model: TorqueModel) -> TorqueModel:
@@ -272,8 +283,13 @@ def masked_factors(
     model: TorqueModel,
     recordings: Sequence[Recording],
     combinations: Matrix,
+    *,
+    torques: Sequence[Recording] = (),
 ) -> list[MappedRows]:
     """Return a triangular factor for each recording, of combinations of parameters.
+
+    Of filtered recordings those samples are taken whose rows are worth keeping, see
+    `places_of_rows`.
 
     Parameters
     ----------
@@ -282,20 +298,28 @@ def masked_factors(
     recordings : sequence of Recording
         Of the same motion; other torques are known, or contacts are elsewhere.
     combinations : ndarray, shape (parameters, k)
+    torques : sequence of Recording
+        Of the same motion, with the torques that the last columns have; by default the
+        first recording.
 
     Returns
     -------
     list of MappedRows
-        Of the columns ``Y combinations``, and last the torque.
+        Of the columns ``Y combinations``, and last the torques.
     """
     whole = every_row(model)
-    motions = [motion_of(whole, _at_samples(log), None) for log in recordings]
+    kept = _worth_keeping(recordings[0])
+    recordings = [_at_samples(log, kept) for log in recordings]
+    motions = [motion_of(whole, replace(log, contacts=()), None) for log in recordings]
+    others = [_at_samples(replace(log, contacts=()), kept) for log in torques]
+    tau = [motion_of(whole, log, None).torque for log in others] or [motions[0].torque]
+    forces = np.stack(tau, axis=2)
     used = np.flatnonzero((abs(combinations) > _NONE).any(axis=1))
     levels = np.ones(len(whole.torque_joints))
 
     def compressed(span: slice) -> list[MappedRows]:
         parts = [motion.samples(span.start, span.stop) for motion in motions]
-        rows = _combined(whole, parts[0], used, combinations[used])
+        rows = _combined(whole, parts[0], used, combinations[used], forces[span])
         turned = None if parts[0].base is None else parts[0].base.rotation
         found = []
         for log, part in zip(recordings, parts, strict=True):
@@ -314,15 +338,20 @@ def masked_factors(
 
 
 def _combined(
-    whole: TorqueModel, motion: Motion, used: IntArray, combinations: Matrix
+    whole: TorqueModel,
+    motion: Motion,
+    used: IntArray,
+    combinations: Matrix,
+    forces: Array,
 ) -> Array:
-    """Return rows of combinations of the columns in use, and the torque."""
+    """Return rows of combinations of the columns in use, and the torques."""
     n = len(motion.q)
     state = motion.q, motion.dq, motion.ddq
     ((_, Y),) = whole.chunks(*state, size=n, base=motion.base)
-    rows = np.empty((n, Y.shape[0], combinations.shape[1] + 1))
-    np.matmul(np.moveaxis(Y[:, used], 2, 0), combinations, out=rows[:, :, :-1])
-    rows[:, :, -1] = motion.torque
+    count = combinations.shape[1]
+    rows = np.empty((n, Y.shape[0], count + forces.shape[2]))
+    np.matmul(np.moveaxis(Y[:, used], 2, 0), combinations, out=rows[:, :, :count])
+    rows[:, :, count:] = forces
     return rows
 
 

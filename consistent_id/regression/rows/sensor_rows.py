@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import islice
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,18 +15,35 @@ from consistent_id.recordings.beside import BaseMotion
 from consistent_id.regression.casadi_rows import fill_bodies
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.newton_euler import (
-    FramePlace,
+    FreeMotion,
+    JointGeometry,
+    JointMotion,
+    Vec,
+    add,
     floats,
-    frame_as_base,
     joint_geometry,
     joint_motions,
+    link_states,
     matrix_rows,
+    matvec,
+    matvec_transposed,
+)
+from consistent_id.regression.newton_euler import (
+    Matrix as Rows,
 )
 from consistent_id.regression.regressor import CHUNK, TorqueModel
 from consistent_id.regression.rows.wrench_sensor import carried_base
 from consistent_id.robot.kinematics import frame_in_link
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import ParameterLayout
+
+
+class _FramePlace(NamedTuple):
+    """A frame that is fixed to a link, of its number, and where it is there."""
+
+    link: int
+    rotation: Rows
+    translation: Vec
 
 
 @brief
@@ -159,10 +177,23 @@ class SensorRows:
         scalars = [ca.vertsplit(x) for x in (q, dq, ddq)]
         motion = joint_motions(arm, scalars, lambda x: (ca.sin(x), ca.cos(x)))
         k, rotation, point = frame_in_link(arm, self.frame, (0.0, 0.0, 0.0))
-        place = FramePlace(k, matrix_rows(rotation), floats(point))
-        moved = frame_as_base(joint_geometry(arm), floats(arm.gravity), motion, place)
+        place = _FramePlace(k, matrix_rows(rotation), floats(point))
+        moved = _frame_as_base(joint_geometry(arm), floats(arm.gravity), motion, place)
         Y = ca.SX(len(self.torque_joints), len(self.layout))
         fill_bodies(Y, tool, [moved])
         for column, name in enumerate(tool.biased_rows, start=-6):
             Y[self.torque_joints.index(name), len(self.layout) + column] = 1.0
         return ca.Function("rows", [q, dq, ddq], [Y], ["q", "dq", "ddq"], ["Y"])
+
+
+def _frame_as_base(
+    joints: Sequence[JointGeometry],
+    gravity: Vec,
+    motion: Sequence[JointMotion | FreeMotion],
+    place: _FramePlace,
+) -> FreeMotion:
+    """Return how a link carries a frame, as the motion of a free base there."""
+    link = next(islice(link_states(joints, gravity, motion), place.link, None))
+    a = add(link.a, matvec(link.W, place.translation))
+    w, dw, a = (matvec_transposed(place.rotation, x) for x in (link.w, link.dw, a))
+    return FreeMotion(w, dw, a, (0, 1, 2, 3, 4, 5))

@@ -87,6 +87,7 @@ def test_the_tools_parameters_and_the_bias_are_recovered(arm):
     assert np.allclose(found.parameters, [*TOOL.vector, *BIAS], rtol=0, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_with_noise_errors_are_what_they_are_said_to_be(arm):
     model = tool_model(nominal=TOOL)
     log = log_of(arm, 4000, noise=0.2)
@@ -186,6 +187,7 @@ def test_biases_that_drift_hide_nothing_of_the_tool(arm, drift, rate):
     assert abs(same.parameters[0] - TOOL.mass) > 0.01
 
 
+@pytest.mark.slow
 def test_without_drift_rows_hold_what_a_bias_column_leaves(arm):
     """Frisch, Waugh and Lovell: the same estimate, errors and noise."""
     noise = np.repeat([0.2, 0.01], 3)  # of forces and moments
