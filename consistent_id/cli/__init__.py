@@ -34,6 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         words = with_vectors(sys.argv[1:] if arguments is None else arguments)
         wanted = next((word for word in words if not word.startswith("-")), "")
         options = tool_parser(wanted).parse_args(words)
+        options.words = tuple(words)
         return run_tool(options)
 
 

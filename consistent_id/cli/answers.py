@@ -5,6 +5,7 @@ import json
 import logging
 import os
 import re
+import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -145,10 +146,46 @@ def print_text(options: argparse.Namespace, text: str) -> None:
         print(coloured(text) if wants_colour(sys.stdout) else text, flush=True)
 
 
-def print_error(error: ConsistentIdError) -> int:
-    """Print an error; return its exit code."""
+def print_error(error: ConsistentIdError, words: Sequence[str] = ()) -> int:
+    """Print an error, and the command to try if there is one; return its exit code.
+
+    Parameters
+    ----------
+    words : sequence of str
+        Of the command.
+    """
     print(f"consistent-id: {error}", file=sys.stderr)
+    if error.options and words and (following := next_command(words, error)):
+        print(f"try: {following}", file=sys.stderr)
     return 3 if isinstance(error, SolverError) else 2
+
+
+def next_command(words: Sequence[str], error: ConsistentIdError) -> str:
+    """Return a command with what may remedy its error.
+
+    Empty, if the remedy has an option that the command has already: of two, only the
+    last would count, and what the user has stated would be lost.
+
+    Examples
+    --------
+    >>> cause = ConsistentIdError("no torque", options="--lock a 'b c'")
+    >>> next_command(["check", "robot.urdf", "log.csv"], cause)
+    "consistent-id check robot.urdf log.csv --lock a 'b c'"
+    """
+    if error.option_names & {word.partition("=")[0] for word in words}:
+        return ""
+    replaced = [str(Path(word)) in error.replaces for word in words]  # ./a.csv: a.csv
+    places = [k for k, gone in enumerate(replaced) if gone]
+    kept = [word for word, gone in zip(words, replaced, strict=True) if not gone]
+    if not places:
+        return f"consistent-id {shlex.join(kept)} {error.options}"
+    before, after = kept[: places[0]], kept[places[0] :]
+    return " ".join(
+        filter(
+            None,
+            ["consistent-id", shlex.join(before), error.options, shlex.join(after)],
+        )
+    )
 
 
 @contextmanager
@@ -279,10 +316,22 @@ def shortened(text: str, most: int = LINES) -> str:
         others.pop()
     room = most - len(kept)
     if len(others) > room:
-        left = len(others) - (room - 1)
+        shown = _without_bare_heading(others, room - 1)
+        left = len(others) - len(shown)
         rest = f"({left} more lines: --verbose prints them, --json has all figures)"
-        others = [*others[: room - 1], rest]
+        others = [*shown, rest]
     return "\n".join([*others, *kept])
+
+
+def _without_bare_heading(lines: Sequence[str], most: int) -> Sequence[str]:
+    """Return the first lines, without a heading whose first line would be cut off."""
+    first = max(most - 1, 0)
+    starts = 1 < most < len(lines) and not lines[first - 1] and lines[first]
+    if starts and lines[most]:
+        most = first
+    while most > 1 and not lines[most - 1]:
+        most -= 1
+    return lines[:most]
 
 
 def files_written(paths: Sequence[Path], *, whole: bool = True) -> str:

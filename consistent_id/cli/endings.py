@@ -5,7 +5,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
@@ -118,7 +118,7 @@ def _ended(
     except Exception as cause:
         if run.signals:  # a library, or an import, made another error of it
             return _ended_by(run.signals[-1], options)
-        return _failed(cause)
+        return _failed(cause, getattr(options, "words", ()))
     if run.stopped == "interrupted":
         return _said(130, "interrupted: this is the best so far")
     if run.stopped == "terminated":
@@ -138,10 +138,10 @@ def _ended_by(number: int, options: argparse.Namespace) -> int:
     return _said(3, f"not done within {limit:g} s, given up")
 
 
-def _failed(cause: Exception) -> int:
+def _failed(cause: Exception, words: Sequence[str]) -> int:
     """Say what went wrong, and return the exit code."""
     if isinstance(cause, ConsistentIdError):
-        return print_error(cause)
+        return print_error(cause, words)
     if isinstance(cause, MemoryError):
         return _said(3, "not enough memory")
     if isinstance(cause, OSError):

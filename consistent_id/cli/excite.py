@@ -1,7 +1,6 @@
 """``consistent-id excite PROBLEM | ROBOT``: its options, and what it prints."""
 
 import argparse
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -295,8 +294,8 @@ def _excite(options: argparse.Namespace) -> Answer:
         require_viewer(folder / output.REPLAY)
     output.require_formats(formats, problem.moving.joint_names)
     if options.dry_run:
-        plan = output.planned_tables(problem, parameters)
-        return tables_answer(plan, [asdict(table) for table in plan])
+        plan = output.planned(problem, parameters)
+        return tables_answer(plan.tables, plan.record)
     output.require_places(folder, formats)
     draft = _draft(options, folder)
     playable = playable_design(

@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from consistent_id._support.tables import Table
-    from consistent_id.rollout.servo_fit import ServoFit
     from consistent_id.rollout.servo_log import ServoLog
+    from consistent_id.rollout.servo_result import ServoFit
 
 _RECORD, _MODEL = "servo.json", "servo.xml"
 _UNITS = ("rad", "deg", "ticks")
@@ -138,7 +138,9 @@ def _answer(options: argparse.Namespace) -> Answer:
             paths.append(write_atomically(folder / _MODEL, made[2]))
         return paths
 
-    return tables_answer(tables, record, write=None if folder is None else write)
+    usable = fit.verdict.usable
+    wanted = None if folder is None else write
+    return tables_answer(tables, record, usable=usable, write=wanted)
 
 
 def _simulator(

@@ -32,6 +32,7 @@ _COMMANDS = {
     "payload": "weigh what a robot carries, and write it as controllers take it",
     "gains": "identify gains between currents and torque by a load of known mass",
     "servo": "identify hobby servos from position, goal and duty, without torque",
+    "demo": "copy the example problems into a folder",
     "completion": "print a script for tab completion",
 }
 _EPILOG = """examples:

@@ -200,6 +200,7 @@ def test_a_torque_of_zero_is_refused_by_the_constrained_estimate():
         constrained_least_squares(ARM, regression, constraints=[PhysicalConsistency()])
 
 
+@pytest.mark.slow
 def test_a_massless_link_of_the_datasheet_is_to_blame_by_name():
     masses = FixedMasses({"link2": 0.0})
     with pytest.raises(InfeasibleError, match=r"link2\.m = 0 kg"):

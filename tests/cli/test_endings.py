@@ -81,6 +81,7 @@ sys.exit(run_to_its_end(argparse.Namespace(), work))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lines", [1, 20_000])
 def test_do_not_use_ends_with_1_if_nobody_reads_either_stream(lines):
     """As with ``2>&1 | head``."""

@@ -143,9 +143,10 @@ def test_a_command_has_every_option_that_is_declared(command):
     assert declared <= options_of(command)
 
 
+@pytest.mark.slow
 def test_the_walk_knows_every_command_that_reads_a_problem():
     (commands,) = tool_parser()._subparsers._group_actions
-    others = {"lint", "repair", "reproduce", "compress", "fleet", "completion"}
+    others = {"lint", "repair", "reproduce", "compress", "fleet", "completion", "demo"}
     others |= {"servo"}
     assert set(commands.choices) == {*COMMANDS, *ROBOT, *others}
     for command in others - {"completion"}:  # none of what is stated is theirs

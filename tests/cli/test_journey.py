@@ -4,10 +4,12 @@ import json
 
 import pytest
 from logged import write_arm
+from shared_studies import shared_within
 
 from consistent_id.cli import main
 
 pytestmark = pytest.mark.slow
+studies = shared_within("module")
 ANSWER = (
     *("verdict", "method", "held_out_error", "reasons"),
     *("recommended", "expected_error", "findings"),
@@ -46,7 +48,9 @@ def place(tmp_path, monkeypatch):
     return [str(file).rpartition("/")[2] for file in files]
 
 
-def test_the_road_from_a_robot_and_a_log_needs_no_further_option(place, capsys):
+def test_the_road_from_a_robot_and_a_log_needs_no_further_option(
+    place, capsys, studies
+):
     for words in steps(*place):
         code = main([*words, "--quiet"])
         out, err = capsys.readouterr()
@@ -62,7 +66,7 @@ def said(capsys, *words):
     return json.loads(out.out)
 
 
-def test_figures_are_equal_on_all_of_the_road(place, capsys):
+def test_figures_are_equal_on_all_of_the_road(place, capsys, studies):
     model, log = place
     first = said(capsys, "identify", model, log, "--output", "results/robot")
     expected = {key: first[key] for key in ANSWER}
@@ -82,7 +86,7 @@ def test_figures_are_equal_on_all_of_the_road(place, capsys):
         assert said(capsys, "check", *start)["findings"] == expected["findings"]
 
 
-def test_a_rehearsal_and_a_rollout_end_the_road(tmp_path, monkeypatch, capsys):
+def test_a_rehearsal_and_a_rollout_end_the_road(tmp_path, monkeypatch, capsys, studies):
     pytest.importorskip("mujoco")
     from commanded_leg import write_leg
 

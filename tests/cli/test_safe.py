@@ -11,6 +11,7 @@ from argparse import Namespace
 
 import pytest
 from logged import write_arm
+from shared_studies import shared_within
 
 from consistent_id import ProblemError
 from consistent_id._support.run import OutOfTime, kept_going
@@ -19,6 +20,7 @@ from consistent_id.cli.endings import run_to_its_end
 from consistent_id.estimation.uncertainties import parameter_uncertainty
 
 RX60 = "problems/rx60"
+studies = shared_within("module")
 
 
 @pytest.fixture
@@ -34,6 +36,7 @@ def kept(path, arguments, capsys, says):
     assert path.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_a_report_does_not_overwrite_the_log(arm, capsys):
     urdf, log = arm
     kept(log, ["identify", urdf, log, "--report", log], capsys, "is an input")
@@ -48,6 +51,7 @@ def test_a_report_does_not_overwrite_a_file_of_others(arm, tmp_path, capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("studies")
 def test_an_export_does_not_overwrite_the_model(tmp_path, capsys):
     model = tmp_path / "robot.urdf"
     assert main(["export", RX60, "--format", "urdf", "--output", str(model)]) == 0
@@ -90,6 +94,7 @@ def test_long_work_does_not_begin_if_its_files_would_be_refused(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("form", ["mjcf", "json", "numpy", "casadi", "c"])
+@pytest.mark.usefixtures("studies")
 def test_what_was_exported_may_be_exported_again(tmp_path, capsys, form):
     for problem in (RX60, "problems/rx60/problem.toml"):
         arguments = ["export", problem, "--format", form]
@@ -100,6 +105,7 @@ def test_what_was_exported_may_be_exported_again(tmp_path, capsys, form):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("studies")
 def test_every_file_of_a_study_may_be_written_again(arm, tmp_path, capsys):
     out = tmp_path / "out"
     arguments = ["identify", *map(str, arm), "--output", str(out)]
@@ -115,6 +121,7 @@ def test_every_file_of_a_study_may_be_written_again(arm, tmp_path, capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("studies")
 def test_an_estimate_with_a_list_for_a_number_is_refused(tmp_path, capsys):
     out = tmp_path / "out"
     main(["identify", RX60, "--output", str(out)])

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from logged import write_arm
+from shared_studies import no_study_shared, shared_within
 
 from consistent_id import load_problem, uncertainty
 from consistent_id._support.ownership import marked
@@ -38,12 +39,16 @@ COMMANDS = [
 ]
 
 
+studies = shared_within("module")
+
+
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory):
     return [str(path) for path in write_arm(tmp_path_factory.mktemp("arm"))]
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("studies")
 def test_a_robot_and_a_log_are_identified_by_one_command(arm, tmp_path, capsys):
     folder = tmp_path / "out"
     assert main(["identify", *arm, "--output", str(folder), "--verbose"]) == 0
@@ -60,6 +65,7 @@ def test_a_robot_and_a_log_are_identified_by_one_command(arm, tmp_path, capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("studies")
 def test_a_dry_run_writes_nothing(arm, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["identify", *arm, "--output", "out", "--dry-run", "--json"]) == 0
@@ -147,6 +153,7 @@ def test_init_does_not_write_over_a_file_unless_told(arm, tmp_path, capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("studies")
 def test_a_faulty_log_is_told_with_the_verdict(arm, tmp_path, capsys):
     rows = [row.split(",") for row in Path(arm[1]).read_text().splitlines()]
     for row in rows[1:]:
@@ -191,7 +198,7 @@ def test_one_command_goes_from_a_robot_and_a_log_to_a_report(
         calls.append(options["seed"])
         return uncertainty(*arguments, **options)
 
-    monkeypatch.setattr("consistent_id.problems.study.uncertainty", counted)
+    monkeypatch.setattr("consistent_id.problems.study_fits.uncertainty", counted)
     file = tmp_path / "report.html"
     more = ["--uncertainty", "--seed", "3", "--report", str(file), "--verbose"]
     assert main(["identify", *arm, *more]) == 0
@@ -215,6 +222,7 @@ def test_help_has_examples(command, capsys):
     assert "--quiet" in out
 
 
+@pytest.mark.slow
 def test_every_example_is_understood(capsys):
     parser = tool_parser()
     for command in COMMANDS:
@@ -226,6 +234,7 @@ def test_every_example_is_understood(capsys):
             assert parser.parse_args(words[1:]).command == command
 
 
+@pytest.mark.slow
 def test_the_package_runs_as_a_module_and_says_its_version():
     done = subprocess.run(
         [sys.executable, "-m", "consistent_id", "--version"],
@@ -293,7 +302,8 @@ def test_colours_take_nothing_away_and_do_not_touch_other_words():
 @pytest.mark.slow
 def test_progress_is_shown_to_whoever_watches(monkeypatch, capsys):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    assert main(["compare", "problems/rx60", "--dry-run", "--json"]) == 0
+    with no_study_shared():
+        assert main(["compare", "problems/rx60", "--dry-run", "--json"]) == 0
     captured = capsys.readouterr()
     json.loads(captured.out)
     assert "shadow prices" in captured.err
@@ -305,3 +315,23 @@ def test_a_pipe_gets_a_line_for_each_stage_and_none_where_quiet_is_wanted(capsys
     assert capsys.readouterr().err.startswith("0/1 faults of the recordings [0 s]\n")
     main(["check", "problems/rx60", "--quiet"])
     assert "faults of the recordings" not in capsys.readouterr().err
+
+
+def test_demo_copies_the_problems_once_and_keeps_what_was_edited(
+    tmp_path, capsys, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(["demo", "--dry-run"]) == 0 and not (tmp_path / "problems").exists()
+    assert main(["demo", "--json"]) == 0
+    source = Path(__file__).parents[2] / "problems"
+    for name in ("rx60/problem.toml", "kuka_kr300/FF_A.parquet", "README.md"):
+        copy = tmp_path / "problems" / name
+        assert copy.read_bytes() == (source / name).read_bytes()
+    assert main(["demo", "--output", "a b", "--dry-run"]) == 0
+    assert "try: consistent-id compare 'a b/rx60'\n" in capsys.readouterr().out
+    copy = tmp_path / "problems" / "rx60" / "problem.toml"
+    assert main(["demo"]) == 0  # the same files may stay
+    copy.write_text(copy.read_text() + "# edited")
+    assert main(["demo"]) == 2
+    assert "is there already" in capsys.readouterr().err
+    assert main(["demo", "--force"]) == 0 and "edited" not in copy.read_text()

@@ -25,6 +25,17 @@ def test_files_that_were_written_are_named_however_long_the_answer_is():
     assert lines[-2].startswith("(76 more lines")
 
 
+def test_no_heading_is_shown_without_its_lines():
+    first = [str(i) for i in range(LINES - 3)]
+    text = "\n".join([*first, "", "heading", *(f"  {i}" for i in range(9))])
+    lines = shortened(text).splitlines()
+    assert lines[:-1] == first
+    assert lines[-1].startswith("(11 more lines")
+    # A paragraph of one line is no heading.
+    alone = "\n".join([*first, "", "a line", "", *(f"  {i}" for i in range(9))])
+    assert shortened(alone).splitlines()[-2] == "a line"
+
+
 def test_what_fits_is_left_as_it_is():
     text = "\n".join(map(str, range(LINES)))
     assert shortened(text) == text

@@ -109,6 +109,7 @@ def test_a_problem_says_what_it_is_about():
     assert "Problem rx60" in read(problem._repr_html_())
 
 
+@pytest.mark.slow
 def test_a_design_says_whether_its_limits_are_proven():
     robot = arm(1)
     design = design_trajectory(
