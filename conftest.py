@@ -5,6 +5,7 @@ import os
 from contextlib import suppress
 
 import pytest
+from _pytest.doctest import DoctestModule
 from hypothesis import HealthCheck, settings
 
 # Workers share the cores; before NumPy is imported, and for subprocesses too.
@@ -45,11 +46,31 @@ def _doctest_names(doctest_namespace):
     doctest_namespace["np"] = np
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_collect_file(file_path):
+    """Look for examples in docstrings only where there are any.
+
+    To search a module for them imports it and reads each of its docstrings, in each
+    worker.
+    """
+    found = yield
+    if ">>>" in file_path.read_text(encoding="utf-8"):
+        return found
+    return [one for one in found if not isinstance(one, DoctestModule)]
+
+
+# What an example in a docstring calls, if it takes above half a second.
+_SLOW = (
+    *("run_study(", "ci.Study(", "identify_log(", "draft_problem(", "main(["),
+    *("ci.diagnose(", "ci.uncertainty(", "ci.design_trajectory(", "ci.to_mjcf("),
+)
+
+
 def pytest_collection_modifyitems(items):
-    """Mark examples in docstrings that run a whole study as slow."""
+    """Mark examples in docstrings that run a whole study, or so, as slow."""
     for item in items:
         test = getattr(item, "dtest", None)
-        if test is not None and "run_study(" in test.docstring:
+        if test is not None and any(call in test.docstring for call in _SLOW):
             item.add_marker(pytest.mark.slow)
 
 

@@ -4,9 +4,10 @@
 
 ``ur10e`` weighs the load of 2.805 kg in every window of ten seconds of both loaded logs
 of the UR10e (needs the recordings).  The gains come from the other loaded log, whole,
-or are those of the authors.  ``moving`` and ``still`` weigh ten random loads on each of
-three simulated arms, in ten seconds of motion and at rest in twelve poses.  Motions are
-random, or designed for a load (``consistent-id excite --for payload --others known``).
+or are those of the authors.  ``moving`` and ``still`` weigh random loads, ten and 26 on
+each of three simulated arms, in ten seconds of motion and at rest in twelve poses.
+Motions are random, or designed for a load (``consistent-id excite --for payload
+--others known``).
 """
 
 import argparse
@@ -42,6 +43,7 @@ ARMS = {
     **{name: robots()[name] for name in ("ur10_like", "seven_joints")},
 }
 LOADS = 10
+RESTING = 26  # loads on an arm that rests: four errors of a load are alike
 NOISES = (0.01, 0.03, 0.06)  # of each joint's torque without the load, in motion
 COLOUR = 0.9  # correlation of neighbouring samples of the noise
 RATE = 100.0  # Hz
@@ -272,7 +274,7 @@ def weighed_simulated(name: str, noise: float, kind: str) -> list[Weighing]:
     """Weigh random loads on one arm, of which those that controllers may get."""
     robot, found = ARMS[name], []
     still = kind == "at rest"
-    for k in range(LOADS):
+    for k in range(RESTING if still else LOADS):
         rng = np.random.default_rng([list(ARMS).index(name), round(1e3 * noise), k])
         load = random_load(rng, robot)
         central = load.central_inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]

@@ -311,7 +311,9 @@ def main() -> None:
     text = page(options.quick)
     print(text)
     if options.write:
-        options.write.write_text(text)
+        # `commands.py` writes the rest of the page.
+        _, mark, commands = options.write.read_text().partition("\n## Commands\n")
+        options.write.write_text(text + mark + commands)
 
 
 if __name__ == "__main__":

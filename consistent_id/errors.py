@@ -4,24 +4,77 @@ Each message says what was seen (file, row, joint, value, unit), what was
 expected, and what to do about it.
 """
 
-from collections.abc import Callable
+import shlex
+from collections.abc import Callable, Sequence
 from functools import partial
 
 
 class ConsistentIdError(Exception):
-    """Root of every error that the package raises on purpose."""
+    """Root of every error that the package raises on purpose.
+
+    Parameters
+    ----------
+    options : str
+        What may be added to the command to go on, filled in, as in a shell.
+    replaces : sequence of str
+        Words of the command in whose place it stands; by default it is added.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> try:
+    ...     ci.load_robot("missing.urdf")
+    ... except ci.ConsistentIdError as error:
+    ...     print(type(error).__name__)
+    ModelError
+    """
+
+    def __init__(
+        self, *message: object, options: str = "", replaces: Sequence[str] = ()
+    ) -> None:
+        super().__init__(*message)
+        self.options, self.replaces = options, tuple(replaces)
+
+    @property
+    def option_names(self) -> frozenset[str]:
+        """The names of the options, such as ``--lock``, without their values."""
+        return frozenset(w for w in shlex.split(self.options) if w.startswith("--"))
 
 
 class ModelError(ConsistentIdError):
-    """The robot's description cannot be used as it is."""
+    """The robot's description cannot be used as it is.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> ci.load_robot("missing.urdf")
+    Traceback (most recent call last):
+    consistent_id.errors.ModelError: missing.urdf: cannot be read (No such ...
+    """
 
 
 class RecordingError(ConsistentIdError):
-    """A recording cannot be read, or holds values that no robot wrote."""
+    """A recording cannot be read, or holds values that no robot wrote.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> ci.Recording(("elbow",), [0.0, 0.0], [[1.0], [2.0]])
+    Traceback (most recent call last):
+    consistent_id.recordings.recording.SampleError: recording: time goes from ...
+    """
 
 
 class ProblemError(ConsistentIdError):
-    """A problem file, or a call, asks for something that makes no sense."""
+    """A problem file, or a call, asks for something that makes no sense.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> ci.PhysicalConsistency(margin=2.0)
+    Traceback (most recent call last):
+    consistent_id.errors.ProblemError: margin is 2.0, expected a number from 0 ...
+    """
 
 
 class PathError(ProblemError):
@@ -40,6 +93,15 @@ class PathError(ProblemError):
     value : float
         What was seen: of a joint's position or rate; of a condition number; of the
         distance [m] to the nearest point within reach.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> reason = "no pose reaches this point"
+    >>> place = dict(arc_length=0.2, time=1.5, point=(0.4, 0.0, 0.9), value=0.05)
+    >>> error = ci.PathError(reason, **place)
+    >>> error.time, error.point
+    (1.5, (0.4, 0.0, 0.9))
     """
 
     def __init__(
@@ -70,7 +132,22 @@ class PathError(ProblemError):
 
 
 class NotExcitedError(ConsistentIdError):
-    """The motion carries no information on the required parameters."""
+    """The motion carries no information on the required parameters.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> arm = ci.from_modified_dh("arm", [ci.DHRow(-np.pi / 2, 0.0)])
+    >>> model = ci.TorqueModel(arm, ci.DriveTerms(viscous=True))
+    >>> q, dq, ddq = np.random.default_rng(0).normal(size=(3, 200, 1))
+    >>> motion = ci.Recording(("joint1",), np.arange(200) / 100, q, dq, ddq)
+    >>> body = [2.0, 0.6, 0, 0, 0.05, 0, 0.3, 0, 0, 0.3]  # kg, kg m, kg m^2
+    >>> log = ci.simulate_torque(model, [*body, 0.4], motion)
+    >>> still = ci.Recording(("joint1",), log.time, 0 * q, 0 * q, 0 * q, 0 * q)
+    >>> ci.least_squares(model, ci.build_regression(model, still))
+    Traceback (most recent call last):
+    consistent_id.errors.NotExcitedError: the torque is zero throughout for ...
+    """
 
 
 class InfeasibleError(ConsistentIdError):
@@ -82,6 +159,21 @@ class InfeasibleError(ConsistentIdError):
     members : tuple of int
         Constraints that contradict each other, counted as in `ConicSet.labels` of those
         stated; empty where they were not searched for.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> arm = ci.from_modified_dh("arm", [ci.DHRow(-np.pi / 2, 0.0)])
+    >>> model = ci.TorqueModel(arm, ci.DriveTerms(viscous=True))
+    >>> q, dq, ddq = np.random.default_rng(0).normal(size=(3, 200, 1))
+    >>> motion = ci.Recording(("joint1",), np.arange(200) / 100, q, dq, ddq)
+    >>> body = [2.0, 0.6, 0, 0, 0.05, 0, 0.3, 0, 0, 0.3]  # kg, kg m, kg m^2
+    >>> log = ci.simulate_torque(model, [*body, 0.4], motion)
+    >>> regression = ci.build_regression(model, log)
+    >>> light = ci.constraints.TotalMass(1.0, 1.5), ci.FixedMasses({"link1": 2.0})
+    >>> ci.constrained_least_squares(model, regression, constraints=light)
+    Traceback (most recent call last):
+    consistent_id.errors.InfeasibleError: no parameters satisfy these ...
     """
 
     def __init__(self, reason: str = "", members: tuple[int, ...] = ()) -> None:
@@ -94,4 +186,11 @@ class InfeasibleError(ConsistentIdError):
 
 
 class SolverError(ConsistentIdError):
-    """A numerical solver ended without a usable answer."""
+    """A numerical solver ended without a usable answer.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> issubclass(ci.SolverError, ci.ConsistentIdError)
+    True
+    """

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from experiments import experiment
 
 import consistent_id as ci
 
@@ -21,6 +22,7 @@ def _benchmark(name):
     return module
 
 
+@pytest.mark.slow
 def test_our_way_and_the_stacked_way_leave_the_same_residual():
     speed = _benchmark("speed")
     model = speed.arm()
@@ -31,6 +33,7 @@ def test_our_way_and_the_stacked_way_leave_the_same_residual():
     )
 
 
+@pytest.mark.slow
 def test_the_stacked_error_comes_out_of_compressed_recordings():
     speed = _benchmark("speed")
     model = speed.arm()
@@ -125,6 +128,7 @@ def test_simulated_scatter_is_that_of_the_prediction():
     assert mine.errors == pytest.approx(expected, rel=0.15)
 
 
+@pytest.mark.slow
 def test_rivals_are_measured_within_the_limits():
     rivals = _benchmark("excitation").rivals
     case = _benchmark("excitation").cases.rx60()
@@ -168,6 +172,7 @@ def test_coverage_counts_every_method_and_sees_what_no_interval_can_hold():
         assert shares["unmodelled friction"][method][0] < 0.8
 
 
+@pytest.mark.slow
 def test_intervals_hold_a_ur10_s_friction_where_its_torque_is_filtered():
     filtered = _benchmark("coverage_filtered")
     model, truth = filtered.ur10()
@@ -186,3 +191,41 @@ def test_coverage_sees_intervals_that_have_nothing_in_common():
     compared, beyond = robots._apart(a, b)
     assert compared.tolist() == [True, True, False, False]
     assert beyond.tolist() == [False, True, False, False]
+
+
+def test_the_command_that_a_message_prints_is_tried_with_what_the_user_knows():
+    logs = _benchmark("public_logs")
+    message = "consistent-id: no\ntry: consistent-id check a.urdf -x 'b c' -g KP,KD"
+    known = logs.next_words(message, {"KP,KD": "20,1.5"})
+    assert known == ["check", "a.urdf", "-x", "b c", "-g", "20,1.5"]
+    assert logs.next_words(message, {}) is None
+    assert logs.next_words("consistent-id: no", {}) is None
+
+
+def test_tensors_are_written_as_they_are_read(tmp_path):
+    from consistent_id.recordings.readers import pytorch
+
+    position = np.arange(900.0).reshape(300, 3)
+    _benchmark("public_logs").torch_file(tmp_path / "a.pt", {"dof_pos": position})
+    read = pytorch.read_arrays(tmp_path / "a.pt", ["dof_pos"])["dof_pos"]
+    np.testing.assert_array_equal(read, position)
+
+
+def test_the_table_s_intervals_are_a_mean_s_and_its_error_the_score(monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "benchmarks"))
+    table = _benchmark("table")
+    x = np.random.default_rng(0).normal(size=table.BLOCKS)
+    parts = np.column_stack([x, np.ones_like(x)])
+    found = table.jackknife(parts, lambda sums: sums[0] / sums[1])
+    assert found.value == pytest.approx(x.mean())
+    # Student's 97.5 % quantile of nine degrees of freedom
+    expected = 2.262157 * x.std(ddof=1) / np.sqrt(table.BLOCKS)
+    assert found.half == pytest.approx(expected, rel=1e-5)
+    words = [table.Interval(v, 1.0).word for v in (-2.0, 0.5, 2.0)]
+    assert words == ["win", "alike", "**loss**"]
+    model, _, log = experiment(2, joints=2, noise=0.3, samples=300)
+    plain = table.ci.least_squares(model, table.ci.build_regression(model, log))
+    (sums,) = table.torque_parts([plain], [log])
+    assert len(sums) == table.BLOCKS
+    stacked = plain.score(log).stacked
+    assert table.relative_error(model, sums.sum(axis=0)) == pytest.approx(stacked)

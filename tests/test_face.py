@@ -4,6 +4,7 @@ import ast
 import importlib
 import subprocess
 import sys
+from doctest import DocTestFinder
 from pathlib import Path
 
 import pytest
@@ -60,6 +61,21 @@ def test_no_module_has_the_name_of_something_public(package):
     modules = {path.stem for path in folder.glob("*.py")}
     modules |= {path.name for path in folder.iterdir() if path.is_dir()}
     assert not modules & set(owner.__all__)
+
+
+def test_every_name_at_the_top_has_an_example_in_its_docstring():
+    """They run with the tests of the modules (``--doctest-modules``)."""
+    without = []
+    for name in consistent_id.__all__:
+        value = getattr(consistent_id, name)
+        (found,) = [
+            test
+            for test in DocTestFinder(recurse=False).find(value, name, globs={})
+            or [None]
+        ]
+        if found is None or not any(example.want for example in found.examples):
+            without.append(name)
+    assert not without
 
 
 def test_a_name_that_moved_to_a_submodule_works_with_a_warning():

@@ -39,12 +39,18 @@ LAZY = "consistent_id.excitation.callbacks"
 
 def _imported(tree: ast.AST) -> list[str]:
     names = []
-    for node in _rooms()["statements"](tree):
+    for node in _statements(tree):
         if isinstance(node, ast.ImportFrom):
             names.append(node.module or "")
         elif isinstance(node, ast.Import):
             names += [alias.name for alias in node.names]
     return names
+
+
+@cache
+def _statements(tree: ast.AST) -> list[ast.AST]:
+    """Return all statements of a module, those inside others too."""
+    return list(_rooms()["statements"](tree))
 
 
 @cache
@@ -88,7 +94,7 @@ def _side_buildings(nodes: Iterable[ast.AST]) -> set[str]:
 def test_side_buildings_are_imported_by_commands_alone():
     for path, tree in _modules().items():
         room = path.parts[0].removesuffix(".py")
-        others = _side_buildings(_rooms()["statements"](tree)) - {room}
+        others = _side_buildings(_statements(tree)) - {room}
         if room in SIDE:
             assert others <= NEIGHBOURS.get(room, set()), f"{path} imports {others}"
         elif room != "cli":
@@ -144,7 +150,7 @@ def test_no_modules_import_each_other_in_a_circle():
     for path, tree in _modules().items():
         parts = [part for part in path.with_suffix("").parts if part != "__init__"]
         own, found = ".".join(parts), set()
-        for node in ast.walk(tree):
+        for node in _statements(tree):
             if not isinstance(node, ast.ImportFrom) or node.module is None:
                 continue
             module = node.module.removeprefix("consistent_id").removeprefix(".")
@@ -188,7 +194,7 @@ def test_files_that_the_page_of_the_rooms_names_exist():
 def test_a_class_name_means_one_thing():
     places: dict[str, list[str]] = {}
     for path, tree in _modules().items():
-        for node in ast.walk(tree):
+        for node in _statements(tree):
             if isinstance(node, ast.ClassDef):
                 places.setdefault(node.name.lstrip("_"), []).append(str(path))
     assert len(places) > 300

@@ -13,10 +13,12 @@ sys.path.insert(0, str(HERE / "benchmarks"))
 from pages import digest, digests_on, measured, written_to  # noqa: E402
 
 REAL = {"ur10e", "kuka_kr300", "staubli_tx40", "tiago"}
+TABLE = {"ur10e/payload.toml", "rx60", "unitree_go2", "unitree_z1"}
 PAGES = {
     "accuracy.md": REAL | {"ur10e/payload.toml"},
     "coverage.md": REAL,
     "model-selection.md": REAL,
+    "robots-table.md": {*REAL, *TABLE},
 }
 
 

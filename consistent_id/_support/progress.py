@@ -1,6 +1,6 @@
 """The progress of long work, on the standard error, for users who want to see it.
 
-A terminal shows a bar; a file or a pipe gets a line now and then.
+A terminal shows a bar; a file or a pipe gets one line at the start and one at the end.
 """
 
 import sys
@@ -8,8 +8,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import monotonic
 from typing import Protocol
-
-_PAUSE = 5.0  # s: between lines of work that is counted
 
 
 class Counter(Protocol):
@@ -40,6 +38,7 @@ def stages(total: int, shown: bool) -> Iterator[Callable[[str], None]]:
             begun += 1
 
         yield begin
+        show(total, "done")
 
 
 @contextmanager
@@ -56,18 +55,18 @@ def counted(total: int, what: str, shown: bool) -> Iterator[Counter]:
         Whether anything is written.
     """
     form = "{n_fmt}/{total_fmt} {bar:20} {desc} [{elapsed}<{remaining}]"
+    last = 0, ""
     with _display(total, shown, form) as show:
-        written = monotonic()
 
         def count(done: int, says: str = "") -> None:
-            nonlocal written
-            now = monotonic()
-            if _is_terminal() or now - written >= _PAUSE:
-                show(done, f"{what} {says}".rstrip())
-                written = now
+            nonlocal last
+            last = done, says
+            show(done, f"{what} {says}".rstrip())
 
         show(0, what)
         yield count
+        done, says = last
+        show(done, f"{what} done {says}".rstrip())
 
 
 @contextmanager
@@ -78,14 +77,17 @@ def _display(
         yield lambda done, says: None
         return
     if not _is_terminal():
-        started = monotonic()
+        started, last = monotonic(), (-1, "")
 
         def write(done: int, says: str) -> None:
-            seconds = monotonic() - started
-            sys.stderr.write(f"{done}/{total} {says} [{seconds:.0f} s]\n")
-            sys.stderr.flush()
+            nonlocal last
+            if last[0] < 0:
+                _line(done, total, says, 0.0)
+            last = done, says
 
         yield write
+        if last[0] >= 0:
+            _line(last[0], total, last[1], monotonic() - started)
         return
     from tqdm import tqdm
 
@@ -97,6 +99,11 @@ def _display(
             bar.refresh()
 
         yield draw
+
+
+def _line(done: int, total: int, says: str, seconds: float) -> None:
+    sys.stderr.write(f"{done}/{total} {says} [{seconds:.0f} s]\n")
+    sys.stderr.flush()
 
 
 def _is_terminal() -> bool:

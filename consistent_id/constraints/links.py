@@ -61,6 +61,14 @@ class PhysicalConsistency:
     share : float
         Least share of its nominal body that each link contains: the remainder is
         physically consistent, too.  See `reference_bodies`.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> arm = ci.from_modified_dh("arm", [ci.DHRow(-np.pi / 2, 0.0)])
+    >>> cone = ci.PhysicalConsistency(margin=1e-3).lower(ci.TorqueModel(arm))
+    >>> [block.label for block in cone.blocks]
+    ['link1']
     """
 
     margin: float = 1e-6
@@ -135,6 +143,13 @@ class FixedMasses:
     ----------
     masses : mapping of str to float, optional, [kg]
         By link; by default the datasheet's, for every link that has one.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> arm = ci.from_modified_dh("arm", [ci.DHRow(-np.pi / 2, 0.0)])
+    >>> ci.FixedMasses({"link1": 2.0}).lower(ci.TorqueModel(arm)).labels
+    ('link1.m = 2 kg',)
     """
 
     masses: Mapping[str, float] | None = None
@@ -161,7 +176,15 @@ class FixedMasses:
 @brief
 @dataclass(frozen=True, slots=True)
 class MassBounds:
-    """Masses between bounds [kg]; by default those of the datasheet."""
+    """Masses between bounds [kg]; by default those of the datasheet.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> arm = ci.from_modified_dh("arm", [ci.DHRow(-np.pi / 2, 0.0)])
+    >>> ci.MassBounds({"link1": (1.0, 3.0)}).lower(ci.TorqueModel(arm)).labels
+    ('link1: mass >= 1 kg', 'link1: mass <= 3 kg')
+    """
 
     bounds: Mapping[str, tuple[float, float]] | None = None
 

@@ -70,6 +70,15 @@ class RotorInertias:
     tolerance : float
         Share by which the inertia seen from the link may differ from the datasheet's; 0
         fixes it.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> arm = ci.from_modified_dh("arm", [ci.DHRow(-np.pi / 2, 0.0)])
+    >>> model = ci.TorqueModel(arm, ci.DriveTerms(rotor_inertia=True))
+    >>> motor = ci.constraints.Motor(inertia=1e-4, gear_ratio=100.0)
+    >>> ci.RotorInertias({"joint1": motor}).lower(model).b_eq
+    array([1.])
     """
 
     motors: Mapping[str, Motor]
@@ -171,6 +180,14 @@ class NonNegativeDrive:
     terms : tuple of str, optional
         Names of the coefficients; by default those of the joints' terms that are called
         `nonnegative` (see `DriveTerm`).
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> arm = ci.from_modified_dh("arm", [ci.DHRow(-np.pi / 2, 0.0)])
+    >>> model = ci.TorqueModel(arm, ci.DriveTerms(viscous=True, coulomb="sign"))
+    >>> ci.NonNegativeDrive().lower(model).labels
+    ('joint1.viscous >= 0', 'joint1.coulomb >= 0')
     """
 
     terms: tuple[str, ...] | None = None

@@ -147,6 +147,12 @@ class Aim:
     others : {"unknown", "known"}
         Of the parameters that are not of interest.  For a load that is weighed by the
         difference between two logs they are known: by the log without it.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> ci.Aim("D", rate=100.0, interest=["link3.*"]).objective
+    'D'
     """
 
     objective: Objective = "D"

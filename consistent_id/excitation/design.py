@@ -118,6 +118,16 @@ def design_trajectory(
     InfeasibleError
         If no path was found that keeps the limits; the message names the violated
         limit.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> arm = ci.from_modified_dh("arm", [ci.DHRow(-np.pi / 2, 0.0)])
+    >>> limits = ci.motion_limits(arm, position={"joint1": (-1, 1)}, velocity=2.0)
+    >>> form = ci.PathForm(5.0, 2)
+    >>> design = ci.design_trajectory(arm, form, limits=limits, starts=1, workers=1)
+    >>> design.proof.holds, design.trajectory.duration
+    (True, 5.0)
     """
     began = clock.monotonic()
     model = TorqueModel(model) if isinstance(model, RobotModel) else model

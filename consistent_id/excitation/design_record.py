@@ -60,7 +60,7 @@ def design_record(
             "smooth": form.smooth,
         },
         "aim": _aim(design),
-        "limits": _limits(design.limits),
+        "limits": limits_record(design.limits),
         "scene": _scene(design, proofs or {}),
         "before": _condition(design.unoptimised.condition),
         "forms_tried": [form.frequencies.tolist() for form in design.tried],
@@ -316,7 +316,9 @@ def _margin(margin: Margin) -> dict[str, Any]:
     }
 
 
-def _limits(limits: MotionLimits) -> dict[str, Any]:
+def limits_record(limits: MotionLimits) -> dict[str, Any]:
+    """Return limits by name, in the order of the joints; None where there is none."""
+
     def finite(values: Any) -> list[float | None]:
         return [float(v) if np.isfinite(v) else None for v in values]
 

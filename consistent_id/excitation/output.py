@@ -6,7 +6,7 @@ The tables of a request are made before the search.
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,8 +22,12 @@ from consistent_id._support.run import kept_going
 from consistent_id._support.tables import Table
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.aims import PathForm
-from consistent_id.excitation.design_record import design_record, design_tables
-from consistent_id.excitation.designed import ExcitationDesign
+from consistent_id.excitation.design_record import (
+    design_record,
+    design_tables,
+    limits_record,
+)
+from consistent_id.excitation.designed import PATH, SAMPLES, ExcitationDesign
 from consistent_id.excitation.html_replay import ShapesFile, write_replay
 from consistent_id.excitation.interest import parameters_named
 from consistent_id.excitation.kept import (
@@ -62,8 +66,9 @@ REPLAY = "replay.html"
 CLIENT = "follow.py"
 """Script that plays ``yaml`` files on ROS 2, written beside them."""
 
-_SAMPLES = 1000
-_PATH, _LIMIT, _BEFORE = "#0072b2", "#d55e00", "0.6"
+_BEFORE = "0.6"
+PLAN = "consistent_id plan 1"
+"""Format of `Plan.record`."""
 
 
 def write_design(
@@ -181,10 +186,23 @@ def replay_design(problem: Problem, playable: PlayableDesign, folder: Path) -> P
     )
 
 
-def planned_tables(
-    problem: Problem, parameters: ArrayLike | None = None
-) -> list[Table]:
-    """Return the request of `playable_design` as tables, without a search."""
+class Plan(NamedTuple):
+    """What would be designed.
+
+    Parameters
+    ----------
+    tables : list of Table
+        For people.
+    record : dict
+        The same as plain values.
+    """
+
+    tables: list[Table]
+    record: dict[str, Any]
+
+
+def planned(problem: Problem, parameters: ArrayLike | None = None) -> Plan:
+    """Return the request of `playable_design`, without a search."""
     request = design_request(problem)
     parameters_named(problem.model.layout, request.aim.interest)
     moved = what_moves(problem, parameters)
@@ -195,7 +213,26 @@ def planned_tables(
         request.scene,
         request.friction_share,
     )
-    return request_tables(moved, request, required)
+    tables, form = request_tables(moved, request, required), request.form
+    record = {
+        "format": PLAN,
+        "problem": problem.name,
+        "robot": moved.torque.robot.name,
+        "objectives": list(request.aim.objectives),
+        "form": {
+            "duration_s": form.duration,
+            "frequencies_hz": [f.frequencies.tolist() for f in request.forms],
+            "rest": form.rest,
+            "smooth": form.smooth,
+        },
+        "periods": request.periods or 1,
+        "start_pose": request.start_pose,
+        "limits": limits_record(request.limits),
+        "kept_apart": list(kept_apart(required.scene)),
+        "notes": list(request.notes),
+        "tables": [asdict(table) for table in tables],
+    }
+    return Plan(tables, record)
 
 
 def playable_record(playable: PlayableDesign) -> dict[str, Any]:
@@ -345,28 +382,16 @@ def design_figure(design: ExcitationDesign, before: Vector | None = None) -> Any
     from matplotlib.figure import Figure
 
     joints = design.limits.joints
-    path = design.trajectory
-    time = path.start + path.duration * np.linspace(0.0, 1.0, _SAMPLES)
-    motion = path.evaluate(time)
     figure = Figure(figsize=(13.0, 1.5 * len(joints) + 1.5), layout="constrained")
     title = f"{design.model.robot.name}: condition number {design.condition}"
     figure.suptitle("\n".join([title, *_clearance(design)]))
     sides: Any = figure.subfigures(1, 2, width_ratios=(2.0, 1.0))
     left, right = sides
     axes = left.subplots(len(joints), 3, sharex=True, squeeze=False)
-    for column, quantity in enumerate(("position", "velocity", "acceleration")):
-        axes[0, column].set_title(f"{quantity}, share of limit", fontsize=10)
-        limit = design.limits.derivative(column)
-        offset = design.limits.middle if column == 0 else np.zeros(len(joints))
-        for j, axis in enumerate(axes[:, column]):
-            _draw(axis, time, motion[column, :, j] - offset[j], limit[j])
-    for axis, joint in zip(axes[:, 0], joints, strict=True):
-        axis.set_ylabel(joint, fontsize=8)
-    for axis in axes[-1]:
-        axis.set_xlabel("time [s]")
+    design.plot(axes)
     upper, lower = right.subfigures(2, 1)
     _singular_values(upper, design, before)
-    _tool_path(lower, design, motion[0])
+    _tool_path(lower, design)
     return figure
 
 
@@ -382,18 +407,6 @@ def _clearance(design: ExcitationDesign) -> list[str]:
     ]
 
 
-def _draw(axis: Any, time: Vector, values: Vector, limit: float) -> None:
-    axis.grid(alpha=0.3)
-    if np.isfinite(limit):
-        axis.plot(time, values / limit, color=_PATH, lw=1.2)
-        axis.axhline(1.0, color=_LIMIT, lw=0.8)
-        axis.axhline(-1.0, color=_LIMIT, lw=0.8)
-        axis.set_ylim(-1.1, 1.1)
-    else:
-        axis.plot(time, values, color=_PATH, lw=1.2, ls="--")
-        axis.text(0.02, 0.85, "no limit; SI", transform=axis.transAxes, fontsize=7)
-
-
 def _singular_values(
     place: Any, design: ExcitationDesign, before: Vector | None
 ) -> None:
@@ -405,7 +418,7 @@ def _singular_values(
     axis.semilogy(
         number, earlier / earlier[0], ".-", color=_BEFORE, label="random path"
     )
-    axis.semilogy(number, after / after[0], ".-", color=_PATH, label="design")
+    axis.semilogy(number, after / after[0], ".-", color=PATH, label="design")
     axis.set_title(
         "singular values of the base regressor, over the largest", fontsize=10
     )
@@ -414,11 +427,12 @@ def _singular_values(
     axis.legend(fontsize=8)
 
 
-def _tool_path(place: Any, design: ExcitationDesign, q: Any) -> None:
+def _tool_path(place: Any, design: ExcitationDesign) -> None:
     axis = place.add_subplot(projection="3d")
-    robot = design.model.robot
-    tip = link_places(robot, q).translation[:, -1]
-    axis.plot(*tip.T, color=_PATH, lw=1.0)
+    robot, path = design.model.robot, design.trajectory
+    time = path.start + path.duration * np.linspace(0.0, 1.0, SAMPLES)
+    tip = link_places(robot, path.evaluate(time)[0]).translation[:, -1]
+    axis.plot(*tip.T, color=PATH, lw=1.0)
     axis.set_title(f"path of {robot.link_names[-1]} [m]", fontsize=10)
     axis.set_aspect("equal")
     axis.tick_params(labelsize=7)

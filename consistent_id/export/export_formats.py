@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeVar
 from consistent_id._support.brief import brief
 from consistent_id._support.files import write_atomically
 from consistent_id.errors import ProblemError
-from consistent_id.estimation.verdict import HELP
 
 if TYPE_CHECKING:  # `consistent-id --help` lists the formats
     from consistent_id.estimation.estimate import Estimate
@@ -293,6 +292,8 @@ def require_exportable(
         )
     if allow_refused or (verdict := estimate.verdict).usable:
         return
+    from consistent_id.estimation.verdict import HELP
+
     ground = verdict.grounds[0]
     raise ProblemError(
         f"{verdict.sentence}: {ground.statement}. {ground.advice}; or use "

@@ -101,6 +101,21 @@ def to_urdf(
         If the file is not that of the model.
     ProblemError
         If the estimate is refused.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> arm = ci.from_modified_dh("arm", [ci.DHRow(-np.pi / 2, 0.0)])
+    >>> model = ci.TorqueModel(arm, ci.DriveTerms(viscous=True))
+    >>> q, dq, ddq = np.random.default_rng(0).normal(size=(3, 200, 1))
+    >>> motion = ci.Recording(("joint1",), np.arange(200) / 100, q, dq, ddq)
+    >>> body = [2.0, 0.6, 0, 0, 0.05, 0, 0.3, 0, 0, 0.3]  # kg, kg m, kg m^2
+    >>> log = ci.simulate_torque(model, [*body, 0.4], motion)
+    >>> regression = ci.build_regression(model, log)
+    >>> known = [ci.PhysicalConsistency(), ci.FixedMasses({"link1": 2.0})]
+    >>> found = ci.constrained_least_squares(model, regression, constraints=known)
+    >>> "<inertial>" in str(ci.to_urdf(found, allow_refused=True))
+    True
     """
     lacking = not_expressed(estimate, "URDF", _EXPRESSED)
     notes = [*lacking, *_gravity(estimate)]

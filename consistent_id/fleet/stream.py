@@ -452,6 +452,11 @@ def obstacle(problem: Problem) -> str:
             "[data.preparation]: a contact_radius that is estimated needs all "
             "recordings at once; state the radius of each contact"
         )
+    if data.preparation.delays.get("torque") == "estimated":
+        return (
+            "[data.preparation]: a delay of torque that is estimated needs all "
+            "recordings at once; give a number of seconds"
+        )
     if drift_of(problem.table) != "none":
         return "[wrist_sensor]: drift needs all recordings at once"
     gains = data.gains

@@ -40,6 +40,13 @@ class MotionLimits:
     ProblemError
         If a joint has no range to move in, or one that is not finite, or no limit that
         bounds its speed; the message names joint and limit.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> limits = ci.MotionLimits(("elbow",), [-1], [2], [1.5], [np.inf], [np.inf], [40])
+    >>> limits.middle, limits.velocity
+    (array([0.5]), array([1.5]))
     """
 
     joints: tuple[str, ...]

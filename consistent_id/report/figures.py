@@ -1,86 +1,87 @@
-"""Figures: joint motion, and measured and predicted torque."""
+"""Figures in files: joint motion, and measured and predicted torque, as SVG.
 
-from collections.abc import Callable, Sequence
+A picture of Matplotlib, such as that of a designed motion, is written as PNG.
+"""
+
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.arrays import Vector
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.row_names import in_newton
 from consistent_id.regression.torque_along import measured_torque
-from consistent_id.robot.model import Joint, RobotModel
+from consistent_id.report.markup import Html, joined, tag
+from consistent_id.report.plot import (
+    Frame,
+    axes_with,
+    buckets,
+    extremes,
+    instants,
+    line,
+    spanning,
+)
+from consistent_id.robot.model import RobotModel
 
-_POINTS = 2000  # samples drawn per curve; more would not be visible
+_POINTS = 900  # drawn per curve; more would not be visible
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+_MEASURED = "#999"
+_WIDTH, _HEIGHT, _GAP, _HEAD, _BELOW = 470, 120, 14, 44, 20  # pixels
+_MARK = "<!-- consistent-id: figure -->\n"
+_STYLE = """
+text { font: 10.5px sans-serif; fill: #444; text-anchor: middle; }
+text.end { text-anchor: end; } text.title { font-size: 14px; fill: #000; }
+path { fill: none; stroke-width: 1; stroke-linejoin: round; }
+.grid { stroke: #ddd; } .zero { stroke: #aaa; }
+.measured { stroke: #999; stroke-width: 2.6; }
+"""
 
 
-def motion_figure(robot: RobotModel, recording: Recording) -> Any:
-    """Return a figure of the joints' positions over time."""
+def motion_figure(robot: RobotModel, recording: Recording) -> Html:
+    """Return the joints' positions over time, as SVG."""
     recording = recording.of(robot.joint_names)
-    figure, axes = _panels(len(recording.joints), "joint motion: " + recording.name)
-    keep = _downsampled(recording)
-    for axis, joint, q in zip(axes, robot.driven, recording.position.T, strict=True):
-        axis.plot(recording.time[keep], q[keep], color=_COLOURS[0])
-        axis.set_ylabel(f"{joint.name}\n[{_unit(joint, 'rad', 'm')}]")
-    axes[-1].set_xlabel("time [s]")
-    return figure
-
-
-def torque_drawing(estimates: Sequence[Estimate]) -> Callable[[Recording], Any]:
-    """Return what draws a recording's measured and predicted torque, and the rest.
-
-    It draws into one figure, whose curves change: to set up axes takes longer.
-    """
-    model = estimates[0].model
-    rows = model.torque_joints
-    figure, axes = _panels(len(rows), "", columns=2)
-    left, right = axes[::2], axes[1::2]
-    for axis, name in zip(left, rows, strict=True):
-        unit = "N" if in_newton(model.robot, name) else "N m"
-        axis.set_ylabel(f"{name}\n[{unit}]")
-    given = [_curve(axis, "0.6", 2.5, "measured") for axis in left]
-    pairs = [
-        (
-            [_curve(axis, colour, 1, estimate.method) for axis in left],
-            [_curve(axis, colour, 0.8, estimate.method) for axis in right],
+    panels = [
+        [_panel(recording.time, [("c0", q)], f"{joint.name} [{unit}]")]
+        for joint, q, unit in zip(
+            robot.driven,
+            recording.position.T,
+            ("m" if joint.kind == "prismatic" else "rad" for joint in robot.driven),
+            strict=True,
         )
-        for estimate, colour in zip(estimates, _cycle(len(estimates)), strict=True)
     ]
-    axes[0].set_title("measured and predicted", fontsize=10)
-    axes[1].set_title("measured less predicted", fontsize=10)
-    for axis in axes[-2:]:
-        axis.set_xlabel("time [s]")
-    figure.legend(
-        *axes[0].get_legend_handles_labels(),
-        loc="lower center",
-        ncol=4,
-        fontsize=8,
-        frameon=False,
-    )
+    return _figure(f"joint motion: {recording.name}", panels, ())
 
-    def drawn(recording: Recording) -> Any:
-        _title(figure, "torque: " + recording.name)
-        keep = _downsampled(recording)
-        time = recording.time[keep]
-        measured = measured_torque(model, recording)[keep]
-        _draw(given, time, measured)
-        for estimate, (predictions, rests) in zip(estimates, pairs, strict=True):
-            predicted = estimate.predict(recording)[keep]
-            _draw(predictions, time, predicted)
-            _draw(rests, time, measured - predicted)
-        for axis in axes:
-            axis.relim()
-            axis.autoscale_view()
-        return figure
 
-    return drawn
+def torque_figure(estimates: Sequence[Estimate], recording: Recording) -> Html:
+    """Return measured and predicted torque, and their difference, as SVG.
+
+    A row of panels for each joint with torque.
+    """
+    model, time = estimates[0].model, recording.time
+    measured = measured_torque(model, recording)
+    predicted = [estimate.predict(recording) for estimate in estimates]
+    panels = []
+    for j, name in enumerate(model.torque_joints):
+        unit = "N" if in_newton(model.robot, name) else "N m"
+        own = [(f"c{k}", values[:, j]) for k, values in enumerate(predicted)]
+        rests = [(style, measured[:, j] - values) for style, values in own]
+        left = _panel(time, [("measured", measured[:, j]), *own], f"{name} [{unit}]")
+        panels.append([left, _panel(time, rests, "measured less predicted")])
+    names = [("measured", _MEASURED)]
+    names += [(e.method, _colour(k)) for k, e in enumerate(estimates)]
+    return _figure(f"torque: {recording.name}", panels, names)
+
+
+def write_figure(figure: Html, path: Path) -> Path:
+    """Write a figure as SVG, whole or not at all."""
+    from consistent_id._support.files import write_atomically
+
+    return write_atomically(path, _MARK + figure + "\n")
 
 
 def save_figure(figure: Any, path: Path) -> Path:
-    """Write a figure as PNG, whole or not at all."""
+    """Write a figure of Matplotlib as PNG, whole or not at all."""
     import io
 
     from consistent_id._support.files import write_atomically
@@ -96,52 +97,53 @@ def save_figure(figure: Any, path: Path) -> Path:
     return write_atomically(path, buffer.getvalue())
 
 
-def _panels(rows: int, title: str, columns: int = 1) -> tuple[Any, list[Any]]:
-    # The object interface keeps figures out of pyplot's global state.
-    from matplotlib.figure import Figure
-
-    width, height = 6.0 if columns == 1 else 10.0, 1.6 * rows + 1.4
-    figure = Figure(figsize=(width, height))
-    # Fixed margins [inch] and few ticks: a layout engine draws everything twice.
-    axes = figure.subplots(rows, columns, sharex=True, squeeze=False)
-    figure.subplots_adjust(
-        left=1.0 / width,
-        right=1.0 - 0.15 / width,
-        bottom=0.8 / height,
-        top=1.0 - 0.6 / height,
-        wspace=0.14,
-        hspace=0.16,
+def _panel(time: Vector, curves: Sequence[tuple[str, Vector]], label: str) -> Html:
+    """Return axes with curves, each with its style, the last one on top."""
+    starts = buckets(len(time), _POINTS)
+    frame = Frame(
+        (float(time[0]), float(time[-1])),
+        spanning(values for _, values in curves),
+        _WIDTH,
+        _HEIGHT,
+        20,
     )
-    _title(figure, title)
-    for axis in axes.ravel():
-        axis.grid(alpha=0.3)
-        axis.locator_params(nbins=5)
-    return figure, list(axes.ravel())
+    drawn = [
+        line(frame, instants(time, starts), extremes(values, starts), style)
+        for style, values in curves
+    ]
+    return axes_with(frame, *drawn, down=label)
 
 
-def _title(figure: Any, title: str) -> None:
-    y = 1.0 - 0.1 / figure.get_figheight()
-    figure.suptitle(title, fontsize=11, y=y, va="top")
+def _figure(
+    title: str, rows: Sequence[Sequence[Html]], names: Sequence[tuple[str, str]]
+) -> Html:
+    """Return rows of panels below a title and a legend of names and their colours."""
+    width = max((len(row) for row in rows), default=1) * (_WIDTH + _GAP)
+    height = _HEAD + len(rows) * (_HEIGHT + _GAP) + _BELOW
+    head = [tag("text", title, x=width / 2, y=16, class_="title")]
+    for k, (name, colour) in enumerate(names):
+        x = (k + 0.5) * width / len(names)
+        head.append(tag("text", name, x=f"{x:.0f}", y=34, style=f"fill: {colour}"))
+    across, down = _WIDTH + _GAP, _HEIGHT + _GAP
+    placed = [
+        tag("g", panel, transform=f"translate({i * across} {_HEAD + j * down})")
+        for j, row in enumerate(rows)
+        for i, panel in enumerate(row)
+    ]
+    colours = "".join(f".c{k} {{ stroke: {_colour(k)}; }}\n" for k in range(len(names)))
+    style = _STYLE + (colours or f".c0 {{ stroke: {_colour(0)}; }}\n")
+    foot = tag("text", "time [s]", x=width / 2, y=height - 5)
+    return tag(
+        "svg",
+        tag("style", Html(style)),
+        tag("rect", width="100%", height="100%", fill="white"),
+        joined((*head, *placed, foot)),
+        xmlns="http://www.w3.org/2000/svg",
+        width=width,
+        height=height,
+        viewBox=f"0 0 {width} {height}",
+    )
 
 
-def _curve(axis: Any, colour: str, width: float, label: str) -> Any:
-    """Return a curve without points as yet."""
-    (line,) = axis.plot([], [], color=colour, lw=width, label=label)
-    return line
-
-
-def _draw(lines: Sequence[Any], time: Vector, values: Matrix) -> None:
-    for line, series in zip(lines, values.T, strict=True):
-        line.set_data(time, series)
-
-
-def _unit(joint: Joint, turning: str, sliding: str) -> str:
-    return sliding if joint.kind == "prismatic" else turning
-
-
-def _downsampled(recording: Recording) -> slice:
-    return slice(None, None, max(1, int(np.ceil(len(recording) / _POINTS))))
-
-
-def _cycle(count: int) -> list[str]:
-    return [_COLOURS[i % len(_COLOURS)] for i in range(count)]
+def _colour(k: int) -> str:
+    return _COLOURS[k % len(_COLOURS)]

@@ -84,6 +84,15 @@ def write_report(
     ------
     ProblemError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> study = ci.run_study(ci.load_problem("problems/rx60"), costs=False)
+    >>> ci.write_report(study, Path(tempfile.mkdtemp(), "report.html")).name
+    'report.html'
     """
     html = report_html(
         study,

@@ -100,29 +100,28 @@ def plot(
     frame: Frame, *marks: Html, across: str = "", down: str = "", title: str = ""
 ) -> Html:
     """Return a figure: axes with ticks and labels, and the marks."""
-    middle = _LEFT + (frame.width - _LEFT - _RIGHT) / 2
-    centre = (frame.height - frame.bottom) / 2 + 4
-    labels = (
-        _text(middle, frame.height - 3, across, "label"),
-        tag(
-            "text",
-            down,
-            transform=f"translate(10 {centre:g})rotate(-90)",
-        )
-        if down
-        else "",
-    )
     drawing = tag(
         "svg",
-        _grid(frame),
-        *marks,
-        *labels,
+        axes_with(frame, *marks, across=across, down=down),
         viewBox=f"0 0 {frame.width} {frame.height}",
         role="img",
         aria_label=title or f"{down} against {across}",
         class_="plot",
     )
     return tag("figure", tag("figcaption", title) if title else "", drawing)
+
+
+def axes_with(frame: Frame, *marks: Html, across: str = "", down: str = "") -> Html:
+    """Return what stands in a plot: axes with ticks and labels, and the marks."""
+    middle = _LEFT + (frame.width - _LEFT - _RIGHT) / 2
+    centre = (frame.height - frame.bottom) / 2 + 4
+    label = (
+        tag("text", down, transform=f"translate(10 {centre:g})rotate(-90)")
+        if down
+        else ""
+    )
+    below = _text(middle, frame.height - 3, across, "label")
+    return joined((_grid(frame), *marks, below, label))
 
 
 def _grid(frame: Frame) -> Html:
@@ -190,10 +189,12 @@ def extremes(values: Vector, starts: IntArray) -> Vector:
     """
     if len(starts) == len(values):
         return values
-    low, high = (f.reduceat(values, starts) for f in (np.minimum, np.maximum))
-    parts = np.split(values, starts[1:])
-    falling = np.array([np.argmin(p) > np.argmax(p) for p in parts])
-    pairs = np.column_stack([low, high])
+    size = int(starts[1] - starts[0]) if len(starts) > 1 else len(values)
+    # The last bucket is filled up with its own last value, which is no new extreme.
+    whole = np.pad(values, (0, size * len(starts) - len(values)), mode="edge")
+    each = whole.reshape(len(starts), size)
+    pairs = np.column_stack([each.min(axis=1), each.max(axis=1)])
+    falling = each.argmin(axis=1) > each.argmax(axis=1)
     pairs[falling] = pairs[falling, ::-1]
     return np.asarray(pairs.ravel())
 

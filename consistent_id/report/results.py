@@ -201,6 +201,17 @@ class Results:
     ----------
     folder : Path
     index : Index
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> import tempfile
+    >>> folder = tempfile.mkdtemp()
+    >>> from consistent_id.cli import main
+    >>> main(["identify", "problems/rx60", "--output", folder, "--quiet"])
+    0
+    >>> ci.open_results(folder).verdict.word
+    'use'
     """
 
     folder: Path

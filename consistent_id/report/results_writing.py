@@ -55,7 +55,7 @@ def require_place(folder: Path) -> None:
         With the file that is in the way.
     """
     names = [*_FIXED, *(f"{_file_name(method)}.json" for method in Method)]
-    pictures = folder.glob("torque_*.png") if folder.is_dir() else ()
+    pictures = folder.glob("torque_*.svg") if folder.is_dir() else ()
     require_writable(folder, [*names, *(path.name for path in pictures)])
 
 
@@ -195,20 +195,21 @@ def _comparison(study: "Study", tables: Sequence[Table], folder: Path) -> list[P
 
 def _pictures(study: "Study", folder: Path) -> list[Path]:
     """Draw the torque of least squares and of the recommended estimate."""
-    from consistent_id.report.figures import motion_figure, save_figure, torque_drawing
+    from consistent_id.report.figures import motion_figure, torque_figure, write_figure
 
     methods = (Method.LEAST_SQUARES, study.recommendation.method)
-    drawing = torque_drawing([e for e in study.estimates if e.method in methods])
+    shown = [e for e in study.estimates if e.method in methods]
     paths = []
     if study.published is not None:
-        with kept_going("figure motion.png"):
+        with kept_going("figure motion.svg"):
             motion = motion_figure(study.problem.model.robot, study.published.motion)
-            paths.append(save_figure(motion, folder / "motion.png"))
+            paths.append(write_figure(motion, folder / "motion.svg"))
     for role in ("training", "validation"):
         for i, recording in enumerate(getattr(study, role), start=1):
-            name = f"torque_{role}_{i}.png"
+            name = f"torque_{role}_{i}.svg"
             with kept_going(f"figure {name}"):
-                paths.append(save_figure(drawing(recording), folder / name))
+                figure = torque_figure(shown, recording)
+                paths.append(write_figure(figure, folder / name))
     return paths
 
 

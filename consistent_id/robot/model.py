@@ -281,6 +281,13 @@ class RobotModel:
     ModelError
         If names repeat, a parent does not precede its child, a joint follows none that
         moves by itself, or nothing moves.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> arm = ci.from_modified_dh("arm", [ci.DHRow(-np.pi / 2, 0.0)])
+    >>> len(arm), arm.joint_names, arm.link_names
+    (1, ('joint1',), ('link1',))
     """
 
     name: str

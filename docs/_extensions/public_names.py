@@ -2,6 +2,7 @@
 
 import importlib
 import inspect
+from dataclasses import is_dataclass
 from typing import Any
 
 from docutils import nodes
@@ -43,7 +44,10 @@ class Public(SphinxDirective):
 
 def _entry(name: str, value: Any) -> str:
     if inspect.isclass(value):
-        return f".. autoclass:: {name}\n   :members:\n"
+        # A value that builds on another one shows all members; an error, its own.
+        whole = any(map(is_dataclass, value.__bases__))
+        inherited = "   :inherited-members:\n" if whole else ""
+        return f".. autoclass:: {name}\n   :members:\n{inherited}"
     kind = "function" if inspect.isfunction(value) else "data"
     return f".. auto{kind}:: {name}\n"
 

@@ -17,6 +17,7 @@ from consistent_id.constraints.cones.least_norm import (
     ConeSolution,
     FreeOptimum,
     LeastNorm,
+    solve_half_square,
     solve_least_norm,
 )
 from consistent_id.constraints.cones.programmes import Multipliers
@@ -125,7 +126,11 @@ def programmes_tried(monkeypatch, share):
         asked.append((*sorted(options.items(), key=str), ball and ball.radius))
         return replace(solution, multipliers=solution.multipliers.times(share))
 
+    def refused(problem, **options):
+        raise SolverError("no point")
+
     monkeypatch.setattr(certificate, "solve_least_norm", noted)
+    monkeypatch.setattr(certificate, "solve_half_square", refused)
     _, optimality = solve_certified(problem, np.zeros(6), reference=0.5)
     assert optimality.verdict == "uncertified"
     return asked
@@ -135,6 +140,39 @@ def test_no_programme_is_solved_twice(monkeypatch):
     # Multipliers that are almost right: every way is tried for the last digits.
     asked = programmes_tried(monkeypatch, 1.0 - 1e-3)
     assert len(asked) == len(set(asked)) > 8
+
+
+def test_half_the_square_proves_what_the_norm_does_not(monkeypatch):
+    problem, answer = _triangular(0)
+    without_free_optimum(monkeypatch)
+    solve = solve_least_norm
+
+    def inaccurate(problem, **options):
+        solution = solve(problem, **options)
+        return replace(solution, multipliers=solution.multipliers.times(0.999))
+
+    monkeypatch.setattr(certificate, "solve_least_norm", inaccurate)
+    solution, optimality = solve_certified(problem, np.zeros(6), reference=0.5)
+    assert optimality.verdict == "certified"
+    assert np.linalg.norm(problem.G @ (solution.u - answer)) < 1e-3
+
+
+@pytest.mark.parametrize("times", [1e4, 1e6])
+def test_half_the_square_has_the_point_and_the_multipliers_of_the_norm(times):
+    problem, answer = _triangular(2)
+    # An entry that is pinned, and one at its bound, are multipliers too.
+    pin, at_most = np.eye(6)[[1]], np.eye(6)[[3]]
+    domain = problem.domain & ConicSet.equal(pin, answer[[1]], ["pinned"])
+    domain = domain & ConicSet.at_most(at_most, answer[[3]] - 0.1, ["bound"])
+    problem = replace(problem, domain=domain)
+    one, other = solve_least_norm(problem), solve_half_square(problem, times=times)
+    # A gap of 1e-10 leaves twice its root, because the objective is strongly convex.
+    assert np.linalg.norm(problem.G @ (one.u - other.u)) < 2e-5
+    assert certify(problem, other, np.zeros(6), reference=0.5).verdict == "certified"
+    for name in ("equal", "at_most"):
+        ours, theirs = getattr(other.multipliers, name), getattr(one.multipliers, name)
+        assert ours == pytest.approx(theirs, abs=1e-4)
+    assert other.multipliers.at_most[0] > 0.01
 
 
 def test_where_no_digits_help_each_ball_is_tried_once(monkeypatch):
@@ -250,6 +288,7 @@ def test_consistency_survives_a_change_of_frame():
     assert moved.is_consistent()
 
 
+@pytest.mark.slow
 def test_base_parameters_of_wild_size_are_judged_too():
     model, truth, _ = experiment(70, samples=2)
     base = base_parameters(model)

@@ -413,3 +413,31 @@ def test_a_torque_that_is_too_much_over_time_lowers_its_peak_in_proportion():
     assert peaks(peak, (2, rms, 3.0, 4.0)) == {"joint2": pytest.approx(4.5)}
     kept = [(1, rms, 3.0, 3.0), (1, rate, 50.0, 49.0), (1, "torque", 20.0, 21.0)]
     assert peaks(*kept, (1, "velocity", 1.0, 2.0)) == {}
+
+
+@pytest.mark.slow
+def test_a_design_is_drawn_as_shares_of_its_limits():
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    pyplot.switch_backend("Agg")
+    pyplot.close("all")
+    design = designed(starts=1, time_limit=2.0)
+    limits, joints = design.limits, len(design.limits.joints)
+    figure, given = pyplot.subplots(joints, 3)
+    axes = design.plot(given)
+    assert axes.shape == (joints, 3)
+    assert [a.get_ylabel() for a in axes[:, 0]] == list(limits.joints)
+    ends = design.trajectory.start + np.array([0.0, design.trajectory.duration])
+    for j in range(joints):
+        for column, axis in enumerate(axes[j]):
+            line = axis.get_lines()[0]
+            assert line.get_xdata()[[0, -1]] == pytest.approx(ends)
+            of_joint = design.trajectory.evaluate(line.get_xdata())[column, :, j]
+            limit, middle = limits.derivative(column)[j], 0.0
+            if column == 0:
+                middle = (limits.lower[j] + limits.upper[j]) / 2
+            limit = limit if np.isfinite(limit) else 1.0
+            np.testing.assert_allclose(line.get_ydata(), (of_joint - middle) / limit)
+    assert pyplot.get_fignums() == [figure.number]
+    with pytest.raises(ProblemError, match="1 axes for the motion of 2 joints"):
+        design.plot(given[0, 0])
+    pyplot.close("all")

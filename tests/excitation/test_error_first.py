@@ -41,6 +41,7 @@ def random_paths(count, joints=2, form=FORM):
     return [problem.basis.trajectory(problem.random(k)) for k in range(count)]
 
 
+@pytest.mark.slow
 def test_least_errors_are_the_default_and_the_condition_number_is_reported():
     design = designed()
     (stage,) = design.stages
@@ -58,6 +59,7 @@ def test_least_errors_need_a_better_path_than_the_least_condition_number():
     assert errors < mean_error(condition)
 
 
+@pytest.mark.slow
 def test_no_design_is_worse_than_the_best_random_path():
     # No work at all is allowed: what is returned is still the best of eight.
     design = designed(time_limit=1e-9, starts=8)
@@ -156,6 +158,7 @@ def test_repetitions_for_five_percent_bring_five_percent():
     assert f"{int(np.ceil(found.repetitions))} times" in found.note
 
 
+@pytest.mark.slow
 def test_a_motion_that_noise_drowns_is_refused():
     with pytest.raises(NotExcitedError, match="useless"):
         designed(Aim(noise=1e4))

@@ -9,12 +9,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from robots_in_scenes import ARM, LEVER, WALL, scene_problem
+from schemas import parsed
 
 from consistent_id import ProblemError
 from consistent_id.cli import main
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.output import (
-    planned_tables,
+    planned,
     playable_record,
     write_design,
 )
@@ -112,22 +113,22 @@ def test_rods_reach_from_one_end_to_the_other(tmp_path):
 )
 def test_errors_name_the_key(tmp_path, parts, said):
     with pytest.raises(ProblemError, match=said):
-        planned_tables(scene_problem(tmp_path, ARM, **parts))
+        planned(scene_problem(tmp_path, ARM, **parts))
 
 
 def test_shapes_of_a_urdf_need_a_urdf(tmp_path):
     text = LEVER.replace('robot = "bodies"', 'robot = "urdf"')
     with pytest.raises(ProblemError, match=r"scene\]: robot = \"urdf\", but \[model\]"):
-        planned_tables(scene_problem(tmp_path, text))
+        planned(scene_problem(tmp_path, text))
 
 
 def test_a_start_pose_in_an_obstacle_is_refused_before_any_search(tmp_path):
     problem = scene_problem(tmp_path, LEVER, excitation="start_pose = { joint1 = 0.0 }")
     with pytest.raises(ProblemError, match="start_pose: bodies 'arm' and 'post' are -"):
-        planned_tables(problem)
+        planned(problem)
     problem = scene_problem(tmp_path, LEVER, excitation="start_pose = { joint7 = 0.0 }")
     with pytest.raises(ProblemError, match="start_pose: no joint 'joint7'"):
-        planned_tables(problem)
+        planned(problem)
 
 
 @pytest.mark.slow
@@ -258,11 +259,10 @@ def test_a_dry_run_shows_limits_and_pairs_and_writes_nothing(tmp_path, capsys):
     assert "from rest to rest" in told and "wall" in told and "10 mm" in told
     assert not output.exists()
     assert main([*asked, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)[1]["rows"][0][:3] == [
-        "joint1",
-        "-3",
-        "3",
-    ]
+    record = parsed(capsys.readouterr().out)
+    assert record["tables"][1]["rows"][0][:3] == ["joint1", "-3", "3"]
+    assert record["limits"]["lower"][0] == -3.0
+    assert any("wall" in said for said in record["kept_apart"])
 
 
 @pytest.mark.slow

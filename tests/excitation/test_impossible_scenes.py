@@ -67,6 +67,7 @@ def test_no_clear_pose_is_refused_with_the_bodies_and_the_pose():
     assert near.distance.min() == pytest.approx(-1e-3 * depth, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_pose_is_found_in_a_narrow_gap():
     """Only where the upper arm points into the gap: 4 % of the shoulder's range."""
     required = _demands(*_ring(0.28))

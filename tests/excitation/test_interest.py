@@ -178,7 +178,7 @@ def test_the_shell_and_the_problem_file_name_parameters_of_interest(tmp_path, ca
     assert json.loads(capsys.readouterr().out)["aim"]["interest"] == ["link2"]
     assert main([*call, "--interest", "*.viscous, link1", "--dry-run"]) == 0
     plan = json.loads(capsys.readouterr().out)
-    assert ["for", "*.viscous, link1"] in plan[0]["rows"]
+    assert ["for", "*.viscous, link1"] in plan["tables"][0]["rows"]
     assert main([*call, "--others", "known", "--dry-run"]) == 0
     assert "others" in capsys.readouterr().out
     assert main(["rehearse", str(file), "--others", "known"]) == 2

@@ -62,6 +62,7 @@ def test_gradients_of_the_objective_are_differences(rows):
         assert np.sum(gradient * way) == pytest.approx(slope, rel=1e-4, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_design_for_the_tool_keeps_its_limits_and_beats_a_random_path(design):
     assert design.proof.holds
     assert {m.quantity for m in design.proof.margins.margins} >= {"torque", "velocity"}

@@ -39,6 +39,7 @@ def whole_search():
     return search(problem(), FoundPath(0))
 
 
+@pytest.mark.slow
 def test_a_search_ends_when_its_work_is_done():
     whole = whole_search()
     part = search(problem(), FoundPath(0), work=0.3 * whole.work)

@@ -48,6 +48,7 @@ def test_every_entry_exports_and_takes_a_source_if_it_says_so(known, estimate):
     assert ("source" in signature.parameters) == known.takes_source
 
 
+@pytest.mark.slow
 def test_a_format_says_the_same_by_name_and_by_its_function(estimate, tmp_path):
     assert exported(estimate, "json") == to_json(estimate)
     source = to_urdf(estimate).save(tmp_path / "robot.urdf")
@@ -134,6 +135,7 @@ def test_every_format_is_documented(known):
     assert f"`{known.name}`" in (ROOT / "docs" / "exports.md").read_text()
 
 
+@pytest.mark.slow
 def test_the_table_imports_no_array_library():
     code = "import sys, consistent_id.export.export_formats; print(*sys.modules)"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

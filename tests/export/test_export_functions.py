@@ -82,6 +82,7 @@ def test_the_numpy_module_stands_alone_and_agrees(seed, tmp_path):
     assert "consistent_id" not in str(to_numpy(estimate)).replace('"""', "")
 
 
+@pytest.mark.slow
 def test_the_numpy_module_imports_numpy_alone(tmp_path):
     to_numpy(_estimate(0)).save(tmp_path / "arm.py")
     code = (
@@ -172,6 +173,7 @@ def test_pinocchios_file_is_read_back():
     assert model == to_pinocchio(estimate)
 
 
+@pytest.mark.slow
 def test_a_record_is_enough_to_build_the_robot_from():
     yaml = pytest.importorskip("ruamel.yaml")
     estimate = _estimate(1)
@@ -198,6 +200,7 @@ def test_a_record_is_enough_to_build_the_robot_from():
     assert record["verdict"] == "use with care"  # its fit is not known
 
 
+@pytest.mark.slow
 def test_joints_without_a_measured_torque_have_one_in_the_functions():
     estimate = _estimate(0)
     names = estimate.model.robot.joint_names

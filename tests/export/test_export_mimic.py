@@ -107,6 +107,7 @@ def test_energy_lost_in_mujoco_is_that_of_the_leader(tmp_path):
     assert np.array_equal(found.dof_frictionloss, [0.0, 0.0])
 
 
+@pytest.mark.slow
 def test_functions_are_of_the_coordinates(estimate):
     space = {}
     exec(to_numpy(estimate).content.decode(), space)

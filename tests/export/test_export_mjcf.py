@@ -199,6 +199,7 @@ def test_coupled_gears_are_a_tendon():
         assert np.allclose(data.qacc, ddq, rtol=0, atol=1e-10 * abs(ddq).max())
 
 
+@pytest.mark.slow
 def test_gears_that_share_more_than_they_have_are_said_not_to_be_expressed():
     rng = np.random.default_rng(7)
     _, robot = random_robot(rng, 5)

@@ -107,6 +107,7 @@ def test_a_file_with_includes_is_written_anew(dressed):
     assert mujoco.MjModel.from_xml_path(str(path)).nmesh == 1
 
 
+@pytest.mark.slow
 def test_shapes_that_weighed_give_way_to_inertials(dressed):
     path, _ = dressed
     text = DRESSED.replace("meshdir", 'inertiafromgeom="true" meshdir')

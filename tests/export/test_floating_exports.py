@@ -63,6 +63,7 @@ def test_mjcf_has_the_bases_body(estimate, source, tmp_path, in_place):
     assert_same_bodies(load_mjcf(path, base="floating"), estimate)
 
 
+@pytest.mark.slow
 def test_urdf_has_the_bases_body_as_its_root(estimate, tmp_path):
     path = tmp_path / "found.urdf"
     path.write_bytes(to_urdf(estimate, allow_refused=True).content)

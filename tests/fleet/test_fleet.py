@@ -101,6 +101,7 @@ def test_scores_are_those_of_the_rows_without_own_columns(model):
         np.testing.assert_allclose(S.T @ S, expected, atol=1e-9 * abs(expected).max())
 
 
+@pytest.mark.slow
 def test_own_parameters_are_the_bounded_least_squares():
     rng = np.random.default_rng(2)
     reached = set()
@@ -130,6 +131,7 @@ def _misfit(regressions, sigmas, parameters):
     )
 
 
+@pytest.mark.slow
 def test_the_answer_is_the_optimum_of_all_robots_together(model, tmp_path):
     rng = np.random.default_rng(3)
     regressions = {

@@ -266,6 +266,7 @@ def test_loads_are_recovered_with_honest_errors(longer, fleets):
     assert np.std(apart) == pytest.approx(1.0, abs=0.3 if fleets == 1 else 0.2)
 
 
+@pytest.mark.slow
 def test_a_load_that_is_not_known_of_makes_an_outlier(model):
     rng = np.random.default_rng(4)
     regressions = {
@@ -283,6 +284,7 @@ def test_a_load_that_is_not_known_of_makes_an_outlier(model):
     assert "r2" in told.payload_table().text()
 
 
+@pytest.mark.slow
 def test_without_a_robot_that_carries_nothing_loads_are_open(model):
     rng = np.random.default_rng(5)
     regressions = {f"r{k}": _robot(model, rng, load=BRICK) for k in range(2)}

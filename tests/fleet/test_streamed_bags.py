@@ -99,6 +99,7 @@ def test_streamed_bags_are_those_of_memory(arm, kind, form):
     np.testing.assert_allclose(streamed.effective, whole.effective, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_clocks_that_go_back_far_are_refused(arm):
     folder, log = arm
     some = messages(log, "together")
@@ -118,6 +119,7 @@ def test_stamps_that_begin_late_are_refused(arm):
         ci.fleet.stream_regression(problem(folder, "mixed"))
 
 
+@pytest.mark.slow
 def test_bags_that_do_not_fit_name_what_streams_them(arm, monkeypatch):
     folder, log = arm
     topics = {"/joints": ("sensor_msgs/msg/JointState", messages(log, "together"))}

@@ -104,6 +104,7 @@ def test_what_takes_a_whole_log_is_read_whole(folder, caplog, reason):
     assert_same(streamed, ci.build_regression(given.model, given.training))
 
 
+@pytest.mark.slow
 def test_logs_of_both_kinds_add_up(folder):
     other = '[[data.recordings]]\nfile = "log.npz"\nrole = "training"'
     given = problem(folder, f"rows = [1, 1900]\n{other}\nrows = [200, 2400]")

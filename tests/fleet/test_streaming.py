@@ -260,6 +260,7 @@ def divided(log):
     return _problem(folder, file, UNIFORM, entry)
 
 
+@pytest.mark.slow
 def test_an_estimate_is_that_of_the_whole_recordings_and_judged_by_others(divided):
     found = ci.fleet.stream_estimate(divided)
     model, regression = (
@@ -278,6 +279,7 @@ def test_an_estimate_is_that_of_the_whole_recordings_and_judged_by_others(divide
     assert found.verdict.word == "use" and found.certificate.verdict == "certified"
 
 
+@pytest.mark.slow
 def test_the_shell_identifies_piece_by_piece(divided, tmp_path, capsys):
     file = str(next(f for f in divided.files.values() if f.suffix == ".toml"))
     assert main(["identify", file, "--streamed", "--output", str(tmp_path)]) == 0

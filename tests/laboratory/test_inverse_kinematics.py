@@ -161,6 +161,7 @@ def test_a_flat_arm_of_two_joints_writes_in_its_plane_and_nowhere_else():
         follow(pen, WritingTask(circle(0.1, centre=[0.4, 0.1, 0.2]), 2.0))
 
 
+@pytest.mark.slow
 def test_sliding_joints_write_too(tmp_path):
     file = tmp_path / "robot.urdf"
     file.write_text(URDF)

@@ -116,6 +116,7 @@ def test_forward_dynamics_are_pinocchios(tree):
         assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_what_the_sensors_would_read_without_error_satisfies_the_torque_model():
     truth = _log().truth
     torque = TRUE.model.predict(
@@ -124,6 +125,7 @@ def test_what_the_sensors_would_read_without_error_satisfies_the_torque_model():
     assert torque == pytest.approx(truth.torque, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_the_robot_follows_and_the_better_the_belief_the_closer():
     rng = np.random.default_rng(0)
     rough = _log().tracking_error
@@ -160,6 +162,7 @@ def test_the_load_cell_adds_its_offset_and_white_noise():
     assert error.std(axis=0) == pytest.approx(cell.noise, rel=0.04)
 
 
+@pytest.mark.slow
 def test_the_cameras_have_their_own_clock_delay_and_noise():
     log = _log()
     seen, cameras = log.cameras, LABORATORY.cameras

@@ -120,6 +120,7 @@ def test_alpha5_scatters_most_in_the_paper_and_alpha12_least():
     assert (place.most_scattered, place.least_scattered) == (ALPHA5, ALPHA12)
 
 
+@pytest.mark.slow
 def test_slow_motion_keeps_its_path_and_stretches_time():
     motion = _circle()
     slow = slowed(motion, 2.0)
@@ -133,6 +134,7 @@ def test_slow_motion_keeps_its_path_and_stretches_time():
     assert slow.acceleration[1:-1] == pytest.approx(numeric, abs=0.02)
 
 
+@pytest.mark.slow
 def test_allowed_friction_has_the_mean_square_that_the_paper_prints():
     laboratory = laboratory_of(PROBLEM, truth())
     share = allowed_friction(PROBLEM, laboratory)

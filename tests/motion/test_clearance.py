@@ -136,6 +136,7 @@ def test_what_cannot_be_proven_does_not_hold(monkeypatch):
         report.require()
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10**6))
 @settings(max_examples=15, deadline=None, derandomize=True)
 def test_distances_change_no_more_than_the_bound(seed):

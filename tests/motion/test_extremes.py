@@ -42,6 +42,7 @@ def test_an_extreme_at_an_end_is_found_there():
     assert np.isclose(found.highest[0], np.sin(0.4 * np.pi), atol=2e-6)
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(
     st.integers(0, 10**6),
@@ -89,6 +90,7 @@ def test_intervals_of_a_path_hold_all_that_it_does_in_them():
             assert (over.low <= value).all() and (value <= over.high).all()
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10**6), st.integers(1, 12), st.integers(1, 60), st.floats(0, 1))
 def test_a_trigonometric_polynomial_exceeds_its_samples_by_no_more_than_the_factor(

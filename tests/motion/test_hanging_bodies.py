@@ -97,6 +97,7 @@ def _distance(model, shapes, q, first, second):
     )
 
 
+@pytest.mark.slow
 def test_a_hull_covers_a_body_at_every_position_of_the_joints_behind_the_tip(tmp_path):
     path = _file(tmp_path)
     robot = load_urdf(path, tip="hand")
@@ -183,6 +184,7 @@ def test_a_limb_that_nothing_can_avoid_is_refused_with_the_joints_to_lock(tmp_pa
 MIMIC = '<mimic joint="elbow" multiplier="-1.5" offset="0.2"/>'
 
 
+@pytest.mark.slow
 def test_a_follower_is_kept_off_where_its_leader_puts_it(tmp_path):
     """Slopes by finite differences; positions by Pinocchio; a proof over a path."""
     follower = _joint("grip", "hand", "thumb", lower=-4, upper=4, more=MIMIC)

@@ -175,6 +175,7 @@ def test_packages_are_found_above_the_file_or_where_they_are_given(tmp_path, whe
     assert np.allclose(points.max(axis=0), [0.1, 0.2, 0.0])
 
 
+@pytest.mark.slow
 @needs_robots
 @pytest.mark.parametrize("path", [UR10, PANDA], ids=["ur10", "panda"])
 def test_meshes_stand_where_pinocchio_has_them(path):

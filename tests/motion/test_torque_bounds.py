@@ -169,6 +169,7 @@ def test_a_joint_that_never_moves_has_friction_either_way():
     assert np.allclose([bounds.most, -bounds.least], 3.0, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_of_several_robots_the_worst_counts_and_mixtures_are_no_worse():
     rng = np.random.default_rng(3)
     _, robot = random_robot(rng, 3)
@@ -227,6 +228,7 @@ def test_the_second_derivative_of_the_torque_never_exceeds_its_bound():
         assert (second <= bound * (1.0 + 1e-4) + 1e-4 * bound.max()).all()
 
 
+@pytest.mark.slow
 def test_each_stretch_holds_all_torques_in_it():
     _, robot = random_robot(np.random.default_rng(8), 4)
     path = random_path(8, robot.joint_names)

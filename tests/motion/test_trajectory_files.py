@@ -66,6 +66,7 @@ def parts(path):
     return [(type(piece), piece.joints) for piece in pieces], values
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["json", "npz"])
 @settings(REPEATABLE)
 @given(data=st.data())
@@ -121,6 +122,7 @@ def test_samples_are_read_as_any_recording(tmp_path, ending):
     same(log, path.recording(100.0).of(["joint_2"]))
 
 
+@pytest.mark.slow
 @settings(REPEATABLE, max_examples=8)
 @given(joints=st.lists(NAMES, min_size=1, max_size=3, unique=True))
 def test_names_of_joints_come_back_from_every_file(tmp_path_factory, joints):

@@ -53,6 +53,7 @@ def test_each_derivative_is_the_difference_quotient_of_the_one_before():
     assert np.allclose(quotient / scale, exact / scale, rtol=0.0, atol=1e-7)
 
 
+@pytest.mark.slow
 @REPEATABLE
 @given(st.integers(0, 1000), st.integers(1, 7))
 def test_bounds_are_never_exceeded_and_near(seed, degree):
@@ -81,6 +82,7 @@ def test_from_rest_to_rest_the_duration_is_the_textbook_one(change, seconds):
     assert path.duration >= seconds
 
 
+@pytest.mark.slow
 @REPEATABLE
 @given(st.integers(0, 1000))
 def test_a_transfer_meets_both_states_within_the_limits(seed):

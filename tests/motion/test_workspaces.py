@@ -64,6 +64,7 @@ def test_slack_is_the_distance_of_the_point_from_each_face(seed):
         np.testing.assert_allclose(slack[name], distance, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_path_is_proven_to_stay_in_the_box_or_named_where_it_leaves():
     """All joints swing together; the box is that of the dense samples, and a bit."""
     swing = np.array([[0.5, 0.4, -0.6]])

@@ -181,6 +181,7 @@ def test_text_that_is_no_robot_is_a_finding(tmp_path):
         assert words in found.sentence
 
 
+@pytest.mark.slow
 def test_the_command_answers_in_text_json_and_sarif(linted, tmp_path, capsys):
     linted(effort=15.0)
     path = tmp_path / "arm.urdf"

@@ -240,6 +240,7 @@ def test_what_cannot_be_worked_on_is_refused(tmp_path, text, options, message):
         repair_urdf(path)
 
 
+@pytest.mark.slow
 def test_the_command_writes_beside_the_file(broken, capsys):
     path = broken(INERTIA, TOO_LONG)
     assert main(["repair", str(path), "--dry-run", "--verbose"]) == 0

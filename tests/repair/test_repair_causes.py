@@ -136,6 +136,7 @@ def test_units_of_a_consistent_inertia_are_doubted_and_left_alone(repaired):
     assert np.allclose(sorted(chosen.after), sorted(moments * 1e-6), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_mistakes_undo_what_they_name():
     rng = np.random.default_rng(0)
     A = rng.normal(size=(3, 3))

@@ -91,7 +91,7 @@ class Page(HTMLParser):
         return " ".join(self.texts)
 
 
-@pytest.fixture(scope="module", params=some_fast(["arm", "rx60"]))
+@pytest.fixture(scope="module", params=some_fast(["arm", "rx60"], fast=0))
 def study(request, tmp_path_factory):
     """Of a small arm and its log, and of a paper's simulated experiment."""
     if request.param == "rx60":
@@ -321,6 +321,7 @@ def test_names_cannot_become_markup(experiment):
     assert "<script>alert" not in html
 
 
+@pytest.mark.slow
 def test_a_comparison_alone_has_the_sections_that_need_no_study(experiment):
     bare = Page(comparison_html(experiment.comparison)).sections
     assert bare == ["verdict", "parameters", "links", "certificate", "reproduce"]
@@ -511,7 +512,7 @@ def test_a_section_that_fails_loses_only_itself(
     [
         ("report.page.SECTIONS", ["report"], ()),
         ("rollout.rollout_page.rollout_section", ["report"], ()),
-        ("report.figures.motion_figure", ["compare"], ("motion.png",)),
+        ("report.figures.motion_figure", ["compare"], ("motion.svg",)),
         ("report.summary._TABLES", ["compare"], ()),
     ],
 )

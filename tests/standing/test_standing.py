@@ -204,6 +204,7 @@ def test_errors_are_those_of_repeated_fits(stance):
     assert said == pytest.approx(scatter, rel=0.25)
 
 
+@pytest.mark.slow
 def test_a_longer_log_tells_more(stance):
     model, motions = model_of(stance), []
     for duration in (6.0, 24.0):

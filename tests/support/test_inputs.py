@@ -49,6 +49,7 @@ def test_an_npz_array_that_states_more_than_it_has_is_refused(tmp_path):
         read(tmp_path / "log.npz")
 
 
+@pytest.mark.slow
 def test_an_npz_file_that_unpacks_to_much_more_is_refused_unless_meant(tmp_path):
     zeros = np.zeros(20_000_000, np.int8)  # eight times as much as numbers
     np.savez_compressed(tmp_path / "log.npz", time=zeros, q_a=zeros)

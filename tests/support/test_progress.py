@@ -1,4 +1,4 @@
-"""Progress: lines for a pipe, a bar for a terminal, nothing for who did not ask."""
+"""Progress: two lines for a pipe, a bar for a terminal, nothing for who did not ask."""
 
 import sys
 
@@ -8,21 +8,35 @@ from consistent_id._support import progress
 from consistent_id._support.progress import counted, stages
 
 
-def test_a_pipe_gets_a_line_as_each_stage_begins(capsys):
+@pytest.fixture
+def clock(monkeypatch):
+    times = iter([0.0, 6.0])
+    monkeypatch.setattr(progress, "monotonic", lambda: next(times))
+
+
+def test_a_pipe_gets_the_first_stage_and_the_end(capsys, clock):
     with stages(2, True) as begin:
         begin("one")
         assert capsys.readouterr().err == "0/2 one [0 s]\n"
         begin("two")
-    assert capsys.readouterr().err == "1/2 two [0 s]\n"
+        assert capsys.readouterr().err == ""
+    assert capsys.readouterr().err == "2/2 done [6 s]\n"
 
 
-def test_what_is_counted_has_a_line_at_once_and_then_after_pauses(capsys, monkeypatch):
-    clock = iter([0.0, 0.1, 0.1, 1.0, 6.0, 6.0])
-    monkeypatch.setattr(progress, "monotonic", lambda: next(clock))
+def test_what_is_counted_has_a_line_at_once_and_one_at_the_end(capsys, clock):
     with counted(9, "starts", True) as count:
-        count(1)  # a second later: not yet
+        assert capsys.readouterr().err == "0/9 starts [0 s]\n"
+        count(1)
         count(2, "(best: 3)")
-    assert capsys.readouterr().err == "0/9 starts [0 s]\n2/9 starts (best: 3) [6 s]\n"
+        assert capsys.readouterr().err == ""
+    assert capsys.readouterr().err == "2/9 starts done (best: 3) [6 s]\n"
+
+
+def test_work_that_fails_has_no_last_line(capsys):
+    with pytest.raises(KeyboardInterrupt), stages(2, True) as begin:
+        begin("one")
+        raise KeyboardInterrupt
+    assert capsys.readouterr().err == "0/2 one [0 s]\n"
 
 
 def test_nobody_who_did_not_ask_sees_anything(capsys):

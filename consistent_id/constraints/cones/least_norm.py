@@ -153,6 +153,45 @@ def solve_least_norm(
     )
 
 
+def solve_half_square(
+    problem: LeastNorm, *, times: float, tolerance: float = TOLERANCES[0]
+) -> ConeSolution:
+    """Solve the problem once with half the square as the objective, magnified.
+
+    Variables are ``(r, u)`` with ``r = G u - g``, the objective is
+    ``times / 2 ||r||^2``.  Where the norm is nearly flat, as with torque that no robot
+    has, its multipliers are more accurate than those of the norm.
+
+    Parameters
+    ----------
+    times : float
+        Factor of the objective: absolute tolerances then require more of its digits.
+
+    Raises
+    ------
+    SolverError
+        If the solver returns no finite point with multipliers.
+    """
+    G, domain = problem.G, problem.domain
+    reduced, count = free_set(domain), len(problem.g)
+    free, u = reduced.free, reduced.start.copy()
+    rows = reduced.about(u[free], others=count)
+    residual = np.hstack([np.eye(count), -G[:, free]])
+    rows.append(ConeRows("zero", residual, G @ u - problem.g))
+    size = residual.shape[1]
+    curvature = np.where(np.arange(size) < count, times, 0.0)
+    point = solve_cones(np.zeros(size), rows, tolerance=tolerance, curvature=curvature)
+    u[free] += point.x[count:]
+    slope = G.T @ (G @ u - problem.g)
+    return ConeSolution(
+        domain.snapped(u),
+        _all_multipliers(domain, point.duals[:3], 1.0 / times, slope),
+        point.status,
+        point.build_seconds,
+        point.solve_seconds,
+    )
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FreeSet:
     """The restriction of a set to the parameters that it does not pin.

@@ -42,6 +42,13 @@ class DHRow:
     theta : float, [rad]
     kind : {"revolute", "continuous", "prismatic"}
     limits : JointLimits
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> elbow = ci.DHRow(-np.pi / 2, 0.0, d=0.3)
+    >>> ci.from_modified_dh("arm", [elbow]).joint_names
+    ('joint1',)
     """
 
     alpha: float

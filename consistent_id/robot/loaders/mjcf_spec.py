@@ -4,6 +4,7 @@ Meshes and textures that are only for display may be missing.  `refuse_unsupport
 names parts of a model that a tree of hinges and slides cannot represent.
 """
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -81,7 +82,11 @@ def stand_in(spec: Any, path: Path, mujoco: Any) -> tuple[str, ...]:
 def refuse_unsupported(model: Any, moving: set[int], path: Path) -> None:
     """Raise a `ModelError` if a joint of `moving` is not free to move by itself."""
     for sentence in _faults(model, moving):
-        raise ModelError(f"{path}: {sentence}")
+        # Of a base that hangs still; if it moves, the sentence has the option.
+        still = re.search(r"--base \S+(?= if this body stands still)", sentence)
+        raise ModelError(
+            f"{path}: {sentence}", options=still[0] if still is not None else ""
+        )
 
 
 def joint_name(model: Any, j: int) -> str:

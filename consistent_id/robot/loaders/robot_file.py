@@ -52,6 +52,12 @@ def load_robot(
     See Also
     --------
     load_urdf, load_mjcf : The two formats by themselves.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> ci.load_robot("problems/kuka_kr300/robot.urdf").joint_names
+    ('joint_1', 'joint_2', 'joint_3', 'joint_4', 'joint_5', 'joint_6')
     """
     from consistent_id.robot.loaders.mjcf import load_mjcf
     from consistent_id.robot.loaders.urdf import load_urdf

@@ -1,0 +1,84 @@
+"""A cache of what was computed of an object, for as long as the object is there."""
+
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from functools import wraps
+from math import inf
+from sys import getsizeof
+from threading import RLock
+from typing import Any, ParamSpec, TypeVar
+from weakref import ref
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
+
+def kept_with(
+    place: int,
+    most: int,
+    *,
+    room: float = inf,
+    size: Callable[[Any], int] = getsizeof,
+) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
+    """Keep results of a function while one of its arguments is alive.
+
+    Unlike `functools.lru_cache`, which keeps its arguments alive, too: logs would stay
+    in memory when nobody needs them any more.  Threads may call the function; two of
+    them may compute the same result.
+
+    Parameters
+    ----------
+    place : int
+        The argument's place; it is told from others by identity.
+    most : int
+        Results that are kept; those not used for the longest time go first.
+    room : float, [bytes]
+        What all results that are kept may take; the newest is kept in any case.
+    size : callable
+        The bytes of a result.
+
+    Examples
+    --------
+    >>> @kept_with(0, most=2)
+    ... def sized(values):
+    ...     print("computed")
+    ...     return len(values)
+    >>> values = frozenset("abc")
+    >>> sized(values), sized(values)
+    computed
+    (3, 3)
+    """
+
+    def decorated(function: Callable[_P, _R]) -> Callable[_P, _R]:
+        found: OrderedDict[Hashable, tuple[ref[Any], _R]] = OrderedDict()
+        held = (
+            RLock()
+        )  # an object may end, and its results go, in the thread that has it
+
+        def taken() -> float:
+            kept = list(found.values()) if room < inf else []
+            return sum(size(result) for _, result in kept)
+
+        def forget(key: Hashable) -> None:
+            with held:
+                found.pop(key, None)
+
+        @wraps(function)
+        def run(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+            owner = args[place]
+            key = (id(owner), *args[:place], *args[place + 1 :])
+            with held:
+                before = found.get(key)
+                if before is not None and before[0]() is owner:
+                    found.move_to_end(key)  # the last that goes
+                    return before[1]
+            result = function(*args, **kwargs)
+            with held:
+                found[key] = ref(owner, lambda _: forget(key)), result
+                while len(found) > most or (len(found) > 1 and taken() > room):
+                    found.popitem(last=False)
+            return result
+
+        return run
+
+    return decorated
