@@ -16,6 +16,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache, wraps
+from importlib import import_module
 from itertools import accumulate, count, islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -206,6 +207,45 @@ class Executor:
         else:
             with _dask_cluster(call, number, self.address) as workers:
                 yield workers
+
+
+@contextmanager
+def beside(
+    function: Callable[[_T], _R], task: _T
+) -> Generator[Callable[[], _R], None, None]:
+    """Yield how to get the result of work that another process does meanwhile.
+
+    If the run has no core for it (`Run.beside`), it is done here when it is needed.
+    Results are equal to the last bit.
+
+    Parameters
+    ----------
+    function : callable
+        At the top level of a module.
+    task : object
+        Its argument.
+
+    Examples
+    --------
+    >>> with beside(abs, -2) as size:
+    ...     size()
+    2
+    """
+    run = current_run()
+    if not run.beside:
+        yield lambda: function(task)
+        return
+    own = replace(run, inputs=set(), executor="", beside=False)
+    with processes(Call(function, own), 1) as workers:
+        handed = _HandedTask(workers, task)
+        yield handed.result
+
+
+def begin_beside(module: str) -> None:
+    """Start the process of `beside` if the run has a core for it, with a module."""
+    if current_run().beside:
+        with interrupts_ignored():
+            _reusable_pool(1).submit(import_module, module)
 
 
 def tree_reduced(items: Iterable[_T], combine: Callable[[_T, _T], _T]) -> _T | None:

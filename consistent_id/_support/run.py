@@ -49,6 +49,8 @@ class Run:
     executor : str
         Where independent work is done, see `Executor.named`; by default here, in two
         threads.
+    beside : bool
+        Whether another core may do independent work meanwhile, in a process of its own.
     inputs : set of tuple of int
         Device and inode of each file that was read.
     stopped : str
@@ -65,6 +67,7 @@ class Run:
     large_files: bool = False
     trust: bool = False
     executor: str = ""
+    beside: bool = False
     inputs: set[tuple[int, int]] = field(default_factory=set)
     stopped: Stop = ""
     faults: list[tuple[str, Exception]] | None = None

@@ -51,6 +51,7 @@ def _run_to_its_end(
         large_files=getattr(options, "large_files", False),
         trust=getattr(options, "trust", False),
         executor=getattr(options, "executor", None) or "",
+        beside=(os.cpu_count() or 1) > 1,
     )
     code = _ended(options, work, run)
     for part, fault in faults:

@@ -1,6 +1,7 @@
 """From a problem to its answer: estimates, their comparison, and the verdict."""
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -8,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 
 from consistent_id._support.brief import brief
+from consistent_id._support.executors import beside
 from consistent_id._support.progress import stages
 from consistent_id.comparison.comparison import Comparison, EstimateReport, compare
 from consistent_id.diagnosis import Diagnosis
@@ -64,8 +66,13 @@ class Study(StudyFits):
     @cached_property
     def diagnosis(self) -> Diagnosis | None:
         """Diagnosis of the recordings; None if they are simulated, or given."""
+        return None if self._recorded is None else check_problem(self._recorded)
+
+    @property
+    def _recorded(self) -> Problem | None:
+        """The problem, if its recordings are neither simulated nor given."""
         recorded = self.problem.table.data is not None and self.recordings is None
-        return check_problem(self.problem) if recorded else None
+        return self.problem if recorded else None
 
     @cached_property
     def findings(self) -> tuple[LogFinding, ...]:
@@ -228,11 +235,20 @@ class Study(StudyFits):
         costs : bool
             Whether to compute the costs of constraints now, not when needed.
         """
-        parts = {**_STAGES, **_COSTS} if costs else _STAGES
-        with stages(len(parts), self.progress) as begin:
-            for stage, part in parts.items():
-                begin(stage)
-                getattr(self, part)
+        parts = {**_FITS, **(_COSTS if costs else {}), **_JUDGEMENT}
+        with stages(1 + len(parts), self.progress) as begin:
+            begin("recordings")
+            samples = sum(len(recording.time) for recording in self.training)
+            with (
+                beside(check_problem, self._recorded)
+                if self._recorded is not None and samples <= _FEW_SAMPLES
+                else nullcontext()
+            ) as diagnosis:
+                for stage, part in parts.items():
+                    begin(stage)
+                    if part == "diagnosis" and diagnosis is not None:
+                        self.__dict__.setdefault(part, diagnosis())
+                    getattr(self, part)
         return self
 
     @cached_property
@@ -336,15 +352,15 @@ def _says_more(stated: Verdict | None, found: Verdict) -> bool:
     return replace(stated, reasons=shared) == found
 
 
-_STAGES = {
-    "recordings": "training",
-    "faults of the recordings": "diagnosis",
+_FEW_SAMPLES = 1_000_000  # more are not copied to another process
+
+_FITS = {
     "weight of the prior": "path",
     "slack": "slacks",
     "estimates": "estimates",
     "recommendation": "recommendation",
-    "comparison": "comparison",
 }
+_JUDGEMENT = {"faults of the recordings": "diagnosis", "comparison": "comparison"}
 _COSTS = {"costs of constraints": "costs", "shadow prices": "prices"}
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from consistent_id import load_problem
+from consistent_id._support.run import Run, running
 from consistent_id.estimation.method import Method
 from consistent_id.problems import problem_estimates as estimates_module
 from consistent_id.problems import study as study_module
@@ -107,3 +108,13 @@ def test_a_study_draws_torque_and_parameters_that_it_holds():
     assert dots.lines[0].get_xdata() == [found[name]]
     assert pyplot.get_fignums() == [figure.number]  # none but the one given
     pyplot.close("all")
+
+
+@pytest.mark.slow
+def test_recordings_that_another_process_checks_have_the_same_diagnosis():
+    problem = load_problem("problems/kuka_kr300")
+    with running(Run(beside=True)):
+        beside = run_study(problem, costs=False)
+    here = run_study(problem, costs=False)
+    assert beside.diagnosis.findings and beside.diagnosis == here.diagnosis
+    assert beside.answer() == here.answer()

@@ -13,7 +13,13 @@ import numpy as np
 import pytest
 from killing import killing, loky_workers
 
-from consistent_id._support.executors import Executor, single_threaded, tree_reduced
+from consistent_id._support.executors import (
+    Executor,
+    begin_beside,
+    beside,
+    single_threaded,
+    tree_reduced,
+)
 from consistent_id._support.run import Run, current_run, running
 from consistent_id.errors import ProblemError, RecordingError, SolverError
 from consistent_id.regression.linear import triangle
@@ -53,6 +59,10 @@ def _faulty(task):
 
 def _allowed(task):
     return current_run().large_files
+
+
+def _whose(task):
+    return os.getpid(), current_run().large_files, _factor(task)
 
 
 def _slow(task):
@@ -214,3 +224,36 @@ def test_a_pool_of_another_size_is_replaced_and_not_resized(monkeypatch):
         pids.append(frozenset(loky_workers()))
     assert pids[1] == pids[2]
     assert [len(found) for found in pids] == [2, 3, 3, 2]
+
+
+@pytest.mark.slow
+def test_work_beside_is_done_by_another_process_and_equals_to_the_last_bit():
+    with running(Run(beside=True, large_files=True)):
+        begin_beside("consistent_id.regression.linear")
+        with beside(_whose, 3) as result:
+            process, large, factor = result()
+    assert process != os.getpid() and large
+    assert np.array_equal(factor, _factor(3))
+
+
+def test_without_a_core_to_spare_work_beside_is_done_here_when_it_is_needed():
+    done = []
+    with beside(done.append, 3) as result:
+        assert done == []
+        result()
+    assert done == [3]
+
+
+@pytest.mark.slow
+def test_an_error_of_work_beside_is_raised_where_its_result_is_needed():
+    with running(Run(beside=True)), beside(_faulty, 3) as result:
+        with pytest.raises(RecordingError, match="task 3: no such column"):
+            result()
+
+
+@pytest.mark.slow
+def test_an_error_meanwhile_does_not_wait_for_work_beside():
+    begun = time.monotonic()
+    with pytest.raises(ProblemError), running(Run(beside=True)), beside(time.sleep, 60):
+        raise ProblemError("something else")
+    assert time.monotonic() - begun < 30
