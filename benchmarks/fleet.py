@@ -1,23 +1,26 @@
 """Fleets of simulated robots: time, memory, outliers named, and how they grow.
 
 ``python benchmarks/fleet.py [--robots 10 30 100] [--samples 10000] [--executor WHERE]
-[--write docs/large-logs-and-fleets.md]``
+[--executors WHERE ...] [--write docs/large-logs-and-fleets.md]``
 
 Each robot is the 7-joint arm of ``streaming.py`` with friction and offsets of its own;
 three in a hundred have 0.2 kg more on their last link.  Each writes a Parquet file at
 1 kHz, and the fleet is identified from the problem files in a process of its own.  The
 cost of 10 000 robots follows from a line through what was measured, and the exponent
-between the two largest fleets says if that may be.
+between the two largest fleets says if that may be.  With ``--executors`` the largest
+fleet is identified by each, which writes the page's other table.
 """
 
 import argparse
 import json
+import resource
 import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter, process_time
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -103,14 +106,49 @@ def main() -> None:
     options.add_argument("--samples", type=int, nargs="+", default=[10_000])
     options.add_argument("--write", type=Path, help="page with the tables")
     options.add_argument("--executor", default="serial")
+    options.add_argument("--executors", nargs="+", metavar="WHERE", help="compare them")
     options.add_argument("--measure", type=Path, help=argparse.SUPPRESS)
     given = options.parse_args()
     if given.measure is not None:
         print(json.dumps(measured(given.measure, given.executor)))
         return
+    if given.executors:
+        with written_to(given.write, "executors"):
+            _compare(max(given.robots), given.samples[0], given.executors)
+        return
     with written_to(given.write, "fleet"):
         for samples in given.samples:
             _measure(given.robots, samples, given.executor)
+
+
+def _compare(robots: int, samples: int, executors: Sequence[str]) -> None:
+    """Print what a fleet costs with each executor, its processes together."""
+    print(f"\n{robots} robots, {samples} samples each:\n")
+    print("| executor | CPU of all processes [s] | over the first | wall [s] |")
+    print("|---|---:|---:|---:|")
+    first = 0.0
+    with tempfile.TemporaryDirectory() as name:
+        write(Path(name), robots, samples)
+        for executor in executors:
+            before = _of_children()
+            row = _identified(name, executor)
+            cpu = _of_children() - before
+            first = first or cpu
+            print(f"| {executor} | {cpu:.1f} | {cpu / first:.2f} | {row['wall']:.1f} |")
+
+
+def _of_children() -> float:
+    """Return the processor seconds, user and system, of processes that have ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def _identified(folder: str, executor: str) -> dict[str, Any]:
+    """Identify a fleet in a process of its own."""
+    command = [sys.executable, __file__, "--measure", folder, "--executor", executor]
+    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
 
 
 def _measure(fleets: Sequence[int], samples: int, executor: str) -> None:
@@ -122,14 +160,7 @@ def _measure(fleets: Sequence[int], samples: int, executor: str) -> None:
     for robots in fleets:
         with tempfile.TemporaryDirectory() as name:
             heavy = write(Path(name), robots, samples)
-            command = [sys.executable, __file__, "--measure", name]
-            done = subprocess.run(
-                [*command, "--executor", executor],
-                check=True,
-                stdout=subprocess.PIPE,
-                text=True,
-            )
-        row = json.loads(done.stdout)
+            row = _identified(name, executor)
         named = set(row["outliers"])
         missed, false = len({*heavy} - named), len(named - {*heavy})
         print(

@@ -37,6 +37,9 @@ _AHEAD = 2  # tasks handed out per worker: one under way, one waiting
 _PAUSE = 0.05  # s between looks at what is done
 _TRIES = 4  # of a task whose worker is killed each time
 
+_THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+_FREED_MEMORY_KEPT = {"distributed.nanny.pre-spawn-environ": dict.fromkeys(_THREADS, 1)}
+
 _OWN_CLUSTERS: dict[int, Any] = {}  # by their number of workers
 
 
@@ -522,10 +525,13 @@ def _own_cluster(workers: int) -> Any:
     distributed = needed("distributed", "cluster", "executor dask")
     cluster = _OWN_CLUSTERS.get(workers)
     if cluster is None or cluster.status != distributed.Status.running:
-        cluster = _OWN_CLUSTERS[workers] = distributed.LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            dashboard_address="127.0.0.1:0",  # any free port: several clusters may run
-            silence_logs=logging.CRITICAL,  # that a worker was killed changes nothing
-        )
+        # Dask makes malloc return each freed array to the system, page by page, which
+        # takes as long as the work itself.
+        with needed("dask", "cluster", "executor dask").config.set(_FREED_MEMORY_KEPT):
+            cluster = _OWN_CLUSTERS[workers] = distributed.LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                dashboard_address="127.0.0.1:0",  # any free port: others may run
+                silence_logs=logging.CRITICAL,  # a worker killed changes nothing
+            )
     return cluster

@@ -61,6 +61,10 @@ def _allowed(task):
     return current_run().large_files
 
 
+def _trimming(task):
+    return os.environ.get("MALLOC_TRIM_THRESHOLD_"), os.environ["OMP_NUM_THREADS"]
+
+
 def _whose(task):
     return os.getpid(), current_run().large_files, _factor(task)
 
@@ -224,6 +228,12 @@ def test_a_pool_of_another_size_is_replaced_and_not_resized(monkeypatch):
         pids.append(frozenset(loky_workers()))
     assert pids[1] == pids[2]
     assert [len(found) for found in pids] == [2, 3, 3, 2]
+
+
+@pytest.mark.slow
+def test_workers_of_an_own_cluster_keep_freed_memory():
+    pytest.importorskip("distributed")
+    assert list(Executor("dask", 1).map(_trimming, [0])) == [(None, "1")]
 
 
 @pytest.mark.slow
