@@ -254,23 +254,29 @@ class Study(StudyFits):
     @cached_property
     def comparison(self) -> Comparison:
         """The comparison of all estimates."""
-        found = compare(
+        best = self.recommendation.method
+        reports = (
+            replace(
+                report,
+                findings=self.findings
+                if report.estimate.method == best
+                else self._unweighed,
+            )
+            for report in self._undiagnosed.reports
+        )
+        return replace(self._undiagnosed, reports=tuple(reports))
+
+    @cached_property
+    def _undiagnosed(self) -> Comparison:
+        """The comparison without findings, which can be made before the diagnosis."""
+        return compare(
             self.estimates,
             self.validation,
             training=self.training,
-            findings=self._unweighed,
             regression=self.regression,
             crossed=self.crossed,
             drawn=self.drawn,
         )
-        best = self.recommendation.method
-        reports = (
-            replace(report, findings=self.findings)
-            if report.estimate.method == best
-            else report
-            for report in found.reports
-        )
-        return replace(found, reports=tuple(reports))
 
     def plot_torque(
         self,
@@ -360,7 +366,11 @@ _FITS = {
     "estimates": "estimates",
     "recommendation": "recommendation",
 }
-_JUDGEMENT = {"faults of the recordings": "diagnosis", "comparison": "comparison"}
+_JUDGEMENT = {
+    "comparison": "_undiagnosed",
+    "faults of the recordings": "diagnosis",
+    "verdict": "comparison",
+}
 _COSTS = {"costs of constraints": "costs", "shadow prices": "prices"}
 
 
