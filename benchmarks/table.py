@@ -300,7 +300,7 @@ def refused(name: str, path: str, cause: Exception, began: float) -> list[str]:
 def without_file(problem: ci.Problem, base: str | None) -> Draft:
     """Return the draft of a problem's model and logs."""
     data = problem.table.data
-    if data.gains is None:
+    if problem.gains is None:
         return bare_draft(problem)
     folder, model = problem.file(data.folder), problem.model_files["mjcf"]
     training = [entry for entry in data.recordings if entry.role == "training"]
@@ -311,7 +311,7 @@ def without_file(problem: ci.Problem, base: str | None) -> Draft:
         list(dict.fromkeys(folder / entry.file for entry in training)),
         base=base,
         locked=dict.fromkeys(still, 0.0) or None,
-        gains=data.gains,
+        gains=problem.gains,
         bodies="model",
     )
 

@@ -27,7 +27,12 @@ from consistent_id.diagnosis.explain import (
 from consistent_id.diagnosis.factor_rows import FactorLogs
 from consistent_id.diagnosis.findings import Diagnosis, LogFinding
 from consistent_id.diagnosis.linearise import Linearised, linearised
-from consistent_id.diagnosis.one_log import OpenLog, Prepare, findings_of
+from consistent_id.diagnosis.one_log import (
+    OpenLog,
+    Prepare,
+    findings_of,
+    signal_findings,
+)
 from consistent_id.diagnosis.signal_faults import (
     frozen_findings,
     jump_findings,
@@ -156,8 +161,13 @@ def diagnose(
     found = _of_the_robot(found, {log.name for log in training})
     signs = [f for f in found if f.severity != "note" and f.kind in _OF_OTHER_ROBOTS]
     if signs:
-        logs = [rows(log).of(model.robot.joint_names) for log in training]
-        others = _of_another_robot(model, logs, constraints)
+        joints = model.robot.joint_names
+        own = [log.of(joints) for log in training]
+        # Where a clock or a channel is wrong, nothing can be prepared.
+        logs = [
+            rows(log) for log in own if not _has_faults(signal_findings(model, log))
+        ]
+        others = _of_another_robot(model, logs, constraints) if logs else []
         # What follows from it comes after, and it is no graver than its effects.
         first = max(f.score for f in found)
         severity = min((f.severity for f in signs), key=["fault", "warning"].index)
@@ -165,6 +175,10 @@ def diagnose(
     names = {log.name for log in looked_at[len(training) :]}
     found = _of_short_validation(found, names - {log.name for log in training})
     return Diagnosis(tuple(found), tuple(log.name for log in looked_at))
+
+
+def _has_faults(found: Sequence[LogFinding]) -> bool:
+    return any(finding.severity == "fault" for finding in found)
 
 
 def _of_the_robot(

@@ -231,6 +231,12 @@ def test_a_clock_that_is_not_in_seconds_is_found_with_its_unit(factor, unit):
     assert clock_findings(log) == []
 
 
+def test_a_log_that_its_clock_forbids_to_filter_has_the_clock_as_its_finding():
+    log = clean_log(0)
+    found = _diagnosed(replace(log, time=log.time * 1e3))
+    assert [f.kind for f in found.suspicious] == ["clock"]
+
+
 def test_a_fast_clock_in_milliseconds_shows_in_the_velocity():
     log = clean_log(0)
     fast = replace(log, time=np.linspace(0, 0.2, len(log)) * 1e3)
