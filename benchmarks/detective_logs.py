@@ -17,6 +17,7 @@ RATE = 200.0
 DURATION = 20.0
 PERIOD = 10.0
 QUANTUM = 2 * np.pi / 2**17
+_OF_SPEED = 0.9  # share of a joint's speed limit that a motion may take
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ def clean(model: ci.TorqueModel, rng: np.random.Generator) -> Case:
         friction = [share[0] / speed[j], share[1], 0.02 * size[j] * rng.normal()]
         drive += friction if terms.names else []
     truth = np.append(bodies.ravel(), drive)
-    noise = rng.uniform(0.01, 0.05) * np.maximum(size, 1e-3)
+    noise = rng.uniform(0.01, 0.05) * size
     case = Case(model, truth, motion, noise, states)
     return replace(case, log=logged(case, times(), rng))
 
@@ -103,16 +104,19 @@ def times(duration: float = DURATION, start: float = 0.0) -> np.ndarray:
 
 
 def random_motion(model: ci.TorqueModel, rng: np.random.Generator) -> Motion:
-    """Return a motion within half of the limits."""
+    """Return a motion within half of the limits of position, and those of speed."""
     sine, cosine, middle = [], [], []
-    angle = 2 * np.pi / PERIOD * np.arange(1, 6)[:, None] * times(PERIOD)
+    rates = 2 * np.pi / PERIOD * np.arange(1, 6)
+    angle = rates[:, None] * times(PERIOD)
     for joint in model.robot.joints:
         low, high = joint.limits.lower, joint.limits.upper
         low = max(low, -2.0) if np.isfinite(low) else -2.0
         high = min(high, 2.0) if np.isfinite(high) else 2.0
         a, b = rng.normal(size=(2, 5)) / np.arange(1, 6)
         q = a @ np.sin(angle) + b @ np.cos(angle)
-        scale = 0.5 * (high - low) / np.ptp(q)
+        dq = (rates * a) @ np.cos(angle) - (rates * b) @ np.sin(angle)
+        fastest = _OF_SPEED * joint.limits.velocity / np.abs(dq).max()
+        scale = min(0.5 * (high - low) / np.ptp(q), fastest)
         sine.append(scale * a)
         cosine.append(scale * b)
         middle.append((low + high) / 2 - scale * (q.max() + q.min()) / 2)
