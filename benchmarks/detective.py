@@ -106,7 +106,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What was found in it: kinds of faults and warnings, their words, kinds of notes."""
+    """Kinds of faults and warnings found in it, their words, and kinds of notes."""
 
     trial: Trial
     kinds: tuple[str, ...]
@@ -171,7 +171,8 @@ def row(label: str, verdicts: list[Verdict]) -> str:
     besides = sum(bool(set(v.kinds) - {kind}) for v in verdicts)
     return (
         f"| {label} | {count} | {seen / count:.1%} | {right / count:.1%} "
-        f"| {at_least(right, count):.1%} | {noted / count:.1%} | {besides / count:.1%} |"
+        f"| {at_least(right, count):.1%} | {noted / count:.1%} "
+        f"| {besides / count:.1%} |"
     )
 
 
