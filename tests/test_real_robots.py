@@ -8,6 +8,7 @@ import pytest
 
 from consistent_id import load_problem, run_study
 from consistent_id.problems import load_problems
+from consistent_id.problems.log_check import check_problem
 
 pytestmark = pytest.mark.slow
 NEEDS_DATA = pytest.mark.skipif(
@@ -131,3 +132,11 @@ def test_tiagos_last_joints_move_without_a_torque():
     masses = {link.name: link.datasheet.mass for link in model.robot.links}
     # The gripper weighs 1 kg, and is merged into the last link.
     assert masses["arm_7_link"] == pytest.approx(0.234 + 1.065, abs=2e-3)
+
+
+@NEEDS_DATA
+@pytest.mark.parametrize("robot", ["unitree_go2", "unitree_z1"])
+def test_a_robot_whose_drives_take_nearly_all_torque_is_not_called_faulty(robot):
+    found = check_problem(load_problem(f"problems/{robot}", trust=True))
+    assert found.faults == ()
+    assert found.of("gravity") == () and found.of("offset zero") == ()

@@ -18,6 +18,8 @@ from consistent_id.diagnosis.factor_rows import (
     relative_noise,
 )
 from consistent_id.diagnosis.whole_robot import (
+    FoundFactor,
+    factor_findings,
     other_robot,
     whole_robot_factors,
     whole_robot_findings,
@@ -203,6 +205,16 @@ def test_one_odd_second_makes_a_factor_doubtful():
     found = whole_robot_factors(_as_is(model, spoilt))
     (zero,) = (f for f in found if _is(f.factor, "offset zero", 1))
     assert abs(zero.size) < zero.error
+
+
+@pytest.mark.parametrize(("kind", "shown"), [("offset zero", False), ("clock", True)])
+def test_a_zero_that_leaves_nearly_all_unexplained_is_not_named(kind, shown):
+    """Friction that varies with position looks like a zero, and not like a clock."""
+    factor = next(f for f in factors_of(arm()) if f.kind == kind)
+    size = 5.0 * factor.least
+    little = FoundFactor(factor, size, size / 6.0, explained=20.0, cost=1000.0)
+    assert bool(factor_findings(arm(), [little])) == shown
+    assert factor_findings(arm(), [replace(little, explained=50.0)])
 
 
 @pytest.mark.slow
