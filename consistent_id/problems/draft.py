@@ -190,6 +190,7 @@ class Draft:
             duplicates=stated.duplicates or "refuse",
             wraps=stated.wraps or "keep",
             torque_gain=gain if len(gain) > 1 else gain[0],
+            gain_source=stated.gain_source or "drives",
             torque_joints=list(self.columns.torque_joints),
             **beside_tables(self.columns.beside),
             gains=None if gains is None else gains_table(gains, self.delay),

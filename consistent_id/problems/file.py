@@ -193,6 +193,7 @@ class DataTable(FileTable, frozen=True, kw_only=True):
     duplicates: Literal["refuse", "first", "last"] = "refuse"
     wraps: Literal["keep", "undo"] = "keep"
     torque_gain: float | list[float] = 1.0
+    gain_source: Literal["drives", "model"] = "drives"
     torque_joints: list[str] = []
     base: BaseTable | None = None
     contacts: list[ContactTable] = []

@@ -40,7 +40,8 @@ def check_problem(problem: Problem) -> Diagnosis:
         if any(f.severity == "fault" for f in hidden):
             kept = tuple(f for f in kept if f.kind not in _EFFECTS)
         found = replace(found, findings=(*kept, *hidden))
-    found = replace(found, findings=(*found.findings, *_late_torque(problem)))
+    more = *_late_torque(problem), *_assumed_gains(problem)
+    found = replace(found, findings=(*found.findings, *more))
     if problem.gains is None:
         return found
     findings = (
@@ -73,6 +74,26 @@ def _late_torque(problem: Problem) -> tuple[LogFinding, ...]:
             "fit corrects it, and the intervals contain its error",
             "state delays = { torque = SECONDS } in [data.preparation] if it is known",
             abs(delay.seconds) / delay.half_width,
+        ),
+    )
+
+
+def _assumed_gains(problem: Problem) -> tuple[LogFinding, ...]:
+    """Warn where the model's bodies are the only source of the torque gains."""
+    data = problem.table.data
+    if data is None or data.gain_source == "drives":
+        return ()
+    return (
+        LogFinding(
+            "assumed gains",
+            "warning",
+            "all joints",
+            "the gains of the torque were taken from the model's bodies, and no log "
+            "shows whether these are right; if not, masses and inertias are as wrong. "
+            "Torque in the log's own unit does not depend on it",
+            "state the drives' gains without --gain-source model, or weigh a known "
+            "load: consistent-id gains",
+            1.0,
         ),
     )
 

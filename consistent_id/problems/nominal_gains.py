@@ -61,10 +61,11 @@ class NominalGains:
     def option(self) -> str:
         """The option that states these gains, filled in."""
         # Without exponents: a shell's option takes -1.2e+03 for another option.
-        return "--torque-gain " + " ".join(
+        values = (
             np.format_float_positional(v, 3, fractional=False, trim="-")
             for v in self.values
         )
+        return f"--torque-gain {' '.join(values)} --gain-source model"
 
     @property
     def sentence(self) -> str:

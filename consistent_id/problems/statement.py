@@ -183,6 +183,14 @@ class Statement:
         default=(),
         read=words.numbers,
     )
+    gain_source: Literal["drives", "model"] | None = _said(
+        "log",
+        "--gain-source",
+        "source of the torque gains: the drives, or the model's bodies, an assumption "
+        "that the verdict names (default: drives)",
+        "data.gain_source",
+        choices=("drives", "model"),
+    )
     gains: "PDGains | None" = _said(
         "log",
         "--gains KP,KD[,LIMIT] ...",

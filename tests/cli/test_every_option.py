@@ -40,6 +40,7 @@ WORDS = {
     "most-joint-speed": ["model"],
     "duplicates": ["first"],
     "wraps": ["undo"],
+    "gain-source": ["model"],
     "quaternion": ["wxyz"],
     "contact": ["foot=always"],
     "bodies": ["identified"],

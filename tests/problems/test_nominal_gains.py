@@ -10,6 +10,7 @@ import pytest
 import consistent_id as ci
 from consistent_id.cli import main
 from consistent_id.errors import RecordingError
+from consistent_id.problems.log_check import check_problem
 from consistent_id.problems.nominal_gains import NominalGains, nominal_gains
 from consistent_id.problems.robot_logs import robot_logs
 from consistent_id.problems.statement import statement_of
@@ -168,7 +169,21 @@ def test_no_command_is_proposed_that_replaces_what_is_stated(tmp_path, arm, caps
     assert "--names" in said and "try:" not in said
 
 
+@pytest.mark.slow
+def test_gains_of_the_models_bodies_are_an_assumption_in_the_check(tmp_path, arm):
+    log, robot = unnamed(tmp_path, arm), tmp_path / "arm.urdf"
+    columns = {"time": "column1", "position": "column{2..3}", "torque": "column{6..7}"}
+    options = {"torque_gain": GAINS, "select": False, "cutoff": 10.0}
+    for source in ("drives", "model"):
+        draft = ci.draft_problem(robot, log, **columns, gain_source=source, **options)
+        folder = tmp_path / source
+        folder.mkdir()
+        (folder / "problem.toml").write_text(draft.text(folder))
+        found = check_problem(ci.load_problem(folder / "problem.toml", trust=True))
+        assert bool(found.of("assumed gains")) == (source == "model")
+
+
 def test_gains_are_written_without_exponents():
     values = np.array([-1234.5, 0.00001234, 87.3])
     found = NominalGains(("a", "b", "c"), values, 0.01 * abs(values), (True,) * 3)
-    assert found.option == "--torque-gain -1230 0.0000123 87.3"
+    assert found.option == "--torque-gain -1230 0.0000123 87.3 --gain-source model"

@@ -43,6 +43,7 @@ WORDS = {
     "units": ["deg"],
     "torque_joints": ["elbow"],
     "torque_gain": ["2", "3"],
+    "gain_source": "model",
     "gains": ["60,1.5"],
     "position_command": "q_des_{joint}",
     "rows": ["120,2000"],
