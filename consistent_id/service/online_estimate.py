@@ -21,6 +21,7 @@ from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.verdict import Verdict
 from consistent_id.recordings.recording import Recording, several
+from consistent_id.regression.linear import triangle
 from consistent_id.service.load_watch import (
     PARTS,
     LoadWatch,
@@ -395,20 +396,29 @@ class OnlineEstimate:
         """Return the state with the parameters of its factor."""
         regime = self.with_load if state.loaded else self.alone
         found = resolved(self, state, regime)
-        n = len(self.unit)
-        inverse = inverse_of(found.stacked[:n, :n])
+        spread = self._spread(found.stacked, regime)
         own = self.estimate.model.layout.link_slice(self.link)
-        carried = inverse[own][:PARTS]
+        carried = spread[own][:PARTS]
         state = replace(
             state,
             solved=state.time,
             parameters=found.fit.u * self.unit,
-            deviations=np.linalg.norm(inverse, axis=1),
+            deviations=np.linalg.norm(spread, axis=1),
             carried=carried @ carried.T,
             optimality=found.fit.optimality,
             path=found.fit.path,
         )
         return replace(state, verdict=verdict_of(state, self.begun))
+
+    def _spread(self, stacked: Matrix, regime: Regime) -> Matrix:
+        """Return a root of the covariance under the equalities: ``C = S S^T``.
+
+        With steps ``x = U N v`` and the factor ``R`` of data and anchor, it is
+        ``U N (R U N)^-1``.
+        """
+        n, steps = len(self.unit), self.unit[:, None] * regime.cone.steps
+        R = triangle(np.asfortranarray(stacked[:n, :n] @ steps))
+        return np.asarray(steps @ inverse_of(R))
 
 
 def _require_settings(online: OnlineEstimate) -> None:

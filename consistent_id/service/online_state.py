@@ -63,8 +63,8 @@ class OnlineState:
         Faded sums of squared prediction errors and squared torques: each block is
         predicted before it is learned from.
     parameters, deviations : ndarray, shape (parameters,)
-        The estimate, and the standard errors of samples and anchor without any
-        constraint: also of a mass that an equality fixes.
+        The estimate, and standard errors of samples and anchor under the equalities:
+        zero for a mass that one fixes.  Inequalities and cones do not count.
     optimality : Optimality
     change : LoadChange, optional
         The last announcement.

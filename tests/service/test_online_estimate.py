@@ -170,6 +170,24 @@ def test_blocks_have_to_be_in_order(estimate):
         online.follow(state, whole.samples(slice(0, 50)))
 
 
+def test_standard_errors_are_those_under_the_equalities(estimate):
+    """Of generalised least squares with Lagrange multipliers, solved densely."""
+    online = OnlineEstimate(estimate, memory=np.inf, period=0.01)
+    state = online.along(log(12, seconds=2.0))[-1]
+    assert state.solved == state.time
+    anchor, unit = online.alone.anchor, online.unit
+    fixed = online.alone.cone.domain.A_eq
+    n = len(anchor)
+    R = state.factor[:n, :n]
+    scaled = (R.T @ R + np.diag(anchor**2)) * np.outer(unit, unit)
+    saddle = np.block([[scaled, fixed.T], [fixed, np.zeros((len(fixed), len(fixed)))]])
+    expected = unit * np.sqrt(np.maximum(np.diag(np.linalg.inv(saddle))[:n], 0.0))
+    masses = [i for i, name in enumerate(MODEL.layout.names) if name.endswith(".m")]
+    assert len(fixed) == len(masses) == 2  # the datasheet's
+    assert state.deviations[masses] == pytest.approx(0.0, abs=1e-12)
+    assert state.deviations == pytest.approx(expected, rel=1e-6, abs=1e-7)
+
+
 @pytest.mark.slow
 def test_friction_that_falls_is_followed_and_bodies_stay(estimate):
     cold, warm = log(10), log(11, TRUTH * np.r_[np.ones(20), np.full(4, 0.6)])
