@@ -1,5 +1,7 @@
 """Noise of the motion in the regressor: attenuation in closed form, and in a loop."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -71,6 +73,19 @@ def test_a_cutoff_that_lets_noise_through_is_warned_of(cutoff, found):
         assert warning.severity == "warning"
         assert "link1.m" in warning.statement
         assert "instrumental_variables" in warning.advice
+
+
+@pytest.mark.slow
+def test_noise_that_hardly_biases_the_torque_is_a_note():
+    log, _ = _logged()
+    speed = np.gradient(log.position[:, 0], log.time)[:, None]
+    rubbing = replace(log, torque=log.torque + 1000.0 * speed)
+
+    def prepare(raw):
+        return differentiated(low_passed(raw, motion_cutoff=100.0))
+
+    (found,) = motion_noise_findings(MODEL, rubbing, prepare, BASE)
+    assert found.severity == "note" and "link1.m" in found.statement
 
 
 def test_what_has_its_acceleration_already_is_not_judged():
