@@ -21,7 +21,7 @@ extensions = [
     "reference_keys",
     "shell_help",
 ]
-exclude_patterns = ["_extensions"]
+exclude_patterns = ["_extensions", "paper"]
 
 myst_enable_extensions = ["attrs_inline", "dollarmath"]
 myst_heading_anchors = 3  # for links such as problem-file.md#drive-terms
