@@ -42,7 +42,6 @@ TURNS = ((0, 1), (2, 3), (4, 5), (6, 9), (7, 8))
 """Logs that are left out together; the last two are of one day."""
 
 EVERY = 2.0  # s between the times at which a load comes
-_NEVER = 1e9  # s; period of an estimate that is not solved again
 WITHIN = 0.5  # s in which it has to be announced
 MEMORY = 15.0  # s, of the tables of friction
 FALL, WARMING, PIECE = 0.4, 60.0, 2.0  # of friction; s; s of constant friction
@@ -106,7 +105,7 @@ def speed() -> list[str]:
     started = process_time()
     estimate = estimated(model, truth, simulated(model, truth, 1))
     whole = process_time() - started
-    online = OnlineEstimate(estimate, period=_NEVER)
+    online = OnlineEstimate(estimate, period=np.inf)
     watched = replace(online, period=0.5).watching(
         [simulated(model, truth, seed) for seed in range(2, 6)]
     )
@@ -265,7 +264,7 @@ def _simulated_warmth() -> list[str]:
     model, cold = seven_joints()
     estimate = estimated(model, cold, simulated(model, cold, 1))
     online = OnlineEstimate(estimate, memory=MEMORY)
-    frozen = replace(online, period=_NEVER)
+    frozen = replace(online, period=np.inf)
     friction = np.array([t in ("viscous", "coulomb") for _, t in model.layout.drive])
     columns = model.layout.inertial_size + np.flatnonzero(friction)
     state, still = online.start(), frozen.start()
@@ -318,7 +317,7 @@ def _recorded_drift() -> list[str]:
         for k in turn:
             cells = [Path(UR10E[k]).name]
             middle = logs[k].time[len(logs[k]) // 2]
-            for one in (replace(online, period=_NEVER), online):
+            for one in (replace(online, period=np.inf), online):
                 states = one.along(logs[k])
                 cells.append(f"{_error_after(states, middle, MEMORY):.1%}")
             ratio = _friction(online.estimate, states[-1].parameters)

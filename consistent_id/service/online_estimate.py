@@ -92,7 +92,8 @@ class OnlineEstimate:
     capacity : float, [kg]
         Mass of the largest load.
     period : float, [s]
-        Time between solutions; the watch for loads looks at every block.
+        Time between solutions; infinite for parameters that stay as they are.  The
+        watch for loads looks at every block.
     half, torque_delay
         See `local_motion`, for blocks without accelerations.
     watch : LoadWatch, optional
@@ -327,7 +328,7 @@ class OnlineEstimate:
                 "back, begin again with `start`"
             )
         state = self._learned(state, rows)
-        due = state.time >= state.solved + self.period
+        due = np.isfinite(self.period) and state.time >= state.solved + self.period
         return self._solved(state) if due or state.relearned == state.time else state
 
     def _learned(self, state: OnlineState, rows: FadedRows) -> OnlineState:
@@ -425,7 +426,8 @@ def _require_settings(online: OnlineEstimate) -> None:
     """Refuse numbers with which an estimate would not follow, or wrongly."""
     for name in ("memory", "bodies", "capacity", "period"):
         value = getattr(online, name)
-        if not value > 0.0 or (name != "memory" and np.isinf(value)):
+        endless = name in ("memory", "period")
+        if not value > 0.0 or (np.isinf(value) and not endless):
             raise ProblemError(f"{name} is {value}, expected a number above 0")
     if not isinstance(online.half, int | np.integer) or online.half < _LEAST_HALF:
         raise ProblemError(

@@ -170,6 +170,13 @@ def test_blocks_have_to_be_in_order(estimate):
         online.follow(state, whole.samples(slice(0, 50)))
 
 
+def test_without_an_end_of_its_period_an_estimate_stays_as_it_is(estimate):
+    online = OnlineEstimate(estimate, period=np.inf)
+    state = online.along(log(12, seconds=2.0))[-1]
+    assert np.array_equal(state.parameters, online.start().parameters)
+    assert state.prediction_errors.shape == (2,) and state.weight > 0.0
+
+
 def test_standard_errors_are_those_under_the_equalities(estimate):
     """Of generalised least squares with Lagrange multipliers, solved densely."""
     online = OnlineEstimate(estimate, memory=np.inf, period=0.01)
