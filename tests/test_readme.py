@@ -22,6 +22,7 @@ PACKAGE = "consistent_id"
 TEXTS = {
     page.relative_to(DOCS).with_suffix("").as_posix(): page.read_text()
     for page in sorted(DOCS.rglob("*.md"))
+    if page.parent.name != "paper"  # a journal's, no page of the documentation
 }
 # A block of Python, and what it prints if the page shows that.
 BLOCK = re.compile(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", re.DOTALL)
