@@ -4,7 +4,8 @@
 [--write docs/benchmarks.md]``.  Each command and each reference runs in a fresh process
 with one thread for BLAS, and with compiled bytecode.  A multiple divides the command's
 seconds by the mean of the references just before and after it; the median of the
-repetitions is shown.  Needs the recordings, see ``CONSISTENT_ID_DATASETS`` in README.
+repetitions is shown.  "Answer after" are seconds of a clock until the verdict is on the
+screen.  Needs the recordings, see ``CONSISTENT_ID_DATASETS`` in README.
 """
 
 import argparse
@@ -15,8 +16,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
-from tempfile import TemporaryDirectory
-from time import process_time
+from tempfile import TemporaryDirectory, TemporaryFile
+from time import perf_counter, process_time
 from typing import NamedTuple
 
 import numpy as np
@@ -106,9 +107,11 @@ def main() -> None:
 def _print_table(trees: Sequence[Path], words: Sequence[str], repeat: int) -> None:
     names = ["", *(" of the other checkout" for _ in trees[1:])]
     print(
-        "| command |" + "".join(f" s{n} | multiple{n} |" for n in names) + " target |"
+        "| command |"
+        + "".join(f" s{n} | multiple{n} | answer after{n} |" for n in names)
+        + " target |"
     )
-    print("|---|" + "---:|---:|" * len(trees) + "---:|")
+    print("|---|" + "---:|---:|---:|" * len(trees) + "---:|")
     references = []
     for tree in trees:
         for warm in (_COMPARE, ("info", "problems/unitree_go2")):  # compile modules
@@ -123,6 +126,7 @@ def _print_table(trees: Sequence[Path], words: Sequence[str], repeat: int) -> No
             references += [run[1] for run in runs]
             cells += f" {median(run[0] for run in runs):.2f} |"
             cells += f" {median(run[0] / run[1] for run in runs):.1f} |"
+            cells += f" {median(run[2] for run in runs):.1f} s |"
         target = f"{timed.target:g}" if timed.target else ""
         print(f"| {timed.name} |{cells} {target} |", flush=True)
     low, middle, high = np.quantile(references, (0, 0.5, 1))
@@ -130,41 +134,50 @@ def _print_table(trees: Sequence[Path], words: Sequence[str], repeat: int) -> No
     print(f"medians of {repeat} run(s).")
 
 
-def _multiple(tree: Path, timed: Timed) -> tuple[float, float]:
-    """Return seconds of a command, and of the references before and after it."""
+def _multiple(tree: Path, timed: Timed) -> tuple[float, float, float]:
+    """Return what a command costs, and seconds of the references around it."""
     with TemporaryDirectory() as folder:
         if timed.before:
             _seconds(tree, timed.before, folder)
         first = _reference(tree)
-        spent = _seconds(tree, timed.words, folder)
-        return spent, 0.5 * (first + _reference(tree))
+        spent, answered = _seconds(tree, timed.words, folder)
+        return spent, 0.5 * (first + _reference(tree)), answered
 
 
 def _reference(tree: Path) -> float:
-    return float(_run(tree, [str(Path(__file__).resolve()), "--reference"]))
+    return float(_run(tree, [str(Path(__file__).resolve()), "--reference"])[0])
 
 
-def _seconds(tree: Path, words: Sequence[str], folder: str = "") -> float:
-    """Return the processor seconds of a command in a process of its own."""
+def _seconds(tree: Path, words: Sequence[str], folder: str = "") -> tuple[float, float]:
+    """Return a command's processor seconds, and those of a clock until it answers."""
     given = [word.replace("OUT", folder, 1) for word in words]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    _run(tree, ["-m", "consistent_id", *given])
+    _, answered = _run(tree, ["-m", "consistent_id", *given])
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+    spent = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+    return spent, answered
 
 
-def _run(tree: Path, words: Sequence[str]) -> str:
-    done = subprocess.run(
-        [sys.executable, *words],
-        cwd=tree,
-        env={**os.environ, "PYTHONPATH": str(tree)},
-        check=False,
-        capture_output=True,
-        text=True,
-    )
-    if done.returncode not in (0, 1):  # 1: an estimate or a log that is not to be used
-        raise SystemExit(f"{tree}: {' '.join(words)}: {done.stderr}")
-    return done.stdout
+def _run(tree: Path, words: Sequence[str]) -> tuple[str, float]:
+    """Return what a process prints, and the seconds until its first line."""
+    environment = {**os.environ, "PYTHONPATH": str(tree), "PYTHONUNBUFFERED": "1"}
+    begun = perf_counter()
+    with TemporaryFile("w+") as errors:
+        with subprocess.Popen(
+            [sys.executable, *words],
+            cwd=tree,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            text=True,
+        ) as process:
+            first = process.stdout.readline()
+            answered = perf_counter() - begun
+            printed = first + process.stdout.read()
+        if process.returncode not in (0, 1):  # 1: what is not to be used
+            errors.seek(0)
+            raise SystemExit(f"{tree}: {' '.join(words)}: {errors.read()}")
+    return printed, answered
 
 
 if __name__ == "__main__":
