@@ -161,6 +161,25 @@ def test_a_unit_is_where_the_robots_file_has_it(folder):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("place", "same"), [("0.02", True), ("0.07", False)])
+def test_of_two_frames_of_a_unit_in_different_places_one_has_to_be_stated(
+    folder, place, same
+):
+    other = UNIT.replace('"imu"', '"imu_link"').replace("0.02", place)
+    (folder / "two.xml").write_text(robot_text(UNIT + other))
+    if same:
+        _, notes = logs_of(folder, columns(folder), robot="two.xml")
+        assert "the unit is at imu " in notes
+        return
+    with pytest.raises(ci.RecordingError, match="imu, imu_link") as refusal:
+        logs_of(folder, columns(folder), robot="two.xml")
+    assert "--imu imu" in refusal.value.options
+    stated = Statement(imu="imu_link")
+    found, _ = logs_of(folder, columns(folder), stated, "two.xml")
+    assert found.base.imu_position[0] == pytest.approx(0.07)
+
+
+@pytest.mark.slow
 def test_feet_that_swing_need_their_columns_and_the_message_says_so(folder):
     log = without(columns(folder), "contact")
     write_csv(folder / "bare.csv", log)

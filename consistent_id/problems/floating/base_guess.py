@@ -41,6 +41,7 @@ _FIELDS = {
 }  # of a statement, where its name is not the role
 # m/s^2, median of what a unit on a robot that stands, walks or runs feels.  Without
 # gravity it is a few m/s^2 at most, in units of g about one.
+_SAME_PLACE = 1e-6  # m and rad, of frames that a file repeats
 _FELT = 5.0, 20.0
 _IN_G = 0.5, 2.0
 
@@ -314,13 +315,24 @@ def _unit(
     named = (
         [stated.imu] if stated.imu else [name for name in own if "imu" in name.lower()]
     )
-    if len(named) == 1:
-        at = own[named[0]]
-        note = f"the unit is at {named[0]} of the robot's file"
-        return at.rotation, at.translation, note
-    several = f"; the file has {', '.join(named)}: --imu FRAME" if named else ""
-    note = f"the unit is at the base's origin, its axes those of the base{several}"
-    return np.eye(3), np.zeros(3), note
+    if not named:
+        note = "the unit is at the base's origin, its axes those of the base"
+        return np.eye(3), np.zeros(3), note
+    at = own[named[0]]
+    if not all(_alike(own[name], at) for name in named):
+        option = f"--imu {named[0]}"
+        raise RecordingError(
+            f"the robot's file has several frames of an inertial measurement unit, in "
+            f"different places: {', '.join(named)}. State the one whose readings the "
+            f"log has, such as {option}",
+            options=option,
+        )
+    return at.rotation, at.translation, f"the unit is at {named[0]} of the robot's file"
+
+
+def _alike(one: BaseFrame, other: BaseFrame) -> bool:
+    pairs = zip(one, other, strict=True)
+    return all(np.allclose(a, b, rtol=0.0, atol=_SAME_PLACE) for a, b in pairs)
 
 
 def _require_gravity(felt: Matrix, found: BaseColumns, where: str) -> None:
