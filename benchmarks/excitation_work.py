@@ -1,8 +1,8 @@
 """How long a unit of work takes, by robot, objective and what is in the way.
 
 ``python benchmarks/excitation_work.py``: processor time of single searches over their
-work, see ``consistent_id/excitation/work.py``.  One is a second of the processor that
-the constants there were measured on.
+work, see ``consistent_id/excitation/search_problem.py``.  One is a second of the
+processor that the constants there were measured on.
 """
 
 import sys

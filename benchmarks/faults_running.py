@@ -49,7 +49,7 @@ class Row:
 def writers() -> dict[str, Callable[[Path, int], object]]:
     """Return what writes files into a folder: one of two versions of each."""
     from consistent_id.problems.opening import Opened
-    from consistent_id.report.html import write_report
+    from consistent_id.report.page import write_report
     from consistent_id.report.results import PRINTED
     from consistent_id.report.results_writing import tables_of, write_results
 

@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from consistent_id.repair import Repair, repair_urdf
-from consistent_id.robot.loaders.urdf_inertial import inertia_matrix
+from consistent_id.robot.loaders.urdf_in_place import inertia_matrix
 from consistent_id.robot.loaders.xml import parse
 
 MARK = "<!-- measured: begin -->"

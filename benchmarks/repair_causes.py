@@ -34,7 +34,7 @@ from consistent_id.repair.causes import (
 )
 from consistent_id.repair.file_evidence import FileEvidence
 from consistent_id.robot.inertia import second_moments
-from consistent_id.robot.loaders.urdf_inertial import inertia_attributes, inertia_matrix
+from consistent_id.robot.loaders.urdf_in_place import inertia_attributes, inertia_matrix
 from consistent_id.robot.loaders.xml import parse
 
 MARK = "<!-- causes: begin -->"

@@ -22,8 +22,8 @@ import numpy as np
 from consistent_id._support.arrays import Array
 from consistent_id.robot.loaders import load_robot
 from consistent_id.rollout import identify_servos, read_servo_logs
-from consistent_id.rollout.evolution import POPULATION, evolved
 from consistent_id.rollout.servo_export import replayed_in_mujoco
+from consistent_id.rollout.servo_fit import POPULATION, evolved
 from consistent_id.rollout.servo_log import ServoLog, duty_law
 from consistent_id.rollout.servo_motion import Friction, cut_pieces, position_errors
 

@@ -71,7 +71,7 @@ from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.torque_along import simulate_torque
-from consistent_id.report.html import write_report
+from consistent_id.report.page import write_report
 from consistent_id.report.results import Results, open_results
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders import DHRow, from_modified_dh, load_robot

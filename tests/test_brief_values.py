@@ -9,7 +9,7 @@ import pytest
 
 import consistent_id
 from consistent_id import least_squares, load_problem
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.problems.study import Study
 
 MOST_LINES = 30

@@ -242,7 +242,7 @@ def _each(
 ) -> int:
     """Work through several problems; one that fails does not stop the others."""
     from consistent_id.problems.file import read_problem_table
-    from consistent_id.problems.several import require_distinct
+    from consistent_id.problems.listing import require_distinct
 
     codes, records, names = [], {}, []
     for source in files:

@@ -341,8 +341,8 @@ def _written(
 def _draft(options: argparse.Namespace, folder: Path) -> str | None:
     """Return the problem file of a robot that has none, if there is a place for it."""
     from consistent_id.excitation.sources import changed, is_robot
-    from consistent_id.problems.excitation_tables import ExcitationTable
     from consistent_id.problems.robot_draft import robot_draft
+    from consistent_id.problems.task_tables import ExcitationTable
 
     if not is_robot(options.problem):
         return None

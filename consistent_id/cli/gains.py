@@ -4,11 +4,6 @@ import argparse
 from pathlib import Path
 
 from consistent_id.cli.answers import show, tables_answer
-from consistent_id.cli.load_options import (
-    ROBOT_AND_LOAD,
-    percentage,
-    robot_without_load,
-)
 from consistent_id.cli.options import (
     ACCEPT,
     OUTPUT,
@@ -16,6 +11,11 @@ from consistent_id.cli.options import (
     Option,
     add_command,
     positive,
+)
+from consistent_id.cli.payload import (
+    ROBOT_AND_LOAD,
+    percentage,
+    robot_without_load,
 )
 from consistent_id.cli.source import STATED
 

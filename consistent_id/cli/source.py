@@ -175,8 +175,7 @@ class Computed:
     @cached_property
     def page(self) -> str:
         """The report."""
-        from consistent_id.report.html import report_html
-        from consistent_id.report.page import kept_sections
+        from consistent_id.report.page import kept_sections, report_html
         from consistent_id.rollout.rollout_page import rollout_section
 
         return report_html(

@@ -1,15 +1,225 @@
 """The shell tool: ``consistent-id COMMAND``; its help lists the commands.
 
-Exit codes: 0 done, 1 do not use (the estimate, or a faulty log), 2 wrong usage or
-input, 3 solver failure or out of time, 70 a bug, 130 interrupted, 143 terminated.
+A run begins with permissions and a time limit, and ends with an exit code: 0 done,
+1 do not use (the estimate, or a faulty log), 2 wrong usage or input, 3 solver failure
+or out of time, 70 a bug, 130 interrupted, 143 terminated.
 """
 
 import argparse
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from difflib import get_close_matches
 from importlib import import_module
+from pathlib import Path
+from types import FrameType
+from typing import Any, TextIO
 
-from consistent_id.cli.answers import warnings_unless
-from consistent_id.cli.endings import run_to_its_end, within
+from consistent_id._support.run import (
+    OutOfTime,
+    Run,
+    Terminated,
+    current_run,
+    note_input,
+    running,
+    signals_raised,
+)
+from consistent_id.cli.answers import lead_nowhere, print_error, warnings_unless
+from consistent_id.errors import ConsistentIdError, ProblemError
+
+_TERMINATED = 143  # as a shell says of a process that SIGTERM has ended
+_OUTPUTS = ("output", "report")  # options that name what is written
+
+
+def run_to_its_end(
+    options: argparse.Namespace, work: Callable[[argparse.Namespace], int]
+) -> int:
+    """Run a command with what the user allows; return the exit code.
+
+    Parameters
+    ----------
+    work : callable
+        From the options to an exit code.
+    """
+    with _streams_that_never_break():
+        return _run_to_its_end(options, work)
+
+
+def _run_to_its_end(
+    options: argparse.Namespace, work: Callable[[argparse.Namespace], int]
+) -> int:
+    faults = list[tuple[str, Exception]]()
+    run = Run(
+        faults=faults,
+        force=getattr(options, "force", False),
+        large_files=getattr(options, "large_files", False),
+        trust=getattr(options, "trust", False),
+        executor=getattr(options, "executor", None) or "",
+        beside=(os.cpu_count() or 1) > 1,
+    )
+    code = _ended(options, work, run)
+    for part, fault in faults:
+        _bug(fault, f"{part} could not be made, all else was: ")
+    return 70 if faults and code in (0, 1) else code
+
+
+class _Stream:
+    """A stream that goes on, to nowhere, when its reader, such as ``head``, has gone.
+
+    The exit code says what came of the work, whoever has read how much of it.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        try:
+            return self._stream.write(text)
+        except BrokenPipeError:
+            lead_nowhere(self._stream)
+            return len(text)
+
+    def flush(self) -> None:
+        try:
+            self._stream.flush()
+        except BrokenPipeError:
+            lead_nowhere(self._stream)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+@contextmanager
+def _streams_that_never_break() -> Iterator[None]:
+    """Let nothing fail because a stream is closed, or nobody reads it."""
+    before = sys.stdout, sys.stderr
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # the shell has closed it
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
+        setattr(sys, name, _Stream(getattr(sys, name)))
+    try:
+        yield
+    finally:
+        with suppress(OSError, ValueError):  # a full disk has been reported
+            sys.stdout.flush()
+            sys.stderr.flush()
+        sys.stdout, sys.stderr = before
+
+
+def _ended(
+    options: argparse.Namespace, work: Callable[[argparse.Namespace], int], run: Run
+) -> int:
+    """Run a command; say what ended it, and return the exit code."""
+    try:
+        with signals_raised(run), running(run):
+            _note_inputs(options)
+            code = int(work(options))
+    except OutOfTime:
+        return _ended_by(signal.SIGALRM, options)
+    except KeyboardInterrupt:
+        return _ended_by(signal.SIGINT, options)
+    except Terminated:
+        return _ended_by(signal.SIGTERM, options)
+    except Exception as cause:
+        if run.signals:  # a library, or an import, made another error of it
+            return _ended_by(run.signals[-1], options)
+        return _failed(cause, getattr(options, "words", ()))
+    if run.stopped == "interrupted":
+        return _said(130, "interrupted: this is the best so far")
+    if run.stopped == "terminated":
+        return _said(_TERMINATED, "terminated: this is the best so far")
+    if run.stopped == "out of time":
+        return _said(3, "out of time: this is the best so far")
+    return code
+
+
+def _ended_by(number: int, options: argparse.Namespace) -> int:
+    """Say which signal ended the command, and return the exit code."""
+    if number == signal.SIGINT:
+        return _said(130, "interrupted")
+    if number == signal.SIGTERM:
+        return _said(_TERMINATED, "terminated")
+    limit = getattr(options, "give_up_after", None)
+    return _said(3, f"not done within {limit:g} s, given up")
+
+
+def _failed(cause: Exception, words: Sequence[str]) -> int:
+    """Say what went wrong, and return the exit code."""
+    if isinstance(cause, ConsistentIdError):
+        return print_error(cause, words)
+    if isinstance(cause, MemoryError):
+        return _said(3, "not enough memory")
+    if isinstance(cause, OSError):
+        where = f"{cause.filename}: " if cause.filename is not None else ""
+        return _said(2, f"{where}{cause.strerror or cause}")
+    return _bug(cause)  # the last net: a foreign error is a fault of ours
+
+
+def _note_inputs(options: argparse.Namespace) -> None:
+    """Note the files that were named to be read, before any of them is."""
+    for name, value in vars(options).items():
+        if name not in _OUTPUTS:
+            for file in value if isinstance(value, list) else [value]:
+                if isinstance(file, Path) and file.is_file():
+                    note_input(file.stat())
+
+
+def _said(code: int, sentence: str) -> int:
+    with suppress(OSError, ValueError):  # nobody listens
+        print(f"consistent-id: {sentence}", file=sys.stderr)
+    return code
+
+
+def _bug(bug: Exception, where: str = "") -> int:
+    """Keep the traceback in a file, say where it is, and return the exit code."""
+    import tempfile
+    import traceback
+
+    text = "".join(traceback.format_exception(bug))
+    try:
+        handle, name = tempfile.mkstemp(prefix="consistent-id-", suffix=".txt")
+        with os.fdopen(handle, "w", encoding="utf-8", errors="replace") as file:
+            file.write(text)
+    except OSError:
+        name = "nowhere: no file can be written"
+    what = f"{type(bug).__name__}: {bug}".splitlines()[0][:200]
+    return _said(
+        70,
+        f"{where}this is a bug, please report it: {what} (the traceback is in {name})",
+    )
+
+
+@contextmanager
+def within(seconds: float | None) -> Iterator[None]:
+    """Raise `OutOfTime` in the work that takes longer.
+
+    Raises
+    ------
+    ProblemError
+        Where the system has no alarm clock for processes.
+    """
+    if seconds is None:
+        yield
+        return
+    here = threading.current_thread() is threading.main_thread()
+    if not (hasattr(signal, "setitimer") and here):
+        raise ProblemError("--time-limit is not available on this system")
+    before = signal.signal(signal.SIGALRM, _ring)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def _ring(signum: int, frame: FrameType | None) -> None:
+    current_run().signals.append(signum)
+    raise OutOfTime
+
 
 # A command is a file of this folder; it is imported when its options are asked for.
 _COMMANDS = {

@@ -7,9 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from consistent_id._support.arrays import Vector
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
-from consistent_id._support.tables import Table
+from consistent_id._support.tables import Table, brief
 from consistent_id.comparison.feasibility import (
     BaseFeasibility,
     ConsistencyTest,
@@ -39,8 +38,8 @@ from consistent_id.regression.mass_matrix import (
 )
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.robot.drawn_parts import DrawnParts
 from consistent_id.robot.scaling import reference_bodies
+from consistent_id.robot.solids import DrawnParts
 
 _UNCONSTRAINED = (Method.LEAST_SQUARES, Method.WEIGHTED_LEAST_SQUARES, Method.HUBER)
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Vector
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.tables import brief
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.certificate import OptimumVerdict, solve_certified
 from consistent_id.constraints.cones.least_norm import LeastNorm

@@ -36,8 +36,8 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, frozen
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import Executor, single_threaded, worker_threads
+from consistent_id._support.tables import brief
 from consistent_id.constraints import Constraint, PhysicalConsistency, lowered
 from consistent_id.constraints.cones.certificate import OptimumVerdict, solve_certified
 from consistent_id.constraints.cones.interior import Interior, find_interior

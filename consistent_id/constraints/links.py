@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
 from consistent_id.constraints.rows import (
     equalities,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.constraints.rows import (
     equalities,

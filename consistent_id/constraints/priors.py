@@ -17,7 +17,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.constraints.cones.sets import svec
 from consistent_id.errors import ProblemError
 from consistent_id.regression.regressor import TorqueModel

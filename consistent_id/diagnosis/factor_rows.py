@@ -22,11 +22,7 @@ from consistent_id.regression.correlated_noise import correlation_lengths
 from consistent_id.regression.linear import smallest_solution
 from consistent_id.regression.regression import triangle
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.robot.scaling import (
-    USUAL_WIDTHS,
-    link_scales,
-    reference_bodies,
-)
+from consistent_id.robot.scaling import USUAL_WIDTHS, link_scales, reference_bodies
 
 _GAIN = "masses or gain"
 LEAN = float(np.radians(5.0))

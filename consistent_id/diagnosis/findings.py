@@ -3,8 +3,7 @@
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from consistent_id._support.brief import brief
-from consistent_id._support.tables import Table
+from consistent_id._support.tables import Table, brief
 from consistent_id.recordings.recording import LogFinding, Severity
 
 __all__ = ["Diagnosis", "LogFinding", "Severity"]

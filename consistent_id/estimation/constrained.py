@@ -18,8 +18,7 @@ from consistent_id.estimation.constrained_fit import (
 from consistent_id.estimation.determination import determined
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
-from consistent_id.estimation.fitted_to import FittedUnder
-from consistent_id.estimation.method import Method
+from consistent_id.estimation.method import FittedUnder, Method
 from consistent_id.regression.base import (
     BaseParameters,
     base_parameters,

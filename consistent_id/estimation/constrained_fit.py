@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Vector
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.tables import brief
 from consistent_id.constraints import (
     Constraint,
     FixedMasses,

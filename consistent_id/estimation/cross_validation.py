@@ -18,13 +18,13 @@ from consistent_id._support.arrays import (
     freeze_arrays,
     frozen,
 )
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import (
     Executor,
     all_but_each,
     single_threaded,
     worker_threads,
 )
+from consistent_id._support.tables import brief
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.certificate import GAP_TOLERANCE
 from consistent_id.constraints.priors import (

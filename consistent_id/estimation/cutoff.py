@@ -28,8 +28,8 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded, worker_threads
+from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.recordings.recording import Recording

@@ -22,9 +22,8 @@ from consistent_id._support.arrays import (
     Vector,
     freeze_arrays,
 )
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
-from consistent_id._support.tables import Table
+from consistent_id._support.tables import Table, brief
 from consistent_id.constraints import Constraint
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.equalities import FreeParameters, least_squares

@@ -18,7 +18,7 @@ from consistent_id.constraints.parameter_constraints import ParameterBounds
 from consistent_id.estimation.verdict import Reason
 from consistent_id.recordings.recording import Recording, velocities
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.robot.drawn_parts import DrawnDrive, DrawnParts
+from consistent_id.robot.solids import DrawnDrive, DrawnParts
 
 FRICTION_CARE = 2.0
 """Common factor of friction from which on it counts: oil, load and wear change it."""

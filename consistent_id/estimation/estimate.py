@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any, Self, cast
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
-from consistent_id._support.brief import brief
 from consistent_id._support.extras import pandas
 from consistent_id._support.files import write_json
-from consistent_id._support.tables import Table
+from consistent_id._support.tables import Table, brief
 from consistent_id.constraints.cones.certificate import Certificate, OptimumVerdict
 from consistent_id.constraints.links import link_conditions
 from consistent_id.constraints.robot_size import robot_size
@@ -25,8 +24,8 @@ from consistent_id.estimation.estimate_file import (
 )
 from consistent_id.estimation.estimate_plot import draw_torque, torque_curves
 from consistent_id.estimation.fit import Fit
-from consistent_id.estimation.fitted_to import FittedSpan, FittedUnder
 from consistent_id.estimation.judgement import Evidence, judge
+from consistent_id.estimation.method import FittedSpan, FittedUnder
 from consistent_id.estimation.torque_error import (
     TorqueError,
     measured_torque,

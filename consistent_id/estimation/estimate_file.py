@@ -8,7 +8,7 @@ from typing import Any, get_args
 import msgspec
 import numpy as np
 
-from consistent_id._support.inputs import LARGEST_MODEL, read_input
+from consistent_id._support.files import LARGEST_MODEL, read_input
 from consistent_id.constraints.cones.certificate import OptimumVerdict
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.fit import Fit

@@ -42,8 +42,8 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.tables import brief
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import Prior, nominal_distance
 from consistent_id.errors import ProblemError

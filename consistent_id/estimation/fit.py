@@ -19,7 +19,7 @@ from consistent_id._support.arrays import (
     Vector,
     freeze_arrays,
 )
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.estimation.body_slopes import slopes_on
 from consistent_id.estimation.prior_share import (
     guessed_share,

@@ -22,8 +22,8 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import IntArray, Matrix, Vector, freeze_arrays
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.tables import brief
 from consistent_id.errors import RecordingError, SolverError
 from consistent_id.estimation.loaded_robot import (
     LoadedRobot,

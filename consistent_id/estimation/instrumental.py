@@ -18,8 +18,8 @@ from time import perf_counter
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.tables import brief
 from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.estimation.estimate import Estimate

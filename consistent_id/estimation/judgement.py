@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from consistent_id._support.arrays import Vector
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.constraints.cones.certificate import OptimumVerdict
 from consistent_id.constraints.links import LinkCondition
 from consistent_id.constraints.robot_size import RobotSize

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.tables import brief
 from consistent_id.constraints import (
     CentreOfMassBoxes,
     Constraint,

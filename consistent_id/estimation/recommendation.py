@@ -1,21 +1,130 @@
-"""The recommended estimate, chosen by its prediction of left-out training data.
+"""The recommended estimate and its slack, chosen by errors on training data left out.
 
 Blocks of consecutive segments are left out of the fit one after another and predicted.
 Of the methods whose pooled error is within one standard error of the least, the
 simplest is recommended: a smaller difference is chance. Held-out recordings are not
 used, so the choice does not bias their error.
+
+`PointToSet` takes the estimate nearest to the nominal robot among those whose misfit is
+within a slack of the best.  The default slack moves the parameters that the data
+determine by one standard error at most.  With poor motion a larger one predicts other
+motion better: the best fit follows noise and what the model lacks.  So a series of
+slacks is tried on the blocks left out, and the one with the least pooled error is used.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from consistent_id._support.arrays import Vector
+from consistent_id.constraints import Constraint
+from consistent_id.constraints.priors import PointToSet, Prior
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.expected_error import ExpectedError, expected_error
-from consistent_id.estimation.left_out import LeftOutErrors
+from consistent_id.estimation.left_out import (
+    LeftOutBlock,
+    LeftOutErrors,
+    left_out_errors,
+)
 from consistent_id.estimation.verdict import percent
+from consistent_id.regression.base import BaseParameters
+from consistent_id.regression.regressor import TorqueModel
+
+SLACKS = (0.001, 0.003, 0.01, 0.02, 0.05)
+"""Slacks tried besides the default: relative increase of the misfit's norm."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SlackChoice:
+    """The priors that were tried, and the one that predicts left-out data best.
+
+    Parameters
+    ----------
+    tried : tuple of PointToSet or Penalty
+        The weakest first.
+    left_out : LeftOutErrors
+        One fit for each.
+    """
+
+    tried: tuple[Prior, ...]
+    left_out: LeftOutErrors
+
+    @property
+    def best(self) -> int:
+        """Index of the least pooled error; the first if no block can be left out."""
+        errors = self.left_out.pooled
+        return int(np.argmin(errors)) if np.isfinite(errors).any() else 0
+
+    @property
+    def prior(self) -> Prior:
+        """The prior with the least pooled error."""
+        return self.tried[self.best]
+
+    @property
+    def chosen(self) -> LeftOutErrors:
+        """The errors with this prior."""
+        return self.left_out.of(self.best)
+
+    @property
+    def slacks(self) -> tuple[str, ...]:
+        """The slacks tried, as text; none if the problem states the prior."""
+        priors = [p for p in self.tried if isinstance(p, PointToSet)]
+        if len(priors) < 2:
+            return ()
+        return tuple("default" if p.slack is None else f"{p.slack:g}" for p in priors)
+
+    @property
+    def statement(self) -> str:
+        """The slack chosen and the errors of all, in a sentence; empty if stated."""
+        if not self.slacks:
+            return ""
+        pairs = zip(self.slacks, self.left_out.pooled, strict=True)
+        errors = ", ".join(f"{slack} {100 * e:.2f} %" for slack, e in pairs)
+        return (
+            f"slack {self.slacks[self.best]}, chosen by the least error on blocks of "
+            f"the training data left out: {errors}"
+        )
+
+    def to_dict(self) -> dict[str, Any] | None:
+        """Return plain numbers and text, for JSON; None if the prior is stated."""
+        if not self.slacks:
+            return None
+        errors = [float(e) if np.isfinite(e) else None for e in self.left_out.pooled]
+        return {
+            "chosen": self.slacks[self.best],
+            "left_out_errors": dict(zip(self.slacks, errors, strict=True)),
+        }
+
+
+def chosen_slack(
+    model: TorqueModel,
+    folds: Sequence[LeftOutBlock],
+    prior: Prior,
+    *,
+    constraints: Sequence[Constraint],
+    base: BaseParameters,
+    weighted: bool = False,
+) -> SlackChoice:
+    """Try slacks on the blocks left out.
+
+    Parameters
+    ----------
+    folds : sequence of LeftOutBlock
+        See `left_out_errors`.
+    prior : PointToSet or Penalty
+        One with a stated slack or weight is the only one tried.
+    weighted : bool
+        Whether joints are weighted by their noise.
+    """
+    tried: tuple[Prior, ...] = (prior,)
+    if isinstance(prior, PointToSet) and prior.slack is None:
+        tried += tuple(replace(prior, slack=slack) for slack in SLACKS)
+    errors = left_out_errors(
+        model, folds, tried, constraints=constraints, base=base, weighted=weighted
+    )
+    return SlackChoice(tried, errors)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

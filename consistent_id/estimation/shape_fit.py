@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import Executor, single_threaded
+from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.shape_profile import (
     ShapeGroup,

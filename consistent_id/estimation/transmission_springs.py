@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import BoolArray, Vector, freeze_arrays
-from consistent_id._support.brief import brief
-from consistent_id._support.tables import Table
+from consistent_id._support.tables import Table, brief
 from consistent_id.constraints import Constraint
 from consistent_id.estimation.equalities import FreeParameters
 from consistent_id.recordings.recording import Recording

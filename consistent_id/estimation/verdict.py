@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, replace
 from textwrap import shorten
 from typing import Any, Literal, Self
 
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.recordings.recording import LogFinding
 
 Word = Literal["use", "use with care", "do not use"]

@@ -14,9 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector, checked
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
-from consistent_id._support.tables import Table
+from consistent_id._support.tables import Table, brief
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.excitation.aims import Aim
 from consistent_id.excitation.interest import places_of_interest

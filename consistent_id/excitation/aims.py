@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Vector, checked, freeze, frozen, number
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.excitation.criteria import Objective, Scaling
 from consistent_id.motion.limits import MotionLimits

@@ -29,7 +29,7 @@ from consistent_id.excitation.aims import Aim, PathForm, forms_to_try
 from consistent_id.excitation.clear_poses import require_clear_pose
 from consistent_id.excitation.designed import ExcitationDesign, Stage
 from consistent_id.excitation.interest import base_for
-from consistent_id.excitation.search_problem import SearchProblem, search_problem
+from consistent_id.excitation.search_problem import Meter, SearchProblem, search_problem
 from consistent_id.excitation.stages import (
     Means,
     best_form,
@@ -37,7 +37,6 @@ from consistent_id.excitation.stages import (
     design_stages,
 )
 from consistent_id.excitation.verification import FRICTION_SHARE, demands
-from consistent_id.excitation.work import Meter
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.limits import MotionLimits, motion_limits
 from consistent_id.regression.regressor import TorqueModel

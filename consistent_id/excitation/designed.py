@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Vector
-from consistent_id._support.brief import brief
-from consistent_id._support.tables import Table
+from consistent_id._support.tables import Table, brief
 from consistent_id.estimation.estimate_plot import axes_for
 from consistent_id.excitation.accuracy import PredictedAccuracy, RelativeAccuracy
 from consistent_id.excitation.aims import Aim, PathForm

@@ -23,19 +23,17 @@ from consistent_id._support.tables import Table
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.aims import PathForm
 from consistent_id.excitation.design_record import (
+    PROVEN,
+    adjacent_words,
     design_record,
     design_tables,
+    kept_apart,
+    kept_limits,
     limits_record,
 )
 from consistent_id.excitation.designed import PATH, SAMPLES, ExcitationDesign
 from consistent_id.excitation.html_replay import ShapesFile, write_replay
 from consistent_id.excitation.interest import parameters_named
-from consistent_id.excitation.kept import (
-    PROVEN,
-    adjacent_words,
-    kept_apart,
-    kept_limits,
-)
 from consistent_id.excitation.playable import (
     TRAINING,
     VALIDATION,

@@ -16,8 +16,7 @@ from consistent_id.excitation.programme import (
     best_step,
     minimise,
 )
-from consistent_id.excitation.search_problem import SearchProblem
-from consistent_id.excitation.work import Meter
+from consistent_id.excitation.search_problem import Meter, SearchProblem
 
 _SHARPENING = ((2.0, 40), (8.0, 120), (20.0, 80))  # power, iterations
 _SMOOTH = ((1.0, 160),)  # of objectives that no power makes sharper

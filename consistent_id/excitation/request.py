@@ -35,7 +35,8 @@ from consistent_id.motion.collisions.scene_building import build_scene, scene_fr
 from consistent_id.motion.collisions.separation import nearest
 from consistent_id.motion.collisions.urdf_bodies import has_collision_shapes
 from consistent_id.motion.limits import MotionLimits, motion_limits
-from consistent_id.problems.excitation_tables import (
+from consistent_id.problems.problem import Problem
+from consistent_id.problems.task_tables import (
     CLEARANCE,
     BodyTable,
     BoxTable,
@@ -47,9 +48,8 @@ from consistent_id.problems.excitation_tables import (
     SphereTable,
     WorkspaceTable,
 )
-from consistent_id.problems.problem import Problem
 from consistent_id.recordings.joint_paths import FourierTrajectory
-from consistent_id.robot.loaders.urdf_inertial import rotation_of
+from consistent_id.robot.loaders.urdf_in_place import rotation_of
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import did_you_mean
 

@@ -11,6 +11,11 @@ A search starts from a random path that violates no guard: from within a wall it
 succeeds.  The joints begin to swing slightly about a clear pose; then the amplitude of
 each joint grows separately until a body is in its way. So a joint near a wall does not
 limit the others.
+
+Work is counted by computations and not by the clock: a search on a busy machine takes
+longer and gives the same result.  The unit is a second of an idle processor of 2023, on
+which the constants below were measured (``python benchmarks/excitation_work.py``); on
+another one a unit takes more or less than a second.
 """
 
 from collections.abc import Callable, Sequence
@@ -39,10 +44,85 @@ from consistent_id.excitation.guards import Guard
 from consistent_id.excitation.interest import places_of_interest
 from consistent_id.excitation.kernels import RegressorKernel, slow_speeds
 from consistent_id.excitation.verification import robot_limits
-from consistent_id.excitation.work import Costs, search_costs
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.row_structure import RowModel
+
+_ENTRY = 1.2e-7  # s per entry of the base regressor, for an objective and its gradient
+_VALUE = 0.3  # of that, without the gradient
+_STEP = 1.8e-3  # s per iteration of IPOPT
+_NONZERO = 2.8e-7  # s per nonzero of the linear rows and iteration
+_SHAPE = 2.5e-7  # s per sample and joint, for measuring the linear limits
+
+
+@dataclass(frozen=True, slots=True)
+class Costs:
+    """Work of the repeated parts of a search, in units.
+
+    Parameters
+    ----------
+    gradient : float
+        An objective with its gradient.
+    value : float
+        An objective alone.
+    iteration : float
+        A step of the solver, with the linear limits.
+    measure : float
+        Measuring all guards along the grid.
+    row : float
+        A row of a guard, with its derivatives.
+    """
+
+    gradient: float
+    value: float
+    iteration: float
+    measure: float = 0.0
+    row: float = 0.0
+
+
+@dataclass(slots=True)
+class Meter:
+    """Work done so far, and its limit."""
+
+    allowed: float = float("inf")
+    spent: float = 0.0
+
+    @property
+    def left(self) -> float:
+        """Work that may still be done."""
+        return max(self.allowed - self.spent, 0.0)
+
+    @property
+    def over(self) -> bool:
+        """Whether the limit is reached."""
+        return self.spent >= self.allowed
+
+
+def search_costs(
+    entries: int,
+    nonzeros: int,
+    samples: int,
+    *,
+    measure: float = 0.0,
+    row: float = 0.0,
+) -> Costs:
+    """Return the costs of a search of a size.
+
+    Parameters
+    ----------
+    entries : int
+        Entries of the base regressor: torque joints x samples x base parameters.
+    nonzeros : int
+        Of the linear limits' rows.
+    samples : int
+        Samples times joints, at which the linear limits are measured.
+    measure, row : float
+        See `Costs`.
+    """
+    gradient = _ENTRY * entries
+    iteration = _STEP + _NONZERO * nonzeros + _SHAPE * samples
+    return Costs(gradient, _VALUE * gradient, iteration, measure, row)
+
 
 _SAMPLES = 100  # least samples of a path, and ten per period of the highest frequency
 _GRID = 24  # samples per period of the highest frequency, at which guards measure

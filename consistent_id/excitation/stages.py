@@ -12,10 +12,9 @@ from consistent_id.excitation.accuracy import PredictedAccuracy, predicted_accur
 from consistent_id.excitation.aims import Aim
 from consistent_id.excitation.designed import Stage
 from consistent_id.excitation.path_search import FoundPath, random_candidate
-from consistent_id.excitation.search_problem import SearchProblem
+from consistent_id.excitation.search_problem import Meter, SearchProblem
 from consistent_id.excitation.searches import lane_work, run_searches
 from consistent_id.excitation.verification import Demands, PathProof
-from consistent_id.excitation.work import Meter
 from consistent_id.recordings.joint_paths import FourierTrajectory
 
 _TRIAL = 0.1  # share of the work in which one of several forms is tried

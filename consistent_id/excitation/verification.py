@@ -17,8 +17,8 @@ from consistent_id.motion.collisions.clearance import (
 )
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.limits import MotionLimits
-from consistent_id.motion.proofs.friction_bounds import require_enclosable
 from consistent_id.motion.proofs.margins import MotionMargins, motion_margins
+from consistent_id.motion.proofs.torque_bounds import require_enclosable
 from consistent_id.motion.transfers import limits_of
 from consistent_id.recordings.joint_paths import JointPath
 from consistent_id.regression.regressor import TorqueModel

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.export.drive_values import joint_drives, not_expressed
 from consistent_id.export.export_formats import Export, exporter, provenance
+from consistent_id.export.file_values import joint_drives, not_expressed
 from consistent_id.recordings.signals import PDGains
 
 _ISAAC_LAB = '''"""{line}.

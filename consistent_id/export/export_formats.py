@@ -15,14 +15,14 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeVar
 
-from consistent_id._support.brief import brief
 from consistent_id._support.files import write_atomically
+from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 
 if TYPE_CHECKING:  # `consistent-id --help` lists the formats
     from consistent_id.estimation.estimate import Estimate
     from consistent_id.recordings.signals import PDGains
-    from consistent_id.robot.loaders.splice import Edit, XmlText
+    from consistent_id.robot.loaders.urdf_in_place import Edit, XmlText
 
 P = ParamSpec("P")
 R = TypeVar("R")

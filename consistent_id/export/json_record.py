@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.export.drive_values import coupling_values, joint_drives
 from consistent_id.export.export_formats import Export, exporter
-from consistent_id.export.file_inertias import central
+from consistent_id.export.file_values import central, coupling_values, joint_drives
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import FixedFrame, Joint
 

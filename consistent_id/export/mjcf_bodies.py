@@ -11,7 +11,7 @@ from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id._support.extras import needed
 from consistent_id.errors import ModelError
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.export.file_inertias import FileLink, central, split_inertia
+from consistent_id.export.file_values import FileLink, central, split_inertia
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders import mjcf_spec
 from consistent_id.robot.loaders.mjcf import compiled_body

@@ -21,20 +21,20 @@ import numpy as np
 from consistent_id._support.arrays import Vector
 from consistent_id.errors import ModelError
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.export.drive_values import (
-    JointDrive,
-    coupling_values,
-    follower_drives,
-    in_leader,
-    joint_drives,
-    not_expressed,
-)
 from consistent_id.export.export_formats import (
     Export,
     exporter,
     provenance,
     require_exportable,
     without_doubtful,
+)
+from consistent_id.export.file_values import (
+    JointDrive,
+    coupling_values,
+    follower_drives,
+    in_leader,
+    joint_drives,
+    not_expressed,
 )
 from consistent_id.export.mjcf_bodies import (
     MjcfSource,
@@ -45,8 +45,7 @@ from consistent_id.export.mjcf_bodies import (
     set_body,
     spec_tree,
 )
-from consistent_id.export.mjcf_in_place import put_in_place
-from consistent_id.export.mjcf_text import exact_xml
+from consistent_id.export.mjcf_in_place import exact_xml, put_in_place
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders.mjcf import quaternion_matrix
 from consistent_id.robot.model import Joint, Mimic

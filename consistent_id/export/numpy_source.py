@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.export.drive_values import coupling_values, joint_drives
 from consistent_id.export.export_formats import Export, exporter, provenance
+from consistent_id.export.file_values import coupling_values, joint_drives
 from consistent_id.robot.model import RobotModel
 
 

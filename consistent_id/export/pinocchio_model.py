@@ -6,9 +6,8 @@ import numpy as np
 
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.export.drive_values import joint_drives, not_expressed
 from consistent_id.export.export_formats import Export, exporter
-from consistent_id.export.file_inertias import central
+from consistent_id.export.file_values import central, joint_drives, not_expressed
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import Joint, RobotModel
 

@@ -14,13 +14,6 @@ import numpy as np
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.export.drive_values import (
-    JointDrive,
-    follower_drives,
-    in_leader,
-    joint_drives,
-    not_expressed,
-)
 from consistent_id.export.export_formats import (
     Export,
     SideFile,
@@ -28,13 +21,24 @@ from consistent_id.export.export_formats import (
     exporter,
     provenance,
 )
-from consistent_id.export.file_inertias import FileLink, central, split_inertia
+from consistent_id.export.file_values import (
+    FileLink,
+    JointDrive,
+    central,
+    follower_drives,
+    in_leader,
+    joint_drives,
+    not_expressed,
+    split_inertia,
+)
 from consistent_id.export.json_record import drive_record, json_text
 from consistent_id.robot.inertia import InertialParameters
-from consistent_id.robot.loaders.splice import Edit, XmlText, joined
-from consistent_id.robot.loaders.urdf_inertial import (
+from consistent_id.robot.loaders.urdf_in_place import (
+    Edit,
+    XmlText,
     body_of,
     inertia_attributes,
+    joined,
     number,
     set_body,
     set_numbers,

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Vector, freeze_arrays
-from consistent_id._support.brief import brief
-from consistent_id._support.tables import Table
+from consistent_id._support.tables import Table, brief
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.fleet.outliers import FEWEST, LEVEL

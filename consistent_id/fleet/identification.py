@@ -53,9 +53,9 @@ from consistent_id.fleet.payloads import (
 )
 from consistent_id.fleet.settling import StoredRobot, held_rows, own_fits, settle
 from consistent_id.fleet.stream import obstacle, stream_regression
+from consistent_id.problems.listing import require_distinct
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.robot_preparation import regression_of
-from consistent_id.problems.several import require_distinct
 from consistent_id.problems.stated_model import datasheet_of
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression

@@ -21,7 +21,7 @@ from itertools import accumulate
 import numpy as np
 
 from consistent_id._support.arrays import BoolArray, Matrix, Vector
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.regression.linear import DATA_RANK_TOLERANCE
 from consistent_id.regression.regression import triangle
 

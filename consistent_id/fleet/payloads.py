@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.constraints import Constraint, PhysicalConsistency
 from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.errors import ProblemError

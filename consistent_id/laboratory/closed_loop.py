@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Vector, freeze, freeze_arrays, frozen
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import ModelError, ProblemError, SolverError
 from consistent_id.laboratory.sensors import Encoders
 from consistent_id.recordings.recording import Recording, states

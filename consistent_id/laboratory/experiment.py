@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from consistent_id._support.arrays import Vector
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.laboratory.closed_loop import Controller, SimulatedRobot, controlled
 from consistent_id.laboratory.sensors import Cameras, Encoders, LoadCell

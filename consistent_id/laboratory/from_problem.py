@@ -21,7 +21,8 @@ from consistent_id.laboratory.experiment import Laboratory
 from consistent_id.laboratory.inverse_kinematics import TaskPath, follow
 from consistent_id.laboratory.sensors import Cameras, Encoders, LoadCell
 from consistent_id.laboratory.writing_tasks import Writer, WritingTask
-from consistent_id.problems.laboratory_tables import (
+from consistent_id.problems.problem import Problem
+from consistent_id.problems.task_tables import (
     BulbTable,
     CircleTable,
     EllipseTable,
@@ -32,7 +33,6 @@ from consistent_id.problems.laboratory_tables import (
     SpiralTable,
     TaskTable,
 )
-from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording
 from consistent_id.robot.parameters import require_known
 

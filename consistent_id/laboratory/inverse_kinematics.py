@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Vector, checked
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import PathError, ProblemError
 from consistent_id.laboratory.curves import arc_length
 from consistent_id.laboratory.writing_tasks import (

@@ -22,7 +22,7 @@ from consistent_id._support.arrays import (
     freeze_arrays,
     frozen,
 )
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.laboratory.curves import Curve, arc_length
 from consistent_id.robot.kinematics import (

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Vector, array_default, freeze, freeze_arrays
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.robot.model import Joint, RobotModel, limits_with_followers
 from consistent_id.robot.parameters import require_known

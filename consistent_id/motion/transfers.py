@@ -20,7 +20,7 @@ from consistent_id._support.arrays import (
     freeze_arrays,
     frozen,
 )
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.motion import bernstein
 from consistent_id.motion.limits import MotionLimits

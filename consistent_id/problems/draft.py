@@ -7,10 +7,8 @@ from typing import Literal
 
 import msgspec
 
-from consistent_id._support.brief import brief
 from consistent_id._support.files import relative_path
-from consistent_id._support.tables import Table
-from consistent_id.problems.base_tables import beside_tables
+from consistent_id._support.tables import Table, brief
 from consistent_id.problems.file import (
     ColumnsTable,
     DataTable,
@@ -33,6 +31,7 @@ from consistent_id.problems.stated_model import (
     model_table,
 )
 from consistent_id.problems.statement import Statement
+from consistent_id.problems.task_tables import beside_tables
 from consistent_id.recordings.readers.columns import Columns
 from consistent_id.recordings.recording import Recording
 

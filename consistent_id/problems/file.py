@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from consistent_id._support.inputs import (
+from consistent_id._support.files import (
     LARGEST_PROBLEM,
     MOST_DOTS,
     MOST_KEYS,
@@ -17,14 +17,6 @@ from consistent_id._support.inputs import (
     require_count,
 )
 from consistent_id.errors import ProblemError
-from consistent_id.problems.base_tables import (
-    BaseTable,
-    ContactTable,
-    WrenchTable,
-    WristSensorTable,
-)
-from consistent_id.problems.excitation_tables import ExcitationTable
-from consistent_id.problems.laboratory_tables import LaboratoryTable, TaskTable
 from consistent_id.problems.parameter_tables import (
     ConstraintsTable,
     FileTable,
@@ -36,6 +28,15 @@ from consistent_id.problems.parameter_tables import (
 )
 from consistent_id.problems.parameter_tables import DriveTable as DriveTable
 from consistent_id.problems.parameter_tables import JointTable as JointTable
+from consistent_id.problems.task_tables import (
+    BaseTable,
+    ContactTable,
+    ExcitationTable,
+    LaboratoryTable,
+    TaskTable,
+    WrenchTable,
+    WristSensorTable,
+)
 from consistent_id.recordings.log_formats import LOG_FORMATS
 
 _ROBOTS = (".urdf", ".xml", ".mjcf", ".xacro")

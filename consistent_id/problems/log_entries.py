@@ -11,8 +11,8 @@ import numpy as np
 from consistent_id._support.tables import Table
 from consistent_id.constraints import Constraint
 from consistent_id.errors import ProblemError
-from consistent_id.problems.base_tables import beside_columns
 from consistent_id.problems.file import DataTable, GainsTable, RecordingTable
+from consistent_id.problems.task_tables import beside_columns
 from consistent_id.recordings.log_formats import log_format
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
 from consistent_id.recordings.recording import Recording

@@ -20,11 +20,10 @@ from consistent_id.estimation.cross_validation import (
     cross_validated,
 )
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.fitted_to import fitted_spans
 from consistent_id.estimation.left_out import LeftOutBlock
-from consistent_id.estimation.method import Method
+from consistent_id.estimation.method import Method, fitted_spans
+from consistent_id.estimation.recommendation import SlackChoice, chosen_slack
 from consistent_id.estimation.robust import HuberRules, huber_estimate
-from consistent_id.estimation.slack import SlackChoice, chosen_slack
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.published import PublishedReport, check_published
 from consistent_id.problems.robot_preparation import regression_of

@@ -7,7 +7,7 @@ from time import perf_counter
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.comparison.feasibility import BaseFeasibility, base_feasibility
 from consistent_id.constraints import (
     Constraint,

@@ -7,7 +7,6 @@ import msgspec
 
 from consistent_id.errors import ProblemError
 from consistent_id.problems.draft import DRIVE_COMMENTS
-from consistent_id.problems.excitation_tables import ExcitationTable
 from consistent_id.problems.file import ProblemTable
 from consistent_id.problems.kept_text import problem_name, toml_text
 from consistent_id.problems.loading import problem_of
@@ -20,6 +19,7 @@ from consistent_id.problems.stated_model import (
     model_table,
 )
 from consistent_id.problems.statement import Statement, declarations
+from consistent_id.problems.task_tables import ExcitationTable
 from consistent_id.robot.loaders import load_robot
 
 ROBOT_ENDINGS = (".urdf", ".xml", ".mjcf")

@@ -8,9 +8,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import beside
 from consistent_id._support.progress import stages
+from consistent_id._support.tables import brief
 from consistent_id.comparison.comparison import Comparison, EstimateReport, compare
 from consistent_id.diagnosis import Diagnosis
 from consistent_id.estimation.body_slopes import Slopes
@@ -20,17 +20,17 @@ from consistent_id.estimation.influence import confirmed_slopes
 from consistent_id.estimation.judgement import judge
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.verdict import Verdict, confirmed
-from consistent_id.problems.drawn_robot import drawn_parts
 from consistent_id.problems.log_check import check_problem
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.problem_estimates import (
     refitted,
     slack_notes,
 )
+from consistent_id.problems.stated_model import drawn_parts
 from consistent_id.problems.study_fits import StudyFits
 from consistent_id.problems.weighing import weighed_findings
 from consistent_id.recordings.recording import LogFinding, Recording
-from consistent_id.robot.drawn_parts import DrawnParts
+from consistent_id.robot.solids import DrawnParts
 
 
 @brief

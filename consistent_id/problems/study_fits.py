@@ -24,16 +24,18 @@ from consistent_id.estimation.expected_error import (
     error_forecast,
 )
 from consistent_id.estimation.fit import Fit, fit_of
-from consistent_id.estimation.fitted_to import fitted_spans
 from consistent_id.estimation.left_out import (
     LeftOutBlock,
     LeftOutErrors,
     folds_of,
     left_out_errors,
 )
-from consistent_id.estimation.method import Method
-from consistent_id.estimation.recommendation import Recommendation, recommend
-from consistent_id.estimation.slack import SlackChoice
+from consistent_id.estimation.method import Method, fitted_spans
+from consistent_id.estimation.recommendation import (
+    Recommendation,
+    SlackChoice,
+    recommend,
+)
 from consistent_id.estimation.uncertainties.parameter_uncertainty import (
     Uncertainty,
     uncertainty,

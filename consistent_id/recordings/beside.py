@@ -17,7 +17,7 @@ from consistent_id._support.arrays import (
     freeze,
     freeze_arrays,
 )
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import RecordingError
 
 _BASE_CHANNELS = ("angular_velocity", "angular_acceleration", "specific_force")

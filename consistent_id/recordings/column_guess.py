@@ -16,6 +16,15 @@ from typing import Any, cast
 import numpy as np
 
 from consistent_id.errors import ProblemError, RecordingError
+from consistent_id.recordings.column_names import (
+    NumberedColumns,
+    mapping_advice,
+    mapping_option,
+    numbered_columns,
+    own_names,
+    shown,
+    with_joint,
+)
 from consistent_id.recordings.column_words import (
     CHANNELS,
     channel_of,
@@ -25,13 +34,6 @@ from consistent_id.recordings.column_words import (
     words,
 )
 from consistent_id.recordings.log_formats import has_no_arrays, log_format
-from consistent_id.recordings.numbered_columns import (
-    NumberedColumns,
-    numbered_columns,
-    shown,
-    with_joint,
-)
-from consistent_id.recordings.own_names import mapping_advice, mapping_option, own_names
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
 from consistent_id.recordings.readers.csv import lacks_names
 from consistent_id.recordings.readers.recording_file import column_names, reader_of

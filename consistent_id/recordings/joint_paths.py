@@ -28,7 +28,7 @@ from consistent_id._support.arrays import (
     frozen,
     number,
 )
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.recording import Recording
 

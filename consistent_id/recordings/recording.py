@@ -14,9 +14,8 @@ from consistent_id._support.arrays import (
     freeze,
     frozen,
 )
-from consistent_id._support.brief import brief
 from consistent_id._support.extras import pandas, xarray
-from consistent_id._support.tables import Table
+from consistent_id._support.tables import Table, brief
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.beside import BaseMotion, ContactFlags, Wrench
 from consistent_id.robot.parameters import did_you_mean

@@ -15,7 +15,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.numbered_columns import shown
+from consistent_id.recordings.column_names import shown
 from consistent_id.recordings.readers.recording_file import reader_of
 
 _UNEVEN = 20.0  # longest step over the median one, of a clock

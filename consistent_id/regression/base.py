@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.tables import brief
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.regression.linear import (
     STRUCTURAL_TOLERANCE,

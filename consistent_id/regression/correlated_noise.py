@@ -36,8 +36,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.tables import brief
 from consistent_id.regression.linear import DATA_RANK_TOLERANCE, extended, triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_structure import row_structure

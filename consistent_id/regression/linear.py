@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, Matrix, Vector
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import NotExcitedError
 
 _BLOCK = 32  # columns that LAPACK eliminates at a time, of wide matrices

@@ -22,8 +22,8 @@ from consistent_id._support.arrays import (
     freeze,
     frozen,
 )
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded, worker_threads
+from consistent_id._support.tables import brief
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.correlated_noise import (

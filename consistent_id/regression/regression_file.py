@@ -7,8 +7,7 @@ import msgspec
 import numpy as np
 
 from consistent_id._support.arrays import Array
-from consistent_id._support.files import write_atomically
-from consistent_id._support.inputs import MEBIBYTE, read_input
+from consistent_id._support.files import MEBIBYTE, read_input, write_atomically
 from consistent_id.errors import ProblemError
 from consistent_id.regression.correlated_noise import CorrelatedNoise
 from consistent_id.regression.regression import Regression

@@ -24,7 +24,7 @@ from consistent_id._support.arrays import (
     freeze,
     frozen,
 )
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.beside import BaseMotion
 from consistent_id.regression.drive.drive_terms import DriveTerms

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.regression.base import BaseParameters, base_parameters, require_match
 from consistent_id.regression.correlated_noise import BLOCKS

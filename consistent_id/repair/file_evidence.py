@@ -26,7 +26,7 @@ from consistent_id.repair.link_evidence import (
     radius_of_gyration,
 )
 from consistent_id.repair.link_repair import Suggestion
-from consistent_id.robot.loaders.urdf_inertial import (
+from consistent_id.robot.loaders.urdf_in_place import (
     inertia_attributes,
     inertia_matrix,
     numbers,

@@ -7,9 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from consistent_id._support.brief import brief
 from consistent_id._support.files import write_atomically
-from consistent_id._support.tables import Table
+from consistent_id._support.tables import Table, brief
 from consistent_id.errors import ModelError
 
 Status = Literal["consistent", "repaired", "doubtful", "refused"]

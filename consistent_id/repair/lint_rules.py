@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.regression.newton_euler import (
     floats,
     joint_geometry,

@@ -11,9 +11,10 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix
 from consistent_id.errors import ModelError
-from consistent_id.repair.causes import NEAREST, MeantInertial
-from consistent_id.repair.consistent_inertia import (
+from consistent_id.repair.causes import (
+    NEAREST,
     ROUNDING,
+    MeantInertial,
     ball_inertia,
     is_consistent,
     nearest_inertia,
@@ -28,8 +29,12 @@ from consistent_id.repair.file_evidence import (
 )
 from consistent_id.repair.link_repair import LinkRepair, Repair, RepairOptions, Status
 from consistent_id.robot.inertia import second_moments
-from consistent_id.robot.loaders.splice import Edit, XmlText
-from consistent_id.robot.loaders.urdf_inertial import inertia_attributes, number
+from consistent_id.robot.loaders.urdf_in_place import (
+    Edit,
+    XmlText,
+    inertia_attributes,
+    number,
+)
 from consistent_id.robot.loaders.urdf_lint import unexpanded
 from consistent_id.robot.loaders.xml import Element
 from consistent_id.robot.parameters import did_you_mean

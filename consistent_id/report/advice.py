@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.comparison.comparison import Comparison, EstimateReport
 from consistent_id.diagnosis import Diagnosis
 from consistent_id.estimation.method import Method

@@ -1,13 +1,23 @@
-"""The page: sections one after another, with their style and script inside."""
+"""The page: sections one after another, with their style and script inside.
+
+Studies and comparisons become one HTML file that needs no other file.
+"""
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from itertools import chain
+from pathlib import Path
 from typing import TypeVar
 
+from consistent_id._support.files import write_atomically
 from consistent_id._support.run import kept_going
+from consistent_id.comparison.comparison import Comparison
+from consistent_id.diagnosis import Diagnosis
 from consistent_id.errors import ConsistentIdError
-from consistent_id.report.health_section import excitation_section, health_section
+from consistent_id.estimation.uncertainties.parameter_uncertainty import Uncertainty
+from consistent_id.problems.study import Study
+from consistent_id.recordings.recording import Recording
+from consistent_id.report.advice import advise
 from consistent_id.report.links_section import costs_section, links_section
 from consistent_id.report.markup import Html, joined, tag
 from consistent_id.report.parameters_section import parameters_section
@@ -18,6 +28,8 @@ from consistent_id.report.torque_section import friction_section, torque_section
 from consistent_id.report.verdict_section import (
     certificate_section,
     delivery_section,
+    excitation_section,
+    health_section,
     verdict_section,
 )
 
@@ -118,3 +130,123 @@ def _asset(name: str) -> str:
     from importlib.resources import files
 
     return (files("consistent_id.report") / name).read_text(encoding="utf-8")
+
+
+def report_html(
+    study: Study,
+    *,
+    uncertainty: Uncertainty | None = None,
+    further: Sequence[Section] = (),
+    command: str = "",
+) -> str:
+    """Return a study as one HTML file, which needs no other file and no network.
+
+    Parameters
+    ----------
+    study : Study
+    uncertainty : Uncertainty, optional
+        Of its constrained estimate.
+    further : sequence of Section
+        Additional sections, such as that of rollouts.
+    command : str
+        Command that reproduces the report.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> study = ci.run_study(ci.load_problem("problems/rx60"))
+    >>> ci.report.report_html(study).splitlines()[0]
+    '<!doctype html>'
+    """
+    return page(
+        ReportContent(
+            title=study.problem.name,
+            comparison=study.comparison,
+            advice=advise(study.comparison, recommendation=study.recommendation),
+            training=study.training,
+            validation=study.validation,
+            problem=study.problem,
+            excitation=study.excitation,
+            diagnosis=study.diagnosis,
+            uncertainty=uncertainty,
+            costs=study.costs,
+            prices=study.prices,
+            path=study.path,
+            published=study.published,
+            delivered=study.delivered,
+            further=tuple(further),
+            seed=None if uncertainty is None else study.seed,
+            command=command,
+        )
+    )
+
+
+def write_report(
+    study: Study,
+    path: str | Path,
+    *,
+    uncertainty: Uncertainty | None = None,
+    further: Sequence[Section] = (),
+    command: str = "",
+) -> Path:
+    """Write `report_html` to a file, whole or not at all; return its path.
+
+    Parameters
+    ----------
+    study : Study
+    path : str or Path
+    uncertainty, further, command
+        See `report_html`.
+
+    Raises
+    ------
+    ProblemError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> import consistent_id as ci
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> study = ci.run_study(ci.load_problem("problems/rx60"), costs=False)
+    >>> ci.write_report(study, Path(tempfile.mkdtemp(), "report.html")).name
+    'report.html'
+    """
+    html = report_html(
+        study,
+        uncertainty=uncertainty,
+        further=further,
+        command=command,
+    )
+    return write_atomically(path, html)
+
+
+def comparison_html(
+    comparison: Comparison,
+    *,
+    training: Sequence[Recording] = (),
+    validation: Sequence[Recording] = (),
+    diagnosis: Diagnosis | None = None,
+    uncertainty: Uncertainty | None = None,
+) -> str:
+    """Return a comparison as one HTML file; unknown parts have no section.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    training, validation : sequence of Recording
+        Of which torque and residuals are drawn.
+    diagnosis, uncertainty
+        See `report_html`.
+    """
+    return page(
+        ReportContent(
+            title=comparison.model.robot.name,
+            comparison=comparison,
+            advice=advise(comparison, diagnosis),
+            training=tuple(training),
+            validation=tuple(validation),
+            diagnosis=diagnosis,
+            uncertainty=uncertainty,
+        )
+    )

@@ -17,9 +17,8 @@ from weakref import finalize
 
 import msgspec
 
-from consistent_id._support.brief import brief
-from consistent_id._support.inputs import LARGEST_MODEL, read_input
-from consistent_id._support.tables import Table
+from consistent_id._support.files import LARGEST_MODEL, read_input
+from consistent_id._support.tables import Table, brief
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.verdict import Reason, Verdict, Word
 from consistent_id.problems.folder import RESULTS

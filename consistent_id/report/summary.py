@@ -18,7 +18,7 @@ from consistent_id.comparison.constraint_prices import ConstraintCost, ShadowPri
 from consistent_id.diagnosis.findings import diagnosis_table
 from consistent_id.estimation.cross_validation import RegularisationPath
 from consistent_id.estimation.method import Method
-from consistent_id.estimation.slack import SlackChoice
+from consistent_id.estimation.recommendation import SlackChoice
 from consistent_id.estimation.verdict import percent
 from consistent_id.problems.opening import Opened
 from consistent_id.problems.study import Study

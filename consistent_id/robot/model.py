@@ -17,7 +17,7 @@ from consistent_id._support.arrays import (
     freeze,
     frozen,
 )
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import ModelError
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.parameters import did_you_mean, require_known

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import RecordingError
 from consistent_id.export.mjcf_bodies import require_mujoco
 from consistent_id.recordings.recording import Recording, velocities

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import worker_threads
-from consistent_id._support.tables import Table
+from consistent_id._support.tables import Table, brief
 from consistent_id.errors import RecordingError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.mjcf_bodies import require_mujoco

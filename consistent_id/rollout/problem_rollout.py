@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from consistent_id._support.brief import brief
-from consistent_id._support.tables import Table
+from consistent_id._support.tables import Table, brief
 from consistent_id.comparison.speed_trend import (
     TrendAt,
     joint_speeds,
@@ -36,10 +35,10 @@ from consistent_id.rollout.choice import (
 )
 from consistent_id.rollout.compared_models import Rollout, rollout
 from consistent_id.rollout.delay_search import FoundDelay
-from consistent_id.rollout.forms import in_form_of
 from consistent_id.rollout.refine import Refined, refined
 from consistent_id.rollout.settings import (
     gains_of,
+    in_form_of,
     rollout_error,
     torque_fit,
     with_settings,

@@ -16,8 +16,8 @@ from time import perf_counter
 import numpy as np
 
 from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded, worker_threads
+from consistent_id._support.tables import brief
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.constraints.cones.certificate import Certificate
 from consistent_id.errors import RecordingError

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import IntArray, Vector
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import ModelError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.mjcf_bodies import require_mujoco, spec_tree

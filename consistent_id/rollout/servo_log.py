@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze, frozen
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_words import words
 from consistent_id.recordings.readers.named_arrays import read_parts

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from consistent_id._support.brief import brief
-from consistent_id._support.tables import Table
+from consistent_id._support.tables import Table, brief
 from consistent_id.estimation.judgement import GENERALISATION_CARE
 from consistent_id.estimation.verdict import Reason, Verdict, weighed
 from consistent_id.rollout.servo_bounds import UNITS

@@ -19,7 +19,7 @@ from consistent_id._support.arrays import (
     Matrix,
     Vector,
 )
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.export.export_formats import Export
 from consistent_id.recordings.recording import Recording

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Vector, freeze
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.casadi_functions import Functions, to_c, to_casadi

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Vector, checked, freeze, frozen
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.service.contact_place import RADIUS, ContactPlace, contact_place

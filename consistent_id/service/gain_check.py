@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import BoolArray, Vector, freeze_arrays
-from consistent_id._support.brief import brief
-from consistent_id._support.tables import Table
+from consistent_id._support.tables import Table, brief
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.gains import DriveGains, identify_gains
 from consistent_id.estimation.uncertainties.beyond_noise import NORMAL

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector, freeze_arrays
-from consistent_id._support.brief import brief
-from consistent_id._support.tables import Table
+from consistent_id._support.tables import Table, brief
 from consistent_id.estimation.determination import KNOWN
 from consistent_id.estimation.payload import Payload
 from consistent_id.robot.inertia import InertialParameters

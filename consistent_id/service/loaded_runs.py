@@ -12,7 +12,7 @@ from consistent_id.problems.file import RecordingTable
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording
 from consistent_id.robot.kinematics import fixed_place
-from consistent_id.robot.loaders.urdf_inertial import rotation_of
+from consistent_id.robot.loaders.urdf_in_place import rotation_of
 from consistent_id.robot.model import FixedFrame, RobotModel
 
 Recordings = tuple[Recording, ...]

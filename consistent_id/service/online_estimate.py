@@ -13,8 +13,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector, freeze
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
+from consistent_id._support.tables import brief
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.certificate import Certificate, Optimality
 from consistent_id.errors import ProblemError
@@ -29,15 +29,6 @@ from consistent_id.service.load_watch import (
     learned_watch,
 )
 from consistent_id.service.local_motion import HALF, joined, local_motion
-from consistent_id.service.online_regimes import (
-    ARM,
-    LoadPlace,
-    Regime,
-    held_of,
-    noise_of,
-    regimes_of,
-    units_of,
-)
 from consistent_id.service.online_rows import (
     FadedRows,
     extended_by,
@@ -45,10 +36,17 @@ from consistent_id.service.online_rows import (
     without_body,
 )
 from consistent_id.service.online_state import (
+    ARM,
     METHOD,
     LoadChange,
+    LoadPlace,
     OnlineState,
+    Regime,
     WaitingBlock,
+    held_of,
+    noise_of,
+    regimes_of,
+    units_of,
     verdict_of,
 )
 from consistent_id.service.warm_fit import (

@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Vector
-from consistent_id._support.brief import brief
-from consistent_id._support.tables import Table
+from consistent_id._support.tables import Table, brief
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.estimation.determination import KNOWN
 from consistent_id.estimation.gains import DriveGains, identify_gains

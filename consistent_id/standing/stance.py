@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.motion.collisions.urdf_bodies import link_bodies
 from consistent_id.problems.floating.contact_guess import Foot, feet_of

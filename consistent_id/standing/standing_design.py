@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.files import together, write_atomically
 from consistent_id._support.run import kept_going, noted_interrupts
-from consistent_id._support.tables import Table
+from consistent_id._support.tables import Table, brief
 from consistent_id.errors import InfeasibleError, NotExcitedError, ProblemError
 from consistent_id.motion.files.ros import message_of
-from consistent_id.motion.files.sample_tables import csv_of
+from consistent_id.motion.files.trajectory_file import csv_of
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.rows.contact_free import (

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.beside import BaseMotion
 

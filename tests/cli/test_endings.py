@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from consistent_id.cli.endings import run_to_its_end
+from consistent_id.cli.tool import run_to_its_end
 
 
 @pytest.fixture(autouse=True)
@@ -71,7 +71,7 @@ def test_a_signal_while_importing_leaves_one_line(number, code, word, module):
 
 UNREAD = """
 import argparse, sys
-from consistent_id.cli.endings import run_to_its_end
+from consistent_id.cli.tool import run_to_its_end
 def work(options):
     for k in range({lines}):
         print("stage", k, file=sys.stderr, flush=True)

@@ -16,7 +16,7 @@ from shared_studies import shared_within
 from consistent_id import ProblemError
 from consistent_id._support.run import OutOfTime, kept_going
 from consistent_id.cli import main
-from consistent_id.cli.endings import run_to_its_end
+from consistent_id.cli.tool import run_to_its_end
 from consistent_id.estimation.uncertainties import parameter_uncertainty
 
 RX60 = "problems/rx60"

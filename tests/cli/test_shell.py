@@ -17,8 +17,7 @@ from consistent_id import load_problem, uncertainty
 from consistent_id._support.ownership import marked
 from consistent_id.cli import main
 from consistent_id.cli.answers import coloured, wants_colour, warnings_unless
-from consistent_id.cli.endings import OutOfTime, within
-from consistent_id.cli.tool import tool_parser
+from consistent_id.cli.tool import OutOfTime, tool_parser, within
 
 COMMANDS = [
     "init",

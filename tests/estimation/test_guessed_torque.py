@@ -23,11 +23,7 @@ from consistent_id.recordings import BaseMotion
 from consistent_id.regression import base_parameters
 from consistent_id.regression.residual_noise import unconstrained_fit
 from consistent_id.robot import load_mjcf
-from consistent_id.robot.scaling import (
-    USUAL_WIDTHS,
-    link_scales,
-    reference_bodies,
-)
+from consistent_id.robot.scaling import USUAL_WIDTHS, link_scales, reference_bodies
 
 KNOWN = (PhysicalConsistency(), NonNegativeDrive())
 

@@ -9,7 +9,7 @@ from consistent_id.constraints import PointToSet
 from consistent_id.constraints.priors import nominal_distance
 from consistent_id.estimation.best_fit import FitProblem
 from consistent_id.estimation.constrained_fit import DEFAULT_CONSTRAINTS, best_inside
-from consistent_id.estimation.nearest_points import nearest_points, next_first
+from consistent_id.estimation.left_out import nearest_points, next_first
 from consistent_id.estimation.penalised import nearest_within
 from consistent_id.regression import base_parameters
 

@@ -8,7 +8,7 @@ from consistent_id.constraints import Penalty, PointToSet
 from consistent_id.estimation.constrained import constrained_least_squares
 from consistent_id.estimation.constrained_fit import DEFAULT_CONSTRAINTS
 from consistent_id.estimation.left_out import LeftOutErrors, folds_of
-from consistent_id.estimation.slack import SLACKS, SlackChoice, chosen_slack
+from consistent_id.estimation.recommendation import SLACKS, SlackChoice, chosen_slack
 from consistent_id.regression import base_parameters, segment_regressions
 from consistent_id.regression.segments import merged
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from consistent_id.cli import main
-from consistent_id.excitation.kept import kept_apart, kept_limits
+from consistent_id.excitation.design_record import kept_apart, kept_limits
 from consistent_id.excitation.request import default_scene, design_request
 from consistent_id.excitation.sources import problem_to_excite
 from consistent_id.motion.collisions.separation import nearest

@@ -29,7 +29,7 @@ from consistent_id.laboratory.reproduction.paper_tables import (
     deviations_table,
     experiments_table,
 )
-from consistent_id.problems.laboratory_tables import TaskTable
+from consistent_id.problems.task_tables import TaskTable
 
 PEN = {"frame": "link3", "duration": 1.0, "rate": 100.0}
 PLACE = {"centre": [0.3, 0.1, 0.4], "along": [0, 1, 0], "across": [0, 0, 1], "turns": 2}

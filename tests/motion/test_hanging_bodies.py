@@ -12,7 +12,7 @@ import pytest
 from published_robots import FOLDER
 
 from consistent_id import ProblemError
-from consistent_id.excitation.kept import clearance_words
+from consistent_id.excitation.design_record import clearance_words
 from consistent_id.motion.collisions.clearance import prove_clearance
 from consistent_id.motion.collisions.file_tree import FileTree, file_tree
 from consistent_id.motion.collisions.hanging import hanging_bodies, swept

@@ -25,8 +25,8 @@ from consistent_id.estimation.drive_ratios import (
     drive_reasons,
     log_speeds,
 )
-from consistent_id.problems.drawn_robot import drawn_parts
-from consistent_id.robot.drawn_parts import DrawnDrive, DrawnParts
+from consistent_id.problems.stated_model import drawn_parts
+from consistent_id.robot.solids import DrawnDrive, DrawnParts
 
 MJCF = """<mujoco><option gravity="0 0 -9.81"/><worldbody>
 <body name="one"><joint name="a" axis="0 1 0" damping="{a}" armature="{r}"/>

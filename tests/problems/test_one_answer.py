@@ -14,7 +14,7 @@ from shared_studies import shared_within
 
 from consistent_id import Estimate, Recording, compare, load_problem
 from consistent_id.cli import main
-from consistent_id.estimation.fitted_to import FittedSpan, fitted_spans
+from consistent_id.estimation.method import FittedSpan, fitted_spans
 from consistent_id.estimation.verdict import Reason, Verdict, confirmed
 from consistent_id.problems.study import Study
 from consistent_id.recordings.signals.filtered_rows import row_filter

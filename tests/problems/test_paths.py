@@ -12,7 +12,6 @@ from logged import write_arm
 
 from consistent_id import ProblemError, draft_problem, load_problem
 from consistent_id.problems import load_problems
-from consistent_id.problems.excitation_tables import ExcitationTable, SceneTable
 from consistent_id.problems.file import (
     DataTable,
     ModelTable,
@@ -25,6 +24,7 @@ from consistent_id.problems.file import (
 from consistent_id.problems.kept_text import toml_text, write_problem
 from consistent_id.problems.parameter_tables import ConstraintsTable, ShapeTable
 from consistent_id.problems.paths import moved, names_outside, record_own
+from consistent_id.problems.task_tables import ExcitationTable, SceneTable
 
 
 @pytest.fixture(scope="module")

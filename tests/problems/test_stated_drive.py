@@ -4,7 +4,7 @@ import pytest
 from logged import write_arm
 
 from consistent_id import DriveTerms, ProblemError, draft_problem, load_problem
-from consistent_id.problems.stated_drive import stated_drive
+from consistent_id.problems.overrides import stated_drive
 
 JOINTS = ("shoulder", "elbow", "wrist")
 USUAL = {"coulomb": "tanh", "velocity_scale": 0.02}

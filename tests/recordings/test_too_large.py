@@ -5,7 +5,7 @@ import os
 import pytest
 
 import consistent_id as ci
-from consistent_id._support.inputs import memory_of_this_computer
+from consistent_id._support.files import memory_of_this_computer
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers import recording_file
 

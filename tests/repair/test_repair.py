@@ -13,7 +13,7 @@ from urdf_torques import DECORATED
 from consistent_id import ModelError
 from consistent_id.cli import main
 from consistent_id.repair import nearest_inertia, repair_urdf
-from consistent_id.repair.consistent_inertia import THINNEST
+from consistent_id.repair.causes import THINNEST
 from consistent_id.repair.link_repair import repair_record, repair_table
 from consistent_id.robot import lint_urdf
 from consistent_id.robot.inertia import second_moments

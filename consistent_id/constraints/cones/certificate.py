@@ -29,7 +29,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.constraints.cones.least_norm import (
     TOLERANCES,
     ConeSolution,

@@ -29,8 +29,8 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, IntArray, Matrix, Vector
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import worker_threads
+from consistent_id._support.tables import brief
 from consistent_id.constraints.cones.programmes import (
     Ball,
     ConeRows,

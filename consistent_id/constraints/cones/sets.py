@@ -16,7 +16,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from consistent_id._support.arrays import Array, IntArray, Matrix, Vector, freeze_arrays
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 
 _NULL = 1e-12  # singular values below this, relative to the largest, are zero

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector, freeze_arrays
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded, worker_threads
+from consistent_id._support.tables import brief
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.programmes import (
     Ball,

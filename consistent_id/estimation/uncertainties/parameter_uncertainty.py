@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import Executor, single_threaded, worker_threads
 from consistent_id._support.progress import counted
 from consistent_id._support.run import note_stop
+from consistent_id._support.tables import brief
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import Prior
 from consistent_id.errors import ConsistentIdError, ProblemError, SolverError

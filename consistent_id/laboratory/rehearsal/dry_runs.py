@@ -26,9 +26,9 @@ from consistent_id.excitation.basis import FourierBasis, limit_rows
 from consistent_id.excitation.criteria import Objective
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.designed import ExcitationDesign
+from consistent_id.excitation.playable import validation_trajectory
 from consistent_id.excitation.request import DesignRequest, design_request
 from consistent_id.excitation.search_problem import search_problem
-from consistent_id.excitation.validating import validation_trajectory
 from consistent_id.laboratory.rehearsal.planted import (
     PlantedRobot,
     as_rehearsed,

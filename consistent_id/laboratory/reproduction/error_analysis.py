@@ -19,8 +19,8 @@ from consistent_id.laboratory.reproduction.budget import (
     tempo_of,
 )
 from consistent_id.laboratory.reproduction.experiments import Reproduction
-from consistent_id.problems.laboratory_tables import PointsTable, TaskTable
 from consistent_id.problems.problem import Problem
+from consistent_id.problems.task_tables import PointsTable, TaskTable
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
 

@@ -39,7 +39,6 @@ from consistent_id.laboratory.reproduction.paper_verification import (
     verify,
 )
 from consistent_id.motion.limits import MotionLimits
-from consistent_id.problems.laboratory_tables import LaboratoryTable
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.published import (
     PublishedReport,
@@ -47,6 +46,7 @@ from consistent_id.problems.published import (
     parametrisation_of,
     published_table,
 )
+from consistent_id.problems.task_tables import LaboratoryTable
 from consistent_id.recordings.recording import Recording
 
 _ENOUGH = 120.0  # s; searches end by themselves long before, and so are repeatable

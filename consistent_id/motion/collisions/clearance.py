@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Array, IntArray, Vector
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.motion.collisions.scene import Scene, body_places, largest_change
 from consistent_id.motion.collisions.separation import balls_apart, separation

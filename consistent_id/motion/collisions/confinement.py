@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Vector, array_default, freeze, freeze_arrays
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.motion.collisions.bodies import Body, Sphere, plane
 from consistent_id.motion.collisions.scene import Scene, kept_off

@@ -11,7 +11,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import ModelError
-from consistent_id.robot.loaders.urdf_inertial import rotation_of
+from consistent_id.robot.loaders.urdf_in_place import rotation_of
 from consistent_id.robot.loaders.xml import Element
 
 _SWINGS = ("revolute", "continuous")

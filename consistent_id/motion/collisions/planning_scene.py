@@ -22,7 +22,7 @@ import msgspec
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector
-from consistent_id._support.inputs import LARGEST_MODEL, read_input
+from consistent_id._support.files import LARGEST_MODEL, read_input
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.motion.collisions.bodies import (
     Body,

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, IntArray, freeze
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.motion.collisions.bodies import Body
 from consistent_id.robot.kinematics import (

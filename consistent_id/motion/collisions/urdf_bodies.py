@@ -25,7 +25,7 @@ from consistent_id.motion.collisions.bodies import (
     Shape,
     Sphere,
 )
-from consistent_id.robot.loaders.urdf_inertial import rotation_of
+from consistent_id.robot.loaders.urdf_in_place import rotation_of
 from consistent_id.robot.loaders.urdf_lint import read_bytes
 from consistent_id.robot.loaders.xml import Element, XmlFault, parse
 from consistent_id.robot.solids import mesh_triangles

@@ -19,7 +19,7 @@ import msgspec
 import numpy as np
 
 from consistent_id._support.arrays import Matrix
-from consistent_id._support.inputs import read_input, require_regular
+from consistent_id._support.files import read_input, require_regular
 from consistent_id.errors import ProblemError
 from consistent_id.motion.move import Move
 from consistent_id.motion.polynomial_path import PolynomialPath

@@ -1,11 +1,13 @@
 """Trajectories to files and back; the ending determines the format.
 
-Messages for ROS 2 can have few points, which a controller joins: from positions,
-velocities and accelerations at two points, ``h`` seconds apart, it computes a quintic.
-The error of the quintic is at most ``h^6 max |q^(6)| / 46080``, Hermite's remainder
-with both ends as triple nodes.
+Samples are columns in CSV and Parquet, and arrays in NPZ.  Messages for ROS 2 can have
+few points, which a controller joins: from positions, velocities and accelerations at
+two points, ``h`` seconds apart, it computes a quintic.  The error of the quintic is at
+most ``h^6 max |q^(6)| / 46080``, Hermite's remainder with both ends as triple nodes.
 """
 
+import csv
+import io
 from pathlib import Path
 from typing import Literal
 
@@ -14,7 +16,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Vector, number
 from consistent_id._support.files import write_atomically
-from consistent_id.errors import ProblemError
+from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.motion.files.controller_targets import (
     CYCLES,
     franka_of,
@@ -32,15 +34,70 @@ from consistent_id.motion.files.document import (
     require_rest,
 )
 from consistent_id.motion.files.ros import message_of, samples_of_message
-from consistent_id.motion.files.sample_tables import (
-    columns_of,
-    csv_of,
-    parquet_of,
-    samples_of_table,
-)
 from consistent_id.motion.proofs.extremes import smooth_pieces
 from consistent_id.recordings.joint_paths import JointPath, sampled
+from consistent_id.recordings.readers import Columns, read_recording
+from consistent_id.recordings.readers.recording_file import column_names
 from consistent_id.recordings.recording import Recording
+
+TRAJECTORY_COLUMNS = Columns(velocity="dq_{joint}", acceleration="ddq_{joint}")
+"""How written trajectories name their columns: ``time``, ``q_``, ``dq_``, ``ddq_``."""
+
+
+def columns_of(samples: Recording) -> dict[str, Vector]:
+    """Return time, positions, velocities and accelerations by name."""
+    columns = {"time": samples.time}
+    channels = (samples.position, samples.velocity, samples.acceleration)
+    for prefix, channel in zip(("q", "dq", "ddq"), channels, strict=True):
+        if channel is not None:
+            names = [f"{prefix}_{joint}" for joint in samples.joints]
+            columns |= dict(zip(names, channel.T, strict=True))
+    return columns
+
+
+def csv_of(samples: Recording) -> str:
+    """Return samples as CSV; numbers come back to the last bit."""
+    columns = columns_of(samples)
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow(columns)
+    rows = np.column_stack(list(columns.values())).tolist()
+    text.writelines(",".join(map(repr, row)) + "\n" for row in rows)
+    return text.getvalue()
+
+
+def parquet_of(samples: Recording) -> bytes:
+    """Return samples as the content of a Parquet file."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    file = io.BytesIO()
+    table = pa.table(columns_of(samples))
+    mark = {"generator": "consistent-id: samples of a trajectory"}
+    pq.write_table(table.replace_schema_metadata(mark), file)
+    return file.getvalue()
+
+
+def samples_of_table(path: Path) -> Recording:
+    """Return the samples in a CSV or Parquet file, of all joints that it names.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be read, or no joint has all of ``q_``, ``dq_`` and ``ddq_``.
+    """
+    names = column_names(path)
+    joints = [
+        name.removeprefix("q_")
+        for name in names
+        if name.startswith("q_") and {f"d{name}", f"dd{name}"} <= set(names)
+    ]
+    if not joints:
+        raise RecordingError(
+            f"{path}: its columns are {list(names)[:8]}, expected time and, of each "
+            "joint, q_NAME, dq_NAME and ddq_NAME; use read_recording for other names"
+        )
+    return read_recording(path, joints, TRAJECTORY_COLUMNS)
+
 
 Format = Literal["json", "npz", "csv", "parquet", "ros", "urscript", "rsi", "franka"]
 FORMAT_OF_ENDING: dict[str, Format] = {

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Vector
-from consistent_id._support.brief import brief
-from consistent_id._support.tables import Table
+from consistent_id._support.tables import Table, brief
 from consistent_id.errors import ProblemError
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.motion.proofs.extremes import Extremes, extremes

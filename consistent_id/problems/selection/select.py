@@ -5,12 +5,11 @@ from dataclasses import dataclass, replace
 from time import process_time
 from typing import Any
 
-from consistent_id._support.brief import brief
 from consistent_id._support.executors import single_threaded
-from consistent_id._support.inputs import LARGEST_PROBLEM, read_input
+from consistent_id._support.files import LARGEST_PROBLEM, read_input
 from consistent_id._support.progress import stages
 from consistent_id._support.run import note_stop
-from consistent_id._support.tables import Table
+from consistent_id._support.tables import Table, brief
 from consistent_id.errors import ProblemError
 from consistent_id.problems.file import PreparationTable, ProblemTable
 from consistent_id.problems.kept_text import (

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Matrix, Vector
-from consistent_id._support.inputs import require_regular, require_unpacked
+from consistent_id._support.files import require_regular, require_unpacked
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import Columns
 from consistent_id.recordings.readers.jointstate import (

@@ -17,7 +17,7 @@ from consistent_id._support.arrays import (
     array_default,
     freeze_arrays,
 )
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.beside import (
     Axes,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from string import Formatter
 
 from consistent_id._support.arrays import freeze
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.beside_columns import BesideColumns
 from consistent_id.recordings.readers.units import (

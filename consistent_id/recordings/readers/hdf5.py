@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from consistent_id._support.inputs import require_unpacked
+from consistent_id._support.files import require_unpacked
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.named_arrays import Arrays
 from consistent_id.robot.parameters import did_you_mean

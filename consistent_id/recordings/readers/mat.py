@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from consistent_id._support.inputs import require_unpacked
+from consistent_id._support.files import require_unpacked
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.log_formats import HDF5
 from consistent_id.recordings.readers.named_arrays import Arrays

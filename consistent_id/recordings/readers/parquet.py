@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from consistent_id._support.inputs import require_unpacked
+from consistent_id._support.files import require_unpacked
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import require
 from consistent_id.recordings.readers.named_arrays import BREAK, Arrays

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import IntArray, Vector
-from consistent_id._support.inputs import (
+from consistent_id._support.files import (
     GIBIBYTE,
     memory_of_this_computer,
     require_regular,

@@ -1,3 +1,4 @@
+from consistent_id.diagnosis.signal_faults import unwrapped
 from consistent_id.recordings.signals.base_signals import (
     base_from_imu,
     base_from_pose,
@@ -59,7 +60,6 @@ from consistent_id.recordings.signals.tracks import (
     estimate_delay,
     track,
 )
-from consistent_id.recordings.signals.turns import unwrapped
 
 __all__ = [
     "Delay",

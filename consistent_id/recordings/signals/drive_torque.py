@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector, array_default, freeze, frozen
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording, velocities
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Matrix, Vector, freeze_arrays, frozen
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.joint_paths import FourierTrajectory
 from consistent_id.recordings.recording import Recording

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import IntArray
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import NotExcitedError, RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.filtered_rows import counting, left_out

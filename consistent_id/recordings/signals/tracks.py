@@ -16,7 +16,7 @@ from typing import Any, Literal, NamedTuple, Self
 import numpy as np
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze, freeze_arrays
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import (

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.regression.drive.drive_terms import CoulombShape, DriveTerms
 from consistent_id.regression.drive.laws import Coulomb

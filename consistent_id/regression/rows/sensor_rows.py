@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, IntArray, Matrix
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.beside import BaseMotion
 from consistent_id.regression.casadi_rows import fill_bodies

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Matrix, Vector
-from consistent_id._support.brief import brief
+from consistent_id._support.tables import brief
 from consistent_id.errors import ModelError
 from consistent_id.robot.model import (
     STANDARD_GRAVITY,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from consistent_id._support.extras import needed
-from consistent_id._support.inputs import LARGEST_TREE, require_count
+from consistent_id._support.files import LARGEST_TREE, require_count
 from consistent_id.errors import ModelError
 from consistent_id.robot.chains import Selection, selected
 from consistent_id.robot.inertia import InertialParameters

@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.inputs import LARGEST_TREE, require_count
+from consistent_id._support.files import LARGEST_TREE, require_count
 from consistent_id.errors import ModelError
 from consistent_id.robot.chains import Selection, selected
 from consistent_id.robot.inertia import InertialParameters

@@ -13,9 +13,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from consistent_id._support.brief import brief
-from consistent_id._support.inputs import LARGEST_MODEL, LARGEST_TREE, read_input
+from consistent_id._support.files import LARGEST_MODEL, LARGEST_TREE, read_input
 from consistent_id._support.run import current_run
+from consistent_id._support.tables import brief
 from consistent_id.errors import ModelError
 from consistent_id.robot.loaders.xml import Element, XmlFault, parse
 from consistent_id.robot.model import Mimic
