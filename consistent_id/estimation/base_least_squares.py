@@ -106,7 +106,7 @@ def unconstrained_estimate(
     regression, base, solution = free.regression, free.base, free.solution
     R, parameters = regression.stacked(), free.parameters
     redundant = sum(regression.counts) > solution.rank
-    known = np.zeros((0, len(model.layout)))
+    known, notes = np.zeros((0, len(model.layout))), _notes(model, free)
     found_by = determined(model, free, known, parameters, elsewhere="convention")
     A, b = R[:, list(base.independent)], R[:, -1]
     return Estimate(
@@ -119,7 +119,7 @@ def unconstrained_estimate(
         undetermined=open_combinations(solution, base.names),
         sigma=free.sigma,
         certificate=stationarity_certificate(A, b, solution),
-        notes=_notes(model, free),
+        notes=notes,
         seconds=perf_counter() - started,
         fit=fit_of(model, data, parameters),
         parameter_errors=found_by.errors if redundant else None,

@@ -73,16 +73,30 @@ def mass_matrices(model: TorqueModel, parameters: Vector, q: Array) -> Array:
 
     Symmetric; rotor inertia and couplings are part of them.
     """
-    every = range(len(model.robot))
-    return np.moveaxis(_blocks(model, parameters, q, [np.array(every)])[0], 2, 0)
+    links, drives = _links_and_drives(model, parameters)
+    whole = _blocks(model.robot, links, drives, q, [np.arange(len(model.robot))])
+    return np.moveaxis(whole[0], 2, 0)
+
+
+def _links_and_drives(model: TorqueModel, parameters: Vector) -> tuple[Array, Matrix]:
+    """Return the bodies, and what accelerations ask of the drives at every pose."""
+    n = len(model.robot)
+    rest, unit = np.zeros((n, n + 1)), np.eye(n, n + 1)
+    torque, loads = np.zeros((n, n + 1)), dict.fromkeys(range(n), np.zeros(n + 1))
+    for j, column, values in model.drive_entries(rest, rest, unit, loads):
+        torque[j] += parameters[column] * values
+    links = parameters[: model.layout.inertial_size].reshape(-1, 10)
+    return links, np.asarray(torque[:, :n] - torque[:, n:])
 
 
 def _blocks(
-    model: TorqueModel, parameters: Vector, q: Array, groups: Sequence[IntArray]
+    robot: RobotModel,
+    links: Array,
+    drives: Matrix,
+    q: Array,
+    groups: Sequence[IntArray],
 ) -> list[Array]:
     """Return blocks of mass matrices, each shape (joints, joints, poses)."""
-    links = parameters[: model.layout.inertial_size].reshape(-1, 10)
-    drives = _of_drives(model, parameters)
     blocks = [
         np.repeat(drives[np.ix_(group, group)][:, :, None], len(q), axis=2)
         for group in groups
@@ -92,7 +106,7 @@ def _blocks(
         for block, group in zip(blocks, groups, strict=True)
         for i, a in enumerate(group.tolist())
     }
-    for part, a, b, values in _of_links(model.robot, links, q):
+    for part, a, b, values in _of_links(robot, links, q):
         (block, i), (_, j) = places[a], places[b]
         block[i, j, part] += values
         if i != j:
@@ -110,8 +124,9 @@ def _of_links(
     moves = robot.transmissions
     moving = [k for k, moved in enumerate(moves) if moved.ratio]
     tree, moments = _tree_of(robot, moving), _moments_of(links[moving])
+    every = robot.joint_positions(q).T[moving]
     for part in chunks(len(q), CHUNK):
-        x = robot.joint_positions(q[part]).T[moving]
+        x = every[:, part]
         positions = np.stack([x, np.sin(x), np.cos(x)], axis=1)
         for (i, j), values in _entries(tree, moments, positions):
             first, second = moves[moving[i]], moves[moving[j]]
@@ -133,7 +148,9 @@ def least_mass_eigenvalue(model: TorqueModel, parameters: Vector, q: Array) -> f
     if not len(model.robot):
         bodies = parameters[: model.layout.inertial_size].reshape(-1, 10)
         return float(np.linalg.eigvalsh(pseudo_inertia(bodies)).min())
-    blocks = _blocks(model, parameters, q, _limbs(model, parameters))
+    links, drives = _links_and_drives(model, parameters)
+    limbs = _limbs(model.robot, drives)
+    blocks = _blocks(model.robot, links, drives, q, limbs)
     least = min(_least(M[:, :, :_FIRST]) for M in blocks)
     below = (M[:, :, ~_positive_definite(M, least)] for M in blocks)
     return min(least, *map(_least, below))
@@ -145,15 +162,15 @@ def _least(M: Array) -> float:
     return float(values.min(initial=np.inf))
 
 
-def _limbs(model: TorqueModel, parameters: Vector) -> list[IntArray]:
+def _limbs(robot: RobotModel, drives: Matrix) -> list[IntArray]:
     """Return groups of joints between which all entries are zero, at every pose."""
     from scipy.sparse.csgraph import connected_components
 
-    robot, G = model.robot, model.robot.joint_rates != 0.0
+    G = robot.joint_rates != 0.0
     linked = np.eye(len(robot.joints), dtype=bool)
     for j in range(len(robot.joints)):
         linked[list(ancestors(robot, j)), j] = True
-    pattern = G.T @ linked @ G | (_of_drives(model, parameters) != 0.0)
+    pattern = G.T @ linked @ G | (drives != 0.0)
     count, group = connected_components(pattern, directed=False)
     return [np.flatnonzero(group == k) for k in range(count)]
 
@@ -169,16 +186,6 @@ def _positive_definite(M: Array, shift: float) -> BoolArray:
         for i in range(k + 1, len(A)):
             A[i, i:] -= row[i - k - 1] * A[k, i:]
     return np.asarray(positive)
-
-
-def _of_drives(model: TorqueModel, parameters: Vector) -> Matrix:
-    """Return what accelerations ask of the drives, the same at every pose."""
-    n = len(model.robot)
-    rest, unit = np.zeros((n, n + 1)), np.eye(n, n + 1)
-    torque, loads = np.zeros((n, n + 1)), dict.fromkeys(range(n), np.zeros(n + 1))
-    for j, column, values in model.drive_entries(rest, rest, unit, loads):
-        torque[j] += parameters[column] * values
-    return np.asarray(torque[:, :n] - torque[:, n:])
 
 
 def _tree_of(robot: RobotModel, moving: list[int]) -> _BodyTree:

@@ -16,9 +16,8 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.constraints import NonNegativeDrive, Penalty, PhysicalConsistency
-from consistent_id.estimation import prior_share
 from consistent_id.estimation.determination import linear_errors
-from consistent_id.estimation.prior_share import guessed_share, prior_errors
+from consistent_id.estimation.fit import AGREES, _distance, guessed_share, prior_errors
 from consistent_id.recordings import BaseMotion
 from consistent_id.regression import base_parameters
 from consistent_id.regression.residual_noise import unconstrained_fit
@@ -173,10 +172,10 @@ def test_the_distance_of_nominal_bodies_is_that_of_the_nearest_that_fit(speed):
     least = np.linalg.norm(A @ (np.linalg.lstsq(A / scale, z)[0] / scale) - z)
     bodies = sum(k < size for k in free.base.independent)
     expected = max(least / np.sqrt(bodies), 1.0)
-    assert prior_share._distance(model, free, width) == pytest.approx(
+    assert _distance(free, reference_bodies(model.robot), width) == pytest.approx(
         expected, rel=1e-5
     )
-    assert (expected > prior_share.AGREES) == (speed < 1.0)
+    assert (expected > AGREES) == (speed < 1.0)
 
 
 @pytest.mark.slow

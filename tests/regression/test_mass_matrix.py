@@ -11,6 +11,7 @@ from consistent_id import DHRow, DriveTerms, TorqueModel, from_modified_dh
 from consistent_id.regression import GearCoupling
 from consistent_id.regression.mass_matrix import (
     _limbs,
+    _links_and_drives,
     _positive_definite,
     least_mass_eigenvalue,
     mass_matrices,
@@ -109,7 +110,7 @@ def test_limbs_have_eigenvalues_of_their_own_unless_rotors_couple_them(coupled):
     model = TorqueModel(robot, couplings=(across,) if coupled else ())
     x = rng.normal(size=len(model.layout))
     q = random_poses(model, 200, seed=0)
-    groups = _limbs(model, x)
+    groups = _limbs(robot, _links_and_drives(model, x)[1])
     assert [g.tolist() for g in groups] == (
         [[0, 1, 2, 3, 4, 5]] if coupled else [[0, 1, 2], [3, 4, 5]]
     )
