@@ -1,5 +1,11 @@
-"""How the pages become a site: ``sphinx-build -W docs build/docs``, offline."""
+"""How the pages become a site: ``sphinx-build -W docs build/docs``, offline.
 
+Each released version has a folder of its own beside the others.  The variable
+``CONSISTENT_ID_DOCS_VERSIONS`` names these folders, such as ``0.2.0 0.1.0``; every page
+then has links to the other versions.
+"""
+
+import os
 import sys
 from pathlib import Path
 
@@ -21,7 +27,7 @@ extensions = [
     "reference_keys",
     "shell_help",
 ]
-exclude_patterns = ["_extensions", "paper"]
+exclude_patterns = ["_extensions", "_templates", "paper"]
 
 myst_enable_extensions = ["attrs_inline", "dollarmath"]
 myst_heading_anchors = 3  # for links such as problem-file.md#drive-terms
@@ -36,7 +42,20 @@ napoleon_use_rtype = False
 html_math_renderer = "mathml"
 
 html_theme = "furo"
-html_title = "consistent_id"
+html_title = f"consistent_id {release}"
+templates_path = ["_templates"]
+html_sidebars = {
+    "**": [
+        "sidebar/brand.html",
+        "sidebar/versions.html",
+        "sidebar/search.html",
+        "sidebar/scroll-start.html",
+        "sidebar/navigation.html",
+        "sidebar/scroll-end.html",
+    ]
+}
+folders = os.environ.get("CONSISTENT_ID_DOCS_VERSIONS", "").split()
+html_context = {"versions": [folder for folder in folders if folder != release]}
 html_copy_source = False
 html_extra_path = ["llms.txt"]  # where programmes look for it
 html_static_path = ["_static"]

@@ -17,7 +17,14 @@ AGENTS = (DOCS / "for-agents.md").read_text()
 LLMS = (DOCS / "llms.txt").read_text()
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 FACES = ["README.md", "CODE_OF_CONDUCT.md", "CONTRIBUTING.md", "SECURITY.md"]
-WITH_COMMANDS = ["README.md", "docs/start.md", "docs/faq.md", "docs/for-agents.md"]
+WITH_COMMANDS = [
+    "README.md",
+    "docs/start.md",
+    "docs/faq.md",
+    "docs/for-agents.md",
+    "docs/install.md",
+    "docs/ros2.md",
+]
 COMMAND = re.compile(r"(?:^\$ |^    |`)(consistent-id [a-z]+ [^`\n]+)", re.MULTILINE)
 CODE = re.compile(r"^\| (\d+) \| ([^|]+?) \|", re.MULTILINE)
 
@@ -39,9 +46,13 @@ def test_a_command_that_is_shown_is_understood(page, command):
 
 def test_commands_were_found_on_each_page():
     shown = [page for page, _ in commands()]
-    assert {page: shown.count(page) for page in WITH_COMMANDS[:2]} == {
+    assert {page: shown.count(page) for page in WITH_COMMANDS} == {
         "README.md": 4,
         "docs/start.md": 8,
+        "docs/faq.md": 1,
+        "docs/for-agents.md": 3,
+        "docs/install.md": 1,
+        "docs/ros2.md": 5,
     }
 
 
@@ -120,3 +131,32 @@ def test_placeholders_of_addresses_stand_in_one_place():
         ROOT / "CITATION.cff",
     ]
     assert [page.name for page in pages if root in page.read_text()] == []
+
+
+CONDA_NAMES = {"pin": "pinocchio", "matplotlib": "matplotlib-base"}
+
+
+def test_the_conda_recipe_has_version_and_floors_of_the_package():
+    recipe = (ROOT / "conda" / "recipe.yaml").read_text()
+    assert f'version: "{PROJECT["version"]}"\n' in recipe
+    assert f'python_min: "{PROJECT["requires-python"].removeprefix(">=")}"\n' in recipe
+    run = recipe.split("  run:\n")[1].split("\n\n")[0]
+    stated = re.findall(r"- (\S+ >=\S+)", run)[1:]
+    names = [re.split("(?=>=)", one) for one in PROJECT["dependencies"]]
+    assert stated == [f"{CONDA_NAMES.get(name, name)} {floor}" for name, floor in names]
+
+
+def test_the_page_about_installation_has_every_optional_part():
+    table = (DOCS / "install.md").read_text().split("| part | you need it for |")[1]
+    parts = re.findall(r"^\| `(\w+)` \|", table.split("\n\n")[0], re.MULTILINE)
+    assert sorted(parts) == sorted(PROJECT["optional-dependencies"].keys() - {"docs"})
+
+
+def test_every_picture_of_the_pages_is_in_the_gallery_or_on_a_page_that_it_names():
+    shown = re.compile(r"\]\(([\w-]+\.(?:png|svg))\)")
+    gallery = (DOCS / "gallery.md").read_text()
+    pages = re.findall(r"\]\(([\w-]+\.md)\)", gallery)
+    drawn = {
+        name for page in pages for name in shown.findall((DOCS / page).read_text())
+    }
+    assert drawn >= {path.name for path in [*DOCS.glob("*.png"), *DOCS.glob("*.svg")]}

@@ -1,6 +1,7 @@
 """The built site: every internal link leads somewhere, every page fits its window."""
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -13,6 +14,8 @@ from pathlib import Path
 from urllib.parse import unquote, urldefrag, urlsplit
 
 import pytest
+
+import consistent_id
 
 DOCS = Path(__file__).parent.parent / "docs"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
@@ -184,9 +187,13 @@ def seen_by(browser, site, names, profile):
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     pytest.importorskip("sphinx", reason="the site needs consistent-id[docs]")
-    place = tmp_path_factory.mktemp("site")
+    older = tmp_path_factory.mktemp("versions") / "0.0.9"
+    older.mkdir()
+    (older / "index.html").touch()
+    place = older.with_name("today")
     build = [sys.executable, "-m", "sphinx", "-q", str(DOCS), str(place)]
-    subprocess.run(build, check=True, capture_output=True)
+    names = {"CONSISTENT_ID_DOCS_VERSIONS": f"{consistent_id.__version__} 0.0.9"}
+    subprocess.run(build, check=True, capture_output=True, env=os.environ | names)
     return place
 
 
@@ -212,6 +219,16 @@ def test_pages_fit_their_window_and_can_be_read(site, chromium, tmp_path):
     assert sum(page["texts"] for page in found) > 100 * len(found)
     bad = [page for page in found if page["wide"] or page["faint"]]
     assert bad == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", ["index.html", "api/robots.html"])
+def test_a_page_says_its_version_and_leads_to_the_others(site, page):
+    text = (site / page).read_text()
+    assert f"consistent_id {consistent_id.__version__}</title>" in text
+    up = "../" * (1 + page.count("/"))
+    others = re.search(r'sidebar-versions">(.*?)</div>', text, re.DOTALL)[1]
+    assert re.findall(r'href="([^"]*)"', others) == [f"{up}0.0.9/index.html"]
 
 
 PLAIN = '<body style="{}"><article><h1 id="top">Title</h1>{}</article>'
