@@ -87,6 +87,17 @@ def test_a_name_that_moved_to_a_submodule_works_with_a_warning():
         assert moved is getattr(owner, old)
 
 
+@pytest.mark.parametrize("name", ["UNSET", "to_numpi"])
+def test_a_name_that_is_not_ours_imports_no_submodule(name):
+    """Pickle asks every module that is imported for the name of a value without one."""
+    code = (
+        "import sys, consistent_id;"
+        f"print(hasattr(consistent_id, {name!r}),"
+        " len([m for m in sys.modules if m.startswith('consistent_id')]) < 8)"
+    )
+    assert in_a_new_process(code) == "False True\n"
+
+
 def test_submodules_are_attributes_of_the_package():
     code = "import consistent_id as ci; print([getattr(ci, r).__name__ for r in ROOMS])"
     code = f"from consistent_id._support.face import ROOMS; {code}"

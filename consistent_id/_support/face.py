@@ -6,10 +6,13 @@ would stand in its place.
 """
 
 import ast
+import re
 import warnings
 from collections.abc import Callable
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 from pkgutil import get_data
 
 ROOMS = (
@@ -102,6 +105,8 @@ def moved_value(package: str, name: str) -> object:
         If no submodule has it.
     """
     for room in ROOMS:
+        if not _may_offer(f"{package}.{room}", name):
+            continue
         module = import_module(f"{package}.{room}")
         if name in module.__all__:
             warnings.warn(
@@ -112,3 +117,19 @@ def moved_value(package: str, name: str) -> object:
             )
             return getattr(module, name)
     return public_value(package, name)  # which says that there is none
+
+
+def _may_offer(module: str, name: str) -> bool:
+    """Return whether the list of a submodule's public names has a name in it.
+
+    The submodule is not imported: pickle asks the package for names of other libraries,
+    and an import of all submodules takes longer than a study.
+    """
+    file = find_spec(module)
+    if file is None or file.origin is None:
+        return False
+    stub = Path(file.origin).with_suffix(".pyi")
+    text = (stub if stub.exists() else Path(file.origin)).read_text("utf-8")
+    if star := re.search(r"from (\S+) import \*", text):
+        return _may_offer(star[1], name)
+    return re.search(rf"\b{re.escape(name)}\b", text) is not None
