@@ -24,7 +24,11 @@ def add_completion(command: argparse.ArgumentParser) -> None:
     add_command(
         command,
         run_completion,
-        Option("shell", "that the script is for", choices=("bash", "zsh", "fish")),
+        Option(
+            "shell",
+            "shell for which the script is printed",
+            choices=("bash", "zsh", "fish"),
+        ),
         more=_MORE,
         examples=_EXAMPLES,
         reads=False,

@@ -32,7 +32,7 @@ def add_compress(command: argparse.ArgumentParser) -> None:
         Option("--output FILE", "file to write", required=True),
         Option(
             "--role",
-            "recordings that are taken",
+            "recordings to compress",
             choices=("training", "validation"),
             default="training",
         ),

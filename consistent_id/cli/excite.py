@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 
 _MORE = """With a URDF or MJCF file in place of PROBLEM no problem file is needed; the
-folder of results gets one. What is searched for in so many seconds on an idle machine
-is searched for on a busy one too, in more. Exit code 1: something cannot be played."""
+folder of results gets one. The time limit counts work: a busy machine does the same
+search in more seconds. Exit code 1: a motion is refused."""
 _EXAMPLES = """
 consistent-id excite robot.urdf --acceleration 5 --duration 20
 consistent-id excite problems/rx60 --time-limit 3 --output results/motion
@@ -67,7 +67,7 @@ _LIMITS = (
     Option("--duration SECONDS", "of the motion (default: 10)", positive),
     Option(
         "--noise NUMBER",
-        "of each torque, in N m or N (default: 0.5 %% of effort)",
+        "noise of each torque, in N m or N (default: 0.5 %% of the effort limit)",
         positive,
     ),
     Option("--velocity NUMBER", "limit of all joints, in rad/s or m/s", positive),
@@ -93,8 +93,14 @@ _LIMITS = (
         "of all joints, gears included, in N m/A or N/A",
         positive,
     ),
-    Option("--share SHARE", "of all limits that may be used, such as 0.9", positive),
-    Option("--clearance METRES", "between bodies that must not touch", positive),
+    Option(
+        "--share SHARE", "share of all limits that may be used, such as 0.9", positive
+    ),
+    Option(
+        "--clearance METRES",
+        "least distance between bodies that must not touch",
+        positive,
+    ),
 )
 _MOTION = (
     Option(
@@ -103,7 +109,7 @@ _MOTION = (
         "regressor, then D; A, E: of the errors, the root sum of squares, the largest",
         choices=("D", "condition", "A", "E"),
     ),
-    Option("--harmonics N", "number (default: several are tried)", int),
+    Option("--harmonics N", "number of harmonics (default: several are tried)", int),
     Option(
         "--for, --interest NAMES",
         "parameters that matter, by commas: of links, joints, or one by one, such as "
@@ -128,7 +134,8 @@ _MOTION = (
     *_LIMITS,
     Option(
         "--friction-share SHARE",
-        "of the effort limits, left for friction without --parameters (default: 0.3)",
+        "share of the effort limits left for friction without --parameters "
+        "(default: 0.3)",
         float,
     ),
     Option(
@@ -148,23 +155,25 @@ _MOTION = (
         dest="collisions",
         const=False,
     ),
-    Option("--ground METRES", "height of a floor to keep off", float),
+    Option("--ground METRES", "height of a floor that the robot must not touch", float),
 )
 MOTION = Group(
-    "what motion", _MOTION, "in place of what [excitation] of the problem file says"
+    "the motion",
+    _MOTION,
+    "in place of the settings in [excitation] of the problem file",
 )
 SEARCH = (
     Option("--starts N", "searches from random paths", int, default=4),
     Option(
         "--time-limit SECONDS",
-        "of a design's search, on an idle machine and for each worker; of a robot on "
-        "its feet, of the processor",
+        "seconds of the search for each worker, counted on an idle machine; for a "
+        "robot on its feet, seconds of the processor",
         positive,
         default=10.0,
     ),
     Option(
         "--workers N",
-        "shares of the starts, searched side by side (default: one per processor of "
+        "parts of the starts, searched at the same time (default: one per processor of "
         "this computer)",
         int,
     ),
@@ -176,8 +185,8 @@ def parameters(more: str = "") -> Option:
     """Return the option of files of estimates."""
     return Option(
         "--parameters ESTIMATE ...",
-        "estimates that identify wrote, such as delivered.json: torque limits are kept "
-        f"by the worst of them, in place of the robot's file without friction{more}",
+        "estimates that identify wrote, such as delivered.json: torque limits are "
+        "kept for each of them, instead of for the robot's file without friction{more}",
         Path,
     )
 
@@ -213,9 +222,14 @@ STANDING = Group(
             "--stance JOINT=POSITION ...",
             "the pose (default: keyframe home, or bent knees)",
         ),
-        Option("--link NAME", "the body that is not known (default: the base)"),
-        Option("--sole LENGTH,WIDTH", "of feet that are flat, m", _sides),
-        Option("--friction NUMBER", "of feet on the ground", positive, default=0.6),
+        Option("--link NAME", "the body to identify (default: the base)"),
+        Option("--sole LENGTH,WIDTH", "size of flat feet, m", _sides),
+        Option(
+            "--friction NUMBER",
+            "coefficient between feet and ground",
+            positive,
+            default=0.6,
+        ),
         Option("--effort NUMBER", "limit of all joints, N m", positive),
         Option("--candidates N", "paths to try", int, default=320),
     ),
@@ -230,15 +244,16 @@ def add_excite(command: argparse.ArgumentParser) -> None:
         PROBLEM,
         *ROBOT,
         MOTION,
-        Option("--seed N", "of the random starts", int, default=0),
+        Option("--seed N", "seed of the random starts", int, default=0),
         *SEARCH,
         Option(
-            "--sequential", "count the information of the problem's training recordings"
+            "--sequential",
+            "also count the information of the problem's training recordings",
         ),
         Option(
             "--earlier REGRESSION ...",
-            "count the information of recordings that compress wrote, such as "
-            "regression.json, too",
+            "also count the information of regressions that compress wrote, such as "
+            "regression.json",
             Path,
         ),
         parameters(),
@@ -251,8 +266,8 @@ def add_excite(command: argparse.ArgumentParser) -> None:
         ),
         Option(
             "--thin TOLERANCE",
-            "of yaml: as few points as a controller needs that joins them by quintics, "
-            "to stay within so many rad or m, such as 1e-4",
+            "write fewer points into the yaml file: a controller that joins them by "
+            "quintics stays within this distance (rad or m), such as 1e-4",
             positive,
         ),
         Option(

@@ -17,9 +17,9 @@ from consistent_id.cli.source import SOURCE, STATED, Computed, each, statement, 
 from consistent_id.errors import ProblemError
 
 _MORE = """With a URDF or MJCF file in place of PROBLEM, and logs, no problem file is
-needed: columns and units are found by their names, --validate names logs to judge by
-(else the last 30 % of each motion are kept for that). When it has been judged, the
-recommended estimate is fitted again, to all data: this is what is delivered.
+needed: columns and units are found by their names, --validate names logs for
+validation (default: the last 30 % of each motion). After validation, the recommended
+estimate is fitted again to all data; this fit is delivered.
 --output FOLDER gets all results; compare, report, export, info and check open them.
 Exit code 1: do not use the estimate."""
 _EXAMPLES = """

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from consistent_id.problems.robot_draft import RobotDraft
 
 _MORE = """Joints and columns are matched by name; the rate, the rows that move and the
-cut-off are found in the log. What is a guess says so in a comment. Without a log, the
+cut-off are found in the log. Each guess is marked by a comment. Without a log, the
 file says what motion to record first."""
 _EXAMPLES = """
 consistent-id init robot.urdf log.csv

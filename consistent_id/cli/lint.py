@@ -6,10 +6,10 @@ from pathlib import Path
 from consistent_id.cli.answers import Answer, show, warnings_unless
 from consistent_id.cli.options import Option, add_command
 
-_MORE = """Looks for what simulators refuse, and for what they take and should not:
-masses outside the link's shapes, gravity beyond effort limits, placeholders, vanishing
-masses, left and right that differ, probable mistakes. Exit code 1: there are errors, or
-with --strict warnings."""
+_MORE = """Finds values that simulators refuse, and values that they accept but should
+not: masses outside the link's shapes, gravity beyond effort limits, placeholders,
+vanishing masses, left and right limbs that differ, probable mistakes. Exit
+code 1: there are errors, or with --strict warnings."""
 _EXAMPLES = """
 consistent-id lint robot.urdf
 consistent-id lint robot.xml --strict

@@ -166,20 +166,18 @@ PRINTED = Group(
     (
         Option("--json", "JSON, not tables"),
         Option("--verbose", "everything, not only the first lines"),
-        Option(
-            "--quiet", "nothing but errors, and JSON if asked for; see the exit code"
-        ),
+        Option("--quiet", "print only errors, and JSON with --json; see the exit code"),
     ),
 )
 # Leave to read what files of strangers must not ask for.
 STRANGERS = Group(
-    "files of strangers",
+    "files from others",
     (
         Option(
             "--trust",
             "let a problem file name files anywhere, and any environment variable",
         ),
-        Option("--large-files", "read files larger than robots and logs are"),
+        Option("--large-files", "read files above the usual limits of size"),
     ),
 )
 ONE_PROBLEM = Option("problem", "folder with a problem.toml, or the file", Path)

@@ -86,11 +86,11 @@ def robot_without_load(options: argparse.Namespace) -> "Problem":
 _RECORD = "payload.json"
 _MORE = """PROBLEM is the robot without the load: a URDF or MJCF file followed by
 logs, a problem file, or a folder of results whose logs are still there. --loaded names
-logs with the load; they are read as the others. Printed are mass, centre of mass and
+logs with the load; they are read like the others. Printed are mass, centre of mass and
 inertia about it, physically consistent, with 95 % intervals that contain correlated
-noise and the stated errors of gains. --output gets the load as controllers take it.
-Where the data leave the inertia open, as static poses do, this is a point mass. Exit
-code 1: do not use the load; nothing was written."""
+noise and the stated errors of gains. --output gets the load in the forms of
+controllers. If the data do not determine the inertia, as static poses do not, the load
+is written as a point mass. Exit code 1: do not use the load; nothing was written."""
 _EXAMPLES = """
 consistent-id payload robot.urdf empty.csv --loaded carrying.csv --link tool0
 consistent-id payload results/robot --loaded carrying.csv --output results/load
@@ -121,7 +121,7 @@ def add_payload(command: argparse.ArgumentParser) -> None:
             "x,y,z,roll,pitch,yaw (m, rad) in the frame of --link (default: that one)",
             _frame,
         ),
-        Option("--name NAME", "of the load in files", default="payload"),
+        Option("--name NAME", "name of the load in files", default="payload"),
         Option(
             "--known-mass KG",
             "if the load was weighed: gains that convert currents to torque are "

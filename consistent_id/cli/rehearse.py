@@ -12,11 +12,11 @@ from consistent_id.cli.excite import (
 from consistent_id.cli.options import Option, add_command, positive
 from consistent_id.cli.source import PROBLEM, ROBOT, statement
 
-_MORE = """The design that excite would make is played in MuJoCo by robots of planted
+_MORE = """The design that excite would make is played in MuJoCo by robots with known
 parameters: dry friction, rotors, a controller with a wrong model, encoders, noise. Then
-they are identified. It tells whether predicted errors came true, whether limits held,
-and whether the identified model holds the robot against gravity. Needs
-consistent-id[mjcf]. Exit code 1: something did not come true."""
+they are identified. The output says whether errors are as predicted, whether limits
+were kept, and whether the identified model holds the robot against gravity. Needs
+consistent-id[mjcf]. Exit code 1: one of these tests failed."""
 _EXAMPLES = """
 consistent-id rehearse problems/rx60
 consistent-id rehearse robot.urdf --acceleration 5 --robots 5
@@ -33,9 +33,9 @@ def add_rehearse(command: argparse.ArgumentParser) -> None:
         PROBLEM,
         *ROBOT,
         MOTION,
-        parameters("; robots are planted near the first"),
-        Option("--robots N", "planted robots", int, default=3),
-        Option("--seed N", "of the planted robots and of the search", int, default=0),
+        parameters("; simulated robots are near the first"),
+        Option("--robots N", "number of simulated robots", int, default=3),
+        Option("--seed N", "seed of these robots and of the search", int, default=0),
         *SEARCH,
         Option(
             "--currents SHARE",

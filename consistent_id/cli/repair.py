@@ -35,7 +35,7 @@ def add_repair(command: argparse.ArgumentParser) -> None:
         ),
         Option(
             "--choose LINK=N",
-            "which of a link's suggestions it gets; 0: the nearest consistent inertia; "
+            "number of the suggestion for a link; 0: the nearest consistent inertia; "
             "may be repeated",
             repeated=True,
         ),

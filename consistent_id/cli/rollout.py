@@ -50,8 +50,8 @@ def add_rollout(command: argparse.ArgumentParser) -> None:
         ),
         Option(
             "--form FORMAT",
-            "fit friction in the form that a format has (mjcf, mjlab, isaaclab, urdf), "
-            "and print what it costs",
+            "fit friction with the terms that a format supports (mjcf, mjlab, "
+            "isaaclab, urdf), and print how much the error rises",
         ),
         *OUTPUT,
         ACCEPT,

@@ -14,10 +14,10 @@ from consistent_id.cli.options import (
 )
 from consistent_id.cli.source import PROBLEM, STATED, statement
 
-_MORE = """Drive terms, masses, cut-offs, rows and a delay are chosen from the training
-recordings alone, by the torque that is predicted on blocks that are left out. What
-does not change stays as you wrote it, comments included. Interrupted, it shows the
-best choice so far."""
+_MORE = """Drive terms, masses, cut-offs, rows and a delay are chosen by how well the
+torque of the training recordings is predicted on blocks that were left out of the fit.
+The rest of the file stays as you wrote it, comments included. If interrupted, the
+command shows the best choice so far."""
 _EXAMPLES = """
 consistent-id select problems/ur10e
 consistent-id select problems/ur10e --keep masses motion_cutoff --dry-run

@@ -50,13 +50,13 @@ def add_servo(command: argparse.ArgumentParser) -> None:
         Option("log [...]", "logs to learn from", Path),
         Option(
             "--validate FILE ...",
-            "logs that are simulated, not learnt from; of them only the duty's gain "
-            "and deadband are used, for themselves",
+            "logs to simulate, not used for training; the duty's gain and deadband "
+            "are found in each of them by itself",
         ),
         Option(
             "--columns ROLE=COLUMN ...",
             f"columns of {', '.join(_ROLES)}; {{joint}} stands for a joint's name "
-            "(default: found by their words)",
+            "(default: found by words in their names)",
             _column,
         ),
         Option(
@@ -67,13 +67,14 @@ def add_servo(command: argparse.ArgumentParser) -> None:
         ),
         Option(
             "--full-duty NUMBER",
-            "that stands for full duty (default: the largest one if it stays while "
-            "the position error grows, else the next of 1, 100, 885, 1000, 1023)",
+            "number that stands for full duty (default: the largest one, if the duty "
+            "stays there while the position error grows, else the next of 1, 100, "
+            "885, 1000, 1023)",
             positive,
         ),
         Option(
             "--gain NUMBER",
-            "of the firmware, for logs without a duty: share of full duty over "
+            "gain of the firmware, for logs without a duty: share of full duty over "
             "position error, 1/rad",
             positive,
         ),

@@ -221,8 +221,8 @@ def _of_short_validation(
         return replace(
             finding,
             severity="note" if left else finding.severity,
-            statement=f"{seen} of validation; so little motion hardly tests the "
-            "estimate, and its held-out error says little of other motion",
+            statement=f"{seen} of validation; so short a recording hardly tests the "
+            "estimate, and its held-out error may not hold for other motion",
             advice="hold out a longer recording",
         )
 

@@ -433,9 +433,9 @@ def _currents(p: TorqueParts) -> list[LogFinding]:
             "torque channel",
             "fault",
             "all joints",
-            "the torque follows the model with another factor for each joint: it is "
-            "motor currents or torques before the gears, or the model's inertials are "
-            f"not the robot's ({_slopes(p)})",
+            "the torque follows the model with a different factor for each joint: it "
+            "is motor currents or torques before the gears, or the model's inertials "
+            f"are not the robot's ({_slopes(p)})",
             "give --torque-gain (torque_gain): N m per ampere, gear ratio included, "
             "for each joint",
             float(_FAR),

@@ -180,8 +180,8 @@ def _of_nominal(fit: Fit, found: _Found, crossed: Slopes | None) -> Iterator[Rea
         yield Reason(
             "nominal model",
             "use",
-            f"{said}{slopes_of(fit, known)}{_beside(fit, known, others)}, so that "
-            "gains are right, and the model's bodies are not, or carry a load",
+            f"{said}{slopes_of(fit, known)}{_beside(fit, known, others)}, so the "
+            "gains are right, and the model's bodies are wrong or carry a load",
         )
 
 

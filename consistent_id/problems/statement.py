@@ -178,7 +178,7 @@ class Statement:
     torque_gain: Sequence[float] = _said(
         "log",
         "--torque-gain NUMBER ...",
-        "from the torque columns to N m or N: one for all joints, or one each",
+        "factor from the torque columns to N m or N: one for all joints, or one each",
         "data.torque_gain",
         default=(),
         read=words.numbers,
@@ -285,7 +285,7 @@ class Statement:
         choices=("xyzw", "wxyz"),
     )
     imu: str | None = _said(
-        "base", "--imu FRAME", "of the robot's file, where the unit is"
+        "base", "--imu FRAME", "frame of the robot's file at which the unit is mounted"
     )
     contacts: Mapping[str, str] | None = _said(
         "base",
@@ -335,8 +335,8 @@ class Statement:
     band: float | None = _said(
         "selection",
         "--band HZ",
-        "up to which torque is to be predicted (default: 20 times the band of the "
-        "velocity)",
+        "frequency up to which torque is to be predicted (default: 20 times the band "
+        "of the velocity)",
         read=words.positive("--band"),
     )
     keep: Sequence[str] = _said(
