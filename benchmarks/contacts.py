@@ -11,6 +11,7 @@ forces of known size and place on a simulated arm, with the noise of the Franka'
 import argparse
 import os
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,12 @@ import consistent_id as ci
 from consistent_id.recordings import Recording
 from consistent_id.regression.residual_noise import joint_noise
 from consistent_id.robot.kinematics import link_places
-from consistent_id.service import ContactDetector, MomentumObserver, control_model
+from consistent_id.service import (
+    ContactDetector,
+    ControlModel,
+    MomentumObserver,
+    control_model,
+)
 
 DATA = Path(os.environ["CONSISTENT_ID_DATASETS"])
 REST = 0.4  # s without a touch before those that count, and before rest that counts
@@ -44,6 +50,8 @@ UR10E = (
 WITHIN = 0.05  # s in which a step has to be found
 EVERY = 1.0  # s between steps that are put in
 MOVING = 0.05  # rad/s of some joint, above which the arm moves
+GAINS = (20.0, 40.0, 60.0, 100.0)  # 1/s, of the observer
+GAIN = 60.0  # of the table of joints
 
 PANDA = (
     ci.DHRow(0, 0, d=0.333),
@@ -151,20 +159,75 @@ def touches() -> list[str]:
 
 
 def steps() -> list[str]:
-    """Return the table of the UR10e."""
+    """Return the tables of the UR10e."""
     problem = ci.load_problem("problems/ur10e")
     logs = [problem.read(f"{name}.parquet") for name in UR10E]
     parts = [ci.build_regression(problem.model, problem.prepare(log)) for log in logs]
-    hours, alarms, thresholds, found, tried, largest = 0.0, [], [], [], [], []
-    for k, log in enumerate(logs):
+    controls = []
+    for k in range(len(logs)):
         others = [part for j, part in enumerate(parts) if j != k]
         regression = others[0].joined(others[1:])
         regression = regression.weighted(joint_noise(problem.model, regression))
         estimate = ci.constrained_least_squares(
             problem.model, regression, constraints=problem.constraints
         )
-        control = control_model(estimate, friction_velocity=0.01, allow_refused=True)
-        observer = MomentumObserver(control)
+        controls.append(
+            control_model(estimate, friction_velocity=0.01, allow_refused=True)
+        )
+    tried = {gain: _steps_with(gain, logs, controls) for gain in GAINS}
+    best = tried[GAIN]
+    minutes = sum(log.duration for log in logs) / 60.0
+    lines = [
+        f"{len(logs)} logs, {minutes:.1f} min, of which {len(best.thresholds)} samples "
+        f"move; {len(best.found)} steps on each joint; gain {GAIN:g}. False alarms: "
+        f"{len(best.alarms)}{' (' if best.alarms else ''}{'; '.join(best.alarms)}"
+        f"{')' if best.alarms else ''}. The largest distance without a contact is "
+        f"{best.distance:.2f} of the limit.",
+        "",
+        "| joint | threshold, median (10 to 90 %) [N m] | largest torque from outside "
+        "without a contact [N m] | steps of twice the threshold "
+        f"found within {WITHIN * 1e3:.0f} ms |",
+        "|---|---:|---:|---:|",
+    ]
+    middle = np.median(best.thresholds, axis=0)
+    low, high = np.quantile(best.thresholds, [0.1, 0.9], axis=0)
+    shares = best.found.mean(axis=0)
+    for j, name in enumerate(logs[0].joints):
+        lines.append(
+            f"| {name} | {middle[j]:.2f} ({low[j]:.2f} to {high[j]:.2f}) | "
+            f"{best.largest[j]:.1f} | {shares[j]:.1%} |"
+        )
+    lines += [
+        "",
+        "| gain of the observer | false alarms | medians of the thresholds [N m] | "
+        "steps found, all joints |",
+        "|---:|---:|---:|---:|",
+    ]
+    for gain, one in tried.items():
+        medians = ", ".join(f"{x:.2g}" for x in np.median(one.thresholds, axis=0))
+        lines.append(
+            f"| {gain:g} | {len(one.alarms)} | {medians} | {one.found.mean():.1%} |"
+        )
+    return lines
+
+
+@dataclass(frozen=True)
+class Steps:
+    """What the detector says of logs that were left out, and of steps in them."""
+
+    alarms: list[str]
+    distance: float  # largest without a contact, over the limit
+    thresholds: np.ndarray  # of samples that move, shape (samples, joints)
+    largest: np.ndarray  # torque from outside without a contact, shape (joints,)
+    found: np.ndarray  # shape (steps, joints)
+
+
+def _steps_with(
+    gain: float, logs: Sequence[Recording], controls: Sequence[ControlModel]
+) -> Steps:
+    alarms, distances, thresholds, found, largest = [], [], [], [], []
+    for k, log in enumerate(logs):
+        observer = MomentumObserver(controls[k], gain=gain)
         outside = [observer.along(other) for other in logs]
         detector = ContactDetector.fit([o for j, o in enumerate(outside) if j != k])
         contacts = detector.along(outside[k])
@@ -173,34 +236,21 @@ def steps() -> list[str]:
             f"{log.duration:.1f} s, speed {abs(log.velocity[at]).max():.2f} rad/s"
             for at in contacts.starts
         ]
-        hours += log.duration / 3600.0
+        distances.append(contacts.distance.max())
         moving = (abs(log.velocity) > MOVING).any(axis=1)
         moving &= np.isfinite(contacts.threshold[:, 0])
         thresholds.append(contacts.threshold[moving])
         largest.append(abs(outside[k].torque).max(axis=0))
-        hits = _steps_found(observer, detector, outside[k], contacts.threshold, moving)
-        found.append(hits.sum(axis=0))
-        tried.append(len(hits))
-    middle = np.median(np.concatenate(thresholds), axis=0)
-    low, high = np.quantile(np.concatenate(thresholds), [0.1, 0.9], axis=0)
-    shares = np.sum(found, axis=0) / sum(tried)
-    lines = [
-        f"{len(logs)} logs, {hours * 60:.1f} min, of which {sum(map(len, thresholds))} "
-        f"samples move; {sum(tried)} steps on each joint. False alarms: {len(alarms)}"
-        f"{' (' if alarms else ''}{'; '.join(alarms)}{')' if alarms else ''}.",
-        "",
-        "| joint | threshold, median (10 to 90 %) [N m] | largest torque from outside "
-        "without a contact [N m] | steps of twice the threshold "
-        f"found within {WITHIN * 1e3:.0f} ms |",
-        "|---|---:|---:|---:|",
-    ]
-    most = np.max(largest, axis=0)
-    for j, name in enumerate(logs[0].joints):
-        lines.append(
-            f"| {name} | {middle[j]:.2f} ({low[j]:.2f} to {high[j]:.2f}) | "
-            f"{most[j]:.1f} | {shares[j]:.1%} |"
+        found.append(
+            _steps_found(observer, detector, outside[k], contacts.threshold, moving)
         )
-    return lines
+    return Steps(
+        alarms,
+        max(distances),
+        np.concatenate(thresholds),
+        np.max(largest, axis=0),
+        np.concatenate(found),
+    )
 
 
 def _steps_found(

@@ -30,11 +30,14 @@ from consistent_id.service.residual_spread import (
     compared,
     fitted_spread,
     free_part,
+    least_of_row,
     signals_of,
     window_states,
 )
 
 MEMORY = (0.05, 0.3)  # s
+OF_OBSERVER = 3
+"""Samples in a row for torque of an observer: one wrong sample spoils two steps."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +50,8 @@ class ContactState:
     contact : bool
         Whether a contact begins, changes or ends: the distance is above 1.
     distance : float
-        Of the torque from its mean, over the threshold.
+        Of the torque from its mean, over the threshold; the least of the samples in a
+        row that have to exceed it.
     change : ndarray, shape (joints,), [N m or N]
         The torque less its mean.
     begun : float, [s]
@@ -56,6 +60,8 @@ class ContactState:
         The memory: its times and signals.
     mean : ndarray
         Mean of the signals that the sample was compared with; NaN without one.
+    recent : ndarray
+        Distances of this sample and of those before it, as many as the row has.
     """
 
     time: float
@@ -66,6 +72,7 @@ class ContactState:
     times: Vector
     rows: Matrix
     mean: Vector
+    recent: Vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,11 +84,11 @@ class Contacts:
     time : ndarray, shape (samples,), [s]
     contact : ndarray of bool, shape (samples,)
     distance : ndarray, shape (samples,)
-        Over the threshold.
+        Over the threshold; the least of the samples in a row.
     change : ndarray, shape (samples, joints), [N m or N]
         The torque less its mean before.
     threshold : ndarray, shape (samples, joints), [N m or N]
-        Change of one joint's torque alone that is found.
+        Change of one joint's torque alone that is found if it lasts as many samples.
     """
 
     time: Vector
@@ -118,6 +125,8 @@ class ContactDetector:
         Ages of the newest and the oldest sample of the mean.
     hours : float
         Of the logs that it was fitted to.
+    in_a_row : int
+        Samples that have to be beyond the threshold, one after the other.
     """
 
     joints: tuple[str, ...]
@@ -126,6 +135,7 @@ class ContactDetector:
     false_alarms: float
     memory: tuple[float, float] = MEMORY
     hours: float = 0.0
+    in_a_row: int = 1
 
     def __repr__(self) -> str:
         return (
@@ -141,6 +151,7 @@ class ContactDetector:
         free: Sequence[ArrayLike] | None = None,
         false_alarms: float = 1.0,
         memory: tuple[float, float] = MEMORY,
+        in_a_row: int | None = None,
     ) -> "ContactDetector":
         """Return the detector that is right for these logs.
 
@@ -160,6 +171,11 @@ class ContactDetector:
             Rate to state.  If logs are shorter than an hour, it is extrapolated: the
             distances' largest values are taken to fall off exponentially.
         memory : tuple of float, [s]
+        in_a_row : int, optional
+            Samples that have to be beyond the threshold, one after the other: a robot
+            that now and then repeats a sample, or sends a wrong one, is not touched.
+            By default 3 for torque of an observer, in which a wrong sample spoils two
+            steps, and 1 for measured torque.
 
         Raises
         ------
@@ -177,6 +193,12 @@ class ContactDetector:
             raise ProblemError(
                 f"{false_alarms} false alarms an hour, expected a number above 0"
             )
+        if in_a_row is not None and not (
+            isinstance(in_a_row, int | np.integer) and in_a_row >= 1
+        ):
+            raise ProblemError(
+                f"in_a_row is {in_a_row}, expected a whole number of samples, 1 or more"
+            )
         joints = logs[0].joints
         flags = [np.ones(len(log), dtype=bool) for log in logs]
         if free is not None:
@@ -190,8 +212,9 @@ class ContactDetector:
             free_part(log.of(joints), flag, used, memory)
             for log, flag in zip(logs, flags, strict=True)
         ]
-        spread, limit, hours = fitted_spread(parts, false_alarms, used, oldest)
-        return cls(joints, spread, limit, false_alarms, memory, hours)
+        row = in_a_row or (OF_OBSERVER if used.expected else 1)
+        spread, limit, hours = fitted_spread(parts, false_alarms, used, oldest, row)
+        return cls(joints, spread, limit, false_alarms, memory, hours, row)
 
     def c(self, *, name: str = "robot", rate: float = 1000.0) -> Export:
         """Return the detector as C without allocation: a source and a header.
@@ -216,6 +239,7 @@ class ContactDetector:
             self.false_alarms,
             self.memory,
             self.hours,
+            self.in_a_row,
         )
         return detector_c(values, name, rate)
 
@@ -242,7 +266,8 @@ class ContactDetector:
         none = np.zeros(0)
         rows = np.zeros((0, width))
         mean = np.full(width, np.nan)
-        return ContactState(time, False, 0.0, still, time, none, rows, mean)
+        recent = np.zeros(self.in_a_row)
+        return ContactState(time, False, 0.0, still, time, none, rows, mean, recent)
 
     def step(
         self,
@@ -286,13 +311,16 @@ class ContactDetector:
         part, known = compared(log, self.spread.signals, self.memory)
         n = len(self.joints)
         change = (part.rows - part.means)[:, :n] * known[:, None]
-        distance = np.where(known, self.spread.distances(part), 0.0) / self.limit
+        each = np.where(known, self.spread.distances(part), 0.0) / self.limit
+        distance = least_of_row(each, self.in_a_row)
         deviations = self.spread.deviations(part.rows, part.means, part.states)
         threshold = np.where(known[:, None], self._alone(deviations), np.inf)
         return Contacts(log.time, distance > 1.0, distance, change, threshold)
 
     def thresholds(self, state: ContactState) -> Vector:
         """Return the change of each joint's torque alone that is found in this state.
+
+        It is found if it lasts `in_a_row` samples.
 
         Returns
         -------
@@ -332,8 +360,10 @@ class ContactDetector:
             scaled = change / self._deviations(rows, mean)
             square = float(scaled @ self.spread.weights @ scaled)
             distance = float(np.sqrt(square)) / self.limit
+        recent = np.append(state.recent[1:], distance)
+        least = float(recent.min())
         return ContactState(
-            time, distance > 1.0, distance, change, state.begun, times, rows, mean
+            time, least > 1.0, least, change, state.begun, times, rows, mean, recent
         )
 
 

@@ -23,7 +23,8 @@ _HEAD = """/* Contacts of a robot of {n} joints, found by a short memory; 64-bit
 {joints}
  * {name}_start takes the time of the first sample [s].
  * {name}_step takes a sample: time [s], torque from outside [N m or N]{channels}.
- * It returns 1 where a contact begins, changes or ends, 0 elsewhere; -1 if a number,
+ * It returns 1 where a contact begins, changes or ends, which {in_a_row} sample(s) in a
+ * row have to show, 0 elsewhere; -1 if a number,
  * or the time of the start, is not finite or the time goes back, -2 if there are
  * more than {most} samples in {oldest:g} s: the sample is then left out, and the
  * state is as it was.
@@ -36,6 +37,7 @@ _HEADER = """#ifndef {guard}_H
 #define {guard}_JOINTS {n}
 #define {guard}_SAMPLES {most}
 #define {guard}_SIGNALS {width}
+#define {guard}_IN_A_ROW {in_a_row}
 
 #ifdef __cplusplus
 extern "C" {{
@@ -43,11 +45,13 @@ extern "C" {{
 
 typedef struct {{
   int contact;                 /* 1 if the distance is above 1 */
-  double distance;             /* of the torque from its mean, over the threshold */
+  double distance;             /* of the torque from its mean, over the threshold: the
+                                  least of the samples in a row */
   double change[{n}];            /* torque less its mean [N m or N] */
   double threshold[{n}];         /* change of one joint alone that is found */
   int count, first;            /* the memory: samples in it, place of the oldest */
   double begun, time;
+  double recent[{in_a_row}];           /* distances of the samples in a row */
   double times[{most}];
   double rows[{most}][{width}];
 }} {name}_contacts;
@@ -67,8 +71,22 @@ int {name}_step({name}_contacts *state, double time, const double *torque,
 _SOURCE = """#include <math.h>
 #include "{name}.h"
 
-enum {{ N = {n}, M = {most}, W = {width} }};
+enum {{ N = {n}, M = {most}, W = {width}, K = {in_a_row} }};
 {tables}
+/* Take a sample's distance: a contact is K in a row above 1. */
+static int {name}_found({name}_contacts *state, double distance) {{
+  double least = distance;
+  int k;
+  for (k = 0; k + 1 < K; ++k) {{
+    state->recent[k] = state->recent[k + 1];
+    if (state->recent[k] < least) least = state->recent[k];
+  }}
+  state->recent[K - 1] = distance;
+  state->distance = least;
+  state->contact = least > 1.0;
+  return state->contact;
+}}
+
 static int {name}_known(const double *values, int used) {{
   int j;
   if (used && !values) return 0;
@@ -82,6 +100,7 @@ void {name}_start({name}_contacts *state, double time) {{
   state->contact = state->count = state->first = 0;
   state->distance = 0.0;
   state->begun = state->time = time;
+  for (j = 0; j < K; ++j) state->recent[j] = 0.0;
   for (j = 0; j < N; ++j) {{
     state->change[j] = 0.0;
     state->threshold[j] = HUGE_VAL;
@@ -154,13 +173,11 @@ int {name}_step({name}_contacts *state, double time, const double *torque,
     ++before;
   }}
   if (!before || !(time >= state->begun + {oldest})) {{
-    state->contact = 0;
-    state->distance = 0.0;
     for (j = 0; j < N; ++j) {{
       state->change[j] = 0.0;
       state->threshold[j] = HUGE_VAL;
     }}
-    return 0;
+    return {name}_found(state, 0.0);
   }}
   for (k = 0; k < W; ++k) mean[k] /= before;
   for (j = 0; j < N; ++j) {{
@@ -181,9 +198,7 @@ int {name}_step({name}_contacts *state, double time, const double *torque,
   }}
   for (i = 0; i < N; ++i)
     for (j = 0; j < N; ++j) square += scaled[i] * weights[i][j] * scaled[j];
-  state->distance = sqrt(square) / {limit};
-  state->contact = state->distance > 1.0;
-  return state->contact;
+  return {name}_found(state, sqrt(square) / {limit});
 }}
 """
 
@@ -197,6 +212,7 @@ class DetectorValues(NamedTuple):
     false_alarms: float
     memory: tuple[float, float]
     hours: float
+    in_a_row: int
 
 
 def detector_c(detector: DetectorValues, name: str, rate: float) -> Export:
@@ -243,6 +259,7 @@ def detector_c(detector: DetectorValues, name: str, rate: float) -> Export:
         channels="".join(f", {c}" for c in channels) + "; others may be null",
         most=most,
         oldest=oldest,
+        in_a_row=detector.in_a_row,
     )
     tables = {
         "coefficients": spread.coefficients,
@@ -263,9 +280,17 @@ def detector_c(detector: DetectorValues, name: str, rate: float) -> Export:
         oldest=repr(float(oldest)),
         slack=repr(SLACK),
         slow=repr(SLOW),
+        in_a_row=detector.in_a_row,
         limit=repr(float(detector.limit)),
     )
-    header = _HEADER.format(guard=name.upper(), name=name, n=n, most=most, width=6 * n)
+    header = _HEADER.format(
+        guard=name.upper(),
+        name=name,
+        n=n,
+        most=most,
+        width=6 * n,
+        in_a_row=detector.in_a_row,
+    )
     return Export(
         "c", (head + source).encode(), side=SideFile(".h", (head + header).encode())
     )

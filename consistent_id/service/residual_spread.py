@@ -250,8 +250,26 @@ def free_part(
     return FreePart(part.time[use], part.rows[use], part.means[use], part.states[use])
 
 
+def least_of_row(values: Array, in_a_row: int) -> Array:
+    """Return the least size of each value and of those before it, in a row.
+
+    Values of both signs in a row have none, and neither have the first ones.
+    """
+    if in_a_row > len(values):
+        return np.zeros_like(values)
+    rows = np.lib.stride_tricks.sliding_window_view(values, in_a_row, axis=0)
+    same = (rows > 0.0).all(axis=-1) | (rows < 0.0).all(axis=-1)
+    out = np.zeros_like(values)
+    out[in_a_row - 1 :] = abs(rows).min(axis=-1) * same
+    return out
+
+
 def fitted_spread(
-    parts: Sequence[FreePart], rate: float, signals: Signals, oldest: float
+    parts: Sequence[FreePart],
+    rate: float,
+    signals: Signals,
+    oldest: float,
+    in_a_row: int,
 ) -> tuple[ResidualSpread, float, float]:
     """Return the spread, the distance that is exceeded `rate` times an hour, and hours.
 
@@ -262,6 +280,8 @@ def fitted_spread(
     signals : Signals
     oldest : float, [s]
         Time in which exceedances count once.
+    in_a_row : int
+        Samples that have to exceed together.
     """
     rows, means, states = (
         np.concatenate([getattr(part, name) for part in parts])
@@ -284,7 +304,8 @@ def fitted_spread(
         signals, coefficients, largest, np.ones((n, len(STATES))), np.eye(n)
     )
     scaled = [_scaled(part, plain) for part in parts]
-    levels = _levels(parts, scaled, rate, hours, oldest)
+    lasting = [least_of_row(z, in_a_row) for z in scaled]
+    levels = _levels(parts, lasting, rate, hours, oldest)
     z = np.concatenate(scaled) / np.take_along_axis(levels.T, states, axis=0)
     correlation = z.T @ z / len(z)
     if not np.linalg.eigvalsh(correlation)[0] > _DEPENDENT * np.trace(correlation):
@@ -294,7 +315,12 @@ def fitted_spread(
         )
     weights: Matrix = np.linalg.inv(correlation).astype(np.float64)
     found = ResidualSpread(signals, coefficients, largest, levels, weights)
-    tops = [interval_maxima(part.time, found.distances(part), oldest) for part in parts]
+    tops = [
+        interval_maxima(
+            part.time, least_of_row(found.distances(part), in_a_row), oldest
+        )
+        for part in parts
+    ]
     return found, rare_level(np.concatenate(tops), rate * hours), hours
 
 
@@ -371,13 +397,13 @@ def _scaled(part: FreePart, spread: ResidualSpread) -> Matrix:
 
 def _levels(
     parts: Sequence[FreePart],
-    scaled: Sequence[Matrix],
+    lasting: Sequence[Matrix],
     rate: float,
     hours: float,
     oldest: float,
 ) -> Matrix:
     """Return each joint's rare value in each state, in standard deviations."""
-    n = scaled[0].shape[1]
+    n = lasting[0].shape[1]
     out = np.full((n, len(STATES)), np.nan)
     budget = rate * hours / (n * len(STATES))
     for j in range(n):
@@ -386,10 +412,10 @@ def _levels(
                 [
                     interval_maxima(
                         part.time,
-                        np.where(part.states[:, j] == state, abs(z[:, j]), 0.0),
+                        np.where(part.states[:, j] == state, z[:, j], 0.0),
                         oldest,
                     )
-                    for part, z in zip(parts, scaled, strict=True)
+                    for part, z in zip(parts, lasting, strict=True)
                 ]
             )
             if (tops > 0.0).sum() >= 2 * _TOP:

@@ -1,9 +1,11 @@
 """Contacts in noise whose statistics are known."""
 
 import ctypes
+import os
 import shutil
 import subprocess
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -204,7 +206,10 @@ def in_c(detector, folder, rate):
     found.arm_step.argtypes = [ctypes.c_void_p, ctypes.c_double, *[vector] * 4]
     n = len(detector.joints)
     text = source.with_suffix(".h").read_text()
-    most = int(text.split("ARM_SAMPLES ")[1].split()[0])
+    most, row = (
+        int(text.split(f"ARM_{word} ")[1].split()[0])
+        for word in ("SAMPLES", "IN_A_ROW")
+    )
 
     class State(ctypes.Structure):
         _fields_ = [
@@ -215,6 +220,7 @@ def in_c(detector, folder, rate):
             ("count", ctypes.c_int),
             ("first", ctypes.c_int),
             ("clock", ctypes.c_double * 2),
+            ("recent", ctypes.c_double * row),
             ("memory", ctypes.c_double * (most * (1 + 6 * n))),
         ]
 
@@ -239,25 +245,95 @@ def test_c_finds_the_same_sample_by_sample(tmp_path, moves):
     rest = log.samples(slice(9000, None))
     torque = rest.torque.copy()
     torque[1500:, 1] += 10.0  # a contact
-    known = detector.start(rest.time[0])
-    library.arm_start(ctypes.byref(state), rest.time[0])
-    seen = 0
-    for k, time in enumerate(rest.time):
-        rows = [torque[k]]
-        rows += [
-            None if c is None else c[k]
-            for c in (rest.velocity, rest.acceleration, rest.torque_command)
-        ]
+    assert detector.in_a_row == (3 if moves else 1)
+    assert alarms_of_both(detector, library, state, replace(rest, torque=torque)).any()
+
+
+def alarms_of_both(detector, library, state, log, scale=1.0):
+    """Alarms of the detector in C, compared with `step` sample by sample.
+
+    Sums of some tens of numbers differ by their last digits: `scale` is their size.
+    """
+    known = detector.start(log.time[0])
+    library.arm_start(ctypes.byref(state), log.time[0])
+    channels = (log.torque, log.velocity, log.acceleration, log.torque_command)
+    alarms = []
+    for k, time in enumerate(log.time):
+        rows = [None if c is None else c[k] for c in channels]
         known = detector.step(known, time, *rows)
         found = library.arm_step(ctypes.byref(state), time, *map(as_c, rows))
         assert found == state.contact == known.contact
-        seen += found
-        # Of sums of some sixty numbers that are ten times the change.
-        assert state.distance == pytest.approx(known.distance, rel=1e-12, abs=1e-12)
-        np.testing.assert_allclose(list(state.change), known.change, atol=1e-12)
+        alarms.append(found)
+        near = {"rtol": 1e-12 * scale, "atol": 1e-12 * scale}
+        np.testing.assert_allclose(state.distance, known.distance, **near)
+        np.testing.assert_allclose(list(state.change), known.change, **near)
         threshold = detector.thresholds(known)
-        np.testing.assert_allclose(list(state.threshold), threshold, rtol=1e-12)
-    assert seen
+        np.testing.assert_allclose(list(state.threshold), threshold, **near)
+    return np.array(alarms, dtype=bool)
+
+
+@pytest.mark.slow
+@NEEDS_CC
+@pytest.mark.skipif(
+    "CONSISTENT_ID_DATASETS" not in os.environ,
+    reason="CONSISTENT_ID_DATASETS does not name the folder of recordings",
+)
+def test_c_finds_the_touches_of_a_recording_as_numpy_does(tmp_path):
+    folder = Path(os.environ["CONSISTENT_ID_DATASETS"], "franka_contacts")
+    last, *others = [franka(file) for file in sorted(folder.glob("*.parquet"))]
+    detector = ContactDetector.fit(
+        [log for log, _ in others], free=[label == 0 for _, label in others]
+    )
+    library, state = in_c(detector, tmp_path, 1000.0)
+    log, label = last
+    # The largest of the sums is that of 60 torques of some 30 N m.
+    alarms = alarms_of_both(detector, library, state, log, scale=100.0)
+    np.testing.assert_array_equal(alarms, detector.along(log).contact)
+    starts = np.flatnonzero(np.diff(label) > 0) + 1
+    assert len(starts) > 3
+    for start in starts:  # a glove's label may be late by 50 ms
+        near = (log.time > log.time[start] - 0.05) & (log.time < log.time[start] + 0.2)
+        assert alarms[near].any()
+
+
+def franka(file):
+    """The log of a resting arm, and the labels of its touches."""
+    import pyarrow.parquet as parquet
+
+    table = parquet.read_table(file)
+    time = table["time"].to_numpy().astype(float)
+    new = np.concatenate([[True], np.diff(time) > 0])
+    q, dq, torque = (
+        np.column_stack([table[f"{name}{j}"].to_numpy() for j in range(7)])[new]
+        for name in ("q", "dq", "tau_J")
+    )
+    joints = tuple(f"joint_{j + 1}" for j in range(7))
+    label = table["label"].to_numpy()[new].astype(int)
+    return Recording(joints, time[new], q, velocity=dq, torque=torque), label
+
+
+@pytest.mark.slow
+def test_a_wrong_sample_is_no_contact_and_a_push_is_one():
+    log = replace(moving(60.0, 5), torque_command=np.zeros((12000, 3)))
+    fitted = ContactDetector.fit([log.samples(slice(0, 9000))])
+    rest = log.samples(slice(9000, None))
+    size = 10.0 * fitted.along(rest).threshold[1500]
+    for samples, found in ((2, False), (3, True), (40, True)):
+        torque = rest.torque.copy()
+        torque[1500 : 1500 + samples] += size
+        contacts = fitted.along(replace(rest, torque=torque))
+        assert contacts.contact[1500:1510].any() == found
+        assert not contacts.contact[1500:1502].any()
+    alone = ContactDetector.fit([log.samples(slice(0, 9000))], in_a_row=1)
+    torque = rest.torque.copy()
+    torque[1500] += size
+    assert alone.along(replace(rest, torque=torque)).contact[1500]
+
+
+@pytest.mark.parametrize("row", [0, 1.5, np.nan])
+def test_samples_in_a_row_are_a_whole_number(row):
+    with pytest.raises(ProblemError, match="expected a whole number of samples"):
+        ContactDetector.fit([noise(60.0, 0)], in_a_row=row)
 
 
 @pytest.mark.slow
