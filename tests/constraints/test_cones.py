@@ -248,3 +248,17 @@ def test_equalities_take_up_what_other_multipliers_leave():
     rows = [ConeRows("zero", np.array([[1.0, 1.0]]), np.ones(1))]
     bound = lower_bound(np.ones(2), rows, [np.array([7.0])], Ball(np.zeros(2), 1e6))
     assert bound == pytest.approx(1.0, abs=1e-8)
+
+
+def test_any_multipliers_give_a_lower_bound_of_a_cone_programme():
+    """``min c.x`` over a ball is ``c.m - r ||c||``; few multipliers are in their cone."""
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        centre, cost = rng.normal(size=(2, 3))
+        inner = Ball(centre, 0.5)
+        far = Ball(centre + rng.normal(size=3), 100.0)
+        bound = lower_bound(cost, [inner.rows()], [rng.normal(size=4)], far)
+        assert bound <= cost @ centre - 0.5 * np.linalg.norm(cost) + 1e-12
+    exact = np.append(0.5 * np.linalg.norm(cost), 0.5 * cost)
+    bound = lower_bound(cost, [inner.rows()], [exact], far)
+    assert bound == pytest.approx(cost @ centre - 0.5 * np.linalg.norm(cost), abs=1e-12)

@@ -7,6 +7,7 @@ import pytest
 from logged import FRICTION, URDF, moved
 
 from consistent_id import (
+    DHRow,
     DriveTerms,
     FixedMasses,
     PhysicalConsistency,
@@ -15,12 +16,14 @@ from consistent_id import (
     build_regression,
     constrained_least_squares,
     differentiated,
+    from_modified_dh,
     low_passed,
 )
 from consistent_id.constraints.robot_size import robot_size
 from consistent_id.estimation.judgement import INERTIA_REFUSED
 from consistent_id.robot import load_urdf
 from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.model import Link
 
 DRIVE = DriveTerms(
     viscous=True,
@@ -142,3 +145,17 @@ def test_a_long_shape_widens_the_nominal_body(model):
     x = _parameters(model, nominal)
     name = model.robot.link_names[1]
     assert robot_size(model, x, {name: 0.9}).size[1] == pytest.approx(0.9)
+
+
+@pytest.mark.parametrize("mass", [0.05, 40.0])
+def test_a_link_is_as_large_as_a_thin_ball_of_its_mass(mass):
+    bodies = [Link(f"link{k}", None) for k in (1, 2)]
+    arm = from_modified_dh("arm", [DHRow(0, 0), DHRow(0, 0.01)])
+    robot = replace(arm, links=tuple(bodies))
+    body = InertialParameters.from_central(mass, [0, 0, 0], mass * np.eye(3))
+    model = TorqueModel(robot)
+    size = robot_size(
+        model, _parameters(model, [body, body]), reach={"link1": 0.0, "link2": 0.0}
+    )
+    radius = (3.0 * mass / (4.0 * np.pi * 100.0)) ** (1.0 / 3.0)
+    np.testing.assert_allclose(size.size, max(radius, 0.01), rtol=1e-12)

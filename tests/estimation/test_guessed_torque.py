@@ -21,6 +21,7 @@ from consistent_id.estimation.fit import AGREES, _distance, guessed_share, prior
 from consistent_id.recordings import BaseMotion
 from consistent_id.regression import base_parameters
 from consistent_id.regression.residual_noise import unconstrained_fit
+from consistent_id.regression.row_structure import random_rows
 from consistent_id.robot import load_mjcf
 from consistent_id.robot.scaling import USUAL_WIDTHS, link_scales, reference_bodies
 
@@ -137,6 +138,25 @@ def test_a_rich_log_needs_no_prior_and_a_poor_one_a_good_prior():
     of_rich, of_poor = (errors_of_the_prior(model, log, x) for log in (rich, poor))
     assert of_rich.max() < 0.02
     assert np.isnan(of_poor).all()  # beyond the gate of all rows together
+
+
+def test_errors_of_the_prior_are_those_of_a_posterior_mean():
+    """``cov = w K K^T w``, ``K = (w A^T A w + 1)^-1``, on torque of random motions."""
+    model, log = logged(0, noise=1.0)
+    size, x = model.layout.inertial_size, np.zeros(len(model.layout))
+    x[:size], x[size:] = model.robot.nominal.ravel(), np.tile((1.0, 2.0, 0.3), 4)
+    free = unconstrained_fit(build_regression(model, log), base_parameters(model))
+    rows = random_rows(model)
+    norms = np.where(rows.norms > 0.0, rows.norms, 1.0)
+    width = np.sqrt(np.mean((norms * x) ** 2)) / norms
+    width[:size] = link_scales(model.robot).widths(USUAL_WIDTHS)
+    A = free.noise.coordinates @ free.base.projection
+    A = np.linalg.solve(free.noise.root.T, A)
+    kept = np.linalg.inv(width[:, None] * A.T @ A * width + np.eye(len(x)))
+    squares = sum(rows.rms(change) ** 2 for change in (width[:, None] * kept).T)
+    errors = errors_of_the_prior(model, log, x)
+    assert errors.min() > 1e-3  # all of the rows make torque
+    np.testing.assert_allclose(errors, np.sqrt(squares) / rows.rms(x), rtol=1e-6)
 
 
 def test_of_a_prior_that_the_log_contradicts_no_errors_are_known():

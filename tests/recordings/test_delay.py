@@ -169,6 +169,16 @@ def test_a_channel_that_lags_is_put_right_on_its_own_clock():
     )
 
 
+def test_the_first_and_the_last_sample_that_both_clocks_have_are_kept():
+    motion, time = tones(np.random.default_rng(6)), np.arange(600) / 100.0
+    recording = log(time, motion(time))
+    inner = signals.Track("velocity", NAMES, time[100:501], motion(time[100:501], 1))
+    both = signals.aligned(recording, inner)
+    assert (both.time == time[100:501]).all()
+    assert (both.position == recording.position[100:501]).all()
+    np.testing.assert_allclose(both.velocity, motion(both.time, 1), atol=1e-12)
+
+
 def test_clocks_that_do_not_meet_or_have_gaps_are_refused():
     time = np.arange(500) / 100.0
     recording = log(time, np.sin(time))

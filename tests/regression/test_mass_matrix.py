@@ -118,6 +118,20 @@ def test_limbs_have_eigenvalues_of_their_own_unless_rotors_couple_them(coupled):
     assert least_mass_eigenvalue(model, x, q) == pytest.approx(expected, abs=1e-12)
 
 
+@pytest.mark.parametrize("lower", [-np.inf, -6.0])
+@pytest.mark.parametrize("upper", [-3.5, 1.0, 5.0, np.inf])
+def test_random_poses_fill_a_turn_within_the_limits(lower, upper):
+    arm = from_modified_dh("arm", [DHRow(0, 0)])
+    (joint,) = arm.joints
+    limits = replace(joint.limits, lower=lower, upper=upper)
+    robot = replace(arm, joints=(replace(joint, limits=limits),))
+    q = random_poses(TorqueModel(robot), 2000, seed=0)
+    first = lower if np.isfinite(lower) else min(-np.pi, upper - np.pi)
+    last = upper if np.isfinite(upper) else max(np.pi, first + np.pi)
+    assert first <= q.min() < first + 0.01 * (last - first)
+    assert last - 0.01 * (last - first) < q.max() <= last
+
+
 def test_mass_matrices_of_more_poses_than_a_chunk_are_those_of_pinocchio():
     reference, robot = random_robot(np.random.default_rng(0), 7)
     q = random_poses(TorqueModel(robot), CHUNK + 3, seed=0)

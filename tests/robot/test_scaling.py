@@ -1,9 +1,13 @@
 """Typical sizes of links, where the model says little."""
 
-import numpy as np
+from dataclasses import replace
 
-from consistent_id import DHRow, from_modified_dh
-from consistent_id.robot.scaling import link_scales
+import numpy as np
+import pytest
+
+from consistent_id import DHRow, InertialParameters, from_modified_dh
+from consistent_id.robot.model import Link
+from consistent_id.robot.scaling import link_scales, reference_bodies
 
 
 def test_a_robot_whose_joints_are_all_in_one_place_is_a_metre_long():
@@ -11,3 +15,14 @@ def test_a_robot_whose_joints_are_all_in_one_place_is_a_metre_long():
     scales = link_scales(from_modified_dh("wrist", table))
     assert scales.length.tolist() == [0.1, 0.1]  # a tenth of it, at the least
     assert scales.mass.tolist() == [1.0, 1.0]
+
+
+@pytest.mark.parametrize("mass", [0.02, 30.0])
+def test_a_nominal_body_is_the_reference_however_light(mass):
+    arm = from_modified_dh("arm", [DHRow(0, 0), DHRow(0, 0.4)])
+    inertia = mass * np.diag([0.02, 0.03, 0.025])
+    body = InertialParameters.from_central(mass, [0.1, 0.0, 0.02], inertia)
+    links = (Link("link1", None), Link("link2", body))
+    robot = replace(arm, links=links)
+    assert link_scales(robot).mass[1] == mass
+    np.testing.assert_allclose(reference_bodies(robot)[1], body.vector, rtol=1e-12)
