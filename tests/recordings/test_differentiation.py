@@ -122,6 +122,22 @@ def test_the_smoother_solves_the_least_squares_that_defines_it(order, ratio):
     np.testing.assert_allclose(found[:, :3], x[:, :3], atol=1e-6 * abs(z).max())
 
 
+def test_the_smoothed_motion_does_not_depend_on_the_unit_of_time():
+    time, rng = np.arange(400) / 100.0, np.random.default_rng(1)
+    readings = series(time)[0] + 0.01 * rng.normal(size=(400, 2))
+    fast = signals.kalman_differentiated(
+        recording(time, readings), noise_of(("j0", "j1"))
+    )
+    order, slow = 4, 10.0
+    noise = noise_of(("j0", "j1"), order)
+    noise = replace(noise, drive=noise.drive / slow ** (2 * order - 1))
+    late = signals.kalman_differentiated(recording(slow * time, readings), noise)
+    assert abs(fast.position - readings).max() > 1e-3
+    np.testing.assert_allclose(late.position, fast.position, atol=1e-9)
+    np.testing.assert_allclose(slow * late.velocity, fast.velocity, atol=1e-7)
+    np.testing.assert_allclose(slow**2 * late.acceleration, fast.acceleration, 1e-6)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("order", some_fast([3, 5]))
 def test_noise_levels_of_the_model_itself_are_recovered(order):

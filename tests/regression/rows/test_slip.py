@@ -75,3 +75,11 @@ def test_what_is_missing_is_named(robot, held):
         ci.regression.contact_slip(robot, replace(held, velocity=None))
     with pytest.raises(ci.ProblemError, match="positive"):
         ci.regression.without_slip(robot, held, 0.0)
+
+
+def test_of_a_single_closed_contact_no_slip_is_known(robot, held):
+    faster = held.velocity.copy()
+    faster[:, 2] += 1.0
+    others = [replace(c, closed=np.zeros(SAMPLES, bool)) for c in held.contacts[1:]]
+    log = replace(held, velocity=faster, contacts=(held.contacts[0], *others))
+    assert ci.regression.contact_slip(robot, log).max() < 1e-10
