@@ -251,7 +251,7 @@ def test_equalities_take_up_what_other_multipliers_leave():
 
 
 def test_any_multipliers_give_a_lower_bound_of_a_cone_programme():
-    """``min c.x`` over a ball is ``c.m - r ||c||``; few multipliers are in their cone."""
+    """``min c.x`` over a ball is ``c.m - r ||c||``; few multipliers are in the cone."""
     rng = np.random.default_rng(0)
     for _ in range(100):
         centre, cost = rng.normal(size=(2, 3))
