@@ -17,6 +17,7 @@ from consistent_id._support.executors import single_threaded
 from consistent_id._support.tables import brief
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.certificate import Certificate, Optimality
+from consistent_id.constraints.links import link_conditions
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.verdict import Verdict
@@ -81,7 +82,8 @@ class OnlineEstimate:
     memory : float, [s]
         Time after which a sample counts 1/e; infinite for one that forgets nothing.
     constraints : sequence of Constraint, optional
-        By default those of the estimate.
+        By default those of the estimate; empty for none at all: the verdict names
+        bodies that are not physically consistent then.
     bodies : float
         How far bodies may differ from the estimate, relative to their typical size: a
         standard deviation.  That of drive terms is their size itself.
@@ -407,7 +409,8 @@ class OnlineEstimate:
             optimality=found.fit.optimality,
             path=found.fit.path,
         )
-        return replace(state, verdict=verdict_of(state, self.begun))
+        links = link_conditions(self.estimate.model, state.parameters)
+        return replace(state, verdict=verdict_of(state, self.begun, links))
 
     def _spread(self, stacked: Matrix, regime: Regime) -> Matrix:
         """Return a root of the covariance under the equalities: ``C = S S^T``.

@@ -15,6 +15,7 @@ from consistent_id._support.tables import brief
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.constraints.cones.certificate import Optimality
 from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
+from consistent_id.constraints.links import LinkCondition
 from consistent_id.estimation.constrained_fit import DEFAULT_CONSTRAINTS
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.judgement import HELD_OUT_CARE, NO_BETTER_THAN_ZERO
@@ -231,18 +232,23 @@ class OnlineState:
         return np.asarray(np.sqrt(self.errors[:, 0] / torque))
 
 
-def verdict_of(state: OnlineState, start: Verdict) -> Verdict:
+def verdict_of(
+    state: OnlineState, start: Verdict, links: Sequence[LinkCondition]
+) -> Verdict:
     """Return whether the followed estimate may be used, and why not.
 
     Parameters
     ----------
+    links : sequence of LinkCondition
+        Of the followed parameters: constraints of one's own may allow bodies that no
+        matter has.
     start : Verdict
         On the estimate that it began from, to which the anchor holds all that the
         samples do not determine.
     """
     errors = state.errors.sum(axis=0)
     error = float(np.sqrt(errors[0] / errors[1])) if errors[1] > 0.0 else None
-    reasons = [*_of_start(start), *_reasons(state, error)]
+    reasons = [*_of_start(start), *_of_links(links), *_reasons(state, error)]
     return weighed(METHOD, reasons, (), error, ())
 
 
@@ -254,6 +260,17 @@ def _of_start(start: Verdict) -> Iterator[Reason]:
             start.word,
             f"the verdict on the estimate at the start is {start.word!r}: {kinds}",
             "identify the robot again, and begin with that estimate",
+        )
+
+
+def _of_links(links: Sequence[LinkCondition]) -> Iterator[Reason]:
+    wrong = [link.link for link in links if not link.consistent]
+    if wrong:
+        yield Reason(
+            "inconsistent bodies",
+            "do not use",
+            f"not physically consistent: {', '.join(wrong)}",
+            "follow with PhysicalConsistency() among the constraints",
         )
 
 

@@ -432,6 +432,32 @@ def test_a_doubt_about_the_start_is_not_forgotten(estimate):
     assert OnlineEstimate(estimate).start().verdict.word == "use"
 
 
+def test_without_constraints_it_is_least_squares_about_the_anchor(estimate):
+    online = OnlineEstimate(estimate, memory=np.inf, constraints=[])
+    state = online.follow(online.start(), log(3))
+    n, x, anchor = len(TRUTH), estimate.parameters, online.alone.anchor
+    A = np.vstack([state.factor[:, :n], np.diag(anchor)])
+    b = np.concatenate([state.factor[:, n], anchor * x])
+    scale = online.unit
+    found = np.linalg.lstsq(A * scale, b, rcond=None)[0] * scale
+    # Rounding, times a condition of some thousand.
+    np.testing.assert_allclose(state.parameters, found, atol=1e-8, rtol=1e-8)
+    assert state.verdict.word == "use"
+
+
+@pytest.mark.slow
+def test_bodies_that_no_matter_has_are_named_if_constraints_allow_them(estimate):
+    wrong = TRUTH.copy()
+    wrong[19] = -0.05  # Izz of the second link about its joint
+    thin = log(3, wrong)
+    free = OnlineEstimate(estimate, bodies=1.0, constraints=[]).along(thin)[-1]
+    assert free.verdict.word == "do not use"
+    (reason,) = (r for r in free.verdict.reasons if r.kind == "inconsistent bodies")
+    assert "link2" in reason.statement
+    kept = OnlineEstimate(estimate, bodies=1.0).along(thin)[-1]
+    assert "inconsistent bodies" not in [r.kind for r in kept.verdict.reasons]
+
+
 def test_a_load_need_not_fit_into_the_shape_of_its_link(estimate):
     name = MODEL.robot.link_names[1]
     centre = ci.constraints.CentreOfMassIn(
