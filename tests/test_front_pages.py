@@ -160,3 +160,12 @@ def test_every_picture_of_the_pages_is_in_the_gallery_or_on_a_page_that_it_names
         name for page in pages for name in shown.findall((DOCS / page).read_text())
     }
     assert drawn >= {path.name for path in [*DOCS.glob("*.png"), *DOCS.glob("*.svg")]}
+
+
+def test_every_command_has_a_page_with_its_help():
+    pages = {page.stem: page.read_text() for page in (DOCS / "commands").glob("*.md")}
+    assert sorted(pages) == sorted(tool._COMMANDS)
+    assert all(f"```{{shell-help}} {name}\n" in text for name, text in pages.items())
+    table = (DOCS / "shell.md").read_text().split("| command | does |")[1]
+    named = re.findall(r"`(\w+) ?[^`]*`", table.split("\n\n")[0])
+    assert [name for name in pages if name not in named] == []

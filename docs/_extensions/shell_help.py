@@ -13,26 +13,21 @@ from consistent_id.problems.statement import declarations
 
 
 class ShellHelp(Directive):
-    """A section for each command, with its help."""
+    """The help of the command that is named."""
+
+    required_arguments = 1
 
     def run(self) -> list[nodes.Node]:
-        """Return the sections."""
+        """Return the help as it stands in a terminal."""
         os.environ["COLUMNS"] = "80"  # the width that argparse breaks lines for
-        parser = tool_parser()
+        (name,) = self.arguments
         commands = next(
             action.choices
-            for action in parser._actions
+            for action in tool_parser(name)._actions
             if isinstance(action, argparse._SubParsersAction)
         )
-        return [_section(name, command) for name, command in commands.items()]
-
-
-def _section(name: str, command: argparse.ArgumentParser) -> nodes.section:
-    section = nodes.section(ids=[f"command-{name}"], names=[f"command-{name}"])
-    text = command.format_help()
-    section += nodes.title(text=name)
-    section += nodes.literal_block(text, text, language="none")
-    return section
+        text = commands[name].format_help()
+        return [nodes.literal_block(text, text, language="none")]
 
 
 class StatedOptions(SphinxDirective):
