@@ -24,7 +24,7 @@ from consistent_id.diagnosis.explain import (
     fitted_log,
     thinned,
 )
-from consistent_id.diagnosis.factor_rows import FactorLogs
+from consistent_id.diagnosis.factor_rows import FactorLogs, FactorRows
 from consistent_id.diagnosis.findings import Diagnosis, LogFinding
 from consistent_id.diagnosis.linearise import Linearised, linearised
 from consistent_id.diagnosis.one_log import (
@@ -45,7 +45,13 @@ from consistent_id.diagnosis.small_shifts import (
     moved_channels,
     shift_findings,
 )
-from consistent_id.diagnosis.whole_robot import other_robot, whole_robot_findings
+from consistent_id.diagnosis.whole_robot import (
+    contradicted,
+    doubted,
+    other_robot,
+    weighed_gain,
+    whole_robot_findings,
+)
 from consistent_id.diagnosis.wrong_units import (
     model_findings,
     travel_findings,
@@ -63,7 +69,8 @@ from consistent_id.robot.scaling import placeholders
 # model has leaves 0.3 to 2 %; a zero offset may take up 0.6 % of that by chance.
 _WORTH = 0.008
 _LARGE = 2.0  # score from which on a gain is large
-_OF_FITS = ("rank", "motion noise")  # findings that matter only where a log is fitted
+# Findings that matter only where a log is fitted.
+_OF_FITS = ("rank", "motion noise", "encoder resolution")
 # Faults that the log of another robot shows.
 _OF_OTHER_ROBOTS = {
     "clock",
@@ -271,6 +278,7 @@ def _of_all(open_: Sequence[OpenLog]) -> list[LogFinding]:
     alike: dict[tuple[str, ...], list[FittedLog]] = {}
     for one in open_:
         alike.setdefault(one.as_is.factors.model.torque_joints, []).append(one.as_is)
+    open_ = [_gains_weighed(one, alike) for one in open_]
     shifts = [finding for logs in alike.values() for finding in _shifts(logs)]
     # What has a fault already, or no body explains, needs no other cause.
     known = any(f.severity == "fault" for one in open_ for f in one.odd)
@@ -292,6 +300,26 @@ def _of_all(open_: Sequence[OpenLog]) -> list[LogFinding]:
         name = one.as_is.recording.name
         found += [replace(f, recording=name) for f in (*one.signals, *odd)]
     return found
+
+
+def _gains_weighed(
+    one: OpenLog, alike: Mapping[tuple[str, ...], Sequence[FittedLog]]
+) -> OpenLog:
+    """Weigh the gains of single joints that one log suggests, by all logs like it."""
+    suggested = [f for f in one.odd if _of_one_gain(f)]
+    if not suggested:
+        return one
+    model = one.as_is.factors.model
+    logs = alike[model.torque_joints]
+    recordings, known = [log.recording for log in logs], _known(logs[0].constraints)
+    as_is = FactorLogs.of(model, recordings, masses_known=known)
+    odd = (weighed_gain(f, as_is) if f in suggested else f for f in one.odd)
+    return replace(one, odd=tuple(odd))
+
+
+def _of_one_gain(finding: LogFinding) -> bool:
+    one = finding.kind == "torque gain" and finding.where != "all joints"
+    return one and finding.severity == "warning"
 
 
 def _shifts(logs: Sequence[FittedLog]) -> list[LogFinding]:
@@ -317,7 +345,19 @@ def _shifts(logs: Sequence[FittedLog]) -> list[LogFinding]:
     found = shift_findings(model, moved)
     if found and _explained(logs, moved.sizes) < _WORTH:
         found = [_unsure(f) for f in found]
+    elif found and _contradicted_shifts(logs, moved.sizes):
+        found = [doubted(f) for f in found]
     return [*found, *hidden_zeros(model, moved), *lags]
+
+
+def _contradicted_shifts(logs: Sequence[FittedLog], sizes: Vector) -> bool:
+    """Return whether nominal bodies, if these are known, speak against shifts."""
+    model, known = logs[0].factors.model, _known(logs[0].constraints)
+    if not _bodies_known(model):
+        return False
+    as_is = FactorLogs.of(model, [log.recording for log in logs], masses_known=known)
+    moved = [corrected_shifts(log, sizes).recording for log in logs]
+    return contradicted(as_is, replace(as_is, rows=FactorRows(model, moved)))
 
 
 def _of_whole_robot(logs: Sequence[FittedLog]) -> list[LogFinding]:

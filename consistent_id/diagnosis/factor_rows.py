@@ -22,9 +22,16 @@ from consistent_id.regression.correlated_noise import correlation_lengths
 from consistent_id.regression.linear import smallest_solution
 from consistent_id.regression.regression import triangle
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.robot.scaling import USUAL_WIDTHS, link_scales, reference_bodies
+from consistent_id.robot.scaling import (
+    USUAL_WIDTHS,
+    body_sizes,
+    link_scales,
+    reference_bodies,
+)
 
 _GAIN = "masses or gain"
+_ONE_GAIN = "torque gain"
+_LEAST_GAIN = float(np.log(1.2))
 LEAN = float(np.radians(5.0))
 """Least angle of a leaning base that is reported."""
 
@@ -40,13 +47,14 @@ class Factor:
 
     Parameters
     ----------
-    kind : {"clock", "masses or gain", "offset zero", "gravity"}
+    kind : {"clock", "masses or gain", "torque gain", "offset zero", "gravity"}
+        A torque gain is that of one joint.
     where : str
     least : float
         Least size that is reported: log of the clock's speed or of the gain, [rad or
         m] for zeros and [rad] for the base.
     joint : int
-        Of a zero.
+        Of a zero or a torque gain, among the robot's.
     axis : tuple of float
         Level unit vector about which the base may lean.
     """
@@ -188,7 +196,10 @@ def _without(log: Recording, factor: Factor, size: float) -> Recording:
         )
     if factor.kind == _GAIN:
         return replace(log, torque=np.asarray(log.torque) * np.exp(-size))
-    zeros = size * (np.arange(log.position.shape[1]) == factor.joint)
+    own = np.arange(log.position.shape[1]) == factor.joint
+    if factor.kind == _ONE_GAIN:
+        return replace(log, torque=np.asarray(log.torque) * np.exp(-size * own))
+    zeros = size * own
     return replace(log, position=log.position + zeros)
 
 
@@ -204,7 +215,7 @@ def factors_of(model: TorqueModel) -> list[Factor]:
     joints = model.robot.driven
     found = [
         Factor("clock", "time", float(np.log(1.15))),
-        Factor(_GAIN, "all joints", float(np.log(1.2))),
+        Factor(_GAIN, "all joints", _LEAST_GAIN),
     ]
     for k, joint in enumerate(joints):
         least = 0.05 if joint.kind == "prismatic" else float(np.radians(6.0))
@@ -214,6 +225,12 @@ def factors_of(model: TorqueModel) -> list[Factor]:
         level = np.linalg.svd(gravity[None])[2][1:]
         found += [Factor("gravity", "base", LEAN, axis=tuple(k)) for k in level]
     return found
+
+
+def gain_of(model: TorqueModel, joint: str) -> Factor:
+    """Return the factor of one joint's gain."""
+    place = model.robot.joint_names.index(joint)
+    return Factor(_ONE_GAIN, joint, _LEAST_GAIN, joint=place)
 
 
 def factor_system(
@@ -293,8 +310,9 @@ class _Rows:
     def slopes(self, x: Vector, factors: Sequence[Factor]) -> Array:
         """Return what a unit of each factor adds, (torque joints, factors, samples).
 
-        Torque is changed by a clock ``exp(f)`` times too slow, by a gain ``exp(f)``, by
-        positions that are ``f`` too small, by gravity that leans.
+        Torque is changed by a clock ``exp(f)`` times too slow, by a gain ``exp(f)`` of
+        all joints or of one, by positions that are ``f`` too small, by gravity that
+        leans.
         """
         layout, gravity = self.log.model.layout, self.log.model.robot.gravity
         inertial = layout.inertial_size
@@ -309,8 +327,11 @@ class _Rows:
             if factor.kind == "clock":
                 whole = np.einsum("jps,p->js", self.columns[:, :inertial], x[:inertial])
                 part = 2.0 * (whole - self.log.at_rest(x[:inertial], gravity))
-            elif factor.kind == _GAIN:
+            elif factor.kind in (_GAIN, _ONE_GAIN):
                 part = np.einsum("jps,p->js", self.columns, x)
+                if factor.kind == _ONE_GAIN:
+                    own = np.array(self.log.model.torque_joints) == factor.where
+                    part = part * own[:, None]
             elif factor.kind == "offset zero":
                 part = zeros[:, moved.index(factor.joint)]
             else:
@@ -323,8 +344,7 @@ class _Rows:
 def _pull(state: FactorLogs, columns: int) -> tuple[Matrix, Vector]:
     """Return the rows and values that pull bodies to nominal ones."""
     robot = state.model.robot
-    scales = link_scales(robot)
-    m, d = scales.mass, scales.length
+    m, d = link_scales(robot).mass, body_sizes(robot)
     mass, centre, moment = state.widths
     width = np.column_stack([mass * m, *[centre * m * d] * 3, *[moment * m * d**2] * 6])
     if state.loaded:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from consistent_id.constraints import Constraint
+from consistent_id.constraints import Constraint, FixedMasses
 from consistent_id.diagnosis.alternatives import alternatives, leaning_findings
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
 from consistent_id.diagnosis.corrections import corrections
@@ -29,6 +29,7 @@ from consistent_id.diagnosis.explain import (
     thinned,
     unexplained_findings,
 )
+from consistent_id.diagnosis.factor_rows import FactorLogs
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.diagnosis.signal_faults import (
     frozen_findings,
@@ -45,6 +46,7 @@ from consistent_id.diagnosis.torque_channel import (
     nothing_findings,
     torque_parts,
 )
+from consistent_id.diagnosis.whole_robot import doubted_gain
 from consistent_id.diagnosis.wrong_units import (
     effort_findings,
     speed_findings,
@@ -182,6 +184,10 @@ def _dynamic(
             replace(f, severity="warning") if f.kind == "torque gain" else f
             for f in channel
         ]
+    if any(_of_all_gains(f) for f in channel):
+        known_masses = any(isinstance(c, FixedMasses) for c in constraints)
+        beside = FactorLogs.of(model, [prepared], masses_known=known_masses)
+        channel = [doubted_gain(f, beside) if _of_all_gains(f) else f for f in channel]
     guessed = [f for f in channel if f.severity == "fault" and f.kind in _GUESSED]
     if guessed and parts and (leaning := leaning_findings(model, prepared, parts)):
         return leaning
@@ -207,6 +213,10 @@ def _dynamic(
         return nothing
     excuse = [] if best is None else [explanation_finding(best)]
     return OpenLog(as_is, (), tuple(excuse or [*missing, *channel]))
+
+
+def _of_all_gains(finding: LogFinding) -> bool:
+    return finding.kind == "torque gain" and finding.where == "all joints"
 
 
 def _undecided(finding: LogFinding, found: Explanations) -> LogFinding:

@@ -38,6 +38,7 @@ from consistent_id.diagnosis.factor_rows import (
     FactorRows,
     factor_system,
     factors_of,
+    gain_of,
     leaning,
     least_costs,
     least_misfit,
@@ -286,6 +287,87 @@ def _nearer_to_none(one: FoundFactor, other: FoundFactor) -> FoundFactor:
     if one.size * other.size > 0.0:
         return nearer
     return FoundFactor(one.factor, 0.0, max(one.error, other.error), 0.0)
+
+
+def gain_beside_bodies(as_is: FactorLogs, joint: str) -> FoundFactor | None:
+    """Estimate the gain of one joint's torque beside the nominal bodies.
+
+    Other joints carry the same bodies, and bodies differ from nominal ones as far as
+    usual: what both leave is the joint's own gain.
+
+    Returns
+    -------
+    FoundFactor or None
+        None if the logs do not determine it.
+    """
+    found = _estimated(as_is, [gain_of(as_is.model, joint)])
+    if not found or not np.isfinite(found[0].error):
+        return None
+    cost = least_costs(as_is)[0]
+    return replace(_settled(as_is, found[0], cost), cost=cost)
+
+
+def weighed_gain(finding: LogFinding, as_is: FactorLogs) -> LogFinding:
+    """Turn the gain of a joint into a note where its bodies alone may explain it.
+
+    Parameters
+    ----------
+    finding : LogFinding
+        Its size is that of the slope on the joint's nominal torque.
+    as_is : FactorLogs
+        All logs in which the same joints have a torque.
+    """
+    found = gain_beside_bodies(as_is, finding.where)
+    slope = float(np.log(float(finding.size)))
+    if found and found.ratio >= _LIKELY and found.size * slope > 0.0:
+        if abs(found.size) >= found.factor.least:
+            return finding
+    seen = "do not show its gain"
+    if found:
+        gain = float(np.exp(found.size))
+        seen = f"show a gain of {gain:.2f} +- {gain * found.error:.2f}"
+    return replace(
+        finding,
+        severity="note",
+        statement=f"{finding.statement}; beside bodies that differ from the model's as "
+        f"far as usual, all joints together {seen}: bodies explain it",
+        advice="an estimate of all parameters does not need the model's bodies; "
+        "correct these where they are used themselves",
+    )
+
+
+def contradicted(as_is: FactorLogs, corrected: FactorLogs) -> bool:
+    """Return whether nominal bodies speak against a correction of logs.
+
+    With the correction, misfit and distance of the bodies are then larger together
+    than without it.  The noise is the smaller one of both.
+    """
+    noise = np.minimum(as_is.noise, relative_noise(corrected.rows))
+    before, after = (
+        least_costs(replace(logs, noise=noise))[0] for logs in (as_is, corrected)
+    )
+    return after > before
+
+
+def doubted_gain(finding: LogFinding, as_is: FactorLogs) -> LogFinding:
+    """Turn a gain of all joints into a note where nominal bodies speak against it."""
+    factor = next(f for f in factors_of(as_is.model) if f.where == "all joints")
+    without = as_is.without(factor, float(np.log(float(finding.size))))
+    if not contradicted(as_is, without):
+        return finding
+    return doubted(finding)
+
+
+def doubted(finding: LogFinding) -> LogFinding:
+    """Turn a finding that nominal bodies contradict into a note."""
+    return replace(
+        finding,
+        severity="note",
+        statement=f"{finding.statement}; but bodies would then be farther from the "
+        "model's, by more than the torque gains by it: bodies explain it",
+        advice="nothing, if the model's bodies are nearly right; else "
+        f"{finding.advice}",
+    )
 
 
 def whole_robot_findings(as_is: FactorLogs) -> list[LogFinding]:

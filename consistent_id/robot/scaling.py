@@ -88,6 +88,21 @@ def link_scales(robot: RobotModel) -> LinkScales:
 
 
 @lru_cache(maxsize=16)
+def body_sizes(robot: RobotModel) -> Vector:
+    """Return each link's size [m]: its typical length, or how far its mass is spread.
+
+    The latter is ``sqrt(tr(S) / m)``, with ``S`` the second moments of its reference
+    body about the link's frame.  Joints of a wrist or a shoulder coincide, so that the
+    distance between them says little of the body.
+    """
+    spread = [
+        np.sqrt(np.trace(InertialParameters(body).inertia) / 2.0 / body[0])
+        for body in reference_bodies(robot)
+    ]
+    return np.maximum(link_scales(robot).length, spread)
+
+
+@lru_cache(maxsize=16)
 def reference_bodies(robot: RobotModel) -> Array:
     """Return physically consistent parameters of each link, shape (links, 10).
 

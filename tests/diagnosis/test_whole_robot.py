@@ -8,11 +8,12 @@ from known_arm import OTHER_ROWS, arm, logged, pendulum
 from robots import random_robot, random_states
 
 from consistent_id import InertialParameters, Recording, TorqueModel
-from consistent_id.diagnosis import diagnose
+from consistent_id.diagnosis import LogFinding, diagnose
 from consistent_id.diagnosis.factor_rows import (
     FactorLogs,
     FactorRows,
     factors_of,
+    gain_of,
     leaning,
     least_costs,
     relative_noise,
@@ -20,11 +21,13 @@ from consistent_id.diagnosis.factor_rows import (
 from consistent_id.diagnosis.whole_robot import (
     FoundFactor,
     factor_findings,
+    gain_beside_bodies,
     other_robot,
+    weighed_gain,
     whole_robot_factors,
     whole_robot_findings,
 )
-from consistent_id.robot.scaling import link_scales
+from consistent_id.robot.scaling import body_sizes, link_scales
 
 
 def faulty(log, model, kind, place, size):
@@ -171,15 +174,15 @@ def test_the_zero_of_a_pendulum_is_known_as_well_as_the_way_to_its_centre_of_mas
 
     Gravity tells the torque exactly, and a base that leans turns it alike.
     """
-    model, log = pendulum(np.radians(20.0))
+    model, log = pendulum(np.radians(42.0))
     found = {f.factor.kind: f for f in whole_robot_factors(_as_is(model, log))}
-    (length,) = link_scales(model.robot).length
+    (size,) = body_sizes(model.robot)
     for kind in ("offset zero", "gravity"):
-        assert abs(found[kind].size) == pytest.approx(np.radians(20.0), rel=0.01)
-        assert found[kind].error == pytest.approx(0.15 * length / 0.3, rel=0.01)
+        assert abs(found[kind].size) == pytest.approx(np.radians(42.0), rel=0.01)
+        assert found[kind].error == pytest.approx(0.15 * size / 0.3, rel=0.01)
     (finding,) = whole_robot_findings(_as_is(model, log))
     assert finding.severity == "warning"
-    for cause in ("the base leans by 20 ", "with +20 (", "; or "):
+    for cause in ("the base leans by 42 ", "with +42 (", "; or "):
         assert cause in finding.statement
 
 
@@ -301,8 +304,8 @@ def test_limbs_that_share_no_column_cost_what_they_cost_together():
     assert len(state.rows.groups) > 1
     w = 1.0 / (state.noise * np.sqrt(np.mean(torque**2, axis=0)))
     A = np.vstack([Y.T * k for Y, k in zip(state.rows.columns, w, strict=True)])
-    z, scales, bodies = (torque * w).T.ravel(), link_scales(robot), robot.nominal
-    m, d = scales.mass, scales.length
+    z, bodies = (torque * w).T.ravel(), robot.nominal
+    m, d = link_scales(robot).mass, body_sizes(robot)
     mass, centre, moment = state.widths
     width = np.column_stack([mass * m, *[centre * m * d] * 3, *[moment * m * d**2] * 6])
     pull = np.eye(len(bodies), A.shape[1]) / width.ravel()[:, None]
@@ -314,3 +317,43 @@ def test_limbs_that_share_no_column_cost_what_they_cost_together():
     ):
         left = values - rows @ np.linalg.lstsq(rows, values, rcond=1e-9)[0]
         assert found == pytest.approx(left @ left, rel=1e-6)
+
+
+def test_the_gain_of_a_pendulum_is_known_as_well_as_its_centre_of_mass():
+    """Gravity tells the first moment exactly; a rotor may add to the inertia."""
+    model, log = pendulum(0.0)
+    log = replace(log, torque=0.6 * log.torque)
+    found = gain_beside_bodies(_as_is(model, log), model.torque_joints[0])
+    (size,) = body_sizes(model.robot)
+    assert np.exp(found.size) == pytest.approx(0.6, rel=0.01)
+    assert found.error == pytest.approx(0.15 * size / 0.3, rel=0.01)
+
+
+def _slope(joint, gain):
+    words = f"{joint}: both parts are {gain:.2f} times the model's"
+    advice, size = "check the gain", f"{gain:.3g}"
+    return LogFinding("torque gain", "warning", joint, words, advice, size=size)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("place", [1, 2])
+def test_the_gain_of_one_joint_is_seen_beside_the_other_joints(place):
+    model, log = logged(1, spread=0.5)
+    joint = model.torque_joints[place]
+    right, finding = _as_is(model, log), _slope(joint, 0.7)
+    note = weighed_gain(finding, right)
+    assert (note.severity, note.where) == ("note", joint)
+    assert "a gain of 1.0" in note.statement
+    wrong = right.without(gain_of(model, joint), np.log(1 / 0.7))
+    assert weighed_gain(finding, wrong) == finding
+    # A slope above one is none of a gain below one.
+    assert weighed_gain(_slope(joint, 1.4), wrong).severity == "note"
+
+
+def test_a_joint_that_moves_no_body_shows_no_gain():
+    model, log = logged(1)
+    level = replace(model, robot=replace(model.robot, gravity=np.zeros(3)))
+    still = replace(log, velocity=0.0 * log.velocity, acceleration=0.0 * log.position)
+    note = weighed_gain(_slope("joint1", 0.7), _as_is(level, still))
+    assert note.severity == "note"
+    assert "do not show its gain" in note.statement
