@@ -10,6 +10,7 @@ because no log contains the torque per ampere.
 import shlex
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, cast
 
@@ -328,6 +329,17 @@ def _patterns(
     channel: str, names: Sequence[str], joints: Sequence[str], held: Sequence[str] = ()
 ) -> list[_NamePattern]:
     """Return all patterns of a channel's columns, the best first."""
+    return list(_patterns_of(channel, tuple(names), tuple(joints), tuple(held)))
+
+
+# A search asks the same of a log's names several times.
+@lru_cache(maxsize=8)
+def _patterns_of(
+    channel: str,
+    names: tuple[str, ...],
+    joints: tuple[str, ...],
+    held: tuple[str, ...],
+) -> tuple[_NamePattern, ...]:
     observed = states(names)
 
     def fits(text: str) -> bool:
@@ -352,9 +364,11 @@ def _patterns(
             for name in names
             if fits(name) and not any(c.isdigit() for c in name)
         ]
-    return sorted(
-        fitting,
-        key=lambda p: (-len(p.joints), "{joint}" not in p.text, len(p.text)),
+    return tuple(
+        sorted(
+            fitting,
+            key=lambda p: (-len(p.joints), "{joint}" not in p.text, len(p.text)),
+        )
     )
 
 

@@ -7,9 +7,11 @@ it.
 
 import re
 import shlex
-from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from operator import eq
 
 from consistent_id.recordings.column_words import channel_of, states
 
@@ -53,6 +55,12 @@ def numbered_columns(names: Sequence[str]) -> tuple[NumberedColumns, ...]:
     >>> [str(run) for run in numbered_columns(["t", "q1", "q2", "q3", "tau_0_Nm"])]
     ['q{1..3}']
     """
+    return _numbered_columns(tuple(names))
+
+
+# A search asks the same of a log's names several times.
+@lru_cache(maxsize=4)
+def _numbered_columns(names: tuple[str, ...]) -> tuple[NumberedColumns, ...]:
     known = frozenset(names)
     return tuple(dict.fromkeys(run for name in names for run in _runs(name, known)))
 
@@ -137,6 +145,12 @@ def own_names(names: Sequence[str], channel: str = "position") -> tuple[str, ...
     >>> own_names(["observation.state.pan.pos", "observation.state.lift.pos"])
     ('pan', 'lift')
     """
+    return _own_names(tuple(names), channel)
+
+
+# A search asks the same of a log's names several times.
+@lru_cache(maxsize=8)
+def _own_names(names: tuple[str, ...], channel: str) -> tuple[str, ...]:
     observed = states(names)
     groups: dict[tuple[str, str], list[str]] = defaultdict(list)
     for name in names:
@@ -191,20 +205,31 @@ def pairs_of(own: Sequence[str], joints: Sequence[str]) -> tuple[tuple[str, str]
     """
     left, open_ = list(own), list(joints)
     found: dict[str, str] = {}
-    for related in (_equal, _alike):
-        alone = [
-            (name, joint)
-            for name in left
-            for joint in open_
-            if related(name, joint)
-            and sum(related(name, other) for other in open_) == 1
-            and sum(related(other, joint) for other in left) == 1
-        ]
-        found.update(alone)
+    for related in (eq, _alike):
+        found.update(_alone(left, open_, related))
         left = [name for name in left if name not in found]
         open_ = [joint for joint in open_ if joint not in found.values()]
     found.update(zip(left, open_, strict=False))
     return tuple((name, found[name]) for name in own if name in found)
+
+
+def _alone(
+    names: Sequence[str], joints: Sequence[str], related: Callable[[str, str], bool]
+) -> list[tuple[str, str]]:
+    """Return the pairs that are related, and neither of them to any other."""
+    letters, of_joints = ([_letters(word) for word in some] for some in (names, joints))
+    pairs = [
+        (n, j)
+        for n, one in enumerate(letters)
+        for j, other in enumerate(of_joints)
+        if related(one, other)
+    ]
+    of_names, of_others = (Counter(pair[k] for pair in pairs) for k in (0, 1))
+    return [
+        (names[n], joints[j])
+        for n, j in pairs
+        if of_names[n] == 1 and of_others[j] == 1
+    ]
 
 
 def mapping_advice(own: Sequence[str], joints: Sequence[str]) -> str:
@@ -224,12 +249,7 @@ def mapping_advice(own: Sequence[str], joints: Sequence[str]) -> str:
     )
 
 
-def _equal(name: str, joint: str) -> bool:
-    return _letters(name) == _letters(joint)
-
-
-def _alike(name: str, joint: str) -> bool:
-    one, other = _letters(name), _letters(joint)
+def _alike(one: str, other: str) -> bool:
     return one in other or other in one
 
 

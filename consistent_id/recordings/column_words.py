@@ -126,6 +126,12 @@ def states(names: Iterable[str]) -> tuple[str, ...]:
     >>> states(["time", "observation.state", "action"])
     ('observation.state',)
     """
+    return _states(tuple(names))
+
+
+# A search asks the same of a log's names several times.
+@lru_cache(maxsize=4)
+def _states(names: tuple[str, ...]) -> tuple[str, ...]:
     likely = (name for name in names if "state" in name.lower())
     return tuple(name for name in likely if _STATE <= words(name))
 
@@ -380,16 +386,26 @@ def wrench_names(
     'ft/force, ft/torque'
     """
     wide = widths or {}
-    free = [name for name in names if not _words(name) & _NOT_OF_A_SENSOR]
+    # Most of many columns have no such form, which is cheaper to see than their words.
+    likely = [name for name in names if wide.get(name, 1) > 1 or _may_be_scalar(name)]
+    free = [name for name in likely if not _words(name) & _NOT_OF_A_SENSOR]
     scalars = [name for name in free if wide.get(name, 1) == 1]
     found = [*_wrench_arrays(free, wide), *_by_axis(scalars), *_by_number(scalars)]
     return tuple(WrenchNames(tuple(one)) for one in found)
 
 
+def _may_be_scalar(name: str) -> bool:
+    return bool(_SCALAR.fullmatch(name) or _NUMBERED.fullmatch(name))
+
+
 def may_be_wrench(name: str) -> bool:
     """Return whether an array of this name may be a wrench, or half of one."""
+    return bool(_words(name) & _HALVES.keys()) or _is_whole(name)
+
+
+def _is_whole(name: str) -> bool:
     said = _words(name)
-    return bool(said & _HALVES.keys()) or any(one <= said for one in _WHOLE)
+    return any(one <= said for one in _WHOLE)
 
 
 def _words(name: str) -> set[str]:
@@ -397,11 +413,7 @@ def _words(name: str) -> set[str]:
 
 
 def _wrench_arrays(names: Sequence[str], widths: Mapping[str, int]) -> list[list[str]]:
-    found = [
-        [name]
-        for name in names
-        if widths.get(name) == 6 and any(one <= _words(name) for one in _WHOLE)
-    ]
+    found = [[name] for name in names if widths.get(name) == 6 and _is_whole(name)]
     halves: dict[str, dict[str, str]] = {}
     for name in names:
         if widths.get(name) != 3:
@@ -436,7 +448,7 @@ def _by_number(names: Sequence[str]) -> list[list[str]]:
     groups: dict[str, dict[int, str]] = {}
     for name in names:
         match = _NUMBERED.fullmatch(name)
-        if match is not None and any(one <= _words(match["stem"]) for one in _WHOLE):
+        if match is not None and _is_whole(match["stem"]):
             groups.setdefault(match["stem"], {})[int(match["number"])] = name
     return [
         [group[k] for k in sorted(group)]

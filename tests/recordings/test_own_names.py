@@ -1,6 +1,7 @@
 """A log's own names of joints are found, and mapped only by an option."""
 
 from pathlib import Path
+from time import process_time
 
 import pytest
 
@@ -100,3 +101,15 @@ def test_a_joint_is_found_by_whole_words():
 )
 def test_names_that_are_alike_go_before_the_order(own, joints, expected):
     assert dict(pairs_of(own, joints)) == expected
+
+
+@pytest.mark.slow
+def test_many_names_are_paired_and_guessed_in_seconds():
+    """The time grows with their number, not with its square."""
+    own = [f"robot{k}/elbow" for k in range(10_000)]
+    names = ["time", *(f"{name}/position" for name in own)]
+    before = process_time()
+    assert pairs_of([*own, "lift"], ["elbow", "lift"])[-1] == ("lift", "lift")
+    with pytest.raises(RecordingError, match="found no column that is the torque"):
+        guess_columns(Path("log.csv"), ("elbow", "lift"), names=names)
+    assert process_time() - before < 5.0

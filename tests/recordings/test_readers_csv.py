@@ -395,3 +395,14 @@ def test_a_clock_that_begins_again_separates_recordings_of_one_file(tmp_path, ca
     np.savetxt(path, rows[:200], delimiter=",", header="time,q,tau", comments="")
     with pytest.raises(RecordingError, match="must increase"):
         read_recording(path, ("a",), columns)
+
+
+@pytest.mark.parametrize("separator", SEPARATORS.values(), ids=SEPARATORS)
+def test_a_header_may_be_longer_than_a_field_of_the_csv_module(tmp_path, separator):
+    count = csv.csv.field_size_limit() // 6
+    names = ["time", *(f"q{k:05}" for k in range(count))]
+    rows = [separator.join([str(k), *["2"] * count]) for k in range(2)]
+    path = written(tmp_path, "\n".join([separator.join(names), *rows]))
+    assert csv.array_names(path) == tuple(names)
+    found = csv.read_arrays(path, ["time", names[-1]])
+    assert [values.tolist() for values in found.values()] == [[0.0, 1.0], [2.0, 2.0]]

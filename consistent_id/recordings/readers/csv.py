@@ -273,6 +273,11 @@ def _marks(line: str) -> tuple[str, ...]:
 
 def _split(lines: io.StringIO, start: int, separator: str) -> _CsvHeader:
     lines.seek(start)
+    line = lines.readline()
+    if len(line) > csv.field_size_limit() and separator not in line:
+        # Of a header as wide as that, the csv module refuses the whole line as a field.
+        return _CsvHeader((line.strip(),), separator, 1, lines.tell())
+    lines.seek(start)
     reader = csv.reader(lines, delimiter=separator, skipinitialspace=True)
     names = tuple(name.strip() for name in next(reader, []))
     if separator == _SPACE:
@@ -288,7 +293,8 @@ def _values(
     omit: Collection[int],
 ) -> Matrix:
     """Return the named columns of the rows below a header, shape (rows, names)."""
-    places = [header.names.index(name) for name in names]
+    at = {name: k for k, name in reversed(list(enumerate(header.names)))}
+    places = [at[name] for name in names]
     if header.separator == _SPACE:
         lines = body.replace("\r\n", "\n").replace("\r", "\n").split("\n")
         body = "\n".join(" ".join(line.split()) for line in lines)
