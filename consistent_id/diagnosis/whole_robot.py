@@ -57,9 +57,10 @@ _TRIED = 3  # factors that are corrected, of those that explain most
 _ALIKE = 0.8  # share of the best explanation that rivals reach
 
 # Standard errors from which on a factor is a warning, and a fault.  Of right logs of
-# five real arms (benchmarks/whole_robot.py), the largest are 2.4 for the clock, 2.8 for
-# zeros up to `_FARTHEST` and 2.1 for the base; for gains 1.3, and 3.4 for a KUKA whose
-# counterbalance its model lacks: that is a warning.
+# four real arms (benchmarks/whole_robot.py), the largest are 2.2 for the clock, 2.7 for
+# zeros up to `_FARTHEST`; for gains 1.4, and 2.7 for a KUKA whose counterbalance its
+# model lacks: that is a warning.  A Z1, nearly all friction, has 3.8 for a zero and 3.0
+# for the base, which explain too little to be named (`_MUCH`).
 _LIKELY, _SURE = 3.0, 5.0
 _LIKELY_ONE = 2.5  # the same for clock and gain: there is one of each, not one a joint
 # What nominal bodies cost for each base parameter, and what least squares leaves of the

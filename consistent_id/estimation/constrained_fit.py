@@ -59,6 +59,7 @@ from consistent_id.estimation.penalised import (
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.scaling import reference_bodies
 
 SLACK_GAP = 0.01
 """Largest uncertainty of the least misfit, as a share of the slack."""
@@ -70,6 +71,9 @@ The proof of the best fit leaves a tenth of it open.  Where the constraints cost
 more than one standard error, as with torque of another robot or of the wrong sign, that
 error is less, and no solver could use it up.
 """
+
+_OTHER_SIZE = 100.0
+"""Ratio to the nominal robot's torque beyond which a unit is likely to be wrong."""
 
 _ALLOWED = (
     f"{GAP_TOLERANCE:.0e} of the final estimate, {DISTANCE_GAP:.0e}, {SLACK_GAP:.0e} "
@@ -196,7 +200,13 @@ def constrained_fit(problem: FitProblem, prior: Prior | None) -> ConstrainedFit:
     InfeasibleError, NotExcitedError, SolverError
         See `constrained_least_squares`.
     """
-    prior = PointToSet() if prior is None else prior
+    try:
+        return _fitted(problem, PointToSet() if prior is None else prior)
+    except SolverError as failure:
+        raise SolverError(f"{failure}{_of_torque_size(problem)}") from None
+
+
+def _fitted(problem: FitProblem, prior: Prior) -> ConstrainedFit:
     first = best_inside(problem, prior.inside)
     best = first.best
     distance = nominal_distance(problem.model, prior.distance, best.scaled.unit)
@@ -226,6 +236,20 @@ def best_inside(problem: FitProblem, inside: float) -> BestInside:
     left = problem.free.noise.one_error * (1.0 - inner.move) ** 2
     notes = tuple(filter(None, (inner.note, attained.note)))
     return BestInside(inner.best, left, notes)
+
+
+def _of_torque_size(problem: FitProblem) -> str:
+    """Return what to check where the torque is not of the nominal robot's size."""
+    R, bodies = problem.free.regression.stacked(), reference_bodies(problem.model.robot)
+    expected = float(np.linalg.norm(R[:, : bodies.size] @ bodies.ravel()))
+    ratio = float(np.linalg.norm(R[:, -1])) / max(expected, 1e-300)
+    if 1.0 / _OTHER_SIZE <= ratio <= _OTHER_SIZE:
+        return ""
+    return (
+        f"; the torque is {ratio:.1e} times that of the nominal robot in this motion, "
+        "and parameters of such sizes cannot be computed together: check the torque's "
+        "unit and its gain, and the model's masses"
+    )
 
 
 def _nearest(

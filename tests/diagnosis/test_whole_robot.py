@@ -20,6 +20,8 @@ from consistent_id.diagnosis.factor_rows import (
 )
 from consistent_id.diagnosis.whole_robot import (
     FoundFactor,
+    contradicted,
+    doubted_gain,
     factor_findings,
     gain_beside_bodies,
     other_robot,
@@ -357,3 +359,41 @@ def test_a_joint_that_moves_no_body_shows_no_gain():
     note = weighed_gain(_slope("joint1", 0.7), _as_is(level, still))
     assert note.severity == "note"
     assert "do not show its gain" in note.statement
+
+
+@pytest.mark.slow
+def test_nominal_bodies_speak_against_a_zero_that_is_right():
+    model, right = logged(3, spread=1.0)
+    zero = next(f for f in factors_of(model) if f.joint == 2)
+    size = np.radians(20.0)
+    as_is = _as_is(model, right)
+    moved = as_is.without(zero, size)
+    assert contradicted(as_is, moved)
+    assert not contradicted(moved, as_is)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gain", [0.7, 1.3])
+def test_a_gain_of_all_joints_is_doubted_where_bodies_speak_against_it(gain):
+    model, right = logged(3, spread=1.0)
+    finding = LogFinding(
+        "torque gain", "fault", "all joints", "seen", "check", size=f"{gain:.3g}"
+    )
+    _, wrong = faulty(right, model, "masses or gain", 0, np.log(gain))
+    assert doubted_gain(finding, _as_is(model, wrong)) == finding
+    note = doubted_gain(finding, _as_is(model, right))
+    assert (note.severity, note.kind) == ("note", "torque gain")
+    assert "bodies would then be farther" in note.statement
+
+
+@pytest.mark.slow
+def test_a_coarse_encoder_matters_where_a_log_is_fitted():
+    model, log = logged(2, spread=0.5)
+    coarse = replace(log, name="coarse", position=np.round(log.position / 0.02) * 0.02)
+
+    def severities(*logs):
+        found = diagnose(model, logs[0], logs[1:]).findings
+        return {f.severity for f in found if f.kind == "encoder resolution"}
+
+    assert severities(coarse, log) == {"warning"}
+    assert severities(log, coarse) == {"note"}

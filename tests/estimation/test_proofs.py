@@ -1,5 +1,7 @@
 """What proofs must not claim: points that look optimal, sets that look empty."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from experiments import experiment, pendulum
@@ -143,3 +145,21 @@ def test_a_mass_matrix_that_is_not_positive_is_not_certified():
     )
     least = estimate.certificate.figures["least eigenvalue of M(q) over 10000 poses"]
     assert (estimate.certificate.verdict == "certified") == (least > 0.0)
+
+
+@pytest.mark.parametrize(("size", "named"), [(1.0, False), (1e-8, True), (1e4, True)])
+def test_a_torque_of_another_size_is_named_where_no_optimum_is_found(
+    monkeypatch, size, named
+):
+    model, _, recording = pendulum()
+    recording = replace(recording, torque=size * recording.torque)
+
+    def failing(problem, inside):
+        raise SolverError("no usable optimum")
+
+    place = "consistent_id.estimation.constrained_fit.best_inside"
+    monkeypatch.setattr(place, failing)
+    regression = build_regression(model, recording)
+    with pytest.raises(SolverError, match="no usable optimum") as raised:
+        constrained_least_squares(model, regression)
+    assert ("check the torque's unit" in str(raised.value)) == named
