@@ -394,7 +394,7 @@ def factor_findings(
             severity,
             best.factor.where,
             f"bodies like the nominal ones explain the log much better {causes} "
-            "(standard errors, rather too large); without that, bodies would be "
+            "(standard errors, rather too large); otherwise, bodies would be "
             f"{_WITHOUT[best.factor.kind]}",
             _ADVICE[best.factor.kind],
             min(best.ratio / _gate(best.factor), abs(best.size) / best.factor.least),
@@ -412,7 +412,7 @@ def _size(found: FoundFactor) -> str:
 
 
 _WITHOUT = {
-    "clock": "too heavy or too light to move for their weight",
+    "clock": "too hard or too easy to accelerate for their weight",
     "masses or gain": "all too heavy or all too light",
     "offset zero": "turned or moved against the model's",
     "gravity": "moved sideways",

@@ -371,7 +371,7 @@ class RelativeAccuracy:
         if count == 1:
             return f"all of the {many} have a standard error of 5 % or less"
         return (
-            f"{now}; for all of them play it {count} times, "
+            f"{now}; to reach this for all of them, play it {count} times, "
             f"{count * self.duration:.0f} s"
         )
 

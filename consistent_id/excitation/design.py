@@ -233,7 +233,9 @@ def _notes(aim: Aim, stages: tuple[Stage, ...], interrupted: bool) -> tuple[str,
     if interrupted:
         notes += ("interrupted: the user ended the search; this is the best so far",)
     elif any(stage.cut_short for stage in stages):
-        notes += ("the time limit ended the search; a longer one may find better",)
+        notes += (
+            "the time limit ended the search; a longer search may find a better motion",
+        )
     return notes
 
 

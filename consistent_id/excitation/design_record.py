@@ -63,7 +63,7 @@ def kept_limits(demands: Demands) -> str:
         for name, its in has.items()
         if not its.all()
     ]
-    more = f"; no limit is kept of {', '.join(missing)}" if missing else ""
+    more = f"; no limit is stated for {', '.join(missing)}" if missing else ""
     return f"limits of {kept}: {PROVEN}{more}"
 
 

@@ -256,7 +256,8 @@ def _require_stance(stance: Stance, limits: StandingLimits, duration: float) -> 
         worst = max(motion.uses, key=lambda use: use.share)
         raise InfeasibleError(
             f"the robot cannot stand still in this pose: {worst.what} of {worst.of} is "
-            f"{worst.share:.0%} of what there is; choose another: --stance, --friction"
+            f"{worst.share:.0%} of its limit; choose another pose or friction: "
+            "--stance, --friction"
         )
 
 
@@ -391,7 +392,10 @@ def standing_tables(design: StandingDesign) -> list[Table]:
     )
     ended: tuple[str, ...] = ()
     if design.cut_short:
-        ended = (f"{design.cut_short} ended the search; a longer one may find better",)
+        ended = (
+            f"{design.cut_short} ended the search; a longer search may find a "
+            "better motion",
+        )
     return [
         Table(f"Motion {of}", ("limit", "of", "used", "at"), uses, (*ended, *how)),
         Table(

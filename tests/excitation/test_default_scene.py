@@ -157,4 +157,4 @@ def test_a_limit_of_some_joints_is_said_with_the_joints_that_lack_it(tmp_path):
     limits = _request(_robot(tmp_path)).limits
     some = replace(limits, jerk=np.array([50.0, np.inf, 50.0]))
     said = kept_limits(SimpleNamespace(limits=some, parameters=None))
-    assert "no limit is kept of acceleration, jerk (elbow)" in said
+    assert "no limit is stated for acceleration, jerk (elbow)" in said

@@ -61,7 +61,7 @@ def test_a_transposed_tensor_has_its_strides(tmp_path):
         (tensor((2, 3), (3, 1), 7), "has 6 numbers, not 7"),
         (tensor((255,) * 4, (0,) * 4, 6), "MiB of data, expected at most"),
         (tensor((2, 3), (3, 1), 6).replace(b"K\x02", b")", 1), "no numbers"),
-        (TWICE_EACH + b"h\x18)R", "no function"),
+        (TWICE_EACH + b"h\x18)R", "not a function"),
         (b"}" + TWICE_EACH + b"h\x18K\x01s", "a key that is no name"),
         (TWICE_EACH + b"h\x18", "contain each other too often"),
         (b"cos\nsystem\nX\x04\x00\x00\x00true\x85R", "it holds a os.system"),

@@ -147,7 +147,7 @@ class ModelSelection:
                 )
             )
         return Table(
-            f"The model that the training data of {self.problem.name} ask for",
+            f"The model selected from the training data of {self.problem.name}",
             ("choice", "takes off", "+-", "of blocks", "may stand for"),
             tuple(rows),
             tuple(self._sentences()),
@@ -160,8 +160,9 @@ class ModelSelection:
             f"up to {self.band:g} Hz"
         )
         yield (
-            "takes off: share of the squared error on blocks left out, joints counting "
-            "alike; +-: its standard error; of blocks: on which it is less"
+            "takes off: share of the squared error on blocks left out, all joints "
+            "with equal weight; +-: its standard error; of blocks: share of the "
+            "blocks on which the error falls"
         )
         cutoff = self.choice.motion_cutoff
         if cutoff is not None:
@@ -195,7 +196,7 @@ class ModelSelection:
         reasons: dict[str, list[str]] = {}
         for step in self.steps:
             reasons.setdefault(_TABLES[step.move.kind], []).append(_reason(step))
-        reasons.setdefault("drive", ["No drive term beyond these brings enough."])
+        reasons.setdefault("drive", ["No other drive term reduces the error enough."])
         reasons.setdefault("data.preparation", []).append(
             f"Torque is predicted up to {self.band:g} Hz."
         )
@@ -355,8 +356,8 @@ def _notes(
 ) -> tuple[str, ...]:
     """Return what a reader has to know of the choice."""
     notes = [
-        "the errors are of the best of many models on the blocks that chose it: expect "
-        "a few per cent more of a motion not seen"
+        "these errors are a little too small, because the same blocks selected the "
+        "model: expect a few per cent more on a motion not seen"
     ]
     if interrupted:
         notes.append("interrupted: this is the best choice so far")

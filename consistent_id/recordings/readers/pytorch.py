@@ -285,5 +285,7 @@ class _TensorReading:
 def _shown(value: Any) -> str:
     """Return a name for a message; other values may be too long for one."""
     return (
-        str(value) if isinstance(value, _GlobalName) else "call of what is no function"
+        str(value)
+        if isinstance(value, _GlobalName)
+        else "call of something that is not a function"
     )
