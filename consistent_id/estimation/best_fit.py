@@ -158,13 +158,13 @@ def scaled_fit(
 ) -> ScaledFit:
     """Make a fit dimensionless; model, regression and base match (`require_match`)."""
     R = regression.stacked()
-    factor = _base_factor(R, base)
-    torque = float(np.linalg.norm(R[:, -1]))
-    residual = float(abs(factor[-1, -1])) if len(factor) > len(base) else 0.0
-    norms = _drive_columns(model, R)
     inertial = link_scales(model.robot).units
+    torque = float(np.linalg.norm(R[:, -1]))
+    norms = _drive_columns(model, R)
     drive = torque / np.where(norms > 0.0, norms, np.inf)
     unit = np.concatenate([inertial, np.where(drive > 0.0, drive, 1.0)])
+    factor = _base_factor(R, base)
+    residual = float(abs(factor[-1, -1])) if len(factor) > len(base) else 0.0
     possible = lowered(constraints, model)
     blank = ScaledFit(
         M=np.zeros((0, len(unit))),
