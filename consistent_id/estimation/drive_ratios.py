@@ -3,7 +3,8 @@
 A wrong clock scales all rotor inertias, a wrong gain all drives alike.  What a file
 says of drives is worth little: of a Unitree Z1, clean estimates are 0.4 to 1.3 times
 its rotor inertias and 0.6 to 1.3 times its friction.  So only a large common factor
-counts.  Values that are alike for all joints are placeholders, and do not count at all.
+counts.  Values that are alike for all joints, or round, such as 10 or 0.5, are
+placeholders, and do not count at all.
 Values that the data do not determine, or that lie on a bound, are not compared: the
 inertias of a first joint's rotor and link are one sum, whose parts are the prior's.
 """
