@@ -32,7 +32,8 @@ MJCF = """<mujoco><option gravity="0 0 -9.81"/><worldbody>
 <body name="one"><joint name="a" axis="0 1 0" damping="{a}" armature="{r}"/>
   <inertial pos=".2 0 0" mass="4" diaginertia=".02 .08 .08"/>
   <geom type="capsule" fromto="0 0 0 .4 0 0" size=".05"/>
-  <body name="two" pos=".4 0 0"><joint name="b" axis="0 0 1" damping="2.4" armature=".12"/>
+  <body name="two" pos=".4 0 0">
+    <joint name="b" axis="0 0 1" damping="2.4" armature=".12"/>
     <inertial pos=".1 0 0" mass="2" diaginertia=".02 .03 .03"/>
     <geom type="sphere" pos=".3 0 0" size=".1"/>
     <body name="three" pos=".3 0 0"><joint name="c" damping="3.1" armature=".053"
