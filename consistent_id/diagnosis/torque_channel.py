@@ -386,8 +386,8 @@ def _slow_clock(p: TorqueParts) -> list[LogFinding]:
             "clock",
             "fault" if sure else "warning",
             "time",
-            f"inertial torque is {common:.3g} times the model's, gravity torque is not: "
-            f"{first}, or {second} ({_slopes(p)})",
+            f"inertial torque is {common:.3g} times the model's, but gravity torque is "
+            f"not: {first}, or {second} ({_slopes(p)})",
             "check the rate of the log, or the rotor inertias: time multiplied by "
             f"{speed:.2g} would fit",
             float(np.sqrt(common) / _HIGH),
