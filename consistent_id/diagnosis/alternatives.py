@@ -20,7 +20,7 @@ from consistent_id.constraints import (
     MassBounds,
 )
 from consistent_id.diagnosis.channel_factors import ChannelFactors, channel_factors
-from consistent_id.diagnosis.contact import contact
+from consistent_id.diagnosis.contact_stretches import contact
 from consistent_id.diagnosis.corrections import Cause
 from consistent_id.diagnosis.explain import LOAD, Candidate, FittedLog, Screen
 from consistent_id.diagnosis.findings import LogFinding

@@ -24,7 +24,7 @@ from consistent_id.problems.loading import problem_of
 from consistent_id.problems.log_entries import gains_table
 from consistent_id.problems.parameter_tables import ConstraintsTable
 from consistent_id.problems.problem import Problem
-from consistent_id.problems.selection.select import ModelSelection
+from consistent_id.problems.selection.model_selection import ModelSelection
 from consistent_id.problems.stated_model import (
     DEFAULT_DRIVE,
     excitation_table,

@@ -24,7 +24,7 @@ from consistent_id.problems.given_logs import GivenLog, GivenLogs, given_logs
 from consistent_id.problems.log_entries import with_torque
 from consistent_id.problems.overrides import StatedDrive, stated_drive
 from consistent_id.problems.robot_logs import RobotLogs, robot_logs
-from consistent_id.problems.selection.select import select_model
+from consistent_id.problems.selection.model_selection import select_model
 from consistent_id.problems.selection.setup import DRIVE, KINDS
 from consistent_id.problems.stated_model import DEFAULT_DRIVE
 from consistent_id.problems.statement import (

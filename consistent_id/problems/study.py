@@ -28,7 +28,7 @@ from consistent_id.problems.problem_estimates import (
 )
 from consistent_id.problems.stated_model import drawn_parts
 from consistent_id.problems.study_fits import StudyFits
-from consistent_id.problems.weighing import weighed_findings
+from consistent_id.problems.weighed_findings import weighed_findings
 from consistent_id.recordings.recording import LogFinding, Recording
 from consistent_id.robot.solids import DrawnParts
 

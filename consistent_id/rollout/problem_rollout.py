@@ -27,7 +27,7 @@ from consistent_id.problems.study import Study
 from consistent_id.recordings.signals import PDGains
 from consistent_id.regression.residual_noise import joint_noise
 from consistent_id.regression.segments import segment_regressions, segments_of
-from consistent_id.rollout.choice import (
+from consistent_id.rollout.chosen_settings import (
     RidgeChoice,
     SettingsChoice,
     chosen_ridge,

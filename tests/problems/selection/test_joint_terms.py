@@ -7,7 +7,7 @@ import pytest
 from logged import URDF, moved
 
 from consistent_id import DriveTerms, TorqueModel, draft_problem, simulate_torque
-from consistent_id.problems.selection import select
+from consistent_id.problems.selection import model_selection
 from consistent_id.problems.selection.band import (
     SAMPLES_PER_PARAMETER,
     explained_edge,
@@ -216,10 +216,10 @@ def test_a_search_begins_in_no_band_that_has_too_few_samples(begun, monkeypatch)
         setting = replace(begun.evaluator.setting, band=band)
         return replace(begun, evaluator=replace(begun.evaluator, setting=setting))
 
-    monkeypatch.setattr(select, "beginning", beginning)
-    monkeypatch.setattr(select, "prediction_band", lambda _: 40.0)
-    monkeypatch.setattr(select, "explained_edge", lambda *_: 0.01)
-    select._begun(None, raws, ())
+    monkeypatch.setattr(model_selection, "beginning", beginning)
+    monkeypatch.setattr(model_selection, "prediction_band", lambda _: 40.0)
+    monkeypatch.setattr(model_selection, "explained_edge", lambda *_: 0.01)
+    model_selection._begun(None, raws, ())
     kept = 2.0 * tried[-1] * seconds * joints / begun.parameters
     assert tried[0] == 40.0 and len(tried) == 2
     assert kept == pytest.approx(SAMPLES_PER_PARAMETER, rel=0.05)  # two digits
