@@ -93,7 +93,7 @@ def random_candidate(problem: SearchProblem, number: int) -> FoundPath:
 
 
 @single_threaded
-def search(
+def searched_path(
     problem: SearchProblem,
     start: FoundPath,
     *,

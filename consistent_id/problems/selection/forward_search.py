@@ -76,7 +76,7 @@ _HOPEFUL_MASK = 0.5  # of a mask's gain that screening has to promise
 _ALIKE = 0.8  # share of the best gain at which the simpler of two moves is preferred
 _REPLACED = 0.5  # of its gain that a rival keeps beside the move, if it says more
 _ROUNDS = 20
-_SETTLINGS = 3  # rounds of taking terms out, joint by joint, and of searching on
+_PRUNINGS = 3  # rounds of taking terms out, joint by joint, and of searching on
 
 SURE = 2.0
 """Standard errors by which a term has to help a joint, if it helps little."""
@@ -154,7 +154,9 @@ class State:
     steps: tuple[Step, ...] = ()
 
 
-def search(evaluator: Evaluator, start: Evaluated, scope: Scope) -> Iterator[State]:
+def better_models(
+    evaluator: Evaluator, start: Evaluated, scope: Scope
+) -> Iterator[State]:
     """Yield better and better choices, from the start on.
 
     Terms are given to all joints or to some, then taken back where a joint does not
@@ -163,9 +165,9 @@ def search(evaluator: Evaluator, start: Evaluated, scope: Scope) -> Iterator[Sta
     yield State(start)
     state = yield from _forward(evaluator, State(start), scope)
     state = yield from _pruned(evaluator, state)
-    for _ in range(_SETTLINGS):
+    for _ in range(_PRUNINGS):
         before = state.current.choice
-        state = yield from settled(evaluator, start, state, scope)
+        state = yield from without_needless_terms(evaluator, start, state, scope)
         if state.current.choice == before:
             break
         one_by_one = replace(scope, everywhere=False)
@@ -321,7 +323,7 @@ def believable(brought: Gain) -> bool:
     return sure and brought.share >= LEAST_HELP and brought.won >= LEAST_WON
 
 
-def settled(
+def without_needless_terms(
     evaluator: Evaluator, start: Evaluated, state: State, scope: Scope
 ) -> _Search:
     """Yield states without the terms that some joints do not need.

@@ -33,7 +33,12 @@ from consistent_id.problems.selection.choice import (
     data_of,
     velocity_scale,
 )
-from consistent_id.problems.selection.forward_search import Scope, State, Step, search
+from consistent_id.problems.selection.forward_search import (
+    Scope,
+    State,
+    Step,
+    better_models,
+)
 from consistent_id.problems.selection.setup import KINDS, Beginning, beginning
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import own_rate
@@ -331,7 +336,7 @@ def _searched(begun: Beginning, progress: bool) -> tuple[State, bool]:
     state = State(begun.plain)
     try:
         with stages(_STAGES, progress) as begin:
-            for state in search(begun.evaluator, begun.plain, begun.scope):
+            for state in better_models(begun.evaluator, begun.plain, begun.scope):
                 made = state.steps[-1].move.label if state.steps else "plain model"
                 begin(f"model: {made}")
     except KeyboardInterrupt as cause:
