@@ -23,6 +23,7 @@ from consistent_id.problems.statement import (
 from consistent_id.recordings.column_guess import (
     GAINS,
     ColumnGuess,
+    KnownColumns,
     guess_columns,
     require_torque,
 )
@@ -147,11 +148,7 @@ def _found(
     wrenches = wrenches_in_log(log, in_memory)
     felt = wrench_note(wrenches, robot)
     others = () if floating is None else floating.taken
-    guessed = partial(
-        _guessed,
-        felt,
-        _names_in_log(stated, robot),
-        log,
+    known = KnownColumns(
         robot.joint_names,
         {c: name for c in _CHANNELS if (name := getattr(stated, c)) is not None},
         names=in_memory,
@@ -159,18 +156,21 @@ def _found(
         arrays=_arrays(floating),
         torque_joints=stated.torque_joints,
         units=stated.units,
+        currents=len(stated.torque_gain) > 0,
         commands=stated.gains is not None,
-        held=_every_joint(model, stated),
+        all_joints=_every_joint(model, stated),
         chains=chains_of(robot),
         topic=stated.topic,
     )
+    guessed = partial(_guessed, log, renamed=_names_in_log(stated, robot), felt=felt)
     try:
-        guess = guessed(currents=len(stated.torque_gain) > 0)
+        guess = guessed(known)
         require_torque(guess.columns.torque, stated.torque_gain)
     except RecordingError as cause:
         gains = None
         if not stated.torque_gain and not cause.options and log not in tables:
-            gains = _implied_gains(guessed, robot, log)
+            currents = replace(known, currents=True)
+            gains = _implied_gains(lambda: guessed(currents), robot, log)
         if gains is None:
             raise
         raise RecordingError(
@@ -239,11 +239,11 @@ def _stated_with(stated: Statement, words: Sequence[str]) -> Statement:
 
 
 def _implied_gains(
-    guessed: Callable[..., ColumnGuess], robot: RobotModel, log: Path
+    guessed: Callable[[], ColumnGuess], robot: RobotModel, log: Path
 ) -> NominalGains | None:
     """Return the gains of a log of currents that the model's bodies imply."""
     try:
-        guess = guessed(currents=True)
+        guess = guessed()
         if guess.joints != robot.joint_names or guess.columns.torque is None:
             return None
         return nominal_gains(robot, read_recording(log, guess.joints, guess.columns))
@@ -280,12 +280,7 @@ def _names_in_log(stated: Statement, robot: RobotModel) -> dict[str, str]:
 
 
 def _guessed(
-    felt: str,
-    renamed: Mapping[str, str],
-    log: Path,
-    joints: Sequence[str],
-    known: Mapping[str, str],
-    **more: Any,
+    log: Path, known: KnownColumns, *, renamed: Mapping[str, str], felt: str
 ) -> ColumnGuess:
     """Guess columns; if this fails, name the log's other columns.
 
@@ -293,16 +288,11 @@ def _guessed(
     ----------
     renamed : mapping of str to str
         The log's names of joints, where they are not the robot's.
+    felt : str
+        A sentence on columns of a force/torque sensor, or nothing.
     """
-
-    def in_log(names: Iterable[str]) -> tuple[str, ...]:
-        return tuple(renamed.get(name, name) for name in names)
-
-    more |= {key: in_log(more[key]) for key in ("torque_joints", "held")}
-    if chains := more["chains"]:
-        more["chains"] = {number: in_log(chain) for number, chain in chains.items()}
     try:
-        guess = guess_columns(log, in_log(joints), known, **more)
+        guess = guess_columns(log, known.renamed(renamed))
     except RecordingError as cause:
         said = f"{cause} {felt}".strip()
         raise RecordingError(
