@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from consistent_id.problems.file import DriveTable
 from consistent_id.problems.floating.base_guess import (
     BaseGuess,
+    BaseSamples,
     MujocoArrays,
     base_frames,
     chosen_names,
+    completed_guess,
     mujoco_arrays,
-    settled,
     widths_of,
 )
 from consistent_id.problems.floating.contact_guess import (
@@ -113,7 +114,14 @@ def floating_columns(
     ordered = said or guess.columns.orientation in {b.names for b in found if b.order}
     frames = base_frames(model)
     imu = stated.imu or (arrays.imu if _from_simulation(guess, arrays) else None)
-    guess = _settled(log, guess, robot, replace(stated, imu=imu), frames, ordered)
+    guess = completed_guess(
+        guess,
+        _samples(log, guess.columns, robot, stated),
+        robot,
+        replace(stated, imu=imu),
+        frames=frames,
+        ordered=ordered,
+    )
     contacts = _contacts(stated, names, robot, model, guess.columns)
     return FloatingColumns(
         BesideColumns(guess.columns, contacts.columns),
@@ -161,24 +169,18 @@ def _from_simulation(guess: BaseGuess, arrays: MujocoArrays) -> bool:
     return guess.columns.acceleration in {each.names for each in arrays.base}
 
 
-def _settled(
-    log: Path,
-    guess: BaseGuess,
-    robot: RobotModel,
-    stated: Statement,
-    frames: Mapping[str, Any],
-    ordered: bool,
-) -> BaseGuess:
-    """Return the guess, completed from the data: order, gravity, the unit's place."""
+def _samples(
+    log: Path, columns: BaseColumns, robot: RobotModel, stated: Statement
+) -> BaseSamples:
+    """Read the samples of the base's columns."""
     if _is_bag(log):
         joints = (*robot.joint_names, *(stated.names or {}))
-        arrays, time = _of_topics(log, guess.columns, stated.topic, joints)
+        arrays, time = _of_topics(log, columns, stated.topic, joints)
     else:
-        wanted = guess.columns.names
         names = column_names(log) if log_format(log).lists_names else ()
         clock = next((name for name in names if is_time(name)), None)
         omit = stated.omitted_of(log)
-        named = [*wanted, *([clock] if clock else [])]
+        named = [*columns.names, *([clock] if clock else [])]
         read = read_parts(reader_of(log), log, named, omit)
         samples = max(map(len, read.values()))
         kept = np.delete(
@@ -188,16 +190,7 @@ def _settled(
         time = np.asarray(arrays[clock] if clock else (), dtype=np.float64).reshape(-1)
     rows = len(time) or max(max(np.shape(a)) for a in arrays.values())
     time = time if len(time) else np.arange(rows, dtype=np.float64)
-    return settled(
-        guess,
-        arrays,
-        time,
-        robot,
-        stated,
-        frames=frames,
-        ordered=ordered,
-        where=str(log),
-    )
+    return BaseSamples(arrays, time, str(log))
 
 
 def _of_topics(
