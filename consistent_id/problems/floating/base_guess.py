@@ -60,7 +60,7 @@ class MujocoArrays:
     Parameters
     ----------
     columns : dict of str to str
-        By channel of the joints; empty if the log has no ``qpos``.
+        Columns by channel of the joints; empty if the log has no ``qpos``.
     array_joints : tuple of str
         Joints of those arrays.
     base : tuple of BaseNames
@@ -85,7 +85,7 @@ def mujoco_arrays(
     path : Path
         The robot's file; if it is URDF, qpos is taken to have its joints in its order.
     joints : sequence of str
-        The robot's.
+        Joints of the robot.
     widths : mapping of str to int
         Columns of the log's arrays.
     """
@@ -112,7 +112,7 @@ def mujoco_arrays(
 
 
 def base_frames(path: Path) -> dict[str, BaseFrame]:
-    """Return the sites on the base of an MJCF file, by name; of a URDF none."""
+    """Return the sites on the base of an MJCF file, by name; none for a URDF."""
     model = _model(path)
     if model is None:
         return {}
@@ -160,7 +160,7 @@ def _on_base(model: Any, body: int) -> bool:
 
 
 def _unit_sensors(model: Any) -> Iterator[tuple[BaseRole, tuple[str, str]]]:
-    """Yield gyro and accelerometer on the base: their site, their part of the array."""
+    """Yield gyro and accelerometer of the base, with their sites and array parts."""
     import mujoco
 
     kinds: dict[int, BaseRole] = {
@@ -325,7 +325,7 @@ def completed_guess(
 def _unit(
     robot: RobotModel, stated: Statement, frames: Mapping[str, BaseFrame]
 ) -> tuple[Matrix, Vector, str]:
-    """Return the unit's rotation and place in the base, and what was assumed."""
+    """Return the IMU's rotation and place in the base, and a note on assumptions."""
     own = {robot.link_names[0]: BaseFrame(np.eye(3), np.zeros(3)), **frames}
     for frame in robot.links[0].merged:
         own[frame.name] = BaseFrame(frame.rotation, frame.translation)

@@ -56,7 +56,7 @@ _TOPICS: Mapping[str, tuple[tuple[BaseRole, str], ...]] = {
 }
 _ARRAYS = ("NPZ", "Parquet", "Feather")  # formats whose columns may be arrays
 
-# Share of the samples that must keep rows, for slipping feet to go.
+# Share of the samples that must keep rows when slipping feet are removed.
 _ENOUGH = 0.25
 
 
@@ -67,13 +67,13 @@ class FloatingColumns:
     Parameters
     ----------
     joints : MujocoArrays
-        Columns of the joints, if the log is of arrays of MuJoCo.
+        Columns of the joints, if the log has arrays of MuJoCo.
     taken : tuple of str
-        Names that are of no joint.
+        Names that belong to no joint.
     standing : bool
         Whether feet are assumed to stand all the time, which must be checked.
     names : tuple of str
-        The log's, for messages.
+        Names of the log, for messages.
     """
 
     beside: BesideColumns
@@ -92,17 +92,17 @@ def floating_columns(
     Parameters
     ----------
     robot : RobotModel
-        Whose base floats.
+        A robot with a floating base.
     model : Path
-        Its file.
+        File of the robot.
     stated : Statement
         The user's statement.
 
     Raises
     ------
     RecordingError
-        If the base's motion cannot be found, or its quaternion's order; with the
-        option that says it.
+        If the base's motion or its quaternion's order cannot be found; with the option
+        that states it.
     """
     names, widths, found = _named(log)
     arrays = MujocoArrays()
@@ -141,7 +141,7 @@ def base_in_log(log: Path) -> tuple[BaseNames, ...]:
 
 
 def _named(log: Path) -> tuple[tuple[str, ...], dict[str, int], tuple[BaseNames, ...]]:
-    """Return a log's names, the widths of its arrays, and which are of the base."""
+    """Return a log's names, the widths of its arrays, and names of the base."""
     if _is_bag(log):
         kinds: dict[str, str] = reader_of(log).topic_kinds(log)
         found = [
@@ -196,7 +196,7 @@ def _samples(
 def _of_topics(
     log: Path, columns: BaseColumns, topic: str | None, joints: Sequence[str]
 ) -> tuple[dict[str, NDArray[Any]], NDArray[np.float64]]:
-    """Return what topics say, each by itself cut to the shortest."""
+    """Return the signals of topics, cut to the length of the shortest."""
     content = reader_of(log).read_messages(log, topic, columns.names, joints)
     signals = content.signals
     rows = min(len(signal.values) for signal in signals.values())
@@ -304,7 +304,7 @@ def standing_draft(
     found : FloatingColumns
         Columns of the robot's logs.
     raws : sequence of Recording
-        As they were read.
+        Logs as they were read.
     model : Path
         The robot's file.
     drive : DriveTable
