@@ -20,7 +20,8 @@ from consistent_id import (
 from consistent_id.constraints import FixedCentresOfMass, ParameterBounds, PointToSet
 from consistent_id.constraints.priors import Distance
 from consistent_id.estimation.uncertainties.intervals import consistent_intervals
-from consistent_id.regression import joint_noise
+from consistent_id.regression import base_parameters, joint_noise
+from consistent_id.robot.scaling import link_scales
 
 SIGMA = 0.2
 SEEN = ["link1.hx", "link1.hy", "link1.Izz", "joint1.viscous"]
@@ -62,6 +63,24 @@ def test_without_constraints_it_is_the_ellipsoid_of_least_squares(slack):
     found = consistent_intervals(model, regression, constraints=(), slack=slack)
     expected = ellipsoid(model, regression, slack)
     for name, ends in zip(SEEN, expected, strict=True):
+        assert interval(found, name) == pytest.approx(ends, abs=1e-5)
+
+
+def test_a_nominal_robot_far_from_zero_changes_no_interval():
+    # The ball of the proofs reaches farther than the nominal robot is from zero.
+    model, _, log = experiment(1, joints=3, samples=300, noise=0.1)
+    regression = build_regression(model, log)
+    distance = np.linalg.norm(model.robot.nominal / link_scales(model.robot).units)
+    assert distance > 2.0
+    found = consistent_intervals(model, regression, constraints=(), slack=0.1)
+    base, R = base_parameters(model), regression.stacked()
+    A = R[:, list(base.independent)]
+    x = np.linalg.lstsq(A, R[:, -1], rcond=None)[0]
+    allowed = (1.1**2 - 1.0) * np.sum((A @ x - R[:, -1]) ** 2)
+    half = np.sqrt(allowed * np.diag(np.linalg.inv(A.T @ A)))
+    for name in model.layout.names[-3:]:
+        k = base.names.index(name)
+        ends = x[k] - half[k], x[k] + half[k]
         assert interval(found, name) == pytest.approx(ends, abs=1e-5)
 
 
