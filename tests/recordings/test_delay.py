@@ -318,9 +318,9 @@ def test_a_single_plateau_and_short_ones_are_not_limits():
 
 
 def test_a_limit_is_found_beside_more_rests_at_less_than_half_of_it():
-    # Six times at the limit, and seven times at a fifth of it, each for 0.3 s.
-    time = np.arange(6800) / 1000.0
-    slow = np.interp(time % 1.0, [0.0, 0.3, 0.5, 0.8, 1.0], [0.2, 0.2, 1.4, 1.4, 0.2])
+    # Six times at the limit for 0.43 s, and seven times at a fifth of it for 0.5 s.
+    time = np.arange(7700) / 1000.0
+    slow = np.interp(time % 1.2, [0.0, 0.5, 0.7, 1.0, 1.2], [0.2, 0.2, 1.4, 1.4, 0.2])
     tau = np.minimum(slow, 1.0)[:, None]
     mask = signals.saturated(log(time, time, torque=tau))
     assert (mask == (tau == 1.0)).all()
