@@ -91,7 +91,7 @@ def _other_masses(as_is: FittedLog) -> Iterator[Candidate]:
 def _other_gain(as_is: FittedLog) -> Iterator[Candidate]:
     """Yield the log with another factor for the torque that fits best with one.
 
-    Several joints carry one body, so that their torques have to agree.
+    Several joints carry one body, so their torques must agree.
     """
     factors = as_is.factors
     everyone, names = factors.model.robot.joint_names, factors.model.torque_joints
