@@ -274,7 +274,7 @@ def leaning_findings(
     Parameters
     ----------
     upright : TorqueParts
-        Of the model without leaning.
+        Parts of the model without leaning.
     """
     turned = turned_gravity(model, prepared)
     if turned is None:

@@ -352,8 +352,8 @@ def column_noise(
     recording : Recording
         Prepared, with torque.
     covariance : ndarray, shape (joints, 3, 3)
-        Of position, velocity and acceleration: `noise_gain` times the variance of the
-        readings, in the robot's order.
+        Covariance of position, velocity and acceleration: `noise_gain` times the
+        variance of the readings, in the robot's order.
     seed : int
         Seed of the drawn noise.
     """

@@ -128,7 +128,7 @@ class Candidate:
     Parameters
     ----------
     factors : ChannelFactors
-        Of the corrected log, or of the corrected model.
+        Factors of the corrected log, or of the corrected model.
     """
 
     cause: Cause

@@ -73,7 +73,7 @@ class FactorRows:
     Parameters
     ----------
     model : TorqueModel
-        Of a robot with nominal bodies and a fixed base.
+        Model of a robot with nominal bodies and a fixed base.
     logs : sequence of Recording
         Prepared, with the robot's joints; few samples suffice.
     """
@@ -358,7 +358,7 @@ def _pull(state: FactorLogs, columns: int) -> tuple[Matrix, Vector]:
 def least_costs(state: FactorLogs) -> tuple[float, float]:
     """Return the least sums of squares with nominal bodies, and without them.
 
-    Of the torque, and of the bodies' distance.
+    They are those of the torque and of the bodies' distance.
     """
     A, torque = state.rows.columns, state.rows.torque
     weights = 1.0 / (state.noise * _size(torque))

@@ -61,7 +61,7 @@ class FoundPath:
     obstacle : str
         The limit that was violated most, if nothing was found.
     iterations : int
-        Of the solver.
+        Number of iterations of the solver.
     work : float
         Work that was done, see `Meter`.
     """

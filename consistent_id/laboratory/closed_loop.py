@@ -64,7 +64,7 @@ class Controller:
     damping : float
         ``D = 2 damping (2 pi bandwidth) m``.
     rate_cutoff : float, [Hz]
-        Of the low-pass.
+        Cut-off of the low-pass.
     """
 
     model: TorqueModel
@@ -230,7 +230,7 @@ class Loop(NamedTuple):
     torque : ndarray, shape (samples, joints), [N m or N]
         The same torque.
     readings : ndarray, shape (samples, joints), [rad or m]
-        Of the encoders.
+        Readings of the encoders.
     """
 
     motion: Recording

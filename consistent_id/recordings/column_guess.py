@@ -68,7 +68,7 @@ class ColumnGuess:
     notes : tuple of str
         The choices that were made, in words.
     topic : str, optional
-        Of a ROS bag with several: the one with joint states of the robot.
+        The topic with joint states of the robot, if a ROS bag has several.
     """
 
     columns: Columns
@@ -116,8 +116,8 @@ class KnownColumns:
     arrays : Columns, optional
         Known arrays of all joints, such as parts of ``qpos``.
     topic : str, optional
-        Of a ROS bag, whose fields are those of joint states; by default the topic that
-        names most of the joints.
+        Topic of a ROS bag, whose fields are those of joint states; by default the topic
+        that names most of the joints.
     """
 
     joints: tuple[str, ...]

@@ -63,7 +63,7 @@ class RolloutErrors:
     Parameters
     ----------
     errors : ndarray, shape (joints, samples)
-        Of position, all logs one after another, [rad or m].
+        Errors of position, all logs one after another, [rad or m].
     by_parameter : ndarray, shape (joints, samples, parameters)
     """
 
@@ -161,13 +161,13 @@ def refined(
     estimate : Estimate
         Where to begin: the constrained torque fit.
     regression : Regression
-        Of the same training motion.
+        Regression of the same training motion.
     logs : sequence of Recording
         With commands, as they were logged.
     constraints : sequence of Constraint
         Which every step meets.
     delay : float, [s]
-        Of commands.  It is fixed: on one motion it is correlated with damping and
+        Delay of commands.  It is fixed: on one motion it is correlated with damping and
         inertia, and a step would give a value that faster motion does not confirm.
     ridge : float
         Weight of the torque fit.

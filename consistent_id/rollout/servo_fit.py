@@ -48,7 +48,8 @@ class Evolved(NamedTuple):
     best : ndarray, shape (parameters,)
         Point of least error.
     mean : ndarray, shape (parameters,)
-        Of the last distribution, `width` its size and `spread` its covariance's shape.
+        Mean of the last distribution, `width` its size and `spread` its covariance's
+        shape.
     """
 
     best: Vector
@@ -164,11 +165,11 @@ def identify_servos(
         To learn from, and to be simulated only; of the latter only the duty's gain
         and deadband are used, where they are measured, and for themselves alone.
     forms : sequence of str
-        Of `FORMS`.
+        Some of `FORMS`.
     gain : float, optional, [1/rad]
         Share of full duty over position error, of logs without a duty.
     seed : int
-        Of the search.
+        Seed of the search.
 
     Raises
     ------

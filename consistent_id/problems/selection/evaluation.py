@@ -68,7 +68,7 @@ class Setting:
     bodies : TorqueModel
         The robot without drive terms.
     base : BaseParameters
-        Of the bodies.
+        Base parameters of the bodies.
     loaded, sloped : tuple of str
         Torque joints whose friction may depend on the nominal load (`loaded`) or on
         position (`sloped`).
@@ -285,7 +285,7 @@ def screened(
     Parameters
     ----------
     factors : Factors
-        Of the candidate's rows.
+        Factors of the candidate's rows.
     current : FoldFits
         Fits whose bodies are used, fold by fold.
     sigma : ndarray, shape (torque joints,), [N m or N]
@@ -386,7 +386,7 @@ def torque_delay(
     Parameters
     ----------
     base : BaseParameters
-        Of the bodies.
+        Base parameters of the bodies.
     sigma : ndarray, shape (torque joints,), [N m or N]
     """
     rows, late = [], RATES[0]
