@@ -21,7 +21,7 @@ import numpy as np
 from mujoco import sysid
 
 import consistent_id as ci
-from consistent_id.rollout.choice import motor_groups
+from consistent_id.rollout.chosen_settings import motor_groups
 from consistent_id.rollout.commanded_motion import drive_commands, replay, replayable
 from consistent_id.rollout.replay_model import compiled_model, replay_spec
 from consistent_id.rollout.settings import gains_of

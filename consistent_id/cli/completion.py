@@ -1,6 +1,6 @@
 """``consistent-id completion SHELL``: a script for the shell, written by shtab.
 
-The script holds all names, so that a press of the key starts no Python.
+The script contains all names, so completion does not start Python.
 """
 
 import argparse

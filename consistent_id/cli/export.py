@@ -75,21 +75,21 @@ def run_export(options: argparse.Namespace) -> int:
 
 @dataclass(frozen=True)
 class _Chosen:
-    """An estimate to export, the verdict on it, and what is written beside it.
+    """An estimate to export, the verdict on it, and the notes beside it.
 
     Parameters
     ----------
     answer : dict
-        For JSON; see `Study.answer`.
+        The verdict for JSON; see `Study.answer`.
     stated : tuple of str
-        Statements of the estimate's file that nothing confirms.
+        Statements of the estimate's file that were not confirmed.
     source : Path, optional
         The robot's own file.
     gains : PDGains, optional
     delay : float, [s]
         The delay of commands.
     results : Results, optional
-        That keep a copy of the robot's file as long as it is needed.
+        Results that keep a copy of the robot's file as long as it is needed.
     """
 
     estimate: "Estimate"
@@ -187,7 +187,7 @@ def _chosen(options: argparse.Namespace) -> _Chosen:
         verdict = study.verdict_on(estimate)
         answer = study.answer(verdict)
         stated = (*stated, *_as_stated(study, estimate, verdict))
-    # What is behind a wrench sensor is in no file of the arm's.
+    # The file of the arm does not contain the tool behind a wrench sensor.
     files = problem.model_files if problem.arm is None else {}
     return _Chosen(
         estimate,
@@ -204,7 +204,7 @@ def _chosen(options: argparse.Namespace) -> _Chosen:
 def _as_stated(
     study: "Study", estimate: "Estimate", verdict: "Verdict"
 ) -> tuple[str, ...]:
-    """Say where a held-out error comes from that no recording can confirm."""
+    """Return notes on a held-out error that no recording can confirm."""
     stated = estimate.judged
     if not study.validation or stated is None:
         return ()

@@ -61,7 +61,7 @@ def run_init(options: argparse.Namespace) -> int:
         if chosen is not None:
             shown = chosen.table().text() + "\n\n" + shown
         command, more = "compare" if options.log else "excite", " --trust" * outside
-        if options.gains:  # of commands, whose delay nobody has stated yet
+        if options.gains:  # commands whose delay has not been stated yet
             command = "rollout"
         shown += f"\nnext: consistent-id {command} {file}{more}"
     record = {

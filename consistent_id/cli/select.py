@@ -52,7 +52,7 @@ def _select(options: argparse.Namespace) -> Answer:
     from consistent_id._support.files import require_writable_file
     from consistent_id.errors import ProblemError
     from consistent_id.problems.loading import stated_problem
-    from consistent_id.problems.selection.select import select_model
+    from consistent_id.problems.selection.model_selection import select_model
 
     stated = statement(options)
     if stated.select is not None:

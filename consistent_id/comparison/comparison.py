@@ -65,10 +65,10 @@ class EstimateReport:
         If least squares is impossible: whether the data contradict physics, or noise
         alone explains it.
     crossed : Slopes, optional
-        Of joints whose torque is not that of the nominal bodies; see
+        Slopes of joints whose torque is not that of the nominal bodies; see
         `confirmed_slopes`.
     usual_efforts : Vector, optional
-        Of the training recordings; see `usual_efforts`.
+        Usual efforts of the training recordings; see `usual_efforts`.
     drawn : DrawnParts, optional
         Shapes of links and nominal drives, of the robot's file.
     speeds : mapping of str to float, [rad/s or m/s]
@@ -279,21 +279,21 @@ def compare(
     Parameters
     ----------
     estimates : sequence of Estimate
-        Of one torque model, with different methods.
+        Estimates of one torque model, with different methods.
     validation, training : sequence of Recording
         With velocity, acceleration and torque.
     findings : sequence of LogFinding
         Faults of the recordings, found by `diagnose`; verdicts use them.
     regression : Regression, optional
-        Of the training recordings: if least squares is impossible, they are tested for
-        a contradiction of physics; see `consistency_test`.
+        Regression of the training recordings: if least squares is impossible, they are
+        tested for a contradiction of physics; see `consistency_test`.
     crossed : Slopes, optional
-        Of joints whose torque is not that of the nominal bodies; see
+        Slopes of joints whose torque is not that of the nominal bodies; see
         `confirmed_slopes`.
     drawn : DrawnParts, optional
         Shapes of links and nominal drives, of the robot's file.
     seed : int
-        Of the poses at which the mass matrix is examined.
+        Seed of the poses at which the mass matrix is examined.
 
     Raises
     ------

@@ -78,7 +78,7 @@ def robot_size(
     model : TorqueModel
     parameters : ndarray, shape (parameters,)
     reach : mapping of str to float, optional, [m]
-        Of links whose shapes are known; see `DrawnParts`.
+        Reach of links whose shapes are known; see `DrawnParts`.
     """
     robot = model.robot
     bodies = parameters[: model.layout.inertial_size].reshape(-1, 10)

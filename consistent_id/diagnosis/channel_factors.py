@@ -219,7 +219,8 @@ class Cut:
 def cuts_at(factors: ChannelFactors, fit: BestFit) -> list[Cut]:
     """Return the half-space at a log's best constrained fit, if the fit is certified.
 
-    The list is empty where constraints do not raise the misfit: the slope is rounding.
+    The list is empty if constraints do not raise the misfit, because the slope is
+    rounding.
 
     Parameters
     ----------

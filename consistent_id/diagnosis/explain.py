@@ -128,7 +128,7 @@ class Candidate:
     Parameters
     ----------
     factors : ChannelFactors
-        Of the corrected log, or of the corrected model.
+        Factors of the corrected log, or of the corrected model.
     """
 
     cause: Cause
@@ -319,9 +319,10 @@ def _fit(
 class Screen:
     """Few samples of a log, on which changes of its motion are tried first.
 
-    Filtered rows take all samples of a log, for each change.  Rows of the few samples
-    alone miss how a filter rounds the edges of friction; what they miss in the log as
-    it is, is taken off.  What is left by them is fitted with filtered rows.
+    Filtered rows need all samples of a log, for each change.  Rows of the few samples
+    alone do not contain the filter's rounding of friction's edges; the error of this is
+    computed for the unchanged log and subtracted.  Changes that remain possible are
+    fitted with filtered rows.
 
     Parameters
     ----------
@@ -349,7 +350,7 @@ class Screen:
         return cls(bare, filtered, max(coarse**2 - filtered**2, 0.0))
 
     def least_misfit(self, factors: ChannelFactors) -> float:
-        """Return the least misfit of samples, less what their rows miss."""
+        """Return the least misfit of samples, less the error of their rows."""
         return float(np.sqrt(max(factors.least_misfit() ** 2 - self.missed, 0.0)))
 
 
@@ -379,7 +380,7 @@ def _moved(
 def _drives(
     log: Recording, corrections: Sequence[Correction]
 ) -> list[Recording | None]:
-    """Return the motions from which drive columns are taken, where they are others.
+    """Return the motions of the drive columns, if they are not those of the bodies.
 
     The velocity scales of friction fit the log as it is.  Scaling a position by nearly
     one would change these scales, and could fit the friction of a joint by that alone.

@@ -2,7 +2,7 @@
 
 A factor is one number: the clock's speed, a gain of all torques, a zero, the angle of a
 leaning base.  The rows of a log are those of all parameters, of the factors, and of the
-nominal bodies, which pull as far as bodies are usually known.
+nominal bodies; the latter are weighted by the usual errors of nominal bodies.
 """
 
 from collections.abc import Sequence
@@ -43,7 +43,7 @@ _EXACT = 1e-3  # of the torque: least residual that weights a joint's rows
 
 @dataclass(frozen=True, slots=True)
 class Factor:
-    """A fault of which one number is unknown.
+    """A fault with one unknown number.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class Factor:
         Least size that is reported: log of the clock's speed or of the gain, [rad or
         m] for zeros and [rad] for the base.
     joint : int
-        Of a zero or a torque gain, among the robot's.
+        Place of the joint with the wrong zero or gain.
     axis : tuple of float
         Level unit vector about which the base may lean.
     """
@@ -73,7 +73,7 @@ class FactorRows:
     Parameters
     ----------
     model : TorqueModel
-        Of a robot with nominal bodies and a fixed base.
+        Model of a robot with nominal bodies and a fixed base.
     logs : sequence of Recording
         Prepared, with the robot's joints; few samples suffice.
     """
@@ -129,17 +129,17 @@ class _Limb:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FactorLogs:
-    """Logs, perhaps with a factor taken out, and the model that belongs to them.
+    """Logs, perhaps with a factor removed, and the model that belongs to them.
 
     Parameters
     ----------
     rows : FactorRows
     widths : ndarray, shape (3,)
-        Those to which masses, centres of mass and second moments are known.
+        Relative errors of nominal masses, centres of mass and second moments.
     noise : ndarray, shape (torque joints,)
-        Relative to the torque; of the logs as they are, see `relative_noise`.
+        Noise of the unchanged logs, relative to the torque; see `relative_noise`.
     loaded : bool
-        Whether links that carry no other may carry anything: their bodies are free.
+        Whether the bodies of links that carry no other link are free.
     """
 
     rows: FactorRows
@@ -174,7 +174,7 @@ class FactorLogs:
         return self.rows.logs
 
     def without(self, factor: Factor, size: float) -> "FactorLogs":
-        """Take a factor out."""
+        """Return the logs without a factor."""
         model, logs = self.model, self.logs
         if size == 0.0:
             return self
@@ -242,9 +242,9 @@ def factor_system(
 ) -> Jackknife:
     """Return rows of the factors, with bodies and drives eliminated.
 
-    Without `nominal`, nothing pulls the bodies; without `scatter`, no segments are left
-    out.  The columns of the factors are followed by one that a gain among them has with
-    nominal bodies: an instrument.
+    Without `nominal`, there are no rows of nominal bodies; without `scatter`, no
+    segments are left out.  The last column, after those of the factors, is that of a
+    gain with nominal bodies: an instrument.
     """
     A, torque, groups = state.rows.columns, state.rows.torque, state.rows.groups
     weights = 1.0 / (state.noise * _size(torque))
@@ -308,7 +308,7 @@ class _Rows:
         return cls(rows, np.concatenate([rows.regressor(), of_own_row(own)], axis=1))
 
     def slopes(self, x: Vector, factors: Sequence[Factor]) -> Array:
-        """Return what a unit of each factor adds, (torque joints, factors, samples).
+        """Return torque per unit of each factor, (torque joints, factors, samples).
 
         Torque is changed by a clock ``exp(f)`` times too slow, by a gain ``exp(f)`` of
         all joints or of one, by positions that are ``f`` too small, by gravity that
@@ -358,7 +358,7 @@ def _pull(state: FactorLogs, columns: int) -> tuple[Matrix, Vector]:
 def least_costs(state: FactorLogs) -> tuple[float, float]:
     """Return the least sums of squares with nominal bodies, and without them.
 
-    Of the torque, and of the bodies' distance.
+    They are those of the torque and of the bodies' distance.
     """
     A, torque = state.rows.columns, state.rows.torque
     weights = 1.0 / (state.noise * _size(torque))
@@ -390,7 +390,7 @@ def relative_noise(rows: FactorRows) -> Vector:
 
 
 def least_misfit(state: FactorLogs) -> float:
-    """Return the residual of least squares over the torque, joints counting alike."""
+    """Return the residual of least squares over the torque, joints weighted alike."""
     rest, size = _residual(state.rows)
     return float(np.sqrt(np.mean((_size(rest) / size) ** 2)))
 
@@ -428,7 +428,7 @@ def _solution(
     groups: Sequence[_Limb],
 ) -> Vector:
     x, pull = np.zeros(A.shape[1]), np.diag(prior)
-    # What no data show takes its nominal value.
+    # Parameters that no data show take their nominal values.
     x[: len(pull)] = prior[:, -1] / np.where(pull > 0.0, pull, np.inf)
     for group in groups:
         rows = [_factor(A, torque, weights, group), _of_group(prior, group, A.shape[1])]

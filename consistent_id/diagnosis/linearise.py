@@ -100,7 +100,7 @@ class Jackknife:
 
         It is ``x = w^T z / w^T a``, with errors as of `fitted`.  Where ``a`` contains
         the same errors as ``z``, least squares is biased; a ``w`` without them is not.
-        The error is infinite where ``w`` says nothing of ``a``.
+        The error is infinite where ``w`` and ``a`` are orthogonal.
         """
         w, a, z = (self.whole[:, k] for k in (instrument, column, -1))
         if w @ a <= RANK * np.linalg.norm(w) * np.linalg.norm(a):

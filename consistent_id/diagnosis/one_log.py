@@ -1,4 +1,4 @@
-"""Faults of one recording: of each signal first, then of all signals together."""
+"""Faults of one recording: of single signals first, then of all signals together."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -60,7 +60,11 @@ from consistent_id.robot.scaling import placeholders
 
 Prepare = Callable[[Recording], Recording]
 
-_LITTLE = ("standstill", "small motion", "slow motion")  # no other finding is sure
+_LITTLE = (
+    "standstill",
+    "small motion",
+    "slow motion",
+)  # with these, no other finding is certain
 
 # Causes that slopes on the nominal model suggest.  Other causes can have the same
 # slopes, so these are named only if nothing else explains the log.

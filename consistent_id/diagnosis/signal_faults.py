@@ -1,4 +1,4 @@
-"""Channels that freeze, jump, spike, come in steps or are noise, each by itself.
+"""Faults of single channels: freezes, jumps, spikes, steps and noise.
 
 Positions may jump by whole turns, as those of encoders that count from 0 to 360 do.
 """
@@ -20,9 +20,9 @@ TURN = 2.0 * np.pi
 def unwrapped(recording: Recording) -> Recording:
     """Return a recording whose positions do not jump by whole turns.
 
-    To each position the multiple of a turn is added with which it is nearest to the one
-    before, starting from the first.  Commands of position get the one that is nearest
-    to the position.  Dynamics of revolute joints do not depend on whole turns.
+    A multiple of a turn is added to each position, so that it is nearest to the
+    position before.  Commands of position become nearest to the position.  The dynamics
+    of revolute joints do not depend on whole turns.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def spike_findings(
 ) -> list[LogFinding]:
     """Find torques that jump away from their neighbours for one or two samples.
 
-    They are a fault only if their share is certain not to be small.
+    They are a fault only if their share is certainly large.
 
     Parameters
     ----------

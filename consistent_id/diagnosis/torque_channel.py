@@ -31,7 +31,7 @@ from consistent_id.robot.scaling import reference_bodies
 
 _CREEP = 0.02  # rad/s or m/s, of the smooth Coulomb term
 # Share of the torque's standard deviation: larger parts are judged.  A constant part,
-# such as the weight on a sliding trunk, cannot be told from an offset.
+# such as the weight on a sliding trunk, cannot be distinguished from an offset.
 _SHOWN = 0.3
 _SURE = 0.15  # largest standard error over the slope's scale that can be judged
 
@@ -219,7 +219,7 @@ def channel_findings(parts: TorqueParts) -> list[LogFinding]:
 
 
 def nothing_findings(parts: TorqueParts) -> list[LogFinding]:
-    """Report a torque that contains nothing of the nominal model.
+    """Report a torque without any part of the nominal model.
 
     The motion of another robot looks the same, so other faults are sought first.
     """

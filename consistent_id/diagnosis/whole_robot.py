@@ -8,21 +8,19 @@ with all parameters ``x``, while nominal bodies ``b0`` pull the bodies ``b`` of 
 
 ``c_j`` is the derivative of the torque with respect to ``f``, and ``s_j`` the residual
 of a joint in least squares, times the root of the number of samples over which it is
-correlated.  The widths ``w`` say how well bodies are usually known: masses to 5 %,
-centres of mass to 15 % and second moments to 30 % of the link's size.  Drives are free;
+correlated.  The widths ``w`` are usual errors of nominal bodies: 5 % for masses, and 15
+% and 30 % of the link's size for centres of mass and second moments.  Drives are free;
 each joint gets a rotor inertia and friction that the model may lack.
 
-The error of ``f`` joins two: that of the likelihood, and the scatter when one of twenty
-segments is left out (`Jackknife`), which contains what the model does not explain.
-Noise is in both, so the error is too large where nothing else is wrong
-(`benchmarks/coverage_bodies.py` measures the zero of a joint).
-A factor is the same in all logs.  Where each log by itself gives another size, what the
-model lacks stands in for the factor, and the error grows by the ratio of Birge
-(`_disagreement`).
-Some robots' bodies are worse known than the widths say.  That shows when ``f`` is taken
-out of the log: the sum of squares then exceeds that without the nominal bodies by more
-than one for each base parameter, and all widths are multiplied by the root of that
-ratio.
+The error of ``f`` combines two: that of the likelihood, and the scatter when one of
+twenty segments is left out (`Jackknife`), which contains errors of the model. Noise is
+in both, so the error is too large where nothing else is wrong
+(`benchmarks/coverage_bodies.py` measures the zero of a joint).  A factor is the same in
+all logs.  If the logs disagree on its size, a missing part of the model imitates the
+factor, and the error is multiplied by the ratio of Birge (`_disagreement`).  Some
+robots' bodies have larger errors than these widths.  That shows in the log without
+``f``: the sum of squares then exceeds that without the nominal bodies by more than one
+for each base parameter, and all widths are multiplied by the root of that ratio.
 """
 
 from collections.abc import Sequence
@@ -53,22 +51,22 @@ _TURNS = 3  # most linearisations until the axis of a leaning base settles
 _ROUNDS = 8  # most linearisations until a factor settles
 _SETTLED = 0.02  # change of a factor at which it has settled
 _LARGEST = 0.7  # change of a factor in one round, at most
-_TRIED = 3  # factors that are corrected, of those that explain most
+_TRIED = 3  # most factors that are corrected
 _ALIKE = 0.8  # share of the best explanation that rivals reach
 
-# Standard errors from which on a factor is a warning, and a fault.  Of right logs of
-# four real arms (benchmarks/whole_robot.py), the largest are 2.2 for the clock, 2.7 for
+# Standard errors with which a factor is a warning, or a fault.  In right logs of four
+# real arms (benchmarks/whole_robot.py), the largest are 2.2 for the clock, 2.7 for
 # zeros up to `_FARTHEST`; for gains 1.4, and 2.7 for a KUKA whose counterbalance its
 # model lacks: that is a warning.  A Z1, nearly all friction, has 3.8 for a zero and 3.0
 # for the base, which explain too little to be named (`_MUCH`).
 _LIKELY, _SURE = 3.0, 5.0
 _LIKELY_ONE = 2.5  # the same for clock and gain: there is one of each, not one a joint
-# What nominal bodies cost for each base parameter, and what least squares leaves of the
-# torque, at which one alone is enough.  Of right logs of five real arms, up to 6.1 and
-# 0.12; of 36 simulated logs of other arms, 2 to 310 and 0.03 to 0.34.
+# Cost of nominal bodies for each base parameter, and residual of least squares over the
+# torque; one alone is enough.  In right logs of five real arms they are up to 6.1 and
+# 0.12; in 36 simulated logs of other arms, 2 to 310 and 0.03 to 0.34.
 _OTHER, _UNEXPLAINED = 10.0, 0.2
 _AS_RIGHT = 0.12  # the largest of these right logs
-# Share of the squares that a zero or a lean has to explain.  Where drives take most of
+# Least share of the squares that a zero or a lean explains.  Where drives take most of
 # the torque, friction that varies with position looks like one: in logs of two robots
 # up to 0.028, at 4 to 6 standard errors.  Faults of four arms explain 0.048 to 0.91.
 _MUCH = {"offset zero": 0.03, "gravity": 0.03}
@@ -83,16 +81,16 @@ _FARTHEST = {  # beyond, it is another fault: another unit, another channel
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundFactor:
-    """A factor as it was estimated.
+    """An estimated factor.
 
     Parameters
     ----------
     size, error : float
-        In the units of `Factor.least`; the log is right with the size taken out.
+        In the units of `Factor.least`; the log is right after removing this size.
     explained : float
         Decrease of the sum of squares, in squared noise.
     cost : float
-        The sum of squares of the logs as they are.
+        The sum of squares of the unchanged logs.
     """
 
     factor: Factor
@@ -110,13 +108,13 @@ class FoundFactor:
 def whole_robot_factors(as_is: FactorLogs) -> list[FoundFactor]:
     """Estimate factors beside the nominal bodies, the best explanation first.
 
-    Factors that may matter are taken out of the logs, and the logs are linearised
-    again, until the factor settles: the effect of large ones is not linear.
+    Factors that may matter are removed from the logs, and the logs are linearised again
+    until the factor converges, because the effect of large factors is not linear.
 
     Returns
     -------
     list of FoundFactor
-        Those that the logs determine.
+        The factors that the logs determine.
     """
     factors = factors_of(as_is.model)
     system = factor_system(as_is, factors)
@@ -142,7 +140,7 @@ def _turn(system: Jackknife, factors: Sequence[Factor], level: list[int]) -> Vec
 
 
 def _lean(as_is: FactorLogs, turn: Vector) -> Factor:
-    """Return the factor of a base that leans about the axis that explains most.
+    """Return the factor of a base that leans about the most likely axis.
 
     The axis is that of the turn from the model's gravity to the gravity found.
     """
@@ -170,9 +168,9 @@ def _settled(as_is: FactorLogs, first: FoundFactor, cost: float) -> FoundFactor:
     Parameters
     ----------
     first : FoundFactor
-        As it was estimated from the logs as they are.
+        The factor estimated from the unchanged logs.
     cost : float
-        Least sum of squares of the logs as they are.
+        Least sum of squares of the unchanged logs.
     """
     factor = first.factor
     size, _ = _converged(as_is, first)
@@ -211,7 +209,7 @@ def _disagreement(state: FactorLogs, factor: Factor) -> float:
 def _converged_from(
     state: FactorLogs, factor: Factor, start: float = 0.0
 ) -> tuple[float, float]:
-    """Return the size and the error with which a factor settles, from a first size."""
+    """Return the size and the error to which a factor converges from a first size."""
     found = _estimated(state.without(factor, start), [factor])
     return _converged(state, found[0], start) if found else (start, np.inf)
 
@@ -219,12 +217,12 @@ def _converged_from(
 def _converged(
     as_is: FactorLogs, first: FoundFactor, start: float = 0.0
 ) -> tuple[float, float]:
-    """Return the size and the error with which a factor settles.
+    """Return the size and the error to which a factor converges.
 
     Parameters
     ----------
     first : FoundFactor
-        As it was estimated with the first size taken out of the logs.
+        The factor estimated from logs without the first size.
     """
     size, found = start, [first]
     for _ in range(_ROUNDS):
@@ -281,8 +279,9 @@ def _nearer_to_none(one: FoundFactor, other: FoundFactor) -> FoundFactor:
     """Return the smaller of two estimates of a gain, or none if their signs differ.
 
     A gain scales all bodies.  Least squares prefers small bodies, because their errors
-    are as much smaller; nominal bodies as the instrument do not, but depend on single
-    bodies that are badly known.  What only one of both shows is not certain.
+    are smaller in proportion.  Nominal bodies as the instrument do not, but the result
+    depends on single bodies that are badly known.  A gain is certain only if both show
+    it.
     """
     nearer = min(one, other, key=lambda f: abs(f.size))
     if one.size * other.size > 0.0:
@@ -293,8 +292,8 @@ def _nearer_to_none(one: FoundFactor, other: FoundFactor) -> FoundFactor:
 def gain_beside_bodies(as_is: FactorLogs, joint: str) -> FoundFactor | None:
     """Estimate the gain of one joint's torque beside the nominal bodies.
 
-    Other joints carry the same bodies, and bodies differ from nominal ones as far as
-    usual: what both leave is the joint's own gain.
+    The gain is the part of the torque that neither bodies with usual errors nor the
+    other joints, which carry the same bodies, explain.
 
     Returns
     -------
@@ -314,7 +313,7 @@ def weighed_gain(finding: LogFinding, as_is: FactorLogs) -> LogFinding:
     Parameters
     ----------
     finding : LogFinding
-        Its size is that of the slope on the joint's nominal torque.
+        A finding whose size is the slope on the joint's nominal torque.
     as_is : FactorLogs
         All logs in which the same joints have a torque.
     """
@@ -338,7 +337,7 @@ def weighed_gain(finding: LogFinding, as_is: FactorLogs) -> LogFinding:
 
 
 def contradicted(as_is: FactorLogs, corrected: FactorLogs) -> bool:
-    """Return whether nominal bodies speak against a correction of logs.
+    """Return whether nominal bodies contradict a correction of logs.
 
     With the correction, misfit and distance of the bodies are then larger together
     than without it.  The noise is the smaller one of both.
@@ -351,7 +350,7 @@ def contradicted(as_is: FactorLogs, corrected: FactorLogs) -> bool:
 
 
 def doubted_gain(finding: LogFinding, as_is: FactorLogs) -> LogFinding:
-    """Turn a gain of all joints into a note where nominal bodies speak against it."""
+    """Turn a gain of all joints into a note if nominal bodies contradict it."""
     factor = next(f for f in factors_of(as_is.model) if f.where == "all joints")
     without = as_is.without(factor, float(np.log(float(finding.size))))
     if not contradicted(as_is, without):
@@ -372,7 +371,7 @@ def doubted(finding: LogFinding) -> LogFinding:
 
 
 def whole_robot_findings(as_is: FactorLogs) -> list[LogFinding]:
-    """Report the factor that explains most, and others that explain as much."""
+    """Report the most likely factor, and others that are as likely."""
     return factor_findings(as_is.model, whole_robot_factors(as_is))
 
 
@@ -428,7 +427,7 @@ _ADVICE = {
 
 
 def other_robot(as_is: FactorLogs) -> list[LogFinding]:
-    """Say that logs may be another robot's: no factor makes their bodies nominal ones.
+    """Report that logs may be another robot's: no factor makes their bodies nominal.
 
     Two signs count together.  With all factors free, the nominal bodies still cost far
     more than in a right robot's log.  And least squares leaves much of the torque
@@ -438,7 +437,7 @@ def other_robot(as_is: FactorLogs) -> list[LogFinding]:
     unexplained, distance = least_misfit(as_is), _distance(as_is)
     score = max(distance, 0.0) / _OTHER + unexplained / _UNEXPLAINED
     if score > 1.0 and unexplained <= _AS_RIGHT:
-        # What a last link carries changes no length and no axis.
+        # A load on a last link changes no length and no axis.
         distance = min(distance, _distance_of_loaded(as_is))
         score = max(distance, 0.0) / _OTHER + unexplained / _UNEXPLAINED
     if score <= 1.0:
@@ -460,10 +459,10 @@ def other_robot(as_is: FactorLogs) -> list[LogFinding]:
 
 
 def _distance(as_is: FactorLogs) -> float:
-    """Return what nominal bodies cost for each base parameter, all factors free.
+    """Return the cost of nominal bodies for each base parameter, with free factors.
 
-    The squared distance in units of the widths; the better of all factors, linearised,
-    and of the best one, settled.
+    It is the squared distance in units of the widths: the smaller of that with all
+    factors, linearised, and that with the best factor, converged.
     """
     factors = factors_of(as_is.model)
     costs = []
@@ -484,7 +483,7 @@ def _distance(as_is: FactorLogs) -> float:
 
 
 def _distance_of_loaded(as_is: FactorLogs) -> float:
-    """Return the same where the last links carry anything, and nothing else is wrong.
+    """Return the same with free loads on the last links, and without factors.
 
     Bodies of all last links and all factors together would explain too much.
     """
@@ -499,7 +498,7 @@ def _inertial(model: TorqueModel) -> int:
 
 
 def _gate(factor: Factor) -> float:
-    """Return the standard errors from which on a factor is reported."""
+    """Return the number of standard errors with which a factor is reported."""
     return _LIKELY_ONE if factor.where in ("time", "all joints") else _LIKELY
 
 

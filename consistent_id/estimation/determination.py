@@ -82,7 +82,7 @@ def determinations(
     free : UnconstrainedFit
         Least squares on the data.
     errors : LinearErrors
-        Of the data, under the equalities that hold by assumption.
+        Errors of the data, under the equalities that hold by assumption.
     x : ndarray, shape (parameters,)
         The estimate.
     elsewhere : str
@@ -113,7 +113,7 @@ def pinned(
     found : sequence of str
         See `determinations`.
     width : ndarray, shape (parameters,)
-        Of consistent intervals.
+        Width of consistent intervals.
     size : ndarray, shape (parameters,)
         See `parameter_sizes`.
     """

@@ -170,7 +170,7 @@ def fit_calibration(
         Function from a calibration to prepared recordings, always of the same samples;
         see `calibrated`.
     found : sequence of str
-        Of `UNKNOWNS`.
+        Some of `UNKNOWNS`.
     start : DriveCalibration, optional
         Start of the search, and values of the parts that are not estimated.
     constraints : sequence of Constraint

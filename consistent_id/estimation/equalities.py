@@ -78,7 +78,7 @@ class FreeParameters:
         Parameters
         ----------
         A : ndarray, shape (rows, free)
-            Of full rank.
+            Rows, of full rank.
         """
         scale = np.linalg.norm(A, axis=0)
         steps = np.linalg.inv(np.linalg.qr(A / scale, mode="r")) / scale[:, None]

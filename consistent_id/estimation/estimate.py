@@ -75,8 +75,8 @@ class Estimate:
     parameters : array_like, shape (parameters,)
         Standard parameters; the data determine only their base parameters.
     base_covariance : array_like, shape (base, base), optional
-        Of the base parameters, under noise correlated as the residuals are (white, if
-        a note says so); None where it has no simple form.
+        Covariance of the base parameters, under noise correlated as the residuals are
+        (white, if a note says so); None where it has no simple form.
     origins : tuple of str
         What determines each parameter: ``"data"``, ``"combination"`` (data determine
         only sums that contain it), ``"loose"`` (data bound it loosely),
@@ -298,8 +298,8 @@ class Estimate:
     ) -> "Uncertainty":
         """Return how sure each parameter is: error, bootstrap, and proven interval.
 
-        Of constrained estimates.  The estimate knows its constraints, prior and
-        weights; only the data are needed.  Of an estimate from a problem file
+        This is for constrained estimates.  The estimate knows its constraints, prior
+        and weights; only the data are needed.  Of an estimate from a problem file
         `Study.uncertainty` needs nothing.
 
         Parameters
@@ -543,7 +543,7 @@ class Estimate:
         model : TorqueModel
             The one that the estimate is of.
         base : BaseParameters
-            Of the model.
+            Base parameters of the model.
 
         Raises
         ------

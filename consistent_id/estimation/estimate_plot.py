@@ -25,7 +25,7 @@ class TorqueCurves:
     Parameters
     ----------
     labels : tuple of str
-        Of each row, with its unit.
+        Labels of each row, with its unit.
     time : ndarray, shape (samples,), [s]
     predicted : ndarray, shape (samples, rows), [N m or N]
     measured : ndarray, shape (samples, rows), [N m or N], optional

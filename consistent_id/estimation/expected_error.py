@@ -141,7 +141,7 @@ def expected_error(left_out: LeftOutErrors) -> ExpectedError | None:
     Parameters
     ----------
     left_out : LeftOutErrors
-        Of one fit.
+        Errors on the rows left out of one fit.
 
     Returns
     -------
@@ -235,7 +235,7 @@ def error_forecast(
     regression : Regression
         All training data, with the weights of the fit.
     left_out : LeftOutErrors
-        Of the same fit without each block.
+        Errors on the rows left out of the same fit without each block.
     parameters : ndarray, shape (parameters,)
         The estimate.
 

@@ -88,7 +88,7 @@ class Evidence:
     optimum_reason : str
     links : tuple of LinkCondition
     least_mass_eigenvalue : float, [kg m^2 or kg]
-        Of the mass matrix over `POSES` random poses.
+        Least eigenvalue of the mass matrix over `POSES` random poses.
     fit : Fit, optional
     impossible : str
         Proof that no consistent robot has the base parameters, in words.
@@ -105,7 +105,7 @@ class Evidence:
     size : RobotSize, optional
         Extents of the bodies beside the robot's geometry.
     crossed : Slopes, optional
-        Of doubtful joints, on bodies that the other joints determine; see
+        Slopes of doubtful joints, on bodies that the other joints determine; see
         `confirmed_slopes`.
     usual_efforts : Vector, optional
         Torque that 99 % of the samples do not exceed, over each joint's effort limit;

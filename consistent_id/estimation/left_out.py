@@ -63,7 +63,7 @@ class NearPoint(NamedTuple):
     u : ndarray, shape (parameters,)
         See `ScaledFit`.
     weight : float
-        Of the distance: between those of the two optima beside it.
+        Weight of the distance: between those of the two optima beside it.
     """
 
     u: Vector

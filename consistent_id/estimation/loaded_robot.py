@@ -41,12 +41,12 @@ class LoadedRobot:
     Parameters
     ----------
     model : TorqueModel
-        Of the loaded robot: the load is its last link, on a joint that stands still and
-        has no row.
+        Model of the loaded robot: the load is its last link, on a joint that stands
+        still and has no row.
     carrier : int
         Link that carries the load, in whose frame the load's parameters are.
     base : BaseParameters
-        Of a motion without, and one with the load.
+        Base parameters of motions with and without the load.
     """
 
     bare: TorqueModel

@@ -72,7 +72,7 @@ class Payload:
         Relative standard errors of gains, as stated.
     robot : LoadedRobot
     estimate, least_squares : Estimate
-        Of robot and load together.
+        Estimates of robot and load together.
     seconds : float
     """
 

@@ -66,7 +66,7 @@ def huber(
     tolerance : float
         Change of predicted torque, relative to each joint's scale, at which to stop.
     regression : Regression, optional
-        Of the recordings, with its noise, if it is at hand.
+        Regression of the recordings, with its noise, if it is at hand.
 
     Returns
     -------

@@ -57,7 +57,7 @@ def slope_reasons(fit: Fit, crossed: Slopes | None) -> Iterator[Reason]:
     Parameters
     ----------
     crossed : Slopes, optional
-        Of doubtful joints, on bodies that the other joints determine; see
+        Slopes of doubtful joints, on bodies that the other joints determine; see
         `confirmed_slopes`.
     """
     found = _found(fit)

@@ -79,7 +79,7 @@ class Verdict:
     ----------
     word : {"use", "use with care", "do not use"}
     method : str
-        Of the estimate.
+        Method of the estimate.
     reasons : tuple of Reason
         The most important first; accepted ones are among the notes.
     accepted : tuple of str

@@ -63,7 +63,7 @@ class PredictedAccuracy:
         Condition number of one repetition's base regressor; its rows are divided by the
         noise if it was stated.
     duration : float, [s]
-        Of one repetition.
+        Duration of one repetition.
     unit_noise : bool
         Whether no noise was given, so that errors are per N m (or N) of it.
     correlation : float
@@ -346,7 +346,7 @@ class RelativeAccuracy:
     repetitions : float, optional
         After which all of them have 5 % or less; None if no number is enough.
     duration : float, [s]
-        Of one repetition.
+        Duration of one repetition.
     """
 
     matter: tuple[str, ...]

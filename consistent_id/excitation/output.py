@@ -85,7 +85,7 @@ def write_design(
         Endings of files of samples, such as ``csv``, ``yaml`` or ``script``, that
         `write_trajectory` knows; the exact motion is always written, as ``json``.
     tolerance : float, optional, [rad or m]
-        Of ROS messages with few points, see `write_trajectory`.
+        Tolerance of ROS messages with few points, see `write_trajectory`.
     """
     require_writable(folder)
     written = []

@@ -61,7 +61,7 @@ class FoundPath:
     obstacle : str
         The limit that was violated most, if nothing was found.
     iterations : int
-        Of the solver.
+        Number of iterations of the solver.
     work : float
         Work that was done, see `Meter`.
     """
@@ -93,7 +93,7 @@ def random_candidate(problem: SearchProblem, number: int) -> FoundPath:
 
 
 @single_threaded
-def search(
+def searched_path(
     problem: SearchProblem,
     start: FoundPath,
     *,

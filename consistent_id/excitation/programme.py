@@ -40,7 +40,7 @@ class Programme:
         ``variables -> (values, Jacobian)``, shapes (count,) and (count, variables);
         each value must be 0 or less.
     count : int
-        Of those rows.
+        Number of those rows.
     """
 
     objective: Callable[[Vector], tuple[float, Array]]

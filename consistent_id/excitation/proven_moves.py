@@ -107,7 +107,7 @@ def proven_move(
     Parameters
     ----------
     proof : PathProof
-        Of this path.
+        Proof of this path.
     played : Playing
         From where, how often, and how smoothly.
     seed : int

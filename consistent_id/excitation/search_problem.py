@@ -113,7 +113,7 @@ def search_costs(
     entries : int
         Entries of the base regressor: torque joints x samples x base parameters.
     nonzeros : int
-        Of the linear limits' rows.
+        Number of nonzeros of the linear limits' rows.
     samples : int
         Samples times joints, at which the linear limits are measured.
     measure, row : float
@@ -157,7 +157,7 @@ class PathInformation:
     base : BaseParameters
     basis : FourierBasis
     samples : int
-        Of a path at which the regressor is taken.
+        Number of samples of a path at which the regressor is computed.
     recorded : float
         Number of samples that will be recorded, represented by the sampled ones.
     noise : ndarray, shape (torque joints,), [N m or N]
@@ -187,7 +187,7 @@ class SearchProblem:
     Parameters
     ----------
     information : PathInformation
-        Of a path's variables, shape ``shape``.
+        Information of a path's variables, shape ``shape``.
     limits : LimitRows
     guards : tuple of Guard
         Limits that are not linear in the variables.
@@ -195,13 +195,13 @@ class SearchProblem:
         Times at which guards measure.
     objective : Objective
     scaling : {"none", "unit columns"}
-        Of the regressor's columns in condition numbers.
+        Scaling of the regressor's columns in condition numbers.
     gram : ndarray, shape (base, base), optional
         Gram matrix of the task whose torque is to be predicted.
     spread_bound : float
         Bound on the logarithm of the condition number.
     seed : int
-        Of the random paths that searches begin with.
+        Seed of the random paths that searches begin with.
     interest : tuple of int
         Indices of the base parameters whose errors matter; empty for all.
     """

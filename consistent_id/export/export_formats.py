@@ -184,9 +184,9 @@ def exported(
     copy_files : bool
         Whether these files are to be copied there.
     gains : PDGains, optional
-        Of PD-controlled joints.
+        Gains of PD-controlled joints.
     delay : float, [s]
-        Of their commands.
+        Delay of their commands.
 
     Raises
     ------

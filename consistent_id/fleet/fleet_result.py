@@ -68,7 +68,7 @@ class Fleet:
     Parameters
     ----------
     model : TorqueModel
-        Of one robot.
+        Model of one robot.
     bodies : Estimate
         The shared estimate, without outliers; a model without friction.
     robots : tuple of FleetRobot

@@ -79,7 +79,7 @@ def identify_fleet(
     Parameters
     ----------
     problems : sequence of Problem
-        Of the same model, constraints and prior, with different names.
+        Problems of the same model, constraints and prior, with different names.
     executor : str or Executor
         Where the recordings are compressed, a robot at a time; the result does not
         depend on it.

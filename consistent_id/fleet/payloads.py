@@ -276,10 +276,11 @@ class FoundPayload:
     link : str
         That carries it, in whose frame it is.
     estimate : Estimate
-        Of its ten parameters beside the fleet's bodies, certified.
+        Estimate of the load's ten parameters beside the fleet's bodies, certified.
     standard_errors : array_like, shape (10,)
-        Of least squares, by the noise of this robot and by the errors of the bodies
-        that all share; infinite where the data do not tell a parameter by itself.
+        Standard errors of least squares, by the noise of this robot and by the errors
+        of the bodies that all share; infinite where the data do not determine a
+        parameter by itself.
     """
 
     link: str
@@ -337,7 +338,7 @@ def shared_errors(shared: Regression, bodies: Estimate, known: Matrix) -> Shared
     Parameters
     ----------
     shared : Regression
-        Of all robots.
+        Regression of all robots.
     known : ndarray, shape (rows, parameters)
         Rows of the equalities.
     """
@@ -363,11 +364,11 @@ def found_payload(
     Parameters
     ----------
     regression : Regression
-        Of this robot, link and load as one body.
+        Regression of this robot, link and load as one body.
     bodies : Estimate
         The estimate that all robots share.
     errors : SharedErrors
-        Of the bodies.
+        Errors of the bodies.
 
     Raises
     ------

@@ -47,7 +47,7 @@ class StoredRobot:
     Parameters
     ----------
     file : Path
-        Of its share; see `share_files`.
+        File of its share; see `share_files`.
     own : tuple of ndarray
         See `RobotShare.own`.
     sigma : ndarray, shape (joints,), [N m or N]
@@ -55,7 +55,7 @@ class StoredRobot:
     torque, alone : float, [N m or N]
         See `RobotShare`.
     place : PlacedBody, optional
-        Of what it carries.
+        Body that it carries.
     """
 
     name: str
@@ -75,7 +75,7 @@ class Settled:
     Parameters
     ----------
     shared : Regression
-        Of the shared parameters, what is robots' own taken out.
+        Regression of the shared parameters, without the robots' own.
     settled : bool
         Whether the iteration converged.
     """

@@ -169,7 +169,8 @@ class Compressed:
     ----------
     regression : Regression, optional
     counts : tuple of int
-        Of each window; of a log that was read as a whole, of each of its recordings.
+        Counts of each window; of a log that was read as a whole, of each of its
+        recordings.
     middles : tuple of Recording
         Of the latter, see `with_noise_of`.
     stood_for : ndarray, shape (joints,), optional

@@ -73,9 +73,9 @@ class Stretch:
     begin, end : float, [s]
         Times of the first and the last row.
     rate : float, [Hz]
-        Of the clock on which it is prepared.
+        Rate of the clock on which it is prepared.
     samples : int
-        Of that clock.
+        Number of samples of that clock.
     marks : ndarray, shape (any, 2), optional
         Row and time [s] of some rows, of a stretch that is resampled.
     """
@@ -117,9 +117,9 @@ class Stretch:
         Parameters
         ----------
         row : int
-            Of the log.
+            Row of the log.
         time : float, [s]
-            Of that row.
+            Time of that row.
         after : bool
         """
         if self.marks is None:
@@ -140,7 +140,7 @@ class ClockSurvey:
     ----------
     stretches : tuple of Stretch
     rows : int
-        Of the log.
+        Number of rows of the log.
     times : dict of int to float, [s]
         By row.
     """
@@ -288,7 +288,7 @@ class PreparedStretch:
     log : LogRows
     stretch : Stretch
     table : PreparationTable
-        Of whose steps those to the standstill are done here.
+        Preparation, whose steps up to the standstill are done here.
     lead : int
         Samples that delays take from the beginning.
     """

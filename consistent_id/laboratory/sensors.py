@@ -18,7 +18,7 @@ class Encoders:
     Parameters
     ----------
     step : array_like, shape () or (joints,), [rad or m]
-        Of a reading; zero for an encoder without steps.
+        Step of a reading; zero for an encoder without steps.
     """
 
     step: Vector = array_default(0.0)

@@ -266,7 +266,8 @@ class Solution(NamedTuple):
     motion : ndarray, shape (3, samples, joints)
         Position, velocity, acceleration of all of the robot's joints.
     singular_values : ndarray, shape (samples, moving joints), [m/rad or 1]
-        Of the Jacobian, rows of rotation times `Writer.reach`; the largest first.
+        Singular values of the Jacobian, rows of rotation times `Writer.reach`; the
+        largest first.
     error : ndarray, shape (samples,), [m]
         Distance that is left, rotations times `Writer.reach` included.
     """

@@ -1,4 +1,4 @@
-"""Problems of a folder: every one of them, a line each, or one in detail."""
+"""Problems of a folder: all with one line each, or one in detail."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -49,7 +49,7 @@ def require_distinct(names: Sequence[str]) -> None:
 
 
 def list_problems(folder: Path, files: Sequence[Path]) -> Table:
-    """Return a line on each problem of a folder; notes name missing files."""
+    """Return a line for each problem of a folder; notes name missing files."""
     rows: list[tuple[str, ...]] = []
     notes = []
     for file in files:

@@ -22,7 +22,7 @@ _OF_DELAYS = (
 )
 
 
-# What a filter of the drives looks like where its delay is corrected.
+# Findings about a drives' filter whose delay is corrected.
 _EFFECTS = ("clock", "masses or gain", "offset zero", "gravity", "lag")
 
 
@@ -54,7 +54,8 @@ def check_problem(problem: Problem) -> Diagnosis:
 def _late_torque(problem: Problem) -> tuple[LogFinding, ...]:
     """Return the delay of a floating robot's torque, if its interval excludes zero.
 
-    It is corrected, and part of the intervals: a note, no warning.
+    This is a note and no warning: the fit corrects the delay, and the intervals contain
+    its error.
     """
     data = problem.table.data
     if data is None or data.preparation.delays.get("torque") != "estimated":
@@ -111,7 +112,7 @@ def _checked(problem: Problem, prepare: Callable[[Recording], Recording]) -> Dia
 
 
 def named_logs(problem: Problem) -> tuple[list[Recording], list[Recording]]:
-    """Return training and validation logs, with names by which findings call them."""
+    """Return training and validation logs, with their names in findings."""
     roles = [problem.logs(role) for role in ("training", "validation")]
     names = [log.name for logs in roles for log in logs]
     training, validation = ([_distinct(log, names) for log in logs] for logs in roles)
@@ -137,7 +138,7 @@ def _without_delay(problem: Problem) -> Problem:
 
 
 def _hidden(problem: Problem, late: Diagnosis) -> tuple[LogFinding, ...]:
-    """Return the finding behind a delay: a filter of the drives, or their lag."""
+    """Return the finding that causes a delay: a filter of the drives, or their lag."""
     if filters := late.of("drive filter"):
         return filters
     undone = (

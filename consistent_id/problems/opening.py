@@ -64,7 +64,7 @@ class Opened:
         Parameters
         ----------
         accepted : sequence of str
-            Kinds of findings that the user overlooked; a comment says so.
+            Kinds of findings that the user accepted; a comment lists them.
         """
         if self.draft is not None:
             return self.draft.text(folder, accepted=accepted)
@@ -90,7 +90,7 @@ def open_problem(
     path : Path
         A problem file or its folder; with logs, a robot's URDF or MJCF file.
     logs : sequence of Path
-        To learn from.
+        Training logs.
     stated : Statement, optional
         The user's statement; it replaces settings of a problem file.
     progress : bool

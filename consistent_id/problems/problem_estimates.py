@@ -46,20 +46,20 @@ def identify(
     path: RegularisationPath,
     slacks: Mapping[Method, SlackChoice],
 ) -> tuple[Estimate, ...]:
-    """Estimate a problem's parameters by every method there is.
+    """Estimate a problem's parameters by every method.
 
-    Least squares and the constrained estimate come with equal weights for all joints,
-    and both again weighted by each joint's noise, so that each constrained estimate has
-    a twin without constraints.  Besides come robust least squares;
-    ``"box-constrained QP"``: the quadratic programme with every constraint except
+    Least squares and the constrained estimate are computed with equal weights for all
+    joints, and again weighted by each joint's noise, so that each constrained estimate
+    has a counterpart without constraints.  Other methods are robust least squares;
+    ``"box-constrained QP"``, the quadratic programme with every constraint except
     physical consistency, which shows the effect of masses, bounds and signs alone; and
-    ``"cross-validated"``: the constrained estimate with a `Penalty` whose weight is
-    chosen from the training data.  They also determine the slack of the constrained
-    estimates, unless the problem states it; the quadratic programme has that of the
-    constrained estimate.
+    ``"cross-validated"``, the constrained estimate with a `Penalty` whose weight is
+    chosen from the training data.  The training data also determine the slack of the
+    constrained estimates, unless the problem states it; the quadratic programme has
+    that of the constrained estimate.
 
-    A `Study` makes the values that this takes, each once.  To estimate from recordings
-    other than the problem's own: ``Study(problem, recordings=...).estimates``.
+    A `Study` computes each of the arguments once.  To estimate from other recordings,
+    use ``Study(problem, recordings=...).estimates``.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def slack_choices(
 
 
 def slack_notes(slacks: Mapping[Method, SlackChoice], method: str) -> tuple[str, ...]:
-    """Return why an estimate has its slack; nothing where none was chosen for it."""
+    """Return notes on how an estimate's slack was chosen; none if it was stated."""
     said = (found.statement for name, found in slacks.items() if name == method)
     return tuple(filter(None, said))
 
@@ -169,11 +169,11 @@ def refitted(
     Parameters
     ----------
     judged : Estimate
-        By a constrained method, with its verdict.
+        The estimate of a constrained method, with its verdict.
     recordings : sequence of Recording
-        All of them: training and validation.
+        All recordings: training and validation.
     prior : PointToSet or Penalty
-        As of the estimate that was judged.
+        The prior of the judged estimate.
     """
     model, base = problem.model, judged.base
     regression = regression_of(problem.table, model, recordings)
@@ -241,9 +241,9 @@ def recordings_of(
 def variant_regressions(
     problem: Problem, training: Sequence[Recording]
 ) -> list[Regression]:
-    """Return the training data with each value found changed by its standard error.
+    """Return training data with each estimated setting changed by its standard error.
 
-    See `uncertainty`, which takes them.
+    They are the `variants` of `uncertainty`.
     """
     if problem.table.data is None:
         return []

@@ -54,7 +54,7 @@ class TorqueFilter:
     cutoff : float, [Hz]
         At which the zero-phase filter attenuates by 6 dB.
     order : int
-        Of the one-way Butterworth filter.
+        Order of the one-way Butterworth filter.
     source : Recording
         All samples on a uniform clock: motion as it is used, torque before the filter.
     kept : ndarray of int, shape (samples,)

@@ -35,7 +35,7 @@ class ColumnLayout:
     Parameters
     ----------
     others : tuple of int
-        Of blocks that may be the torque instead.
+        First columns of blocks that may be the torque instead.
     """
 
     joints: int
@@ -202,7 +202,8 @@ def _correlations(one: Matrix, other: Matrix, joints: int) -> Matrix:
     Returns
     -------
     ndarray, shape (blocks, blocks)
-        Of each block of one with each of the other; zero if nothing moves in both.
+        Correlation of each block of one with each of the other; zero if nothing moves
+        in both.
     """
     a, b = _normalised(one), _normalised(other)
     found = np.stack([a[:, j::joints].T @ b[:, j::joints] for j in range(joints)])

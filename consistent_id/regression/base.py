@@ -45,7 +45,7 @@ class BaseParameters:
     regrouping : array_like, shape (independent, dependent)
         ``K`` in ``x_base = x_ind + K x_dep``.
     fingerprint : str
-        Of the torque model they are of, if known.
+        Fingerprint of the torque model they are of, if known.
     near : tuple of str
         Sentences on what is regrouped though a small part of it is independent, as
         rounded angles of the robot's file make it.
@@ -346,7 +346,7 @@ class Excitation:
     data_rank : int
         How many of them the data determine.
     condition : tuple of ConditionNumber
-        Of the base regressor, unscaled and with unit columns.
+        Condition numbers of the base regressor, unscaled and with unit columns.
     undetermined : tuple of str
         Combinations of base parameters that the data do not determine.
     """

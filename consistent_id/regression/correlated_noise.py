@@ -209,9 +209,9 @@ def recorded_noise(
     counts : sequence of int
         The triangular factor of each joint, and the samples behind it.
     motions : sequence of NoisyRows
-        Of its recordings, or of `SHOWN` samples in the middle of each.
+        Rows of the recordings, or of `SHOWN` samples in the middle of each.
     samples : sequence of int, optional
-        Of each whole recording, where of some the middle alone is left.
+        Number of samples of each whole recording, if only the middle of some is given.
     """
     fit = joint_fit(factors, counts)
     parts = []
@@ -291,7 +291,7 @@ def block_ratio(fit: JointFit, sums: BlockPart, scores: Sequence[Matrix]) -> flo
     ----------
     fit : JointFit
     sums : BlockPart
-        Of all joints, each divided by its weight.
+        Sums of all joints, each divided by its weight.
     scores : sequence of ndarray, each shape (rows, parameters)
         See `CorrelatedNoise`.
     """
@@ -347,7 +347,7 @@ def scores_along(
     residuals : sequence of ndarray, each shape (rows, joints)
         One for each motion.
     columns : ndarray of int
-        Of the regressor.
+        Columns of the regressor.
     steps : sequence of ndarray, each shape (columns, rank)
         Rows of each joint, times these, are the joint's rows of an orthonormal basis
         of the fit.

@@ -93,7 +93,7 @@ class LinearSolution:
     row_space : ndarray, shape (rank, columns)
         Combinations that the rows determine.
     singular_values : ndarray
-        Of the matrix with unit columns.
+        Singular values of the matrix with unit columns.
     """
 
     x: Vector
@@ -164,7 +164,7 @@ def smallest_solution(A: Matrix, b: Array, tolerance: float | None = None) -> Ar
     ----------
     b : ndarray, shape (rows,) or (rows, right-hand sides)
     tolerance : float, optional
-        Of rank, relative to the largest singular value; by default numpy's.
+        Tolerance of rank, relative to the largest singular value; by default numpy's.
     """
     sizes = column_sizes(A)
     y = np.linalg.lstsq(A / sizes, b, rcond=tolerance)[0]
@@ -291,7 +291,7 @@ def split_at_gap(W: Matrix, kinds: Sequence[str]) -> NearSplit:
     ----------
     W : ndarray, shape (rows, columns)
     kinds : sequence of str
-        Of the columns: parameters of one kind have one unit.
+        Kinds of the columns: parameters of one kind have one unit.
     """
     norms, unit = _unit(_shortened(W), STRUCTURAL_TOLERANCE)
     largest: dict[str, float] = {}

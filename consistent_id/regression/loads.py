@@ -28,7 +28,7 @@ def checked_reference(
     Parameters
     ----------
     drive : sequence of DriveTerms
-        Of each joint.
+        Drive terms of each joint.
     given : array_like, shape (10 links,), optional
         By default the nominal robot's.
 

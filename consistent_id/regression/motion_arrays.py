@@ -199,7 +199,7 @@ class Motion(NamedTuple):
         Parameters
         ----------
         kept : sequence of ndarray
-            Of each torque joint the columns wanted.
+            Wanted columns of each torque joint.
         size : int
             Samples in a piece.
 

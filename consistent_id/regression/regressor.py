@@ -135,8 +135,8 @@ class TorqueModel:
         Places of each coupling's two joints.
     layout : ParameterLayout
     fingerprint : str
-        Of geometry, gravity, drive terms, couplings and rows: what belongs together
-        has the same.
+        Fingerprint of geometry, gravity, drive terms, couplings and rows: what belongs
+        together has the same.
 
     Examples
     --------
@@ -253,7 +253,7 @@ class TorqueModel:
     def load_references(self) -> dict[int, Vector]:
         """Inertial parameters that the load is computed from.
 
-        Of each joint that has a row, and friction that depends on the load.
+        Joints without a row, or without friction that depends on the load, have none.
         """
         if self.load_reference is None:
             return {}
@@ -324,7 +324,7 @@ class TorqueModel:
         Parameters
         ----------
         kept : sequence of ndarray
-            Of each torque joint the columns wanted, none of them zero for all motions.
+            Wanted columns of each torque joint, none of them zero for all motions.
         q, dq, ddq, size, base
             See `chunks`.
 
@@ -408,7 +408,7 @@ class TorqueModel:
         q, dq, ddq : array_like, shape (samples, joints)
             Position [rad or m], velocity and acceleration.
         base : BaseMotion, optional
-            Of a robot whose base floats.
+            Motion of a floating base.
         """
         x = frozen(x, (len(self.layout),), "parameters")
         state, moves = self._checked(q, dq, ddq, base)

@@ -33,9 +33,9 @@ class RowModel(Protocol):
     robot : RobotModel
         Whose joints move.
     terms : tuple of DriveTerms
-        Of each of its joints.
+        Drive terms of each of its joints.
     layout : ParameterLayout
-        Of ``x``.
+        Layout of ``x``.
     torque_joints : tuple of str
         Names of the rows.
     fingerprint : str
@@ -157,7 +157,7 @@ class RandomRows:
         Parameters.
     samples : int
     columns : tuple of ndarray of int
-        Of each row those that are not zero for every motion.
+        Columns of each row that are not zero for every motion.
     factors : tuple of ndarray
         Triangular, of these columns.
     """

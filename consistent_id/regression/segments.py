@@ -36,8 +36,8 @@ def segment_regressions(
     recordings : Recording or sequence of Recording
         With velocity, acceleration and torque.
     count : int
-        Of segments in all; each recording is at least one, each segment at least two
-        samples.  Neighbours are one where one of them has no row of a joint.
+        Number of segments in all; each recording is at least one, each segment at least
+        two samples.  Neighbours are one where one of them has no row of a joint.
     sigma : array_like, shape (joints,), optional, [N m or N]
         Noise levels by which joints are weighted; see `joint_noise`.
 

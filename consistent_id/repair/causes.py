@@ -302,7 +302,7 @@ def candidates(
     com : ndarray, shape (3,), [m]
         In the link's frame.
     axes : ndarray, shape (3, 3)
-        Of the inertial, as columns in the link's frame.
+        Axes of the inertial, as columns in the link's frame.
     inertia : ndarray, shape (3, 3), [kg m^2]
         As stated, in those axes.
 

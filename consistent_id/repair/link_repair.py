@@ -43,7 +43,7 @@ class LinkRepair:
     Parameters
     ----------
     line : int
-        Of its ``<inertial>``.
+        Line of its ``<inertial>``.
     status : {"consistent", "repaired", "doubtful", "refused"}
         Refused: it cannot be repaired without inventing values, or has several likely
         causes.  Doubtful: it is consistent, and not changed, but far from the link's

@@ -74,7 +74,7 @@ def write_results(
     opened : Opened
         Where the problem comes from.
     study : Study
-        Of it.
+        The study.
     folder : Path
     page : str
         The report.

@@ -408,7 +408,7 @@ class RobotModel:
     def carrier(self, name: str) -> int:
         """Return the index of the moving link that `name` is, or is fixed to.
 
-        Of what does not move, it is -1.
+        It is -1 for links that do not move.
 
         Raises
         ------

@@ -46,7 +46,7 @@ class DrawnParts:
         Distance from a link's joint to the farthest point of its shapes, or more; only
         of links all of whose shapes are known, and whose masses all have shapes.
     drives : mapping of str to DrawnDrive
-        Of joints for which the file has any.
+        Drives of joints for which the file has any.
     fault : str
         Why the file cannot be read; empty if it can be, or if there is none.
     """

@@ -27,7 +27,7 @@ from consistent_id.problems.study import Study
 from consistent_id.recordings.signals import PDGains
 from consistent_id.regression.residual_noise import joint_noise
 from consistent_id.regression.segments import segment_regressions, segments_of
-from consistent_id.rollout.choice import (
+from consistent_id.rollout.chosen_settings import (
     RidgeChoice,
     SettingsChoice,
     chosen_ridge,
@@ -80,11 +80,11 @@ class ProblemRollout:
     Parameters
     ----------
     study : Study
-        Of the problem, with the settings that were chosen, if they were.
+        The study of the problem, with the chosen settings, if they were chosen.
     estimate : Estimate
         The one that the study recommends, with its verdict there; or the refined one.
     rollout : Rollout
-        Of the validation logs, or of the training logs if there are no others.
+        Rollout of the validation logs, or of the training logs if there are no others.
     scatter : BlockScatter, optional
         Uncertainty of a torque fit's parameters; None if blocks of the training motion
         do not determine them.
@@ -262,7 +262,7 @@ def rollout_of(
     Parameters
     ----------
     study : Study
-        Of a problem with gains of its drives; only its needed parts are computed.
+        Study of a problem with gains of its drives; only its needed parts are computed.
     against : sequence of str or Path
         MJCF or URDF files of the robot.
     refine : bool

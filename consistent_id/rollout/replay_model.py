@@ -84,7 +84,7 @@ def replay_model(
     locked : mapping of str to float, optional, [rad or m]
         Positions of other joints of a file; zero where none is given.
     period : float, [s]
-        Of the commands; the time step is a whole fraction of it.
+        Period of the commands; the time step is a whole fraction of it.
     step : float, [s]
         The longest time step.
 
@@ -239,7 +239,7 @@ def add_springs(
     Parameters
     ----------
     compiled : mujoco.MjModel
-        Of it, without springs.
+        The compiled model, without springs.
     stiffness : ndarray, shape (joints,), [N m/rad or N/m]
 
     Raises
@@ -313,7 +313,7 @@ def deflect(compiled: Any, data: Any, acceleration: Vector) -> None:
     data : mujoco.MjData
         With positions and velocities of the motors; those of springs are zero.
     acceleration : ndarray, shape (degrees of freedom,), [rad/s^2 or m/s^2]
-        Of the motors.
+        Acceleration of the motors.
     """
     springs = spring_joints(compiled)
     if not len(springs):

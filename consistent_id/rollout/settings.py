@@ -124,15 +124,15 @@ class Settings:
     Parameters
     ----------
     cutoff : float, [Hz]
-        Of motion and torque.
+        Cut-off of motion and torque.
     velocity_scale : float, [rad/s or m/s]
     friction_slope : tuple of str
         Joints whose friction varies with position.
     delay : float, [s]
-        Of commands.
+        Delay of commands.
     stiffness : tuple of float, optional, [N m/rad or N/m]
-        Of springs between motors and links, one each, infinite for a rigid joint; by
-        default those of the problem.
+        Stiffness of springs between motors and links, one each, infinite for a rigid
+        joint; by default those of the problem.
     equal_motors : tuple of tuple of str, optional
         Joints of equal motors; by default those of the problem.
     simulated : bool

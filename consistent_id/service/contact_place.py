@@ -44,7 +44,8 @@ class ContactPlace:
     force : ndarray, shape (3,), [N]
         In the base frame.
     covariance : ndarray, shape (3, 3), [N^2]
-        Of the force: by the torque's covariance, and by the points that are possible.
+        Covariance of the force: by the torque's covariance, and by the points that are
+        possible.
     open_directions : ndarray, shape (directions, 3)
         Unit vectors along which a force at the point causes no torque; the force along
         them is not known and given as zero.

@@ -60,7 +60,7 @@ class ControllerLoad:
     Parameters
     ----------
     name : str
-        Of the load; letters, digits and underscores.
+        Name of the load; letters, digits and underscores.
     body : InertialParameters
         Physically consistent, in the frame of the flange.
     flange : FixedFrame

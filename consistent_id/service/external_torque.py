@@ -30,7 +30,7 @@ class ObserverState:
     ----------
     time : float, [s]
     position, velocity, torque : ndarray, shape (joints,)
-        Of the sample.
+        Values at the sample.
     external : ndarray, shape (joints,), [N m or N]
         Torque on the joints from outside.
     acceleration : ndarray, shape (joints,), [rad/s^2 or m/s^2]
@@ -65,7 +65,7 @@ class MomentumObserver:
         Its `friction_velocity` is that of the friction here: 0.01 rad/s follows
         measured torque better near rest than a value that is safe for compensation.
     gain : float or sequence of float, [1/s]
-        Of all joints, or of each.
+        Gain of all joints, or of each.
 
     Raises
     ------
@@ -109,7 +109,7 @@ class MomentumObserver:
         Parameters
         ----------
         state : ObserverState
-            Of the sample before.
+            State of the sample before.
         time : float, [s]
             Later than that one's.
         q, dq, torque : array_like, shape (joints,)
@@ -215,7 +215,7 @@ class MomentumObserver:
         external : array_like, shape (joints,), [N m or N]
             Torque from outside, less its mean before the contact.
         covariance : array_like, shape (joints, joints), [(N m)^2]
-            Of `external`.
+            Covariance of `external`.
         radius : float, [m]
 
         Raises

@@ -147,7 +147,7 @@ def check_gains(
     loaded : str, Path or sequence of them
         Logs with the load.
     known_mass : float, [kg]
-        Of the load, from a scale.
+        Mass of the load, from a scale.
     rows, omit, link
         See `weigh_load`.
     accuracy : float

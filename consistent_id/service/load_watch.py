@@ -65,7 +65,7 @@ class LoadWatch:
     Parameters
     ----------
     covariance : ndarray, shape (torque joints, torque joints), [(N m)^2]
-        Of what the estimate does not explain while joints move.
+        Covariance of the residuals while joints move.
     held : ndarray, shape (torque joints,), [N m or N]
         Friction that may hold a joint at rest.
     widths : ndarray, shape (4,)
@@ -75,7 +75,7 @@ class LoadWatch:
     false_alarms : float, [1/h]
         Stated rate.
     hours : float
-        Of the logs that it was learned from.
+        Duration in hours of the logs that it was learned from.
     window : float, [s]
     """
 
@@ -137,7 +137,7 @@ class LoadWatch:
         Parameters
         ----------
         covariance : ndarray, shape (4, 4)
-            Of the carried mass and first moment as they are known.
+            Covariance of the carried mass and first moment as they are known.
         """
         if not blocks or blocks[-1].last - blocks[0].first < _FULL * self.window:
             return 0.0

@@ -70,7 +70,7 @@ class LoadedRuns:
         Parameters
         ----------
         factors : mapping of str to float
-            Of the gains of joints; others keep theirs.
+            Factors of the gains of joints; others keep theirs.
         """
         problem, data = self.problem, self.problem.table.data
         if data is None:

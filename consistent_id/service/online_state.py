@@ -157,7 +157,7 @@ class LoadChange:
     Parameters
     ----------
     time : float, [s]
-        Of the announcement.
+        Time of the announcement.
     loaded : bool
         Whether the robot carries a load since then.
     score : float
@@ -177,7 +177,7 @@ class OnlineState:
     Parameters
     ----------
     time, solved : float, [s]
-        Of the last sample, and of the one at the last solution.
+        Times of the last sample, and of the sample at the last solution.
     factor : ndarray, shape (parameters + 1, parameters + 1)
         ``||factor [x, -1]||^2`` is the weighted squared misfit of all samples so far,
         each faded by its age.
@@ -193,7 +193,7 @@ class OnlineState:
     change : LoadChange, optional
         The last announcement.
     score : float
-        Of the watch, over its limit: 1 or more announces a change.
+        Score of the watch, over its limit: 1 or more announces a change.
     relearned : float, [s]
         Time at which the carrying link's body was last forgotten.
     verdict : Verdict
@@ -240,8 +240,8 @@ def verdict_of(
     Parameters
     ----------
     links : sequence of LinkCondition
-        Of the followed parameters: constraints of one's own may allow bodies that no
-        matter has.
+        Conditions of the followed parameters: constraints of one's own may allow bodies
+        that no matter has.
     start : Verdict
         On the estimate that it began from, to which the anchor holds all that the
         samples do not determine.

@@ -143,7 +143,7 @@ class ResidualSpread:
     ----------
     signals : Signals
     coefficients : ndarray, shape (joints, 9)
-        Of the squared changes, see `_squares`; not negative.
+        Coefficients of the squared changes, see `_squares`; not negative.
     largest : ndarray, shape (joints, 9)
         Values above which squared changes count no more: a push that moves the arm must
         not hide itself.

@@ -249,7 +249,7 @@ def weigh_load(
         The tool's frame: a fixed frame of the same link, or ``x, y, z`` [m] and
         optionally ``roll, pitch, yaw`` [rad] in the frame of `link`.
     name : str
-        Of the load; none of the robot's links has it.
+        Name of the load; none of the robot's links has it.
     known_mass : float, optional, [kg]
         If the load was weighed on a scale.  The load then has this mass, and the mass
         that the torques show is compared with it.  The gains that convert currents to

@@ -87,7 +87,7 @@ class StandingDesign:
     candidates : int
         Paths that were tried.
     seconds : float
-        Of the processor.
+        Processor time.
     cut_short : str
         What ended the search before all candidates were tried; empty if nothing did.
     """
@@ -148,7 +148,7 @@ def design_standing(
         How many paths are tried.
     seed : int
     time_limit : float, [s]
-        Of the processor, after which the search ends with the best path so far; without
+        Processor time after which the search ends with the best path so far; without
         any, it goes on for as long again.  An interrupt and a SIGTERM end it in the
         same way, at once.
     tell : callable, optional
@@ -451,7 +451,7 @@ def write_standing(design: StandingDesign, folder: Path, rate: float) -> list[Pa
     design : StandingDesign
     folder : Path
     rate : float, [Hz]
-        Of the samples.
+        Rate of the samples.
     """
     samples = design.recording(rate)
     table, message, picture, record = (folder / name for name in NAMES)

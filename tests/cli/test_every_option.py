@@ -104,7 +104,9 @@ def test_a_choice_of_the_model_heeds_what_is_stated_of_it(monkeypatch, capsys):
         chosen.update(options)
         raise Seen("seen")
 
-    monkeypatch.setattr("consistent_id.problems.selection.select.select_model", seen)
+    monkeypatch.setattr(
+        "consistent_id.problems.selection.model_selection.select_model", seen
+    )
     kuka = "problems/kuka_kr300"
     words = ["--band", "9", "--keep", "coupling", "--dry-run"]
     assert main(["select", kuka, *words]) == 2

@@ -26,7 +26,7 @@ from consistent_id.diagnosis.all_logs import (
 )
 from consistent_id.diagnosis.alternatives import gravity_in
 from consistent_id.diagnosis.channel_factors import channel_factors
-from consistent_id.diagnosis.contact import joint_residuals
+from consistent_id.diagnosis.contact_stretches import joint_residuals
 from consistent_id.diagnosis.explain import (
     RUBS,
     datasheet_constraints,

@@ -104,6 +104,7 @@ def test_what_is_not_asked_for_stays_as_stated():
         model, recordings(log), ("scale",), start=start, constraints=[bodies]
     )
     assert fit.calibration.scale == pytest.approx(truth.scale, rel=5e-3)
+    assert fit.known[1:3].all()  # known bodies show the drives' scale
     assert fit.calibration.encoder_bias.tolist() == [0.0, 0.0]
     with pytest.raises(ProblemError, match="colour"):
         fit_calibration(model, recordings(log), ("colour",))

@@ -97,7 +97,7 @@ def floating_blocks(
     Parameters
     ----------
     segments : sequence of Regression
-        Of one recording, in the order of time.
+        Segments of one recording, in the order of time.
     """
     count = min(BLOCKS, len(segments))
     parts = [
@@ -152,7 +152,7 @@ class ScatterCauses(NamedTuple):
     Parameters
     ----------
     noise : ResidualNoise
-        Of the regression; with scatter between recordings, if there are several.
+        Noise of the regression; with scatter between recordings, if there are several.
     blocks : FloatingBlocks, optional
         What parameters differ by between blocks of the motion.
     shifts : ParameterShifts, optional

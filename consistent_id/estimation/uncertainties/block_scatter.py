@@ -182,7 +182,7 @@ def block_scatter(
         Blocks of consecutive motion, with one weight for each joint; see
         `segment_regressions`.
     constraints : sequence of Constraint
-        Of these the equalities count, such as known bodies and equal motors.
+        Only equalities are used, such as known bodies and equal motors.
 
     Raises
     ------

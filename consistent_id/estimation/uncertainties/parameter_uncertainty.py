@@ -130,7 +130,7 @@ class ParameterUncertainty:
     Parameters
     ----------
     value : float
-        Of the constrained estimate.
+        Value of the constrained estimate.
     standard_error : float
         Root of the sum of squared scatter (see `sensitivity`, and `RecordingScatter`)
         and squared `prior_shift`; NaN where it would not describe the value's error,

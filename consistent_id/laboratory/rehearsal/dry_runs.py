@@ -96,7 +96,7 @@ class DryRun:
         limits; friction and control are in the true ones.  None where there is no
         limit.
     share : float
-        Of the limits, that the design was allowed to use.
+        Share of the limits, that the design was allowed to use.
     notes : tuple of str
         On what of the problem is not rehearsed.
     """
@@ -221,8 +221,8 @@ def dry_run(
     Parameters
     ----------
     parameters : array_like, shape (parameters,) or (members, parameters), optional
-        Of estimates of the problem's torque model: the worst of them keeps the limits
-        of torque, and robots are planted near the first.
+        Parameters of estimates of the problem's torque model: the worst of them keeps
+        the limits of torque, and robots are planted near the first.
     robots : int
         Planted at random, see `planted_robot`.
     rivals : bool

@@ -51,7 +51,7 @@ class TorqueSensors:
         True torque over the torque computed from currents: torque constants have
         errors.
     steps : ndarray, shape (joints,), [N m or N]
-        Of a reading; 0 for none.
+        Steps of a reading; 0 for none.
     """
 
     gains: Vector
@@ -128,8 +128,8 @@ def planted_robot(
         If it logs motor currents: the share, one standard deviation, to which their
         torque constants are known.
     known : ndarray, shape (parameters,), optional
-        Of an estimate by bodies and `DRIVE`: friction and rotors that it found are
-        planted to some percent, instead of made-up ones.
+        Parameters of an estimate by bodies and `DRIVE`: friction and rotors that it
+        found are planted to some percent, instead of made-up ones.
 
     Raises
     ------
@@ -227,7 +227,7 @@ def mujoco_robot(robot: PlantedRobot, step: float) -> MujocoRobot:
     Parameters
     ----------
     step : float, [s]
-        Of the integrator.
+        Step of the integrator.
 
     Raises
     ------
@@ -278,7 +278,7 @@ class Rehearsed:
     model : TorqueModel
         Its robot is that of the first estimate, if there is one.
     parameters : ndarray, shape (members, parameters), optional
-        Of the estimates, by which torque limits are kept.
+        Parameters of the estimates, by which torque limits are kept.
     notes : tuple of str
         On what is left out.
     """

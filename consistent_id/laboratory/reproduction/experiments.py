@@ -107,7 +107,7 @@ class ParameterTable:
     Parameters
     ----------
     names : tuple of str
-        Of the combinations.
+        Names of the combinations.
     vectors : ndarray, shape (experiments, combinations)
     """
 
@@ -134,7 +134,7 @@ class Reproduction:
     Parameters
     ----------
     names : tuple of str
-        Of the paper's combinations.
+        Names of the paper's combinations.
     truth : ndarray, shape (combinations,)
     """
 
@@ -187,7 +187,8 @@ def reproduce_experiments(
     problem : Problem
         With ``[published]``, ``[tasks]`` and ``[laboratory]``.
     inertial : array_like, shape (10 links,)
-        Of the robot in the laboratory, such as the body nearest to a published vector.
+        Inertial parameters of the robot in the laboratory, such as the body nearest to
+        a published vector.
     friction : bool
         Whether its friction is switched on.
     experiments : sequence of str, optional
@@ -233,7 +234,7 @@ def perform_experiments(
     problem : Problem
         With ``[published]`` and ``[laboratory]``.
     inertial : array_like, shape (10 links,)
-        Of the robot in the laboratory.
+        Inertial parameters of the robot in the laboratory.
     motions : mapping of str to Recording
         Uniformly sampled, with velocity and acceleration.
     places : sequence of int, optional

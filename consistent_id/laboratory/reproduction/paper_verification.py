@@ -102,7 +102,7 @@ def verify(
     predictors : sequence of Predictor
         The truth is added to them.
     seed : int
-        Of noise; another than the experiments'.
+        Seed of noise; another than the experiments'.
     """
     table, robot = laboratory_table(problem), laboratory.robot
     streams = np.random.default_rng(seed).spawn(len(motions))

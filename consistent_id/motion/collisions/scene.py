@@ -187,7 +187,7 @@ class BodyPlaces:
     rotation : ndarray, shape (samples, bodies, 3, 3)
     translation : ndarray, shape (samples, bodies, 3), [m]
     centre : ndarray, shape (samples, bodies, 3), [m]
-        Of a ball around each body.
+        Centre of a ball around each body.
     radius : ndarray, shape (bodies,), [m]
     turning : ndarray of bool, shape (bodies,)
         Whether only the link's orientation moves it.

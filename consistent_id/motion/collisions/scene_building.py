@@ -81,7 +81,7 @@ def build_scene(
     poses : int
         Number of random poses within the joints' limits.
     seed : int
-        Of these poses.
+        Seed of these poses.
 
     Raises
     ------
@@ -131,7 +131,7 @@ def scene_from_urdf(
     ----------
     path : str or Path
     robot : RobotModel
-        Of the same file, or a part of it; joints that it locks stay where they are.
+        Robot of the same file, or a part of it; joints that it locks do not move.
     package_dirs : iterable of str or Path
         Folders in which ``package://name/...`` is searched for as ``name/...``; so are
         the folders above the file.

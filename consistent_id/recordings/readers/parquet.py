@@ -40,7 +40,7 @@ def apart(time: np.ndarray, episodes: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     time : ndarray, shape (samples,), [s]
-        Of each episode by itself.
+        Time of each episode by itself.
     episodes : ndarray, shape (samples,)
         Number of the episode of each sample.
 

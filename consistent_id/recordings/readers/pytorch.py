@@ -160,9 +160,9 @@ class _TensorReading:
     path : Path
     members : zipfile.ZipFile
     folder : str
-        Of the archive's members, with a slash.
+        Folder of the archive's members, with a slash.
     size : int, [bytes]
-        Of all tensors so far.
+        Size of all tensors so far.
     """
 
     path: Path

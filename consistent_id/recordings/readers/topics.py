@@ -275,7 +275,7 @@ class JointClock:
     Parameters
     ----------
     start : int, [ns]
-        Of the first sample.
+        Start of the first sample.
     by_log_time : bool
         Whether stamps are times of logging.
     """

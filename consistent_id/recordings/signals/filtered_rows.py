@@ -50,7 +50,7 @@ class RowFilter:
     cutoff : float
         Over the sampling rate, below 0.5; the attenuation there is 6 dB.
     order : int
-        Of the one-way Butterworth filter.
+        Order of the one-way Butterworth filter.
     squared : bool
         Take the squares of the kernel, of sum one: they add the power of white noise.
     """
@@ -82,7 +82,7 @@ class RowFilter:
         kept : ndarray of int, shape (rows,)
             Ascending.
         samples : int
-            Of the whole recording.
+            Number of samples of the whole recording.
         """
         reach = self.reach
         longest = max(8 * reach, 4096)
@@ -134,7 +134,7 @@ class RowFilter:
             Rows wanted, by samples of the whole recording.
         span : slice
         samples : int
-            Of the whole recording.
+            Number of samples of the whole recording.
         """
         h, reach = self._taps, self.reach
         first, last = int(kept[0]) - reach, int(kept[-1]) + reach + 1
@@ -247,7 +247,7 @@ def torque_filtered(recording: Recording, cutoff: float, order: int = 4) -> Reco
         Uniformly sampled.
     cutoff : float, [Hz]
     order : int
-        Of the one-way Butterworth filter.
+        Order of the one-way Butterworth filter.
     """
     behind = recording.torque_filter
     if behind is None:

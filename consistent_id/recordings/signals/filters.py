@@ -52,7 +52,7 @@ def low_passed(
         Cut-off of position, velocity and acceleration, also of a base, and of torque
         and wrenches; none to leave them as they are.
     order : int
-        Of the one-way filter; the attenuation at the cut-off is 6 dB.
+        Order of the one-way filter; the attenuation at the cut-off is 6 dB.
 
     Raises
     ------
@@ -201,7 +201,7 @@ def zero_phase(
     cutoff, rate : float, [Hz]
         Cut-off, at which the attenuation is 6 dB, and rate of sampling.
     order : int
-        Of the one-way filter.
+        Order of the one-way filter.
     pad : int
         Samples by which either end is continued, fewer than there are.
     """

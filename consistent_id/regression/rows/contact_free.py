@@ -73,7 +73,7 @@ def contact_free_regression(
     Returns
     -------
     Regression
-        Of one factor; its counts are rows, in units of `sigma`.
+        Regression of one factor; its counts are rows, in units of `sigma`.
 
     Raises
     ------
@@ -296,7 +296,8 @@ def masked_factors(
     model : TorqueModel
         With the rows `CONTACT_FREE`, see `contact_free_model`.
     recordings : sequence of Recording
-        Of the same motion; other torques are known, or contacts are elsewhere.
+        Recordings of the same motion; other torques are known, or contacts are
+        elsewhere.
     combinations : ndarray, shape (parameters, k)
     torques : sequence of Recording
         Of the same motion, with the torques that the last columns have; by default the

@@ -92,7 +92,7 @@ def contact_maps(
     sigma : ndarray, shape (rows,)
         Noise level of each row.
     rotation : ndarray, shape (samples, 3, 3), optional
-        Of the base in the world, for contacts with a radius.
+        Rotation of the base in the world, for contacts with a radius.
     rows : ndarray of int, shape (rows,), optional
         Which of `row_names` there are; by default all.
     unknown : ndarray of bool, shape (samples, rows), optional
@@ -243,10 +243,10 @@ def row_levels(
     ----------
     robot : RobotModel
     force, moment : float, [N], [N m]
-        Of the base rows: what errors of its measured acceleration make of the robot's
-        whole mass.
+        Noise of the base rows: the effect of errors of the measured acceleration on the
+        robot's whole mass.
     joints : float, [N m or N]
-        Of the joints' torques.
+        Noise of the joints' torques.
     """
     if min(force, moment, joints) <= 0.0:
         raise ProblemError(
@@ -268,7 +268,7 @@ class ContactMixing:
     contacts : tuple of ContactFlags
         Those whose forces are not measured.
     rotation : ndarray, shape (samples, 3, 3), optional
-        Of the base in the world.
+        Rotation of the base in the world.
     unknown : ndarray of bool, shape (samples, rows), optional
         Rows that hold something else that is not known, such as the friction of a joint
         at rest: nothing of them gets into the others.

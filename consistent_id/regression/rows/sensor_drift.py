@@ -150,7 +150,7 @@ def bias_along(
     model, drift
         See `driftless_regression`.
     x : ndarray, shape (parameters,)
-        Of the body.
+        Parameters of the body.
     recording : Recording
         See `carried`.
     """

@@ -113,7 +113,7 @@ def sensor_regression(
     Parameters
     ----------
     model : TorqueModel
-        Of what is behind the sensor: see `tool_model`.
+        Model of the tool behind the sensor, see `tool_model`.
     arm : RobotModel
         Up to the sensor.
     recordings : Recording or sequence of Recording
@@ -121,9 +121,9 @@ def sensor_regression(
         sensor that shows what the tool does to the arm has the opposite sign.
     frame : str
     drift : {"none", "recordings", "linear"}
-        Of the sensor's bias.  With ``"recordings"`` each recording has a bias of its
-        own, with ``"linear"`` one that changes at a constant rate; then the model has
-        none, ``tool_model(bias=False)``, and `sensor_bias` tells it afterwards.
+        Drift of the sensor's bias.  With ``"recordings"`` each recording has a bias of
+        its own, with ``"linear"`` one that changes at a constant rate; then the model
+        has none, ``tool_model(bias=False)``, and `sensor_bias` computes it afterwards.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def sensor_bias(
     model, arm, recording, frame
         See `sensor_regression`.
     parameters : array_like, shape (parameters,)
-        Of the model, such as an estimate's.
+        Parameters of the model, such as an estimate's.
     drift : {"recordings", "linear"}
         Whether the bias is constant along the recording.
     """
@@ -211,7 +211,7 @@ def static_poses(
 ) -> Recording:
     """Return a recording of poses at rest, from the mean wrench at each.
 
-    They tell mass and centre of mass, and with them the bias; inertia takes motion.
+    They determine mass, centre of mass and the bias; inertia needs motion.
 
     Parameters
     ----------

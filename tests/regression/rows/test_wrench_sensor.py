@@ -187,6 +187,20 @@ def test_biases_that_drift_hide_nothing_of_the_tool(arm, drift, rate):
     assert abs(same.parameters[0] - TOOL.mass) > 0.01
 
 
+def test_a_tool_that_changes_within_a_recording_scatters_between_its_blocks(arm):
+    # In each tenth of the recording all forces are larger or smaller by its factor.
+    model, noise = tool_model(bias=False), np.repeat([0.2, 0.01], 3)
+    log, _ = drifting(arm, 1000, seed=0, rate=np.zeros(6), noise=noise)
+    factor = 1.0 + 0.1 * np.repeat(np.random.default_rng(1).normal(size=10), 100)
+    (wrench,) = log.wrenches
+    changed = replace(wrench, values=wrench.values * factor[:, None])
+    plain, between = (
+        sensor_regression(model, arm, one, frame="link6", drift="recordings").noise
+        for one in (log, replace(log, wrenches=(changed,)))
+    )
+    assert plain.blocks < 1.2 and between.blocks > 1.5
+
+
 @pytest.mark.slow
 def test_without_drift_rows_hold_what_a_bias_column_leaves(arm):
     """Frisch, Waugh and Lovell: the same estimate, errors and noise."""

@@ -396,7 +396,7 @@ def with_springs(
     Parameters
     ----------
     error : callable
-        Of rollouts that were not learnt from.
+        Error of rollouts that were not used for training.
     """
     known = np.isfinite(gains_of(problem).stiffness).any()
     if known or problem.model.robot.nominal is None:
@@ -428,8 +428,8 @@ class RidgeChoice:
     ridge : float, optional
         Weight of the torque fit; None: not to refine at all.
     errors : dict of (float or None) to float, [rad or m]
-        Of rollouts of the part that was not learnt from, both ways; infinite where they
-        diverge, or a part cannot be refined.
+        Errors of rollouts of the part that was not used for training, both ways;
+        infinite where they diverge, or a part cannot be refined.
     reason : str, optional
         Why a refinement was not possible.
     """
