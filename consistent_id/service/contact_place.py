@@ -192,7 +192,10 @@ def _strengths(
         force[drawn] + np.einsum("nij,nj->ni", axes[drawn], normal), axis=1
     )
     order = np.argsort(sizes)
-    share = np.cumsum(1.0 / np.maximum(sizes[order], 1e-12) ** 2)
+    # All sizes are as likely: of forces in a plane or in space, a shell has its radius,
+    # or the square of it.
+    shell = np.maximum(sizes, 1e-12) ** (1.0 - known[drawn])
+    share = np.cumsum(shell[order])
     low, high = np.interp([0.025, 0.975], share / share[-1], sizes[order])
     return float(low), float(high)
 
