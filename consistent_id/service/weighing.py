@@ -27,6 +27,7 @@ from consistent_id.service.gain_check import (
 from consistent_id.service.load_quantities import (
     LoadQuantities,
     inertia_is_open,
+    inertia_width,
     load_quantities,
 )
 from consistent_id.service.loaded_runs import (
@@ -395,13 +396,25 @@ def _reasons(
             "use with care",
             payload.estimate.certificate.reason,
         )
+    yield from _of_inertia(payload)
+
+
+def _of_inertia(payload: Payload) -> Iterator[Reason]:
+    advice = "accelerate the last joints quickly, with the load and without it"
     if inertia_is_open(payload):
         yield Reason(
             "inertia is open",
             "use with care",
-            "the data do not show the inertia about the centre of mass to a quarter; "
+            "the data do not show the inertia about the centre of mass to a half; "
             "controllers get a point mass",
-            "accelerate the last joints quickly, with the load and without it",
+            advice,
+        )
+    elif (width := inertia_width(payload)) > KNOWN:
+        yield Reason(
+            "inertia is uncertain",
+            "use with care",
+            f"the interval of the inertia's trace is {percent(width)} wide",
+            advice,
         )
 
 
