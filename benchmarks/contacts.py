@@ -304,8 +304,9 @@ def place() -> list[str]:
     robot = ci.from_modified_dh("panda", list(PANDA))
     lines = [
         f"| force | {RADIUS * 1e3:.0f} mm off the line | link right | link possible | "
-        "error of the force, median | 95 % intervals that hold | point off, median |",
-        "|---:|---|---:|---:|---:|---:|---:|",
+        "error of the force, median | 95 % intervals of its size that hold | their "
+        "width, median | point off, median |",
+        "|---:|---|---:|---:|---:|---:|---:|---:|",
     ]
     for radius in (0.0, RADIUS):
         for size in FORCES:
@@ -324,7 +325,7 @@ def _places(
     """Return the line of one size of force."""
     from consistent_id.service.contact_place import contact_place
 
-    right, possible, errors, held, apart = 0, 0, [], 0, []
+    right, possible, errors, held, width, apart = 0, 0, [], 0, [], []
     for _ in range(TRIALS):
         q = rng.uniform(-1.5, 1.5, 7)
         link = int(rng.choice(TOUCHED))
@@ -339,12 +340,13 @@ def _places(
         right += found.link == robot.link_names[link]
         possible += robot.link_names[link] in found.possible
         errors.append(float(np.linalg.norm(found.force - force)) / size)
-        held += abs(found.strength - size) < 1.96 * found.strength_error
+        held += found.strengths[0] < size < found.strengths[1]
+        width.append((found.strengths[1] - found.strengths[0]) / size)
         apart.append(np.linalg.norm(found.point - _point(robot, q, link, local)))
     return (
         f"| {size:g} N | {'yes' if radius else 'no'} | {right / TRIALS:.0%} | "
         f"{possible / TRIALS:.0%} | {np.median(errors):.0%} | {held / TRIALS:.0%} | "
-        f"{np.median(apart) * 1e3:.0f} mm |"
+        f"{np.median(width):.0%} | {np.median(apart) * 1e3:.0f} mm |"
     )
 
 

@@ -141,7 +141,7 @@ def weighed_ur10e() -> None:
         (other,) = (gains for log, gains in tested.items() if log != name)
         identified = ci.load_problem("problems/ur10e", torque_gain=other.gains.tolist())
         cases = {
-            "of the other log": (identified, other.factors.relative_errors, 1),
+            "of the other log": (identified, other.factors.covariance, 1),
             "of the authors": (problem, 0.0, round(WINDOW / STEP)),
         }
         parts = list(windows(folder / name, rows))

@@ -185,8 +185,8 @@ def parameters(more: str = "") -> Option:
     """Return the option of files of estimates."""
     return Option(
         "--parameters ESTIMATE ...",
-        "estimates that identify wrote, such as delivered.json: torque limits are "
-        "kept for each of them, instead of for the robot's file without friction{more}",
+        "estimates that identify wrote, such as delivered.json: torque limits are kept "
+        f"for each of them, instead of for the robot's file without friction{more}",
         Path,
     )
 

@@ -243,3 +243,52 @@ def _reasons(factors: DriveGains) -> Iterator[Reason]:
             f"stated gains of {wrong} of {len(factors.joints)} joints are off by "
             f"{percent(LEAST_OFF)} or more (95 %, all joints together)",
         )
+
+
+def reasons_of_gains(gains: DriveGains, applied: tuple[str, ...]) -> Iterator[Reason]:
+    """Return the reasons for a load's verdict that its known mass gives.
+
+    Parameters
+    ----------
+    applied : tuple of str
+        Joints whose torques were multiplied by their factors.
+    """
+    if gains.scale_open:
+        yield Reason("gains not tested", "use with care", gains.verdict)
+        return
+    known = zip(gains.joints, gains.identified, strict=True)
+    if poor := [joint for joint, good in known if not good]:
+        yield Reason(
+            "gains not tested",
+            "use with care",
+            f"the known mass does not show the gains of {', '.join(poor)} to "
+            f"{percent(gains.accuracy)}",
+            "use a heavier load, or motions in which it changes these torques",
+        )
+    wrong = np.flatnonzero(gains_off(gains))
+    if not len(wrong):
+        return
+    worst = wrong[np.argmax(abs(np.log(gains.gains[wrong])))]
+    change, error = gains.gains[worst] - 1.0, NORMAL * gains.standard_errors[worst]
+    done = f"; those of {', '.join(applied)} are changed here" if applied else ""
+    every = {gains.joints[place] for place in wrong} <= set(applied)
+    yield Reason(
+        "gains are off",
+        "use with care" if every else "do not use",
+        f"the mass asks for torque of {gains.joints[worst]} that differs by "
+        f"{100.0 * change:+.0f} % (+- {100.0 * error:.0f} %), and for other gains in "
+        f"{len(wrong)} of {len(gains.joints)} joints{done}",
+        "multiply torque_gain by the factors, and identify the robot again",
+    )
+
+
+def factors_table(gains: DriveGains) -> Table:
+    """Return the factors that a known mass shows, with 95 % intervals."""
+    rows = tuple(
+        (joint, f"{factor:.4f}", f"{NORMAL * error:.4f}")
+        for joint, factor, error in zip(
+            gains.joints, gains.gains, gains.standard_errors, strict=True
+        )
+    )
+    title = "Factors of the gains, by the mass that was stated"
+    return Table(title, ("joint", "factor", "95 % +-"), rows)

@@ -224,6 +224,24 @@ def test_the_load_moves_with_each_gain_as_its_slope_says():
 
 
 @pytest.mark.slow
+def test_errors_that_all_gains_share_are_those_of_the_mass():
+    """A factor of all torques is one of the load; noise and it add by squares."""
+    model, unloaded, loaded = runs(0.02)
+
+    def error(gain_errors):
+        found = identify_payload(model, loaded, unloaded, gain_errors=gain_errors)
+        return found.standard_errors[0], found
+
+    noise, plain = error(0.0)
+    shared, found = error(np.full((4, 4), 0.05**2))
+    assert shared == pytest.approx(np.hypot(noise, 0.05 * plain.free.mass), rel=1e-6)
+    assert found.gain_errors.tolist() == pytest.approx([0.05] * 4)
+    alone, _ = error(0.05)
+    assert error(np.diag(np.full(4, 0.05**2)))[0] == pytest.approx(alone, rel=1e-12)
+    assert alone != pytest.approx(shared, rel=0.01)
+
+
+@pytest.mark.slow
 def test_gains_that_are_all_larger_make_the_load_heavier_by_the_same_factor():
     model, unloaded, loaded = runs(0.02)
     robot = loaded_robot(model, Link("load"))
@@ -231,6 +249,7 @@ def test_gains_that_are_all_larger_make_the_load_heavier_by_the_same_factor():
     free = least_squares(robot.model, regression, base=robot.base)
     slopes = gain_slopes(regression, robot.base)
     np.testing.assert_allclose(slopes.sum(axis=1), free.base_values, rtol=1e-6)
-    for wrong in ([0.1, 0.1], -0.1, [0.1, 0.1, 0.1, np.inf]):
+    indefinite = np.eye(4) - 0.5
+    for wrong in ([0.1, 0.1], -0.1, [0.1, 0.1, 0.1, np.inf], indefinite):
         with pytest.raises(ProblemError, match="expected one share or 4"):
             identify_payload(model, loaded, unloaded, gain_errors=wrong)

@@ -87,6 +87,10 @@ def test_logs_without_the_load_show_no_gain(files, tmp_path, capsys):
     assert "torque_gain" not in out and "e+" not in out
 
 
+def _independent(relative_errors):
+    return np.diag(relative_errors**2)
+
+
 @pytest.mark.parametrize(("z", "joints", "off"), [(2.2, 1, True), (2.2, 4, False)])
 def test_several_gains_are_tested_together(found, z, joints, off):
     """One gain is off by 2.2 standard errors: 1.96 for one, 2.49 for four (Sidak)."""
@@ -96,7 +100,7 @@ def test_several_gains_are_tested_together(found, z, joints, off):
         found.factors,
         joints=JOINTS[:joints],
         gains=gains,
-        standard_errors=np.full(joints, 0.1 / z),
+        covariance=_independent(np.full(joints, 0.1 / z) / gains),
         linear=gains,
         current_noise=gains,
     )
@@ -106,11 +110,15 @@ def test_several_gains_are_tested_together(found, z, joints, off):
 def test_the_quantile_is_that_of_all_joints(found):
     for z, off in ((2.48, False), (2.50, True)):
         own = replace(
-            found.factors, gains=np.full(4, 1.1), standard_errors=np.full(4, 0.1 / z)
+            found.factors,
+            gains=np.full(4, 1.1),
+            covariance=_independent(np.full(4, 0.1 / z / 1.1)),
         )
         assert gains_off(own).tolist() == [off] * 4
     small = replace(
-        found.factors, gains=np.full(4, 1.019), standard_errors=np.full(4, 1e-4)
+        found.factors,
+        gains=np.full(4, 1.019),
+        covariance=_independent(np.full(4, 1e-4)),
     )
     assert not gains_off(small).any()  # less than 2 %
 
