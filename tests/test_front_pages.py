@@ -133,7 +133,7 @@ def test_placeholders_of_addresses_stand_in_one_place():
     assert [page.name for page in pages if root in page.read_text()] == []
 
 
-CONDA_NAMES = {"pin": "pinocchio", "matplotlib": "matplotlib-base"}
+CONDA_NAMES = {"pin": "pinocchio"}
 
 
 def test_the_conda_recipe_has_version_and_floors_of_the_package():

@@ -323,7 +323,7 @@ def test_demo_copies_the_problems_once_and_keeps_what_was_edited(
     assert main(["demo", "--dry-run"]) == 0 and not (tmp_path / "problems").exists()
     assert main(["demo", "--json"]) == 0
     source = Path(__file__).parents[2] / "problems"
-    for name in ("rx60/problem.toml", "kuka_kr300/FF_A.parquet", "README.md"):
+    for name in ("rx60/problem.toml", "kuka_kr300/FF_A.csv", "README.md"):
         copy = tmp_path / "problems" / name
         assert copy.read_bytes() == (source / name).read_bytes()
     assert main(["demo", "--output", "a b", "--dry-run"]) == 0
