@@ -496,5 +496,5 @@ def wrench_note(found: Sequence[WrenchNames], robot: RobotModel) -> str:
     return (
         f"{seen}: these look like a wrench sensor's; they tell what hangs on it, not "
         f'the robot: [wrist_sensor] frame = "{frame}" (or where it is) and {columns} '
-        "in a problem file (docs/wrist-sensor.md)"
+        "in a problem file (consistent-id help wrist-sensor)"
     )
