@@ -88,7 +88,7 @@ def test_agents_read_of_every_command_and_of_formats_that_exist():
     sources = [f.read_text() for f in (ROOT / "consistent_id").rglob("*.py")]
     code = "\n".join(sources)
     formats = re.findall(r"`(consistent_id \w+ \d+)`", table)
-    assert len(formats) == 13
+    assert len(formats) == 22
     assert [f for f in formats if f'"{f}"' not in code] == []
     assert all(re.search(rf"\b{name}\b", LLMS) for name in told)
 

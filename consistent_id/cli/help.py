@@ -38,7 +38,8 @@ def run_help(options: argparse.Namespace) -> int:
     """Print a text; return the exit code."""
     topic, pages = options.topic, _pages()
     text = _listed(pages) if topic is None else _text(topic, pages, options.tool_parser)
-    return show(options, Answer(0, text, {"topic": topic, "text": text}, whole=True))
+    record = {"format": "consistent_id help 1", "topic": topic, "text": text}
+    return show(options, Answer(0, text, record, whole=True))
 
 
 def _text(topic: str, pages: dict[str, Path], tool_parser: Any) -> str:
@@ -82,7 +83,7 @@ def _kinds(page: str) -> dict[str, str]:
       means: it is large
       to do: look
     """
-    found = {}
+    found: dict[str, str] = {}
     for cells in re.findall(r"^\| ([^|]*`[^|]*) \| ([^|]+) \| ([^|]+) \|$", page, re.M):
         for kind in re.findall(r"`([^`]+)`", cells[0]):
             parts = zip(("means", "to do"), map(_plain, cells[1:]), strict=True)
