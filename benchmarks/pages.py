@@ -7,8 +7,8 @@
 After a command, a page states the day, the commit and the machine, and a digest of each
 problem file that the command used.  `tests/test_pages.py` fails where a problem file is
 no longer the one of the page, and where a command has no stamp.  Stamps without a
-machine are older than this rule: their commit is the one that brought the figures.  Some
-commands print what is put into the page by hand; the list says which.
+machine are older than this rule: their commit is the one that brought the figures.
+Some commands print what is put into the page by hand; the list says which.
 """
 
 import argparse
