@@ -46,5 +46,6 @@ def run_completion(options: argparse.Namespace) -> int:
             if action.nargs != 0 and not action.choices:
                 action.complete = shtab.FILE
     script = shtab.complete(parser, options.shell).rstrip()
-    record = {"shell": options.shell, "script": script}
+    name = "consistent_id completion 1"
+    record = {"format": name, "shell": options.shell, "script": script}
     return show(options, Answer(0, script, record, whole=True))

@@ -55,7 +55,11 @@ def run_demo(options: argparse.Namespace) -> int:
         f"try: consistent-id compare {shlex.quote(str(folder / name))}"
         for name in _COMPLETE
     )
-    record = {"folder": str(folder), "written": [str(path) for path in contents]}
+    record = {
+        "format": "consistent_id demo 1",
+        "folder": str(folder),
+        "written": [str(path) for path in contents],
+    }
     return show(options, Answer(0, text, record, write))
 
 

@@ -65,6 +65,7 @@ def run_init(options: argparse.Namespace) -> int:
             command = "rollout"
         shown += f"\nnext: consistent-id {command} {file}{more}"
     record = {
+        "format": "consistent_id draft 1",
         "problem": draft.name,
         "text": text,
         "selection": None if chosen is None else chosen.to_dict(),

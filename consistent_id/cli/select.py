@@ -80,7 +80,8 @@ def _select(options: argparse.Namespace) -> Answer:
 
         return [write_problem(selection.text(), file)]
 
-    record = {**selection.to_dict(), "text": selection.text()}
+    name = "consistent_id selection 1"
+    record = {"format": name, **selection.to_dict(), "text": selection.text()}
     table = selection.table()
     shown = replace(table, notes=(*table.notes, *notes)).text()
     return Answer(0, shown, record, write)

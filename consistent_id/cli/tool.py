@@ -243,6 +243,7 @@ _COMMANDS = {
     "gains": "identify gains between currents and torque by a load of known mass",
     "servo": "identify hobby servos from position, goal and duty, without torque",
     "demo": "copy the example problems into a folder",
+    "help": "print a page of the documentation, or what a reason means",
     "completion": "print a script for tab completion",
 }
 _EPILOG = """examples:

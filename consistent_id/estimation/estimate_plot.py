@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
+from consistent_id._support.extras import needed
 from consistent_id.errors import ProblemError
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_names import in_newton
@@ -194,8 +195,7 @@ def axes_for(
     """
     rows, columns = shape
     if axes is None:
-        import matplotlib.pyplot as plt
-
+        plt = needed("matplotlib.pyplot", "plots", "plotting")
         tall = 1.6 * rows if heights is None else 0.22 * sum(heights)
         _, axes = plt.subplots(
             *shape,

@@ -18,8 +18,8 @@ Word = Literal["use", "use with care", "do not use"]
 WORDS: tuple[Word, ...] = ("use", "use with care", "do not use")
 """From the best to the worst."""
 
-HELP = "docs/bad-result.md"
-"""Page about verdicts other than ``use``."""
+HELP = "consistent-id help bad-result"
+"""Command that prints the page about verdicts other than ``use``."""
 
 BAD_RESULT = "my result is bad, what now?"
 """What the page is about, as messages name it."""

@@ -18,7 +18,6 @@ from consistent_id._support.files import (
     write_atomically,
     write_json,
 )
-from consistent_id._support.run import kept_going
 from consistent_id._support.tables import Table
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.aims import PathForm
@@ -53,7 +52,7 @@ from consistent_id.motion.files.document import require_names
 from consistent_id.motion.files.trajectory_file import FORMAT_OF_ENDING
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.problems.problem import Problem
-from consistent_id.report.figures import save_figure
+from consistent_id.report.figures import draw_figure
 from consistent_id.robot.kinematics import link_places
 from consistent_id.robot.parameters import did_you_mean
 
@@ -99,9 +98,8 @@ def write_design(
         if "yaml" in formats:
             script = Path(follow.__file__).read_text(encoding="utf-8")
             written.append(write_atomically(folder / CLIENT, script))
-        with kept_going("figure excitation.png"):
-            figure = design_figure(playable.design)
-            written.append(save_figure(figure, folder / "excitation.png"))
+        picture = folder / "excitation.png"
+        written += draw_figure(lambda: design_figure(playable.design), picture)
         record = playable_record(playable)
         written.append(write_json(folder / "excitation.json", record))
     return written

@@ -115,7 +115,7 @@ def draft_problem(
     --------
     >>> import consistent_id as ci
     >>> folder = "problems/kuka_kr300"
-    >>> log = f"{folder}/FF_A.parquet"
+    >>> log = f"{folder}/FF_A.csv"
     >>> draft = ci.draft_problem(f"{folder}/robot.urdf", log, select=False)
     >>> draft.problem().model.robot.joint_names[0]
     'joint_1'

@@ -153,7 +153,7 @@ def identify_log(
     --------
     >>> import consistent_id as ci
     >>> folder = "problems/kuka_kr300"
-    >>> log = f"{folder}/FF_A.parquet"
+    >>> log = f"{folder}/FF_A.csv"
     >>> study = ci.identify_log(f"{folder}/robot.urdf", log, select=False)
     >>> study.verdict.word
     'use with care'

@@ -486,5 +486,5 @@ def wrench_note(found: Sequence[WrenchNames], robot: RobotModel) -> str:
     return (
         f"{seen}: these look like a wrench sensor's; they show what hangs on it, not "
         f'the robot: [wrist_sensor] frame = "{frame}" (or where it is) and {columns} '
-        "in a problem file (docs/wrist-sensor.md)"
+        "in a problem file (consistent-id help wrist-sensor)"
     )

@@ -12,7 +12,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.files import together, write_atomically
-from consistent_id._support.run import kept_going, noted_interrupts
+from consistent_id._support.run import noted_interrupts
 from consistent_id._support.tables import Table, brief
 from consistent_id.errors import InfeasibleError, NotExcitedError, ProblemError
 from consistent_id.motion.files.ros import message_of
@@ -23,7 +23,7 @@ from consistent_id.regression.rows.contact_free import (
     contact_free_model,
     contact_free_regression,
 )
-from consistent_id.report.figures import save_figure
+from consistent_id.report.figures import draw_figure
 from consistent_id.robot.inertia import INERTIAL_NAMES, InertialParameters
 from consistent_id.robot.parameters import did_you_mean
 from consistent_id.standing.forces_and_limits import (
@@ -462,8 +462,7 @@ def write_standing(design: StandingDesign, folder: Path, rate: float) -> list[Pa
             write_atomically(message, message_of(samples)),
             write_atomically(record, text + "\n"),
         ]
-        with kept_going(f"figure {picture.name}"):
-            written.insert(2, save_figure(standing_figure(design), picture))
+        written[2:2] = draw_figure(lambda: standing_figure(design), picture)
     return written
 
 

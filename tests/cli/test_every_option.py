@@ -150,7 +150,7 @@ def test_a_command_has_every_option_that_is_declared(command):
 def test_the_walk_knows_every_command_that_reads_a_problem():
     (commands,) = tool_parser()._subparsers._group_actions
     others = {"lint", "repair", "reproduce", "compress", "fleet", "completion", "demo"}
-    others |= {"servo"}
+    others |= {"servo", "help"}
     assert set(commands.choices) == {*COMMANDS, *ROBOT, *others}
     for command in others - {"completion"}:  # none of what is stated is theirs
         declared = {each.option for each in declarations().values()}

@@ -2,8 +2,9 @@
 
 Columns of a file without a header are called ``column1``, ``column2`` and so on.
 
-PyArrow reads the numbers.  Where it refuses them the csv module reads the file again,
-row by row: it knows the row and the column of each fault.
+PyArrow reads the numbers if it is installed, some five times as fast as the csv module.
+Where it refuses them the csv module reads the file again, row by row: it knows the row
+and the column of each fault.
 """
 
 import codecs
@@ -15,6 +16,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from importlib.util import find_spec
 from math import nan
 from pathlib import Path
 
@@ -303,13 +305,13 @@ def _values(
 
 
 def _fast(body: str, header: _CsvHeader, places: Sequence[int]) -> Matrix | None:
-    """Return the columns as PyArrow reads them; None if it refuses them.
+    """Return the columns as PyArrow reads them; None if it refuses them or is missing.
 
     Decimal commas are tried where commas do not separate.  Lines of a single column, of
     which empty ones are no rows, are left to the exact way.
     """
     width, separator = len(header.names), header.separator
-    if width < 2:
+    if width < 2 or find_spec("pyarrow") is None:
         return None
     import pyarrow as pa
     from pyarrow import csv as arrow
