@@ -85,7 +85,7 @@ def rejected(case: str, kind: str, beyond: float, replicates: int) -> float:
                 ci.estimation.weighted_least_squares(
                     model, regression, base=base
                 ).standard_errors[place_in_base]
-                / np.sqrt(regression.noise.blocks)
+                / np.sqrt(regression.noise.beyond)
                 for regression in (shaken() for _ in range(20))
             ]
         )

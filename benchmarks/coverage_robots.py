@@ -178,7 +178,7 @@ def parts(problem: ci.Problem, recordings: list[ci.Recording], count: int) -> Pa
     base = ci.regression.base_parameters(model)
     for recording in recordings:
         regressions = [ci.build_regression(model, p) for p in cut(recording, count)]
-        bare = [replace(r, noise=replace(r.noise, blocks=1.0)) for r in regressions]
+        bare = [replace(r, noise=replace(r.noise, beyond=1.0)) for r in regressions]
         for own, found in ((regressions, z), (bare, by_noise)):
             found += _z(
                 [ci.estimation.weighted_least_squares(model, r, base=base) for r in own]

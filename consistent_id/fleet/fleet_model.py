@@ -343,7 +343,7 @@ def write_share(path: Path, share: RobotShare) -> None:
         arrays |= {f"scores{j}": N for j, N in enumerate(noise.scores)}
         arrays["effective"] = noise.effective
         arrays["freedom"] = noise.freedom
-        arrays["blocks"] = np.array(noise.blocks)
+        arrays["blocks"] = np.array(noise.beyond)
     np.savez(
         path,
         counts=np.array(regression.counts),

@@ -45,7 +45,9 @@ from consistent_id.recordings.readers.recording_file import (
 )
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters
-from consistent_id.regression.correlated_noise import SHOWN, NoisyRows
+from consistent_id.regression.correlated_noise import SHOWN
+from consistent_id.regression.drive.drive_terms import DriveTerms
+from consistent_id.regression.model_errors import NoisyRows
 from consistent_id.regression.motion_arrays import Motion, motion_of, whole_counts
 from consistent_id.regression.regression import Regression, build_regression, with_noise
 from consistent_id.regression.regressor import TorqueModel
@@ -338,6 +340,11 @@ class RowsInTurn:
         return np.concatenate([motion.q for motion in self.motions])
 
     @property
+    def dq(self) -> Matrix:
+        """Velocities, shape (rows, joints)."""
+        return np.concatenate([motion.dq for motion in self.motions])
+
+    @property
     def mixed(self) -> bool:
         """See `Motion.mixed`."""
         return any(motion.mixed for motion in self.motions)
@@ -369,6 +376,10 @@ class RowsInTurn:
             for part, blocks in motion.rows(model, kept):
                 yield slice(first + part.start, first + part.stop), blocks
             first += len(motion.q)
+
+    def drive_columns(self, terms: DriveTerms, joint: int, row: int) -> Matrix:
+        """See `Motion.drive_columns`."""
+        return np.vstack([m.drive_columns(terms, joint, row) for m in self.motions])
 
 
 @single_threaded

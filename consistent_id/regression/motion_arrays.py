@@ -34,6 +34,7 @@ from consistent_id.recordings.signals.filtered_rows import (
     require_unchanged,
     row_filter,
 )
+from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regressor import CHUNK, TorqueModel
 from consistent_id.regression.row_structure import row_structure
 from consistent_id.regression.rows.contact_maps import ContactMixing, contact_mixing
@@ -220,6 +221,26 @@ class Motion(NamedTuple):
                 if self.weights is not None:
                     block *= self.weights[part, j, None]
             yield part, blocks
+
+    def drive_columns(self, terms: DriveTerms, joint: int, row: int) -> Matrix:
+        """Return what a joint's drive terms would add to its row of `rows`.
+
+        Parameters
+        ----------
+        terms : DriveTerms
+            Terms that need no load.
+        joint, row : int
+            Places of the joint among the robot's, and of its torque among the rows.
+
+        Returns
+        -------
+        ndarray, shape (samples, coefficients)
+        """
+        along = self.along
+        q, dq, ddq = (part[:, joint] for part in (along.q, along.dq, along.ddq))
+        columns = [np.broadcast_to(c, q.shape) for c in terms.columns(q, dq, ddq)]
+        found = self.through(np.column_stack(columns), row)
+        return found if self.weights is None else found * self.weights[:, row, None]
 
     def regressor(self, model: TorqueModel) -> Array:
         """Return all columns, shape (rows of the model, parameters, samples).

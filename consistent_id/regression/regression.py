@@ -28,12 +28,12 @@ from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.correlated_noise import (
     CorrelatedNoise,
-    NoisyRows,
     joined_noise,
     recorded_noise,
 )
 from consistent_id.regression.linear import extended
 from consistent_id.regression.linear import triangle as triangle
+from consistent_id.regression.model_errors import NoisyRows
 from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_structure import row_structure

@@ -79,7 +79,7 @@ def save_regression(regression: Regression, path: str | Path) -> Path:
         else _NoiseRecord(
             noise.effective.tolist(),
             [N.tolist() for N in noise.scores],
-            noise.blocks,
+            noise.beyond,
             noise.freedom.tolist(),
         ),
     )

@@ -7,7 +7,7 @@ import pytest
 from experiments import experiment
 
 import consistent_id as ci
-from consistent_id.regression.correlated_noise import (
+from consistent_id.regression.model_errors import (
     BLOCKS,
     BlockPart,
     block_part,
@@ -33,7 +33,7 @@ def noisy(seed, *, shift=0.0, samples=4000):
 
 @pytest.mark.slow
 def test_white_noise_has_a_ratio_near_one():
-    found = [ci.build_regression(*noisy(seed)).noise.blocks for seed in range(12)]
+    found = [ci.build_regression(*noisy(seed)).noise.beyond for seed in range(12)]
     assert min(found) >= 1.0
     assert np.median(found) < 1.4
 
@@ -42,7 +42,7 @@ def test_white_noise_has_a_ratio_near_one():
 def test_parameters_that_shift_from_block_to_block_show():
     still, shifting = (
         np.mean(
-            [ci.build_regression(*noisy(k, shift=s)).noise.blocks for k in range(5)]
+            [ci.build_regression(*noisy(k, shift=s)).noise.beyond for k in range(5)]
         )
         for s in (0.0, 0.1)
     )
@@ -85,9 +85,9 @@ def test_the_sums_of_blocks_are_those_of_the_recording():
 def test_standard_errors_grow_by_its_root_and_estimates_do_not_change():
     model, log = noisy(2, shift=0.1)
     regression = ci.build_regression(model, log)
-    bare = replace(regression, noise=replace(regression.noise, blocks=1.0))
+    bare = replace(regression, noise=replace(regression.noise, beyond=1.0))
     one, other = (ci.least_squares(model, r) for r in (regression, bare))
-    root = np.sqrt(regression.noise.blocks)
+    root = np.sqrt(regression.noise.beyond)
     assert one.standard_errors == pytest.approx(root * other.standard_errors)
     assert np.array_equal(one.parameters, other.parameters)
     assert f"they are {root:.1f} times as large again" in " ".join(one.notes)
@@ -100,17 +100,17 @@ def test_it_is_kept_in_files_and_averaged_over_recordings(tmp_path):
     model, log = noisy(2, shift=0.1)
     one = ci.build_regression(model, log)
     path = ci.regression.save_regression(one, tmp_path / "one.json")
-    assert ci.regression.load_regression(path).noise.blocks == one.noise.blocks
+    assert ci.regression.load_regression(path).noise.beyond == one.noise.beyond
     other = ci.build_regression(*noisy(2))
     both = one.joined([other])
-    low, high = sorted((one.noise.blocks, other.noise.blocks))
-    assert low < both.noise.blocks < high
+    low, high = sorted((one.noise.beyond, other.noise.beyond))
+    assert low < both.noise.beyond < high
     base = ci.regression.base_parameters(model)
-    assert unconstrained_fit(both, base).noise.blocks == both.noise.blocks
+    assert unconstrained_fit(both, base).noise.beyond == both.noise.beyond
 
 
 def test_exact_torque_has_no_scatter():
     model, _, log = experiment(1, joints=2, samples=400)
     noise = ci.build_regression(model, log).noise
-    assert np.isfinite(noise.blocks)
-    assert noise.blocks >= 1.0
+    assert np.isfinite(noise.beyond)
+    assert noise.beyond >= 1.0

@@ -305,7 +305,7 @@ class RecordingScatter:
                 rows.append(self.deviations[own, None] * moves)
             moves = np.vstack(rows)
             between.append(Scatter(moves.T @ moves, freedom))
-        return replace(noise, between=tuple(between), blocks=1.0)
+        return replace(noise, between=tuple(between), beyond=1.0)
 
 
 def kinds_of(model: TorqueModel, base: BaseParameters) -> tuple[str, ...]:

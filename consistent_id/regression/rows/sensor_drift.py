@@ -17,15 +17,17 @@ from consistent_id._support.tables import brief
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.correlated_noise import (
-    BlockPart,
     CorrelatedNoise,
+    joined_noise,
+    spectral_noise,
+    white_noise,
+)
+from consistent_id.regression.model_errors import (
+    BlockPart,
     JointFit,
     block_part,
     block_ratio,
-    joined_noise,
     joint_fit,
-    spectral_noise,
-    white_noise,
 )
 from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import Regression, triangle

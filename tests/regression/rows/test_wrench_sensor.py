@@ -212,10 +212,10 @@ def test_without_drift_rows_hold_what_a_bias_column_leaves(arm):
     one, other = least_squares(free, rows), least_squares(biased, whole)
     assert np.allclose(one.parameters, other.parameters[:10], rtol=0, atol=1e-10)
     # By noise alone: the median over parameters of blocks' scatter has the biases, too.
-    own = one.standard_errors / np.sqrt(rows.noise.blocks)
-    beside = other.standard_errors[:10] / np.sqrt(whole.noise.blocks)
+    own = one.standard_errors / np.sqrt(rows.noise.beyond)
+    beside = other.standard_errors[:10] / np.sqrt(whole.noise.beyond)
     assert np.allclose(own, beside, rtol=0.02)
-    assert rows.noise.blocks == pytest.approx(whole.noise.blocks, rel=0.1)
+    assert rows.noise.beyond == pytest.approx(whole.noise.beyond, rel=0.1)
 
 
 def test_a_bias_for_all_and_one_for_each_are_not_both(arm):
