@@ -27,15 +27,16 @@ _AIM = 0.01  # margin by which the programme tightens rows
 _AGAIN = 60  # most iterations from the end of the round before
 _RESTORED = 4  # most steps from a path that violates a guard to one that does not
 _FAR = 3.0  # of the variables in such a step
-_SLOW = 2.0  # times an iteration, above which measuring all guards is slow
+_SLOW = 0.5  # times an iteration, above which measuring all guards is slow
 _REACH = 0.3  # of the variables in the first step from a path that violates nothing
 _LEAST_REACH = 1e-3  # below which such steps end
 _WIDER = 1.5  # by which the reach grows
 _CURVED = 0.1  # curvature before any is known
 _APART = 1e-3  # least margin of rows
+_SAFER = 8.0  # times that margin, for each step in a row that violates a guard
 _FULL = 0.8  # share of the reach from which a step counts as full
-_CORRECTED = 3  # times that a step is computed, with the last one's curvature
-_QUADRATIC = 5.0  # work of a quadratic programme, in iterations
+_CORRECTED = 4  # times that a step is computed, with the last one's curvature and rows
+_QUADRATIC = 1.0  # work of a quadratic programme, in iterations
 _BEYOND = 12  # iterations in a row that violate a guard, after which a round ends
 _HALVED = 5  # times that the way to a path that violates a guard is halved
 _ROUNDS = 30  # of adding rows where a guard was violated
@@ -269,24 +270,26 @@ class _PathSearch:
     def _step(self, x: Matrix, local: Local, reach: float) -> Matrix | None:
         """Return the best path within a reach that violates no limit, or None.
 
-        The guards' curvature along a step is included after the step is known, twice.
+        The guards' curvature along a step is included after the step is known.  Where
+        the step violates a guard that has no row yet, it gets one.
         """
         limits = self._problem.limits
         values, jacobian = self._rows(x)
-        for _ in range(_CORRECTED):
-            rows = LinearRows(np.minimum(values - _AIM + _APART, 0.0), jacobian)
+        for tried in range(_CORRECTED):
+            apart = _APART * _SAFER**tried
+            rows = LinearRows(np.minimum(values - _AIM + apart, 0.0), jacobian)
             self.meter.spent += self._costs.iteration * _QUADRATIC
             step = best_step(x.ravel(), local, rows, reach)
             if step is None:
                 return None
             candidate = limits.within(x + step.reshape(x.shape))
-            moved = (candidate - x).ravel()
-            values = self._rows(candidate)[0] - jacobian @ moved
             before = sum(map(len, self._places))
             if self._is_clear(candidate):
                 return candidate
             if sum(map(len, self._places)) > before:
-                return None
+                values, jacobian = self._rows(x)
+            moved = (candidate - x).ravel()
+            values = self._rows(candidate)[0] - jacobian @ moved
         return None
 
     def _is_clear(self, variables: Matrix) -> bool:

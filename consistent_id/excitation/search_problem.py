@@ -136,8 +136,7 @@ _RANGE = 0.8  # share of the joints' ranges in which these poses are
 _WIDEST = 0.95  # the same of poses that are moved because all others violate a guard
 _SWINGS = (0.25, 0.1, 0.03, 0.01)  # shares of the swing to begin with, tried in order
 _GROWTH = 1.6  # of one joint's swing at a time
-_COARSE = 6  # every sixth of the times is looked at first
-_LEAST = 1.02  # growth that ends the iteration
+_LEAST = 1.05  # growth that ends the iteration
 
 
 class Information(NamedTuple):
@@ -426,11 +425,8 @@ def clear_start(
     def clear(candidate: Matrix) -> bool:
         if limits.largest(candidate).max() > 1.0:
             return False
-        return all(  # few times first: most candidates fail there
-            guard.measure(basis.motion(candidate, some)).max() <= 0.0
-            for some in (time[::_COARSE], time)
-            for guard in guards
-        )
+        motion = basis.motion(candidate, time)
+        return all(guard.kept(motion) for guard in guards)
 
     if clear(path):
         return path
@@ -456,15 +452,25 @@ def _grown(
     clear: Callable[[Matrix], bool],
     rng: np.random.Generator,
 ) -> Matrix:
-    """Enlarge the swing of each joint separately, up to that of the given path."""
+    """Enlarge the swing of all joints, then of each, up to that of the given path."""
     share = np.abs(start[1:]).max(axis=0) / np.abs(path[1:]).max(axis=0)
-    growth = np.full(path.shape[1], _GROWTH)
+
+    def widened(wider: Vector) -> bool:
+        return clear(np.vstack([start[0], wider * path[1:]]))
+
+    together = _GROWTH
+    while together > _LEAST and (share < 1.0).any():
+        wider = np.minimum(together * share, 1.0)
+        if widened(wider):
+            share = wider
+        else:
+            together = np.sqrt(together)
+    growth = np.where(share < 1.0, _GROWTH, 1.0)
     while (growth > _LEAST).any():
         for j in rng.permutation(np.flatnonzero(growth > _LEAST)):
             wider = share.copy()
             wider[j] = min(share[j] * growth[j], 1.0)
-            candidate = np.vstack([start[0], wider * path[1:]])
-            if clear(candidate):
+            if widened(wider):
                 share = wider
             else:
                 growth[j] = np.sqrt(growth[j])

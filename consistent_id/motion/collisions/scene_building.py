@@ -295,7 +295,48 @@ def _sifted(scene: Scene, q: ArrayLike, relax: bool) -> Scene:
         pairs.append(pair)
         kept.append(k)
     sifted = replace(scene, pairs=tuple(pairs), notes=tuple(notes))
-    return _with_room(sifted, near.distance[:, kept]) if relax else sifted
+    if not relax:
+        return sifted
+    distance = near.distance[:, kept]
+    locked = _interlocked(sifted, distance)
+    left = [k for k in range(len(sifted.pairs)) if k not in locked]
+    sifted = replace(
+        sifted,
+        pairs=tuple(sifted.pairs[k] for k in left),
+        notes=(*sifted.notes, *locked.values()),
+    )
+    return _with_room(sifted, distance[:, left])
+
+
+def _interlocked(scene: Scene, distance: Array) -> dict[int, PairNote]:
+    """Return pairs that one coordinate moves, and that are never apart all together.
+
+    The hulls of a gripper's linkage overlap at any opening, if not always the same.
+    Those that overlap where fewest do are left out, so that there are clear poses.
+    """
+    robot, touching = scene.robot, distance < _ROOM
+    groups: dict[int, list[int]] = {}
+    for k, pair in enumerate(scene.pairs):
+        both = scene.bodies[pair.first], scene.bodies[pair.second]
+        links = [place_of(robot, body).link for body in both]
+        rates = robot.joint_rates[list(joints_between(robot, *links))]
+        moving = np.flatnonzero(rates.any(axis=0))
+        if len(moving) == 1 and all(body.frame is not None for body in both):
+            groups.setdefault(int(moving[0]), []).append(k)
+    found = {}
+    for places in groups.values():
+        together = touching[:, places]
+        if not together.any(axis=1).all():
+            continue
+        for i in np.flatnonzero(together[together.sum(axis=1).argmin()]):
+            k = places[i]
+            seen = (
+                f"nearer than {_ROOM * 1e3:.0f} mm at {int(touching[:, k].sum())} of "
+                f"{len(touching)} random poses, and other pairs that the same joint "
+                "moves at all others"
+            )
+            found[k] = PairNote(*scene.names(scene.pairs[k]), False, seen)
+    return found
 
 
 def _with_room(scene: Scene, distance: Array) -> Scene:
