@@ -66,7 +66,7 @@ class RecordingError(ConsistentIdError):
 
 
 class ProblemError(ConsistentIdError):
-    """A problem file, or a call, asks for something that makes no sense.
+    """A problem file, or a call, has contents that are unknown or contradictory.
 
     Examples
     --------

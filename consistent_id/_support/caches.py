@@ -29,7 +29,7 @@ def kept_with(
     Parameters
     ----------
     place : int
-        The argument's place; it is told from others by identity.
+        The argument's place; arguments are distinguished by identity.
     most : int
         Results that are kept; those not used for the longest time go first.
     room : float, [bytes]

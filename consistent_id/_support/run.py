@@ -204,7 +204,7 @@ def noted_interrupts(*, keeps_results: bool = False) -> Iterator[Interrupted]:
 def signals_raised(run: Run) -> Iterator[None]:
     """Let SIGINT and SIGTERM unwind the work: nothing half-made is left behind.
 
-    An interrupt that the process was told to ignore, as in the background, stays so.
+    If the process ignores interrupts, as in the background, it still does.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -32,7 +32,7 @@ expected error is in the middle, ``sqrt(r) E_new``, and the range covers both:
     low = min(1, r) E exp(-h),    high = max(1, r) E_new exp(h)
 
 Who predicts no torque at all is wrong by 100 %.  Where the expected error is no less,
-the training data tell nothing of other motion, and no figure is printed.
+the training data give no information on other motion, and no figure is printed.
 """
 
 from collections.abc import Sequence
@@ -114,7 +114,7 @@ class ExpectedError:
 
     @property
     def range(self) -> str:
-        """The range in words; what is above 100 % is not told apart."""
+        """The range in words; errors above 100 % are not distinguished."""
         low, high = (
             percent(end) if end < _NOTHING else f"over {percent(_NOTHING)}"
             for end in (self.low, self.high)

@@ -251,7 +251,7 @@ def estimate_radius_and_delay(
 def _shrunk(
     wanted: BoolArray, at: Vector, left: Matrix, said: Vector
 ) -> RadiusAndDelay:
-    """Return values and errors, as far as the data determine them.
+    """Return the values that the data determine, and their errors.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ from consistent_id.robot.parameters import did_you_mean
 _SUFFIX = ".drives.json"
 _EXPRESSED = ("damping", "friction")
 
-_UNLIMITED = 1e9  # URDF asks for numbers, and has no infinity
+_UNLIMITED = 1e9  # URDF needs numbers, and has no infinity
 
 
 @exporter("urdf")

@@ -116,9 +116,9 @@ def base_parameters(
     model : TorqueModel or SensorRows
     seed : int
     last : sequence of int
-        Parameters whose columns are taken after all others: those of them that lead
-        are what can be told of them whatever the others are, and their base
-        parameters hold none of the others.
+        Parameters whose columns are taken after all others: those of them that lead are
+        what the data show of them whatever the others are, and their base parameters
+        hold none of the others.
     """
     columns = random_rows(model, seed=seed).stacked()
     kinds = model.layout.kinds

@@ -280,7 +280,7 @@ class NearSplit(NamedTuple):
 
 
 def split_at_gap(W: Matrix, kinds: Sequence[str]) -> NearSplit:
-    """Split columns from left to right; what only rounding tells apart is dependent.
+    """Split columns from left to right; columns that differ by rounding are dependent.
 
     A column's own effect is its distance from the span of those before it, relative to
     the largest column of its kind.  Sorted, own effects have a gap where structure ends

@@ -107,7 +107,7 @@ def torque_parts(
     motion: Sequence[JointMotion | FreeMotion],
     bodies: Sequence[Sequence[Scalar]],
 ) -> Iterator[tuple[int, int, Scalar]]:
-    """Yield ``(coordinate, link, torque)``: what each link asks of what moves it.
+    """Yield ``(coordinate, link, torque)``: the torque to move each link.
 
     `bodies` holds the ten inertial parameters of each link.  The sum over links is the
     torque; with parameters known, that costs a fraction of `regressor_entries`.
@@ -228,7 +228,7 @@ def arm_of(joint: JointGeometry, moves: JointMotion) -> Vec:
 
 
 def along_axis(joint: JointGeometry, moves: JointMotion, f: Vec, n: Vec) -> Scalar:
-    """Return what a wrench on a link asks of the coordinate that moves its joint."""
+    """Return the torque of a joint's coordinate that balances a wrench on its link."""
     return mul(moves.ratio, dot(axis_of(joint), f if joint.slides else n))
 
 

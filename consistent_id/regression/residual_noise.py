@@ -96,7 +96,7 @@ def base_solution(regression: Regression, base: BaseParameters) -> LinearSolutio
 def residual_sigma(regression: Regression, x: Vector, rank: int) -> Vector:
     """Residual standard deviation of each joint, less the degrees of freedom spent.
 
-    Of correlated noise a fit takes more: `rank` of the effective samples.
+    A fit absorbs more of correlated noise: `rank` of the effective samples.
     """
     return _less_freedom(regression.residual_rms(x), rank, _effective(regression))
 

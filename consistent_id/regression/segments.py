@@ -18,7 +18,7 @@ from consistent_id.regression.regression import Regression, compressed_pieces
 from consistent_id.regression.regressor import TorqueModel
 
 SEGMENTS = 24
-"""Segments made of the data, if nothing else is asked for."""
+"""Default number of segments of the data."""
 
 
 def segment_regressions(
@@ -49,7 +49,7 @@ def segment_regressions(
     Raises
     ------
     ProblemError
-        If fewer than two segments are asked for.
+        If fewer than two segments are requested.
     NotExcitedError
         If there is too little to cut.
     """

@@ -94,8 +94,8 @@ class ProblemRollout:
     form : FormLoss, optional
         If friction was fitted in the form of a format.
     ridge : RidgeChoice, optional
-        How far to refine, if that was asked; a refinement that predicts worse is not
-        taken.
+        The choice of the refinement, if one was requested; a refinement that predicts
+        worse is not taken.
     notes : tuple of str
         Why settings are as stated, or the estimate is not refined, though that was
         asked.

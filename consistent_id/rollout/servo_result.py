@@ -58,7 +58,7 @@ class JointServo:
         Errors by form, of each log that was not learnt from.
     goal_error : dict of str to float, [rad]
         Mean distance between goal and position in each log: the error of a servo that
-        is taken to be where it is told to be.
+        is assumed to be at its commanded position.
     """
 
     joint: str

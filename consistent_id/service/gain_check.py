@@ -35,7 +35,7 @@ LEAST_OFF = 0.02
 @brief
 @dataclass(frozen=True, slots=True, eq=False)
 class GainCheck:
-    """Gains that a load of known mass asks for, beside those that a problem states.
+    """Gains that a load of known mass implies, beside those that a problem states.
 
     Parameters
     ----------

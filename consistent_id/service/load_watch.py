@@ -264,8 +264,8 @@ def scores_along(
 def _moving_covariance(logs: Sequence[Quiet]) -> Matrix:
     """Return the residual's covariance in samples in which joints move.
 
-    A sample counts as far as its slowest joint moves; all of them a little, so that
-    joints which never move together have a covariance, too.
+    A sample is weighted by the speed of its slowest joint; all have a least weight, so
+    that joints which never move together have a covariance, too.
     """
     total, count = 0.0, 0.0
     for rows in (rows for log in logs for rows in log.blocks):

@@ -222,7 +222,7 @@ class OnlineState:
 
     @property
     def loaded(self) -> bool:
-        """Whether the robot carries a load, as far as was announced."""
+        """Whether a load was announced that the robot carries."""
         return self.change is not None and self.change.loaded
 
     @property

@@ -265,7 +265,7 @@ def standing_feet(
     Parameters
     ----------
     path : Path
-        Of its file, with the feet's shapes.
+        Path of its file, with the feet's shapes.
     sole : (float, float), optional, [m]
         Length and width of a sole; by default those of its collision shapes.
 

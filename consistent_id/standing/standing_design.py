@@ -299,7 +299,7 @@ def trunk_errors(
     Raises
     ------
     NotExcitedError
-        If the motion does not tell all ten.
+        If the motion does not determine all ten.
     """
     factor = trunk_factor(stance, model, motion, link_number(stance, link))
     share = len(motion.time) / (rate * (motion.time[-1] - motion.time[0]))

@@ -68,7 +68,7 @@ def driftless_regression(
     model : TorqueModel
         Without a bias of its own.
     recordings : sequence of Recording
-        Of the body itself, see `carried`.
+        Recordings of the body itself, see `carried`.
     drift : {"recordings", "linear"}
 
     Raises

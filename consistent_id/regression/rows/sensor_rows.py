@@ -51,13 +51,13 @@ class _FramePlace(NamedTuple):
 class SensorRows:
     """What a wrench sensor measures of its tool, by the motion of the arm's joints.
 
-    A motion that is designed for these rows tells the tool's ten parameters and the
-    sensor's bias: see `design_trajectory`.
+    A motion that is designed for these rows determines the tool's ten parameters and
+    the sensor's bias: see `design_trajectory`.
 
     Parameters
     ----------
     tool : TorqueModel
-        Of what is behind the sensor: `tool_model`.
+        Model of the tool behind the sensor: `tool_model`.
     arm : RobotModel
         Up to the sensor, with a fixed base.
     frame : str
