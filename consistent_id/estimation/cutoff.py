@@ -82,12 +82,12 @@ class CutoffChoice:
 
     @property
     def motion_cutoff(self) -> float:
-        """Of the best candidate, [Hz]."""
+        """Cut-off of the best candidate, [Hz]."""
         return float(self.motion[self.best])
 
     @property
     def torque_cutoff(self) -> float:
-        """Of the best candidate, [Hz]."""
+        """Cut-off of the best candidate, [Hz]."""
         return float(self.torque[self.best])
 
     @property

@@ -1,4 +1,4 @@
-"""What a part of the data changes: the estimate again without that part.
+"""The influence of a part of the data: the estimate again without that part.
 
 With ``A`` the weighted base regressor of the other data and ``C`` the covariance of the
 torque that they predict, in the coordinates ``y`` of `ResidualNoise`, a change ``d`` of
@@ -169,7 +169,7 @@ def without(
     recordings : sequence of Recording
         Prepared; where their torque is not known, rows are left out.
     joints : sequence of str
-        Whose torque is left out.
+        Joints whose torque is left out.
 
     Returns
     -------

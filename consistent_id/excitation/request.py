@@ -1,4 +1,4 @@
-"""What the ``[excitation]`` table of a problem requests, as values of a design.
+"""The request of a problem's ``[excitation]`` table, as values of a design.
 
 The scene is the one that the file requests, or the robot's own shapes without one.
 """

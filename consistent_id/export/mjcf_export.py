@@ -51,10 +51,11 @@ from consistent_id.robot.loaders.mjcf import quaternion_matrix
 from consistent_id.robot.model import Joint, Mimic
 
 RADIUS = 0.05
-"""Of the tendon's ends around the joint [m]; the torque does not depend on it."""
+"""Distance of the tendon's ends from the joint [m]; the torque does not depend on it.
+"""
 
 SIZE = 1e-3
-"""Of the sites that are its ends [m]; for looking at."""
+"""Size of the sites that are its ends [m]; only for display."""
 
 _WIDEST = np.pi  # rad between limits, up to which the moment arm grows
 _GRID = 65  # positions between the limits at which the levels are made alike

@@ -289,7 +289,7 @@ class ConditionNumber:
         Largest over smallest singular value; infinite if the rank is deficient, up to
         rounding: the smallest is below ``eps max(shape)`` of the largest.
     basis : str
-        Which columns the matrix has.
+        Columns of the matrix.
     scaling : str
         ``"none"``, or ``"unit columns"``.
     """
@@ -313,7 +313,7 @@ def condition_number(
     ----------
     matrix : ndarray, shape (rows, columns)
     basis : str
-        Which columns the matrix has.
+        Columns of the matrix.
     unit_columns : bool
         Whether columns are divided by their norms first.
 

@@ -216,7 +216,7 @@ def _readable(null: Matrix) -> Matrix:
 
 
 def _shortest_sum(v: Vector, w: Vector) -> Vector:
-    """Of ``v`` less a multiple of ``w``, the one with the fewest entries."""
+    """Return ``v`` less the multiple of ``w`` that leaves the fewest entries."""
     both = np.flatnonzero((v != 0.0) & (w != 0.0))
     sums = [_cleaned(v - v[e] / w[e] * w) for e in both]
     return min(sums, key=np.count_nonzero, default=v)

@@ -30,7 +30,7 @@ _NONE: Vec = (0.0, 0.0, 0.0)
 
 
 class JointGeometry(NamedTuple):
-    """What the recursion knows of a joint, in plain Python numbers.
+    """The geometry of a joint for the recursion, in plain Python numbers.
 
     The joint turns about (or slides along) the third column of `align`, an
     orthonormal basis given in the joint frame; `rotation` and `translation` place the

@@ -63,7 +63,7 @@ of two apart share few places there.
 class _KeptColumns:
     """Some columns of each row, written to like an array (rows, parameters, samples).
 
-    What is written to other columns is dropped.
+    Values written to other columns are dropped.
 
     Parameters
     ----------
@@ -233,7 +233,7 @@ class TorqueModel:
 
     @property
     def forces(self) -> BoolArray:
-        """Which rows are forces, in N; the others are torques, in N m."""
+        """True for rows that are forces, in N; the others are torques, in N m."""
         names = self.torque_joints
         return np.array([in_newton(self.robot, name) for name in names], dtype=bool)
 

@@ -153,7 +153,7 @@ class ResidualNoise:
     root : ndarray, shape (rank, rank)
         Triangular, ``root^T root = inflation``: keeps eigenvalues that squares lose.
     between : tuple of Scatter
-        What is added to the covariance of ``y``: by errors of the model, see
+        Covariance of ``y`` that is added: by errors of the model, see
         `CorrelatedNoise`, or by scatter between recordings, by kind of parameter, see
         `RecordingScatter`.
     level_freedom : ndarray, shape (joints,)
@@ -260,7 +260,7 @@ class ResidualNoise:
 
     @property
     def sentence(self) -> str:
-        """What standard errors rest on, in words."""
+        """The basis of the standard errors, in words."""
         if not self.measured:
             return (
                 "standard errors are for white noise: no residuals were at hand; on "

@@ -1,4 +1,4 @@
-"""What was found of servos: parameters, errors, and the verdict on them."""
+"""The result of identified servos: parameters, errors, and the verdict on them."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -83,7 +83,7 @@ class JointServo:
 
     @property
     def reasons(self) -> tuple[Reason, ...]:
-        """What speaks against its use, the worst first."""
+        """Reasons against its use, the worst first."""
         return tuple(_reasons(self))
 
     @property

@@ -42,7 +42,7 @@ OF_OBSERVER = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactState:
-    """What the detector knows after a sample.
+    """The detector's state after a sample.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class ContactState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contacts:
-    """What a detector says of a log.
+    """The result of a detector for a log.
 
     Attributes
     ----------

@@ -24,7 +24,7 @@ GAIN = 20.0  # 1/s; after 50 ms 63 % of a step are seen
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObserverState:
-    """What the observer knows after a sample.
+    """The observer's state after a sample.
 
     Attributes
     ----------

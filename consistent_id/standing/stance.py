@@ -63,7 +63,7 @@ class Stance:
     Parameters
     ----------
     robot : RobotModel
-        Whose base floats; it is level in this pose.
+        Robot with a floating base, which is level in this pose.
     pose : ndarray, shape (joints,), [rad or m]
 
     Attributes

@@ -89,7 +89,7 @@ class StandingDesign:
     seconds : float
         Processor time.
     cut_short : str
-        What ended the search before all candidates were tried; empty if nothing did.
+        The reason why the search ended before all candidates were tried; empty without.
     """
 
     stance: Stance
@@ -139,7 +139,7 @@ def design_standing(
     ----------
     stance : Stance
     model : TorqueModel
-        Whose drive terms are unknown beside the trunk.
+        Model whose drive terms are unknown beside the trunk.
     limits : StandingLimits, optional
     link : str, optional
         The body that is not known, such as a torso above the base; by default the base.

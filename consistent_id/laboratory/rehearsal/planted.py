@@ -204,7 +204,7 @@ class MujocoRobot:
 
     @property
     def step(self) -> float:
-        """Of the integrator [s]."""
+        """Time step of the integrator [s]."""
         return float(self.model.opt.timestep)
 
     def at(self, q: Vector, dq: Vector) -> Any:

@@ -153,7 +153,7 @@ def contact_free_model(model: TorqueModel) -> TorqueModel:
 
 
 class MappedRows(NamedTuple):
-    """What came of one chunk: a triangular factor, of how many rows, largest torque."""
+    """The result of one chunk: a triangular factor, its rows, the largest torque."""
 
     factor: Matrix
     rows: int

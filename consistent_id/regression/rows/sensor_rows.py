@@ -49,7 +49,7 @@ class _FramePlace(NamedTuple):
 @brief
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorRows:
-    """What a wrench sensor measures of its tool, by the motion of the arm's joints.
+    """The rows of a wrench sensor for its tool, by the motion of the arm's joints.
 
     A motion that is designed for these rows determines the tool's ten parameters and
     the sensor's bias: see `design_trajectory`.
