@@ -1,4 +1,4 @@
-"""The cut-off of motion and torque, chosen by the torque that is predicted with it.
+"""The cut-off of motion and torque, chosen by its error of predicted torque.
 
 A low cut-off removes motion of the robot, a high one leaves noise, which the double
 differentiation of the position amplifies.  The best cut-off for a robot and a logger is

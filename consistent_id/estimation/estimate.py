@@ -298,7 +298,7 @@ class Estimate:
         """Return how sure each parameter is: error, bootstrap, and proven interval.
 
         This is for constrained estimates.  The estimate knows its constraints, prior
-        and weights; only the data are needed.  Of an estimate from a problem file
+        and weights; only the data are needed.  For an estimate from a problem file,
         `Study.uncertainty` needs nothing.
 
         Parameters
@@ -540,7 +540,7 @@ class Estimate:
         ----------
         path : str or Path
         model : TorqueModel
-            The one that the estimate is of.
+            The model of the estimate.
         base : BaseParameters
             Base parameters of the model.
 

@@ -6,7 +6,7 @@ from the joint's axis and opposite to each other at ``q = e``, has the moment ar
 ``r sin((q - e) / 2)``.  Friction of the tendon is a torque that grows with it, nearly
 linearly up to a few radians.
 
-Of coupled gears, the tendon's length is the sum of both positions.  What two joints
+For coupled gears, the tendon's length is the sum of both positions.  What two joints
 share of viscous friction, ``[[d1, b], [b, d2]]``, is a damper ``b`` on the sum of both
 rates and dampers ``d1 - b`` and ``d2 - b`` on each; rotor inertias likewise, and
 Coulomb friction of the sum is the tendon's own.

@@ -108,8 +108,9 @@ def base_parameters(
     """Find the base parameters of a robot from random motions, deterministically.
 
     Columns are taken from left to right: the first of several dependent ones leads the
-    group, as in [Gautier1991]_.  What is independent by a rounded number of the robot's
-    file alone is regrouped too, and `BaseParameters.near` says so.
+    group, as in [Gautier1991]_.  A combination that is independent only because of a
+    rounded number in the robot's file is regrouped too, and `BaseParameters.near` says
+    so.
 
     Parameters
     ----------

@@ -169,7 +169,7 @@ class MomentumObserver:
         if log.velocity is None or log.torque is None:
             raise ProblemError(
                 f"{log.name} has {', '.join(log.channels)}; the observer needs "
-                "velocity and torque, too. Of positions, take differences that do not "
+                "velocity and torque, too. For positions, take differences that do not "
                 "look ahead"
             )
         dt = np.diff(log.time)[:, None]
