@@ -182,8 +182,8 @@ def _near_sentence(base: BaseParameters, place: int, part: float) -> str:
     alike = linear_combination(base.regrouping[:, place], base.names)
     like = "has no effect" if alike == "0" else f"acts like {alike}"
     return (
-        f"{name} {like} but for {part:.1g} of what such a parameter can do, as a "
-        "rounded number in the robot's geometry makes it; that is taken for zero"
+        f"{name} {like}, except for {part:.1g} of its effect, which comes from a "
+        "rounded number in the robot's geometry and counts as zero"
     )
 
 

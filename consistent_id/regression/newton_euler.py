@@ -428,8 +428,8 @@ def link_motions(
     """
     if not robot.connected:
         raise ProblemError(
-            f"robot {robot.name!r}: how its bodies are connected is not known, so a "
-            "motion does not tell their regressor; give the regressor (given_rows)"
+            f"robot {robot.name!r}: the connections of its bodies are not known, so "
+            "their regressor does not follow from a motion; give it (given_rows)"
         )
     if not robot.floating or base is None:
         return joint_motions(robot, state, sine_and_cosine)

@@ -92,8 +92,8 @@ class SensorRows:
             )
         if self.arm.floating:
             raise ProblemError(
-                f"robot {self.arm.name!r}: its base floats, so that its joints do not "
-                "tell how the sensor moves; load it with a fixed base"
+                f"robot {self.arm.name!r}: its base floats, so the sensor's motion "
+                "does not follow from its joints; load it with a fixed base"
             )
         frame_in_link(self.arm, self.frame, (0.0, 0.0, 0.0))  # refuses what is still
 
