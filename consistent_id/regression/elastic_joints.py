@@ -83,8 +83,8 @@ def deflection_torque(
     q, dq, ddq = motors.position, motors.velocity, motors.acceleration
     if dq is None or ddq is None:
         raise RecordingError(
-            f"{motors.name}: the torque of springs needs velocity and acceleration; call "
-            "signals.differentiated(recording) first"
+            f"{motors.name}: the torque of springs needs velocity and acceleration; "
+            "call signals.differentiated(recording) first"
         )
     bodies, x = TorqueModel(robot, DriveTerms()), _nominal(robot)
     soft = np.flatnonzero(compliance)

@@ -245,7 +245,8 @@ class TorqueModel:
         if not set(BASE_ROWS) <= set(self.torque_joints):
             raise ProblemError(
                 "wrench_bias belongs to the sensor of the base's wrench, but the model "
-                "has no such rows; load the robot with base='floating', or leave the bias out"
+                "has no such rows; load the robot with base='floating', or leave the "
+                "bias out"
             )
         return BASE_ROWS
 

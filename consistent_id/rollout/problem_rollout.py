@@ -68,9 +68,7 @@ class FormLoss(NamedTuple):
             f"Friction fitted again in the form of {self.form}: error of rollouts "
             f"{1e3 * self.before:.2f} to {1e3 * self.after:.2f} mrad (mm)"
         )
-        notes = (
-            "before: as the problem states it, without terms that MuJoCo does not have",
-        )
+        notes = ("before: as the problem states it, without terms that MuJoCo lacks",)
         return Table(title, (), (), notes)
 
 

@@ -144,8 +144,8 @@ def _down(
     size = float(np.linalg.norm(robot.gravity))
     if rotation is None or size == 0.0:
         raise RecordingError(
-            f"contact at {round_feet[0]!r} has a radius, but the direction of gravity is not "
-            "known; give BaseMotion(..., rotation=...), and a robot with gravity"
+            f"contact at {round_feet[0]!r} has a radius, but the direction of gravity "
+            "is not known; give BaseMotion(..., rotation=...), and a robot with gravity"
         )
     return np.asarray(np.swapaxes(rotation, 1, 2) @ (robot.gravity / size))
 
