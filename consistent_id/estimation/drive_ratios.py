@@ -137,7 +137,7 @@ def _ratios(
             terms["viscous"],
             terms["coulomb"],
         )
-        # The errors of both may add up: their correlation is not looked at.
+        # The errors of both may add up: their correlation is ignored.
         friction = _ratio(
             viscous * speed + coulomb,
             of_viscous * speed + of_coulomb,

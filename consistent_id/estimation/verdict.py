@@ -180,7 +180,7 @@ class Verdict:
 def confirmed(stated: Verdict, found: Verdict) -> Verdict:
     """Return a stated verdict, no better than the evidence found now.
 
-    It is for an estimate that was fitted to all data after it had been judged, so the
+    It is for an estimate that was fitted to all data after its verdict, so the
     new evidence has no held-out data.  The error on data that it was fitted to is less
     than the held-out error, so the larger figure is kept.
 

@@ -108,8 +108,8 @@ def add_slopes(
         worst = max(worst, level.error)
     names = ", ".join(drive.joint for drive, _ in sloped)
     note = (
-        f"friction of {names} varies with position: tendons with friction say so, off "
-        f"by at most {worst:.2g} N m between the limits"
+        f"friction of {names} varies with position: tendons with friction do so, with "
+        f"an error of at most {worst:.2g} N m between the limits"
     )
     return expressed, [note]
 

@@ -126,7 +126,7 @@ def to_urdf(
     side, line = None, provenance(estimate)
     if lacking:
         side = SideFile(_SUFFIX, json_text(drive_record(estimate)))
-        line += f"; what URDF lacks is in the {_SUFFIX} file beside this one"
+        line += f"; terms that URDF lacks are in the {_SUFFIX} file beside this one"
     if source is None:
         if limits:
             raise ProblemError("limits are for a source; give the model its own ones")

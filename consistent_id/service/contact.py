@@ -187,7 +187,7 @@ class ContactDetector:
         newest, oldest = memory
         if not 0.0 <= newest < oldest:
             raise ProblemError(
-                f"the memory is {memory} s, expected ages as 0.05 and 0.3"
+                f"the memory is {memory} s, expected two ages such as 0.05, 0.3"
             )
         if not 0.0 < false_alarms < np.inf:
             raise ProblemError(

@@ -354,7 +354,7 @@ def trunk_factor(
     triangle = np.asarray(np.linalg.qr(columns, mode="r"))[-10:, -10:]
     sizes = abs(np.diagonal(triangle))
     if len(triangle) < 10 or not sizes.min() > 1e-9 * sizes.max():
-        raise NotExcitedError("the trunk's path does not tell its ten parameters")
+        raise NotExcitedError("the trunk's path does not show its ten parameters")
     return np.asarray(triangle)
 
 
@@ -364,10 +364,10 @@ def standing_tables(design: StandingDesign) -> list[Table]:
     trunk = design.link
     samples = len(checked.time)
     how = (
-        f"looked at {samples} times, {CHECK_RATE:g} a second; between them nothing is "
+        f"checked at {samples} times, {CHECK_RATE:g} a second; between them nothing is "
         "proven, and bodies are not kept apart",
-        "of forces on the ground some that keep their limits; a controller may share "
-        "the weight otherwise",
+        "forces on the ground: one choice that keeps their limits; a controller may "
+        "distribute the weight otherwise",
         f"joints that stand still: {', '.join(_still(design)) or 'none'}",
     )
     uses = tuple(
