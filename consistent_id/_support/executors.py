@@ -156,7 +156,7 @@ class Executor:
         Raises
         ------
         ProblemError
-            If Dask is asked for and not installed, or no scheduler answers.
+            If Dask is requested and not installed, or no scheduler answers.
         SolverError
             If the workers of one task are killed again and again.
         """
@@ -306,7 +306,7 @@ def single_threaded(function: Callable[_P, _R]) -> Callable[_P, _R]:
 def worker_threads(count: int) -> Iterator[ThreadPoolExecutor]:
     """Yield threads for work side by side; what waits when an error comes is dropped.
 
-    So an interrupt need not wait until all that was asked for has been done.
+    So an interrupt need not wait until all requested work is done.
     """
     pool = ThreadPoolExecutor(count)
     try:

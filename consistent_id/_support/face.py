@@ -1,4 +1,4 @@
-"""Public names of a package, imported when they are first asked for.
+"""Public names of a package, imported when they are first used.
 
 They are listed once, with their modules, in the package's ``__init__.pyi``, as [SPEC1]_
 proposes.  No module has the name of something public in its package: once imported, it

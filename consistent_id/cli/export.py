@@ -220,5 +220,5 @@ def _as_stated(
         return (f"{said}, which is too small for the estimate in it",)
     return (
         "held-out error as the file states it: the estimate was fitted to the "
-        "validation recordings when it had been judged",
+        "validation recordings after its verdict",
     )

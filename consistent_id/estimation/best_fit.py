@@ -68,7 +68,7 @@ seldom wrong by a factor of ten, but placeholders may be."""
 
 _RAISED = 10.0  # times the bound: the gain from more mass is computed up to this mass
 _SIGNIFICANT = 3.84  # chi^2 of one parameter that chance exceeds once in twenty times
-_REACHED = 0.99  # share of the bound from which it counts as reached
+_REACHED = 0.99  # share of the bound with which it counts as reached
 
 MOVE = 0.25
 """Standard errors by which the share may move all determined parameters, together."""
@@ -285,7 +285,7 @@ class FitProblem:
     ----------
     model : TorqueModel
     free : UnconstrainedFit
-        Has the regression and its base parameters.
+        Least squares, with the regression and its base parameters.
     constraints : sequence of Constraint
     """
 

@@ -132,7 +132,7 @@ class CalibrationFit:
             notes.append(
                 "not known: the parameters of the fit explain it as well, or it "
                 "together with another; such are near where they were stated. Known "
-                'bodies (bodies = "model") tell more'
+                'bodies (bodies = "model") determine more'
             )
         if "encoder_bias" in self.found:
             notes.append(

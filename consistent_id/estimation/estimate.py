@@ -59,7 +59,7 @@ ERRORS = (
     "uncertainty (--uncertainty) also includes active inequalities and the scatter "
     "between recordings; - where the data do not determine the parameter"
 )
-"""What `Estimate.parameter_errors` are, for people."""
+"""A description of `Estimate.parameter_errors`, for people."""
 
 
 @brief
@@ -78,10 +78,9 @@ class Estimate:
         Covariance of the base parameters, under noise correlated as the residuals are
         (white, if a note says so); None where it has no simple form.
     origins : tuple of str
-        What determines each parameter: ``"data"``, ``"combination"`` (data determine
-        only sums that contain it), ``"loose"`` (data bound it loosely),
-        ``"constraint"``, ``"prior"``, or ``"convention"`` (the smallest vector); see
-        `determinations`.
+        Source of each parameter: ``"data"``, ``"combination"`` (data determine only
+        sums that contain it), ``"loose"`` (data bound it loosely), ``"constraint"``,
+        ``"prior"``, or ``"convention"`` (the smallest vector); see `determinations`.
     undetermined : tuple of str
         Combinations of base parameters that are not identifiable from the data, as
         readable sums.
@@ -299,7 +298,7 @@ class Estimate:
         """Return how sure each parameter is: error, bootstrap, and proven interval.
 
         This is for constrained estimates.  The estimate knows its constraints, prior
-        and weights; only the data are needed.  Of an estimate from a problem file
+        and weights; only the data are needed.  For an estimate from a problem file,
         `Study.uncertainty` needs nothing.
 
         Parameters
@@ -372,7 +371,7 @@ class Estimate:
         recording : Recording
             With velocity and acceleration.
         joints : sequence of str, optional
-            Which torques to draw; by default all that the model has.
+            Torques to draw; by default all that the model has.
         axes : matplotlib.axes.Axes or array_like of it, shape (joints,), optional
             By default those of a new figure of `matplotlib.pyplot`.
 
@@ -541,7 +540,7 @@ class Estimate:
         ----------
         path : str or Path
         model : TorqueModel
-            The one that the estimate is of.
+            The model of the estimate.
         base : BaseParameters
             Base parameters of the model.
 

@@ -180,7 +180,7 @@ def axes_for(
     shape : (int, int)
         Rows and columns of axes.
     what : str
-        What they are for, in the error.
+        Their purpose, for the error.
     heights : sequence of float, shape (rows,), optional
         Relative heights, a row of text each; by default equal.
 

@@ -205,7 +205,7 @@ _PER_JOINT = tuple(
     "prior_errors".split()
 )
 
-_USUAL = 0.99  # quantile of the torque that is held against effort limits
+_USUAL = 0.99  # quantile of the torque that is compared with effort limits
 _ENOUGH = 300  # samples in motion, of which three outliers are less than the rest
 
 

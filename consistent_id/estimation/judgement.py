@@ -44,7 +44,7 @@ from consistent_id.recordings.recording import LogFinding
 from consistent_id.regression.mass_matrix import POSES
 from consistent_id.regression.residual_noise import WHITE
 
-# Gates.  Of simulated logs without a fault (five robots with Stribeck and load friction
+# Gates.  In simulated logs without a fault (five robots with Stribeck and load friction
 # that the model lacks), the misfit was 0.5-2.5 %, the excess over least squares
 # 1.00-1.09, the held-out error 0.1-2.4 % and slopes 0.92-1.12; real arms with a model
 # that was chosen for them have misfits of 3-6 % and held-out errors of 3-8 %, with a
@@ -68,9 +68,9 @@ _ALIKE = 0.999  # errors that differ by less are printed with the same digits
 _UNSEEN = "some parameters hardly affect the measured torque"
 
 # Inertia about a joint over the most that bodies have within their sizes, and extent of
-# a body over its size.  Of clean logs of real arms, up to 0.7 and 1.9, and 1.4 of a Z1
-# whose torque is made of commands; of a UR10e whose clock runs at half speed, 2.4-2.9
-# and 2.1-3.9.
+# a body over its size.  In clean logs of real arms they are up to 0.7 and 1.9, and 1.4
+# for a Z1 whose torque is computed from commands; for a UR10e whose clock runs at half
+# speed, 2.4-2.9 and 2.1-3.9.
 INERTIA_CARE = 1.5
 INERTIA_REFUSED = 2.0
 EXTENT_CARE = 3.0
@@ -288,7 +288,7 @@ def _of_bodies(evidence: Evidence) -> Iterator[Reason]:
 
 
 def _of_size(evidence: Evidence) -> Iterator[Reason]:
-    """Hold the inertia about joints, and the bodies, against the robot's geometry."""
+    """Compare the inertia about joints, and the bodies, with the robot's geometry."""
     size, fit = evidence.size, evidence.fit
     if size is None or fit is None:
         return
@@ -327,7 +327,7 @@ def _of_size(evidence: Evidence) -> Iterator[Reason]:
 
 
 def _of_drives(evidence: Evidence) -> Iterator[Reason]:
-    """Hold friction and rotor inertia against those of the robot's file."""
+    """Compare friction and rotor inertia with those of the robot's file."""
     if evidence.drives is not None:
         yield from drive_reasons(evidence.drives)
 
@@ -487,6 +487,6 @@ RULES: tuple[Rule, ...] = (
     _of_guesses,
     _worth_knowing,
 )
-"""Rules for the evidence.  Of several reasons with the same word, the first is the most
-important: a cause comes before its effects.
+"""Rules for the evidence.  Among several reasons with the same word, the first is the
+most important: a cause comes before its effects.
 """

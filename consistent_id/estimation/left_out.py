@@ -265,7 +265,7 @@ def left_out_errors(
 
 
 class _Predicted(NamedTuple):
-    """What a fit makes of a block that it was not fitted to.
+    """The prediction of a fit for a block that was left out of it.
 
     Parameters
     ----------

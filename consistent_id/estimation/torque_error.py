@@ -253,7 +253,7 @@ def beyond_friction(
     Parameters
     ----------
     recording : Recording
-        Of the robot's joints, with velocity.
+        Recording of the robot's joints, with velocity.
     error : ndarray, shape (samples, torque joints), [N m or N]
     held : ndarray, shape (torque joints,), [N m or N]
         From `holding`; where it is NaN, any torque may be held.

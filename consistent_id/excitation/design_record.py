@@ -85,7 +85,7 @@ def _distances(scene: Scene) -> str:
     for wanted, count in sorted(counts.items(), reverse=True):
         pairs = f"{count} pair{'s' if count > 1 else ''}"
         if wanted == 0.0:
-            apart.append(f"{pairs} only must not touch")
+            apart.append(f"{pairs} must not touch")
         else:
             verb = "stay" if count > 1 else "stays"
             apart.append(f"{pairs} {verb} {wanted * 1e3:.3g} mm apart")

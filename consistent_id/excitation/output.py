@@ -183,7 +183,7 @@ def replay_design(problem: Problem, playable: PlayableDesign, folder: Path) -> P
 
 
 class Plan(NamedTuple):
-    """What would be designed.
+    """The outline of a design before its search.
 
     Parameters
     ----------

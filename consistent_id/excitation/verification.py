@@ -50,7 +50,7 @@ class Demands:
     notes : tuple of str
         Notes on limits that are not checked, with reasons.
     torque_of : str
-        Whose torque is compared with the limits.
+        Model whose torque is compared with the limits.
     """
 
     limits: MotionLimits

@@ -57,7 +57,7 @@ from consistent_id.robot.parameters import did_you_mean
 _SUFFIX = ".drives.json"
 _EXPRESSED = ("damping", "friction")
 
-_UNLIMITED = 1e9  # URDF asks for numbers, and has no infinity
+_UNLIMITED = 1e9  # URDF needs numbers, and has no infinity
 
 
 @exporter("urdf")
@@ -126,7 +126,7 @@ def to_urdf(
     side, line = None, provenance(estimate)
     if lacking:
         side = SideFile(_SUFFIX, json_text(drive_record(estimate)))
-        line += f"; what URDF lacks is in the {_SUFFIX} file beside this one"
+        line += f"; terms that URDF lacks are in the {_SUFFIX} file beside this one"
     if source is None:
         if limits:
             raise ProblemError("limits are for a source; give the model its own ones")

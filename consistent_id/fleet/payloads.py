@@ -47,7 +47,7 @@ _LEAST = 1e-14  # slack, relative to the largest, that is rounding
 _TINY = float(np.finfo(float).tiny)
 
 
-_OPEN = 1e-6  # part of a unit vector that is not told, beyond rounding
+_OPEN = 1e-6  # part of a unit vector that is not determined, beyond rounding
 _TOLD = ("data", "loose", "constraint")
 
 
@@ -316,9 +316,10 @@ class SharedErrors:
     Parameters
     ----------
     root : ndarray, shape (parameters, rank)
-        Times its transpose their covariance, as far as data and equalities tell.
+        Times its transpose, it is their covariance in directions that data and
+        equalities determine.
     open : ndarray, shape (parameters, any)
-        Directions that neither tells.
+        Directions that neither determines.
     """
 
     root: Matrix
@@ -395,7 +396,7 @@ def found_payload(
 
 
 def _own_errors(own: LoadProblem, estimate: Estimate) -> Vector:
-    """Return errors by the robot's own noise; infinite where its data do not tell."""
+    """Return errors by the robot's own noise; infinite for undetermined parameters."""
     model = own.model
     known = np.vstack([c.lower(model).A_eq for c in own.constraints])
     noise = unconstrained_fit(own.regression, own.base).noise

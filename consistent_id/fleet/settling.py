@@ -114,7 +114,7 @@ def settle(
     Parameters
     ----------
     robots : sequence of StoredRobot
-        Whose bodies are alike.
+        Robots whose bodies are alike.
     limits : sequence of OwnSet
         On own parameters, by joint.
     solved : callable

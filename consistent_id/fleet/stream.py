@@ -102,7 +102,7 @@ def stream_regression(
     Raises
     ------
     ProblemError
-        If the file asks for what takes all recordings together: gains or a
+        If the file states settings that need all recordings together: gains or a
         ``least_joint_speed`` that are estimated.
     RecordingError
         If a log cannot be read, or its clock has gaps; if it has to be read as a whole,
@@ -174,9 +174,9 @@ class Compressed:
         Counts of each window; of a log that was read as a whole, of each of its
         recordings.
     middles : tuple of Recording
-        Of the latter, see `with_noise_of`.
+        Middles of the latter, see `with_noise_of`.
     stood_for : ndarray, shape (joints,), optional
-        Of windows, see `Motion.stood_for`.
+        Samples that the windows' rows stand for, see `Motion.stood_for`.
     """
 
     regression: Regression | None

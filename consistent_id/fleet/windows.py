@@ -166,7 +166,7 @@ def survey(
     ------
     RecordingError
         If a time is not finite, time does not increase, or a clock does not fit what
-        the table asks for.
+        the table states.
     """
     name = log.path.name
     cut = np.inf if table.max_gap is None else table.max_gap

@@ -388,9 +388,9 @@ class LogFinding:
     where : str
         Joint, pair of joints, or recording; ``"all joints"``.
     statement : str
-        What was found, with figures and units.
+        The finding, with figures and units.
     advice : str
-        What to do.
+        Advice on what to do.
     score : float
         Strength of the evidence: one at the threshold, larger beyond it.
     recording : str

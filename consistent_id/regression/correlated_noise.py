@@ -188,8 +188,8 @@ def _noise_along(
     # Where contact forces are taken out, rows share their noise: `whole` gives the
     # scores of single rows what the others hold of it.  Sums over rows hold it already.
     ratio = block_ratio(fit, BlockPart(gradients, normals), of_joints)
-    noise = CorrelatedNoise(np.array(effective), of_joints, np.array(freedom), ratio)
-    return noise, beside
+    levels = np.array(effective), of_joints, np.array(freedom)
+    return CorrelatedNoise(*levels, ratio), beside
 
 
 def scores_along(

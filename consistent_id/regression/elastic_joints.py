@@ -30,11 +30,14 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
 
 DAMPING = 0.03
-"""Of a link on its spring, over the critical one: gears and belts have 1 to 10 %."""
+"""Damping of a link on its spring over the critical one; gears and belts have 1 to 10
+%.
+"""
 
 _ROUNDS = 3
-"""Of deflections from torque and torque from deflections: each leaves what the mass
-matrix changes over the motion of what was left."""
+"""Rounds of computing deflections from torque and torque from deflections.  The error
+falls in each round by the relative change of the mass matrix over the deflection.
+"""
 
 
 def as_rigid(robot: RobotModel, recording: Recording, compliance: Vector) -> Recording:
@@ -80,8 +83,8 @@ def deflection_torque(
     q, dq, ddq = motors.position, motors.velocity, motors.acceleration
     if dq is None or ddq is None:
         raise RecordingError(
-            f"{motors.name}: what springs carry needs velocity and acceleration; call "
-            "signals.differentiated(recording) first"
+            f"{motors.name}: the torque of springs needs velocity and acceleration; "
+            "call signals.differentiated(recording) first"
         )
     bodies, x = TorqueModel(robot, DriveTerms()), _nominal(robot)
     soft = np.flatnonzero(compliance)

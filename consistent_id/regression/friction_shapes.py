@@ -151,7 +151,7 @@ class ShapeRegression:
     motions : tuple of Motion
         Motions of the recordings.
     loads : tuple of dict of int to ndarray
-        Of each motion, the torque transmitted by joints whose friction depends on it.
+        Torque transmitted in each motion by joints whose friction depends on it.
     """
 
     model: TorqueModel

@@ -216,7 +216,7 @@ def _readable(null: Matrix) -> Matrix:
 
 
 def _shortest_sum(v: Vector, w: Vector) -> Vector:
-    """Of ``v`` less a multiple of ``w``, the one with the fewest entries."""
+    """Return ``v`` less the multiple of ``w`` that leaves the fewest entries."""
     both = np.flatnonzero((v != 0.0) & (w != 0.0))
     sums = [_cleaned(v - v[e] / w[e] * w) for e in both]
     return min(sums, key=np.count_nonzero, default=v)
@@ -280,7 +280,7 @@ class NearSplit(NamedTuple):
 
 
 def split_at_gap(W: Matrix, kinds: Sequence[str]) -> NearSplit:
-    """Split columns from left to right; what only rounding tells apart is dependent.
+    """Split columns from left to right; columns that differ by rounding are dependent.
 
     A column's own effect is its distance from the span of those before it, relative to
     the largest column of its kind.  Sorted, own effects have a gap where structure ends

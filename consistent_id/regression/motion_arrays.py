@@ -53,7 +53,9 @@ _ALL_KEPT = 3 * _KEPT
 
 _WORKERS = 2
 _FILLING = Lock()
-"""Of what is kept: workers that want the same rows at once would all compute them."""
+"""Lock of the kept rows; otherwise workers that need the same rows would all compute
+them.
+"""
 
 _LITTLE = 0.05
 """Share of a filtered row's weight that must come from samples that count."""

@@ -63,7 +63,7 @@ of two apart share few places there.
 class _KeptColumns:
     """Some columns of each row, written to like an array (rows, parameters, samples).
 
-    What is written to other columns is dropped.
+    Values written to other columns are dropped.
 
     Parameters
     ----------
@@ -223,7 +223,7 @@ class TorqueModel:
         """
         if self.torque_joints == (CONTACT_FREE,):
             raise ProblemError(
-                "rows free of contact forces mix all rows, as the contacts are; give "
+                "rows without contact forces combine all rows, by the contacts; give "
                 "their base parameters (contact_free_base) and regression "
                 "(contact_free_rows)"
             )
@@ -233,7 +233,7 @@ class TorqueModel:
 
     @property
     def forces(self) -> BoolArray:
-        """Which rows are forces, in N; the others are torques, in N m."""
+        """True for rows that are forces, in N; the others are torques, in N m."""
         names = self.torque_joints
         return np.array([in_newton(self.robot, name) for name in names], dtype=bool)
 
@@ -244,8 +244,9 @@ class TorqueModel:
             return ()
         if not set(BASE_ROWS) <= set(self.torque_joints):
             raise ProblemError(
-                "wrench_bias is of the sensor of the base wrench, but the model has no "
-                "rows of it; load the robot with base='floating', or leave the bias out"
+                "wrench_bias belongs to the sensor of the base's wrench, but the model "
+                "has no such rows; load the robot with base='floating', or leave the "
+                "bias out"
             )
         return BASE_ROWS
 

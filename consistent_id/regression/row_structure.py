@@ -31,7 +31,7 @@ class RowModel(Protocol):
     Attributes
     ----------
     robot : RobotModel
-        Whose joints move.
+        The robot whose joints move.
     terms : tuple of DriveTerms
         Drive terms of each of its joints.
     layout : ParameterLayout
@@ -39,15 +39,15 @@ class RowModel(Protocol):
     torque_joints : tuple of str
         Names of the rows.
     fingerprint : str
-        What belongs together has the same.
+        Equal for models whose rows can be combined.
     """
 
     def __hash__(self) -> int:
-        """Tell one from another: a `RowModel` is a value that never changes."""
+        """Return the hash; a `RowModel` is a value that never changes."""
 
     @property
     def robot(self) -> RobotModel:
-        """Whose joints move."""
+        """The robot whose joints move."""
 
     @property
     def terms(self) -> tuple[DriveTerms, ...]:
@@ -55,7 +55,7 @@ class RowModel(Protocol):
 
     @property
     def layout(self) -> ParameterLayout:
-        """Of the parameters."""
+        """Layout of the parameters."""
 
     @property
     def torque_joints(self) -> tuple[str, ...]:
@@ -63,7 +63,7 @@ class RowModel(Protocol):
 
     @property
     def fingerprint(self) -> str:
-        """What belongs together has the same."""
+        """Equal for models whose rows can be combined."""
 
     def regressor(
         self,

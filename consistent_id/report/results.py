@@ -141,7 +141,7 @@ class _Delivered(msgspec.Struct, frozen=True):
 
 
 class _StudyRecord(msgspec.Struct, frozen=True):
-    """What is read of ``comparison.json``; all of it is handed on."""
+    """The parts of ``comparison.json`` that are used; all of it is handed on."""
 
     problem: str
     delivered: _Delivered
@@ -165,7 +165,7 @@ class Index(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class StudyOutcome(Protocol):
-    """What commands print of a study, computed in this run or opened."""
+    """The content of a study that commands print, computed in this run or opened."""
 
     @property
     def name(self) -> str:

@@ -1,4 +1,4 @@
-"""What a study writes to its results folder: files, tables, figures and their index."""
+"""The results folder of a study: files, tables, figures and their index."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -79,7 +79,7 @@ def write_results(
     page : str
         The report.
     tables : mapping of str to list of Table
-        What each command of `PRINTED` prints; see `tables_of`.
+        Tables that each command of `PRINTED` prints; see `tables_of`.
     """
     from consistent_id.problems.kept_text import write_problem
 

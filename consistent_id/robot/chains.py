@@ -31,7 +31,7 @@ _JOINTS = 3  # of a limb: fingers and wheels have fewer
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """Which joints of a robot move; see `load_urdf` for the meaning of each field."""
+    """The joints of a robot that move; see `load_urdf` for the fields."""
 
     base: str | None = None
     tip: str | None = None

@@ -114,9 +114,9 @@ class Ellipsoid:
     def around(cls, points: ArrayLike) -> Self:
         """Return the smallest ellipsoid around points, such as a mesh's vertices.
 
-        Of least volume, by Khachiyan's algorithm with steps towards the farthest and
-        away from the nearest weighted point of the hull [Todd2007]_; it contains every
-        point.
+        It has the least volume, by Khachiyan's algorithm with steps towards the
+        farthest and away from the nearest weighted point of the hull [Todd2007]_; it
+        contains every point.
 
         Raises
         ------

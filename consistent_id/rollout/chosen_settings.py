@@ -104,7 +104,7 @@ def _limbs(robot: RobotModel) -> list[list[int]]:
 
 
 def _mirror(robot: RobotModel, one: Sequence[int], other: Sequence[int]) -> bool:
-    """Tell whether two limbs have equal geometry but for signs."""
+    """Return whether two limbs have equal geometry but for signs."""
     first, second = ([robot.joints[k] for k in limb] for limb in (one, other))
     if [joint.kind for joint in first] != [joint.kind for joint in second]:
         return False

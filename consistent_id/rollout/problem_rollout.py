@@ -68,7 +68,7 @@ class FormLoss(NamedTuple):
             f"Friction fitted again in the form of {self.form}: error of rollouts "
             f"{1e3 * self.before:.2f} to {1e3 * self.after:.2f} mrad (mm)"
         )
-        notes = ("before: as the problem states it, less what MuJoCo lacks",)
+        notes = ("before: as the problem states it, without terms that MuJoCo lacks",)
         return Table(title, (), (), notes)
 
 
@@ -94,8 +94,8 @@ class ProblemRollout:
     form : FormLoss, optional
         If friction was fitted in the form of a format.
     ridge : RidgeChoice, optional
-        How far to refine, if that was asked; a refinement that predicts worse is not
-        taken.
+        The choice of the refinement, if one was requested; a refinement that predicts
+        worse is not taken.
     notes : tuple of str
         Why settings are as stated, or the estimate is not refined, though that was
         asked.

@@ -78,7 +78,7 @@ class Replays:
     Parameters
     ----------
     estimate : Estimate
-        Whose model it is.
+        The estimate whose model it is.
     logs : tuple of Recording
         See `replayable`.
     """
@@ -165,7 +165,7 @@ def refined(
     logs : sequence of Recording
         With commands, as they were logged.
     constraints : sequence of Constraint
-        Which every step meets.
+        Constraints that every step meets.
     delay : float, [s]
         Delay of commands.  It is fixed: on one motion it is correlated with damping and
         inertia, and a step would give a value that faster motion does not confirm.

@@ -30,11 +30,14 @@ from consistent_id.robot.parameters import require_known
 SUFFIX = " spring"  # of the second joint's name
 
 _STEP_OF_VIBRATION = 0.5
-"""Of the fastest vibration's radian: the longest time step.  Semi-implicit steps are
-stable up to 2; at this one its frequency is right to 1 %."""
+"""Longest time step, in radians of the fastest vibration.  Semi-implicit steps are
+stable up to 2; at this one its frequency is right to 1 %.
+"""
 
 _LEAST_ROTOR = 0.01
-"""Of the link's inertia: geared motors have more, and a spring needs two masses."""
+"""Least rotor inertia over the link's.  Geared motors have more, and a spring needs two
+masses.
+"""
 
 _MOST_STEPS = 20  # time steps, at most, in place of one
 

@@ -30,7 +30,7 @@ UNITS: Mapping[str, str] = {
     "delay": "s",
     "zero": "rad",
 }
-"""Of parameters."""
+"""Units of parameters."""
 
 _WARM = 5.0  # K: least difference of temperature from which its effect is fitted
 _BORDER = 0.02  # of the box: nearer, the search ended at its border

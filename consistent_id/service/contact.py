@@ -42,7 +42,7 @@ OF_OBSERVER = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactState:
-    """What the detector knows after a sample.
+    """The detector's state after a sample.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class ContactState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contacts:
-    """What a detector says of a log.
+    """The result of a detector for a log.
 
     Attributes
     ----------
@@ -187,7 +187,7 @@ class ContactDetector:
         newest, oldest = memory
         if not 0.0 <= newest < oldest:
             raise ProblemError(
-                f"the memory is {memory} s, expected ages as 0.05 and 0.3"
+                f"the memory is {memory} s, expected two ages such as 0.05, 0.3"
             )
         if not 0.0 < false_alarms < np.inf:
             raise ProblemError(

@@ -1,7 +1,7 @@
 """Where an arm is touched and how hard, from the torque that the force causes.
 
 A force `F` at a point of link `k` causes ``tau = J_k(q)^T F``, on that link's joint and
-those before it.  Of points along the links, the one that explains the torque best is
+those before it.  Among points along the links, the one that explains the torque best is
 found, with the force there [Haddadin2017]_.
 """
 

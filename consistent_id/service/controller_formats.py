@@ -149,8 +149,8 @@ class PrincipalInertia(NamedTuple):
 def principal_inertia(inertia: Matrix) -> PrincipalInertia:
     """Return principal moments and axes, the axes as near those of the frame as can be.
 
-    Of the 24 right-handed orders and signs of the axes, the one of the least rotation
-    is taken, so that angles are small and never singular.
+    Among the 24 right-handed orders and signs of the axes, it has the least rotation is
+    taken, so that angles are small and never singular.
 
     Parameters
     ----------

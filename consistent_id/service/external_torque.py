@@ -24,7 +24,7 @@ GAIN = 20.0  # 1/s; after 50 ms 63 % of a step are seen
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObserverState:
-    """What the observer knows after a sample.
+    """The observer's state after a sample.
 
     Attributes
     ----------
@@ -169,7 +169,7 @@ class MomentumObserver:
         if log.velocity is None or log.torque is None:
             raise ProblemError(
                 f"{log.name} has {', '.join(log.channels)}; the observer needs "
-                "velocity and torque, too. Of positions, take differences that do not "
+                "velocity and torque, too. For positions, take differences that do not "
                 "look ahead"
             )
         dt = np.diff(log.time)[:, None]

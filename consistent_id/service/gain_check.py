@@ -35,7 +35,7 @@ LEAST_OFF = 0.02
 @brief
 @dataclass(frozen=True, slots=True, eq=False)
 class GainCheck:
-    """Gains that a load of known mass asks for, beside those that a problem states.
+    """Gains that a load of known mass implies, beside those that a problem states.
 
     Parameters
     ----------
@@ -275,9 +275,9 @@ def reasons_of_gains(gains: DriveGains, applied: tuple[str, ...]) -> Iterator[Re
     yield Reason(
         "gains are off",
         "use with care" if every else "do not use",
-        f"the mass asks for torque of {gains.joints[worst]} that differs by "
-        f"{100.0 * change:+.0f} % (+- {100.0 * error:.0f} %), and for other gains in "
-        f"{len(wrong)} of {len(gains.joints)} joints{done}",
+        f"by the mass, the torque of {gains.joints[worst]} differs by "
+        f"{100.0 * change:+.0f} % (+- {100.0 * error:.0f} %), and the gains of "
+        f"{len(wrong)} of {len(gains.joints)} joints are others{done}",
         "multiply torque_gain by the factors, and identify the robot again",
     )
 

@@ -35,7 +35,7 @@ _FULL = 0.8  # share of the window that samples have to cover
 
 
 class WatchedBlock(NamedTuple):
-    """What a block says of a change of load.
+    """The evidence of a block for a change of load.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ class LoadWatch:
         ----------
         rows : WatchedRows
         free : ndarray, shape (samples, torque joints), [N m or N], optional
-            What the robot without a load does not explain; by default the residual.
+            Residual of the robot without a load; by default the residual.
         """
         near = 1.0 - np.tanh(rows.velocity / SLOW) ** 2
         covariance = self.covariance + _diagonals(near * self.held**2)
@@ -176,7 +176,7 @@ class WatchedRows(NamedTuple):
     columns : ndarray, shape (samples, torque joints, 4)
         Torque per mass and first moment of the link that carries loads.
     residual : ndarray, shape (samples, torque joints), [N m or N]
-        What the estimate does not explain.
+        The residual of the estimate.
     velocity : ndarray, shape (samples, torque joints), [rad/s or m/s]
     """
 
@@ -264,8 +264,8 @@ def scores_along(
 def _moving_covariance(logs: Sequence[Quiet]) -> Matrix:
     """Return the residual's covariance in samples in which joints move.
 
-    A sample counts as far as its slowest joint moves; all of them a little, so that
-    joints which never move together have a covariance, too.
+    A sample is weighted by the speed of its slowest joint; all have a least weight, so
+    that joints which never move together have a covariance, too.
     """
     total, count = 0.0, 0.0
     for rows in (rows for log in logs for rows in log.blocks):

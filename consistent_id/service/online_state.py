@@ -1,4 +1,4 @@
-"""What an estimate that follows assumes, and what it knows after a block of samples.
+"""The assumptions of a following estimate, and its state after a block of samples.
 
 It assumes noise, typical sizes, an anchor and constraints; it knows an estimate with
 its verdict.
@@ -42,7 +42,7 @@ class LoadPlace(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Regime:
-    """What is assumed of the robot, with a load or without it.
+    """The assumptions about the robot, with or without a load.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ class LoadChange:
 @brief
 @dataclass(frozen=True, slots=True, eq=False)
 class OnlineState:
-    """What is known after a block.
+    """The state after a block.
 
     Parameters
     ----------
@@ -222,7 +222,7 @@ class OnlineState:
 
     @property
     def loaded(self) -> bool:
-        """Whether the robot carries a load, as far as was announced."""
+        """Whether a load was announced that the robot carries."""
         return self.change is not None and self.change.loaded
 
     @property

@@ -221,7 +221,8 @@ class StandingLimits:
         Share of the effort limits: the rest is for friction in the joints and for the
         controller.
     velocity, effort : float or mapping of str to float, optional
-        Of all joints or by name [rad/s or m/s], [N m or N], over the file's.
+        Limits of all joints or by name [rad/s or m/s], [N m or N], in place of the
+        file's.
     """
 
     friction: float = 0.6
@@ -333,7 +334,7 @@ def standing_motion(
     path: TrunkPath,
     time: Vector,
 ) -> StandingMotion:
-    """Return what a trunk's path asks of joints and ground.
+    """Return the demands of a trunk's path on joints and ground.
 
     Parameters
     ----------

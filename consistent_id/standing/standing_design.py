@@ -89,7 +89,7 @@ class StandingDesign:
     seconds : float
         Processor time.
     cut_short : str
-        What ended the search before all candidates were tried; empty if nothing did.
+        The reason why the search ended before all candidates were tried; empty without.
     """
 
     stance: Stance
@@ -139,7 +139,7 @@ def design_standing(
     ----------
     stance : Stance
     model : TorqueModel
-        Whose drive terms are unknown beside the trunk.
+        Model whose drive terms are unknown beside the trunk.
     limits : StandingLimits, optional
     link : str, optional
         The body that is not known, such as a torso above the base; by default the base.
@@ -299,7 +299,7 @@ def trunk_errors(
     Raises
     ------
     NotExcitedError
-        If the motion does not tell all ten.
+        If the motion does not determine all ten.
     """
     factor = trunk_factor(stance, model, motion, link_number(stance, link))
     share = len(motion.time) / (rate * (motion.time[-1] - motion.time[0]))
@@ -354,7 +354,7 @@ def trunk_factor(
     triangle = np.asarray(np.linalg.qr(columns, mode="r"))[-10:, -10:]
     sizes = abs(np.diagonal(triangle))
     if len(triangle) < 10 or not sizes.min() > 1e-9 * sizes.max():
-        raise NotExcitedError("the trunk's path does not tell its ten parameters")
+        raise NotExcitedError("the trunk's path does not show its ten parameters")
     return np.asarray(triangle)
 
 
@@ -364,10 +364,10 @@ def standing_tables(design: StandingDesign) -> list[Table]:
     trunk = design.link
     samples = len(checked.time)
     how = (
-        f"looked at {samples} times, {CHECK_RATE:g} a second; between them nothing is "
+        f"checked at {samples} times, {CHECK_RATE:g} a second; between them nothing is "
         "proven, and bodies are not kept apart",
-        "of forces on the ground some that keep their limits; a controller may share "
-        "the weight otherwise",
+        "forces on the ground: one choice that keeps their limits; a controller may "
+        "distribute the weight otherwise",
         f"joints that stand still: {', '.join(_still(design)) or 'none'}",
     )
     uses = tuple(

@@ -1,5 +1,6 @@
 """Instrumental variables: closed forms, recovery in a closed loop, calibrated test."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -66,6 +67,20 @@ def test_a_misread_acceleration_bends_least_squares_but_not_instruments():
     assert wls.base_values[0] == pytest.approx(2.0 / 1.25, abs=0.02)
     assert iv.base_values[0] == pytest.approx((a * tau).sum() / (a * read).sum())
     assert iv.certificate.verdict == "certified"
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_instruments_differ_whatever_the_unit_of_the_motion(unit):
+    log, told = (
+        Recording(r.joints, r.time, r.position, r.velocity, unit * r.acceleration)
+        for r in _slider(n=200)
+    )
+    log = replace(log, torque=2.0 * told.acceleration)
+    found = instrumental_variables(MASS, log, told)
+    a, read = told.acceleration, log.acceleration
+    assert found.base_values[0] == pytest.approx(2.0 * (a * a).sum() / (a * read).sum())
+    with pytest.raises(ProblemError, match="the instruments are the measured motion"):
+        instrumental_variables(MASS, log, log)
 
 
 def test_its_standard_error_is_that_of_the_textbook():

@@ -118,6 +118,20 @@ def test_the_error_of_a_delay_is_that_of_delays_found_again_without_a_block():
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.03)
 
 
+def test_a_delay_longer_than_the_longest_is_refused():
+    # Slow signals are similar at the longest delay, too: they are still 0.1 s apart.
+    time = np.arange(4000) / 100.0
+    first, late = (
+        signals.Track("position", NAMES[:1], time, np.sin(0.5 * (time - d))[:, None])
+        for d in (0.0, 0.3)
+    )
+    assert signals.estimate_delay(first, late, longest=0.4).seconds == pytest.approx(
+        0.3, abs=1e-3
+    )
+    with pytest.raises(RecordingError, match=r"the longest that was tried; raise"):
+        signals.estimate_delay(first, late, longest=0.2)
+
+
 def test_a_period_of_the_filter_is_left_out_at_each_end_of_the_late_signal():
     def recorded(start, stop):
         time = np.arange(start * 128, stop * 128 + 1) / 128.0  # exact in binary

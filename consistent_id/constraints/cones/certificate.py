@@ -91,12 +91,12 @@ CLARABEL = {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10}
 
 @dataclass(frozen=True, slots=True)
 class OptimumProof:
-    """What is proven about an optimum.
+    """The proof about an optimum.
 
     Parameters
     ----------
     statement : str
-        What is proven, or how nearly.
+        The proven statement, or the gap to it.
     allowed : str
         The allowed gaps, for a reader of a failed proof.
     """
@@ -116,7 +116,7 @@ class Certificate:
     ----------
     verdict : {"certified", "uncertified"}
     reason : str
-        What was checked, or what failed, in words.
+        The checks, or the failed one, in words.
     figures : dict of str to float
         Residuals, gaps, eigenvalues, by name.
     """

@@ -147,16 +147,16 @@ class ParameterShifts:
 
 
 class ScatterCauses(NamedTuple):
-    """What parameters scatter by: noise, and what is beyond it.
+    """Causes of the parameters' scatter: noise, and effects beyond it.
 
     Parameters
     ----------
     noise : ResidualNoise
         Noise of the regression; with scatter between recordings, if there are several.
     blocks : FloatingBlocks, optional
-        What parameters differ by between blocks of the motion.
+        Scatter of the parameters between blocks of the motion.
     shifts : ParameterShifts, optional
-        What things taken for granted move.
+        Shifts of the parameters by errors of assumed values.
     """
 
     noise: ResidualNoise

@@ -142,7 +142,7 @@ class ParameterUncertainty:
     consistent : tuple of float
         Least and largest value of any consistent robot that fits nearly best.
     verdict : str
-        What determines it; see `determinations`.
+        Source of its value; see `determinations`.
     between_recordings : float
         Standard deviation of the parameter between recordings, beyond noise; NaN if the
         data do not depend on it, or for one recording.

@@ -147,7 +147,7 @@ class DryRun:
 
     def _notes(self) -> Iterator[str]:
         yield from self.notes
-        yield "proven is the wanted motion; a controller lags behind it"
+        yield "the proof is for the wanted motion; a controller lags behind it"
         if self.share_to_use < self.share:
             share = np.floor(100.0 * self.share_to_use) / 100.0
             yield f"with --share {share:g} tracking like this keeps all limits"

@@ -177,7 +177,7 @@ def planted_robot(
 def _strength(model: TorqueModel, nominal: Vector, limits: MotionLimits) -> Vector:
     """Return effort limits; where there is none, twice the largest gravity torque.
 
-    Of joints that carry little, a third of that of the joint that carries most.
+    For joints that carry little, it is a third of that of the joint that carries most.
     """
     rng = np.random.default_rng(0)
     poses = rng.uniform(limits.lower, limits.upper, (_POSES, len(model.robot)))
@@ -204,7 +204,7 @@ class MujocoRobot:
 
     @property
     def step(self) -> float:
-        """Of the integrator [s]."""
+        """Time step of the integrator [s]."""
         return float(self.model.opt.timestep)
 
     def at(self, q: Vector, dq: Vector) -> Any:

@@ -123,7 +123,7 @@ class ParameterTable:
 
     @property
     def standard_deviation(self) -> Vector:
-        """Of the sample (one less than the experiments), shape (combinations,)."""
+        """Standard deviation of the sample, shape (combinations,)."""
         return np.asarray(self.vectors.std(axis=0, ddof=1))
 
 
@@ -238,7 +238,7 @@ def perform_experiments(
     motions : mapping of str to Recording
         Uniformly sampled, with velocity and acceleration.
     places : sequence of int, optional
-        Which stream of noise each experiment draws from; by default in their order.
+        Number of each experiment's stream of noise; by default in their order.
     friction : bool
         Whether the robot's friction is switched on.
     seed : int, optional
@@ -382,12 +382,12 @@ class InertiaTable:
 
     @property
     def standard_deviation(self) -> Array:
-        """Of the sample, shape (links, 6)."""
+        """Standard deviation of the sample, shape (links, 6)."""
         return np.asarray(self.entries.std(axis=0, ddof=1))
 
     @property
     def standard_error(self) -> Array:
-        """Of the mean, if experiments err independently, shape (links, 6)."""
+        """Standard error of the mean for independent experiments, shape (links, 6)."""
         return np.asarray(self.standard_deviation / np.sqrt(len(self.entries)))
 
 

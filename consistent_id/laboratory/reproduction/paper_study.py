@@ -285,7 +285,7 @@ def exciting_sets(
     *,
     seed: int = 0,
 ) -> tuple[ExcitingSet, ...]:
-    """Return the sets of exciting motions that an extent asks for."""
+    """Return the sets of exciting motions of an extent."""
     limits = design_request(problem).limits
     sets = []
     if WITHIN_USED in extent.sets:

@@ -448,7 +448,7 @@ class _TextReader:
         """Return a count."""
         (value,) = self.numbers(1)
         if value < 0 or value != int(value):
-            raise self.fault(f"{value:g}, expected how many shapes there are")
+            raise self.fault(f"{value:g}, expected the number of shapes")
         return int(value)
 
     def pose(self) -> Pose:

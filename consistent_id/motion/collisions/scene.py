@@ -256,7 +256,7 @@ def largest_change(
     places : BodyPlaces
         Positions at the poses from which the joints move.
     sample : ndarray, shape (queries,)
-        Which of the poses.
+        Number of the pose.
     steps : ndarray, shape (queries, coordinates), [rad or m], 0 or more
         Largest distance of each joint that moves by itself from its position in the
         pose.

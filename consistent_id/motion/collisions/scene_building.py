@@ -55,8 +55,8 @@ def build_scene(
     Some pairs are not checked: bodies on the same link, on links that a single joint
     connects, and bodies of the robot that touch at nearly all random poses; these last
     are listed in `Scene.notes`.  If two bodies of the robot are nearer than required at
-    more than half of these poses, they only must not touch.  The same is true of an
-    obstacle that is nearer than required at all of them.
+    more than half of these poses, only their contact is excluded.  The same is true of
+    an obstacle that is nearer than required at all of them.
 
     Parameters
     ----------
@@ -290,7 +290,7 @@ def _sifted(scene: Scene, q: ArrayLike, relax: bool) -> Scene:
                 else f"nearer than {pair.wanted * 1e3:.1f} mm at {near_by} of "
                 f"{len(distance)} random poses"
             )
-            notes.append(PairNote(*names, True, f"{seen}; so they only must not touch"))
+            notes.append(PairNote(*names, True, f"{seen}; so only contact is excluded"))
             pair = Pair(pair.first, pair.second, 0.0)
         pairs.append(pair)
         kept.append(k)
@@ -366,7 +366,7 @@ def _with_room(scene: Scene, distance: Array) -> Scene:
             "no random pose keeps the robot's bodies, with room to move, "
             f"{wanted[i] * 1e3:.1f} mm apart"
         )
-        notes.append(PairNote(*names, True, f"{seen}; so they only must not touch"))
+        notes.append(PairNote(*names, True, f"{seen}; so only contact is excluded"))
         pairs[i] = replace(pairs[i], wanted=0.0)
     return replace(scene, pairs=tuple(pairs), notes=tuple(notes))
 

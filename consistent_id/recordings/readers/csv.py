@@ -131,8 +131,8 @@ def _readable(path: Path) -> Iterator[None]:
 def encoding_of(path: Path) -> str:
     """Return the encoding of a text file.
 
-    UTF-16 begins with a mark.  What is not UTF-8 is Windows-1252, of which Latin-1 is a
-    part: only names and comments can differ, as numbers are ASCII.
+    UTF-16 begins with a mark.  Other text is Windows-1252, of which Latin-1 is a part:
+    only names and comments can differ, as numbers are ASCII.
     """
     with path.open("rb") as file:
         first = file.read(_PIECE)

@@ -34,7 +34,7 @@ _log = logging.getLogger(__name__)
 Arrays = Mapping[str, NDArray[Any]]
 
 Duplicates = Literal["refuse", "first", "last"]
-"""Which of several rows with one time stamp is used."""
+"""The row that is used if several have one time stamp."""
 
 _MOST = 20  # rows to leave out that are listed; more are no single broken ones
 _GAP = 10.0  # usual steps without a sample
@@ -73,7 +73,7 @@ def recording_of(
     omit : sequence of int
         Rows to leave out, counted from 1.
     duplicates : {"refuse", "first", "last"}
-        Which of several successive rows with one time stamp is used.
+        The row that is used if several successive ones have one time stamp.
     numbers : ndarray of int, shape (samples,), optional
         Numbers of the samples' rows in the file, by default from 1 on.
 

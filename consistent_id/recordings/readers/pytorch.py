@@ -153,7 +153,7 @@ _FETCHED = ("BINGET", "LONG_BINGET")
 
 @dataclass
 class _TensorReading:
-    """What the operations of a file build, on a stack.
+    """The value that the operations of a file build, on a stack.
 
     Parameters
     ----------

@@ -71,7 +71,7 @@ class RowFilter:
 
     @property
     def step(self) -> int:
-        """Of so many rows one is kept: `DENSE` in a period of the cut-off."""
+        """Step between kept rows: `DENSE` are kept in a period of the cut-off."""
         return max(int(1.0 / (DENSE * self.cutoff) * (1.0 + 1e-9)), 1)
 
     def spans(self, kept: IntArray, samples: int) -> Iterator[tuple[slice, slice]]:
@@ -301,7 +301,7 @@ def counting(recording: Recording, rows: BoolArray) -> Recording:
     ----------
     recording : Recording
     rows : ndarray of bool, shape (samples,)
-        Which samples count.
+        True for samples that count.
     """
     if rows.all():
         return recording
@@ -335,7 +335,7 @@ def left_out(recording: Recording, mask: BoolArray) -> Recording:
     ----------
     recording : Recording
     mask : ndarray of bool, shape (samples,)
-        Which samples do not count.
+        True for samples that do not count.
     """
     behind = recording.torque_filter
     if behind is None or not mask.any():

@@ -26,8 +26,10 @@ DECIMATION_ORDER = 8  # of the filter against aliasing
 _LOWEST = 1e-5  # cut-off over sampling rate
 
 _FORGOTTEN = 1e-22
-"""Of a filter's start, relative.  Digits of a float end at 1e-16; the rest is margin
-for sections in series (up to 1e4 for an order of 8), whatever the cut-off."""
+"""Relative effect of a filter's start that counts as none.  Digits of a float end at
+1e-16; the rest is margin for sections in series (up to 1e4 for an order of 8), whatever
+the cut-off.
+"""
 
 
 def low_passed(
@@ -170,9 +172,9 @@ def decimation_cutoff(rate: float, factor: int) -> float:
 def settling(*, cutoff: float, rate: float, order: int) -> int:
     """Return the samples after which the filter has forgotten where it began.
 
-    What is left then of any start is `_FORGOTTEN` of it: the slowest pole ``p`` fades
-    as ``|p|^n``.  Sections in series fade more slowly by a factor that the margin of
-    `_FORGOTTEN` to the digits of a float covers.
+    The effect of any start has then fallen to `_FORGOTTEN` of it: the slowest pole
+    ``p`` fades as ``|p|^n``.  Sections in series fade more slowly by a factor that the
+    margin of `_FORGOTTEN` to the digits of a float covers.
 
     Examples
     --------

@@ -61,7 +61,7 @@ class RowMap(NamedTuple):
     Attributes
     ----------
     samples : ndarray of int, shape (samples,)
-        Which samples of the recording.
+        Places of the samples in the recording.
     maps : ndarray, shape (samples, rows, 6 + joints)
         ``L_t = Z_t^T S^-1``.
     """
@@ -87,14 +87,14 @@ def contact_maps(
     Parameters
     ----------
     robot : RobotModel
-        Whose base floats.
+        Robot with a floating base.
     q : ndarray, shape (samples, joints), [rad or m]
     sigma : ndarray, shape (rows,)
         Noise level of each row.
     rotation : ndarray, shape (samples, 3, 3), optional
         Rotation of the base in the world, for contacts with a radius.
     rows : ndarray of int, shape (rows,), optional
-        Which of `row_names` there are; by default all.
+        The rows, among `row_names`; by default all.
     unknown : ndarray of bool, shape (samples, rows), optional
         Rows of which contacts take nothing; their own part of a map means nothing.
     """
@@ -144,8 +144,8 @@ def _down(
     size = float(np.linalg.norm(robot.gravity))
     if rotation is None or size == 0.0:
         raise RecordingError(
-            f"contact at {round_feet[0]!r} has a radius, but where down is is not "
-            "known; give BaseMotion(..., rotation=...), and a robot with gravity"
+            f"contact at {round_feet[0]!r} has a radius, but the direction of gravity "
+            "is not known; give BaseMotion(..., rotation=...), and a robot with gravity"
         )
     return np.asarray(np.swapaxes(rotation, 1, 2) @ (robot.gravity / size))
 
@@ -331,7 +331,7 @@ class ContactMixing:
 
     @property
     def shares(self) -> Matrix:
-        """What is left of each row's squared noise, shape (samples, rows)."""
+        """Remaining share of each row's squared noise, shape (samples, rows)."""
         parts = [np.diagonal(maps, axis1=1, axis2=2) for _, maps in self.chunks()]
         return np.concatenate(parts)
 
@@ -382,7 +382,7 @@ def contact_slip(robot: RobotModel, recording: Recording) -> Matrix:
     Parameters
     ----------
     robot : RobotModel
-        Whose base floats.
+        Robot with a floating base.
     recording : Recording
         With velocity, base motion and contacts.
 

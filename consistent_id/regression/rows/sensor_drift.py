@@ -35,8 +35,9 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.segments import SEGMENTS, segment_cuts
 
 Drift = Literal["none", "recordings", "linear"]
-"""Of a bias: one for all recordings, one for each, or one for each that changes at a
-constant rate."""
+"""Kinds of a bias: one for all recordings, one for each, or one for each that changes
+at a constant rate.
+"""
 
 _EXACT = 1e-9  # residual, relative to the wrench, that is rounding
 
@@ -44,7 +45,7 @@ _EXACT = 1e-9  # residual, relative to the wrench, that is rounding
 @brief
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorBias:
-    """What a wrench sensor shows of nothing, in one recording.
+    """The readings of a wrench sensor without a load, in one recording.
 
     Parameters
     ----------
@@ -68,7 +69,7 @@ def driftless_regression(
     model : TorqueModel
         Without a bias of its own.
     recordings : sequence of Recording
-        Of the body itself, see `carried`.
+        Recordings of the body itself, see `carried`.
     drift : {"recordings", "linear"}
 
     Raises

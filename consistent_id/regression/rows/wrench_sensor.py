@@ -1,4 +1,4 @@
-"""What hangs on a wrench sensor: bodies behind it, and the sensor's own bias.
+"""Tools on a wrench sensor: bodies behind it, and the sensor's own bias.
 
 The frame of the sensor is a base that moves as the arm carries it, and what it measures
 is the wrench on that base: the six rows of a robot of one free body, with six biases.

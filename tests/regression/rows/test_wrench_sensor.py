@@ -133,7 +133,7 @@ def test_a_recording_without_the_wrench_is_refused(arm):
 
 
 def test_a_model_of_joints_alone_has_no_bias_of_a_base_wrench(arm):
-    with pytest.raises(Exception, match="wrench_bias is of the sensor"):
+    with pytest.raises(Exception, match="wrench_bias belongs to the sensor"):
         TorqueModel(arm, wrench_bias=True)
 
 
