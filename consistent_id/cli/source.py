@@ -96,6 +96,11 @@ def statement(options: argparse.Namespace, *parts: Part) -> "Statement":
 
 def opened(options: argparse.Namespace) -> "Opened":
     """Open the problem that the options name, with their statements."""
+    from consistent_id._support.progress import begun
+
+    if options.log:
+        names = ", ".join(path.name for path in (options.problem, *options.log))
+        begun(f"reading {names}", shows_progress(options))
     from consistent_id.problems.opening import open_problem
 
     return open_problem(
