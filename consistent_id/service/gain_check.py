@@ -171,7 +171,7 @@ def check_gains(
     load = _unused(problem.model.robot.link_names)
     runs = LoadedRuns(problem, loaded_files(loaded, rows), rows, tuple(omit))
     factors = identify_gains(
-        problem.model,
+        runs.model,
         *runs.read({}),
         known={f"{load}.m": known_mass},
         load=Link(load),
