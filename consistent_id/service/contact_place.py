@@ -77,7 +77,8 @@ class ContactPlace:
     def strength_error(self) -> float:
         """Standard error of `strength` [N], as if it were normally distributed.
 
-        Several possible places make it too small: `strengths` counts them all. Infinite if no direction of the force is known.  With open directions,
+        With several possible places it is too small: `strengths` counts them all.
+        Infinite if no direction of the force is known.  With open directions,
         `strength` is the size of the known part.
         """
         if len(self.open_directions) == 3:
