@@ -300,8 +300,8 @@ def _gain_covariance(gain_errors: ArrayLike, joints: int) -> Matrix:
     least = -_ROUNDED * abs(matrix).max()
     if not (np.isfinite(matrix).all() and np.linalg.eigvalsh(matrix)[0] >= least):
         raise ProblemError(
-            f"gain_errors are {errors.tolist()}, expected one share or {joints}, zero or "
-            f"more, such as 0.05 for 5 %, or their covariance, {joints} x {joints}"
+            f"gain_errors are {errors.tolist()}, expected one share or {joints}, zero "
+            f"or more, such as 0.05 for 5 %, or their covariance, {joints} x {joints}"
         )
     return matrix
 

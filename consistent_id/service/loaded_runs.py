@@ -11,6 +11,7 @@ from consistent_id.errors import ProblemError
 from consistent_id.problems.file import RecordingTable
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording
+from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.kinematics import fixed_place
 from consistent_id.robot.loaders.urdf_in_place import rotation_of
@@ -69,17 +70,21 @@ class LoadedRuns:
         In motion they are equal.  At rest dry friction has any value between its two
         levels: an offset is their middle, where `AsymmetricCoulomb` is zero, so that
         poses would show a load that is not there.  A model whose constraints name the
-        two levels stays as it is.
+        two levels stays as it is, and so does one of terms that keywords cannot choose.
         """
         model = self.problem.model
-        terms = tuple(
-            replace(term, asymmetric=False, offset=True) if term.asymmetric else term
-            for term in model.terms
-        )
-        if terms == model.terms:
+        if not any(terms.asymmetric for terms in model.terms):
             return model
-        changed = replace(model, drive=terms)
         try:
+            changed = replace(
+                model,
+                drive=tuple(
+                    DriveTerms(terms=terms.terms, asymmetric=False, offset=True)
+                    if terms.asymmetric
+                    else terms
+                    for terms in model.terms
+                ),
+            )
             for constraint in self.problem.constraints:
                 constraint.lower(changed)
         except ProblemError:
