@@ -274,7 +274,7 @@ def _reasons(factors: DriveGains) -> Iterator[Reason]:
             f"{percent(factors.accuracy)}",
             "check that loaded logs have the load, and the others have not"
             if every
-            else "use a heavier known load, or motions in which it changes these torques",
+            else "use a heavier known load, or motions that change these torques",
         )
     wrong = int(gains_off(factors).sum())
     if wrong:
