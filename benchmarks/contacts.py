@@ -185,9 +185,9 @@ def steps() -> list[str]:
         f"{best.distance:.2f} of the limit.",
         "",
         "| joint | threshold, median (10 to 90 %) [N m] | largest torque from outside "
-        "without a contact [N m] | steps of twice the threshold "
-        f"found within {WITHIN * 1e3:.0f} ms |",
-        "|---|---:|---:|---:|",
+        "without a contact [N m] | noise of the measured torque [N m] | steps "
+        f"of twice the threshold found within {WITHIN * 1e3:.0f} ms |",
+        "|---|---:|---:|---:|---:|",
     ]
     middle = np.median(best.thresholds, axis=0)
     low, high = np.quantile(best.thresholds, [0.1, 0.9], axis=0)
@@ -195,7 +195,7 @@ def steps() -> list[str]:
     for j, name in enumerate(logs[0].joints):
         lines.append(
             f"| {name} | {middle[j]:.2f} ({low[j]:.2f} to {high[j]:.2f}) | "
-            f"{best.largest[j]:.1f} | {shares[j]:.1%} |"
+            f"{best.largest[j]:.1f} | {best.noise[j]:.2g} | {shares[j]:.1%} |"
         )
     lines += [
         "",
@@ -220,12 +220,13 @@ class Steps:
     thresholds: np.ndarray  # of samples that move, shape (samples, joints)
     largest: np.ndarray  # torque from outside without a contact, shape (joints,)
     found: np.ndarray  # shape (steps, joints)
+    noise: np.ndarray  # white noise of the torque while the arm moves, shape (joints,)
 
 
 def _steps_with(
     gain: float, logs: Sequence[Recording], controls: Sequence[ControlModel]
 ) -> Steps:
-    alarms, distances, thresholds, found, largest = [], [], [], [], []
+    alarms, distances, thresholds, found, largest, noises = [], [], [], [], [], []
     for k, log in enumerate(logs):
         observer = MomentumObserver(controls[k], gain=gain)
         outside = [observer.along(other) for other in logs]
@@ -241,6 +242,7 @@ def _steps_with(
         moving &= np.isfinite(contacts.threshold[:, 0])
         thresholds.append(contacts.threshold[moving])
         largest.append(abs(outside[k].torque).max(axis=0))
+        noises.append(_white(log.torque)[moving[3:]])
         found.append(
             _steps_found(observer, detector, outside[k], contacts.threshold, moving)
         )
@@ -250,7 +252,13 @@ def _steps_with(
         np.concatenate(thresholds),
         np.max(largest, axis=0),
         np.concatenate(found),
+        np.sqrt(np.mean(np.concatenate(noises) ** 2, axis=0)),
     )
+
+
+def _white(torque: np.ndarray) -> np.ndarray:
+    """Return third differences, of which white noise has its own variance."""
+    return np.asarray(np.diff(torque, 3, axis=0) / np.sqrt(20.0))
 
 
 def _steps_found(

@@ -230,6 +230,20 @@ def franka_set_load(load: ControllerLoad) -> str:
     )
 
 
+def franka_ros2_call(load: ControllerLoad) -> str:
+    """Return a shell script that calls the ROS 2 service ``franka_msgs/srv/SetLoad``.
+
+    Quantities are those of `franka_set_load`.  Source: [FrankaMsgs]_.
+    """
+    com, entries = _list(load.body.com), _list(load.inertia.T.ravel())
+    return (
+        f"#!/bin/sh\n# {load.mark}\nset -e\n"
+        "ros2 service call /service_server/set_load franka_msgs/srv/SetLoad \\\n"
+        f'  "{{mass: {_text(load.body.mass)}, center_of_mass: {com}, '
+        f'load_inertia: {entries}}}"\n'
+    )
+
+
 def franka_end_effector(load: ControllerLoad) -> str:
     """Return ``endeffector-config.json`` of a Franka end effector.
 
@@ -386,6 +400,7 @@ CONTROLLER_FORMATS = (
     ControllerFormat("ur", "payload.script", ur_script),
     ControllerFormat("ur-ros2", "set_payload.sh", ros2_call),
     ControllerFormat("franka", "set_load.cpp", franka_set_load),
+    ControllerFormat("franka-ros2", "set_load.sh", franka_ros2_call),
     ControllerFormat(
         "franka-end-effector", "endeffector-config.json", franka_end_effector
     ),

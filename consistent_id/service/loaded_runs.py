@@ -11,6 +11,8 @@ from consistent_id.errors import ProblemError
 from consistent_id.problems.file import RecordingTable
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording
+from consistent_id.regression.drive.drive_terms import DriveTerms
+from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.kinematics import fixed_place
 from consistent_id.robot.loaders.urdf_in_place import rotation_of
 from consistent_id.robot.model import FixedFrame, RobotModel
@@ -60,6 +62,34 @@ class LoadedRuns:
         stated = 1.0 if data is None else data.torque_gain
         each = [stated] * len(joints) if isinstance(stated, float | int) else stated
         return dict(zip(joints, each, strict=True))
+
+    @property
+    def model(self) -> TorqueModel:
+        """The problem's model, with offsets in place of asymmetric dry friction.
+
+        In motion they are equal.  At rest dry friction has any value between its two
+        levels: an offset is their middle, where `AsymmetricCoulomb` is zero, so that
+        poses would show a load that is not there.  A model whose constraints name the
+        two levels stays as it is, and so does one of terms that keywords cannot choose.
+        """
+        model = self.problem.model
+        if not any(terms.asymmetric for terms in model.terms):
+            return model
+        try:
+            changed = replace(
+                model,
+                drive=tuple(
+                    DriveTerms(terms=terms.terms, asymmetric=False, offset=True)
+                    if terms.asymmetric
+                    else terms
+                    for terms in model.terms
+                ),
+            )
+            for constraint in self.problem.constraints:
+                constraint.lower(changed)
+        except ProblemError:
+            return model
+        return changed
 
     def read(self, factors: Mapping[str, float]) -> tuple[Recordings, Recordings]:
         """Return the prepared recordings with the load, and without it.

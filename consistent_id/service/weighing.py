@@ -342,7 +342,7 @@ def _estimated(
 ) -> _Estimated:
     """Return the load; with corrected gains if its known mass shows them to be off."""
     problem, logs = runs.problem, runs.read({})
-    model, constraints = problem.model, problem.constraints
+    model, constraints = runs.model, problem.constraints
 
     def of(
         logs: tuple[Recordings, Recordings],

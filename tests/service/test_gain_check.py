@@ -1,5 +1,6 @@
 """Gains between currents and torque, by a load of known mass."""
 
+import re
 from dataclasses import replace
 
 import msgspec
@@ -65,6 +66,15 @@ def test_a_wrong_mass_makes_all_gains_wrong_by_the_same_factor(files, found):
 
 
 @pytest.mark.slow
+def test_the_shell_gives_the_gains_of_the_file_s_bodies(files, capsys):
+    words = ["gains", files["robot"], files["empty"], *WORDS]
+    assert main(list(map(str, words))) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("use with care: gains; assumed gains")
+    assert "torque_gain = [" in out
+
+
+@pytest.mark.slow
 def test_the_shell_prints_and_writes_gains(files, found, tmp_path, capsys):
     words = ["gains", files["robot"], files["empty"], "--loaded", files["loaded"]]
     words += ["--known-mass", LOAD.mass, *WORDS, "--output", tmp_path / "out"]
@@ -74,6 +84,38 @@ def test_the_shell_prints_and_writes_gains(files, found, tmp_path, capsys):
     gains = [record["gains"][joint]["gain"] for joint in JOINTS]
     np.testing.assert_allclose(gains, found.gains, rtol=1e-6)
     assert record["verdict"] == found.verdict.word
+
+
+def test_without_a_load_the_file_s_bodies_give_the_gains(files):
+    """The simulated arm has the bodies of its file."""
+    problem = draft_problem(
+        files["robot"], files["empty"], select=False, cutoff=8.0, torque_gain=STATED
+    ).problem()
+    found = check_gains(problem)
+    assert (abs(found.gains - GAINS) < 1.5 * found.half_intervals).all()
+    assert (found.half_intervals[1:] < 0.05 * GAINS[1:]).all()
+    assert found.verdict.word == "use with care"
+    assert "assumed gains" in [reason.kind for reason in found.verdict.grounds]
+
+
+def test_a_load_and_its_mass_are_stated_together(files):
+    problem = draft_problem(
+        files["robot"], files["empty"], select=False, cutoff=8.0, torque_gain=STATED
+    ).problem()
+    with pytest.raises(ProblemError, match=r"state the mass \(--known-mass\) too"):
+        check_gains(problem, files["loaded"])
+    with pytest.raises(ProblemError, match=r"state logs \(--loaded\) too"):
+        check_gains(problem, known_mass=3.0)
+
+
+def test_a_file_without_masses_needs_a_load(files, tmp_path):
+    bare = re.sub(r"<inertial>.*?</inertial>", "", urdf())
+    (file := tmp_path / "bare.urdf").write_text(bare)
+    problem = draft_problem(
+        file, files["empty"], select=False, cutoff=8.0, torque_gain=STATED
+    ).problem()
+    with pytest.raises(ProblemError, match="has no masses: gains need a load"):
+        check_gains(problem)
 
 
 @pytest.mark.slow
