@@ -23,9 +23,11 @@ sys.path.insert(0, str(Path(__file__).parent))
 from coverage import BEGIN, END, LEVEL, arm, motion
 from coverage_bodies import (
     blocks,
+    factors_of_all,
     fleets,
     radii,
     sensor_designs,
+    single_gains,
     standing_designs,
     walks,
     zeros,
@@ -188,6 +190,8 @@ METHODS: dict[str, Callable[[str, int], Iterator[np.ndarray]]] = {
     "instrumental variables": instruments,
     "Huber": hubers,
     "zero of a joint": of_drives(zeros),
+    "gain of a joint": of_drives(single_gains),
+    "clock, gain, lean": of_drives(factors_of_all),
     "blocks of a motion": of_drives(blocks),
     "fleet": of_drives(fleets),
     "robot on its feet": of_drives(walks),

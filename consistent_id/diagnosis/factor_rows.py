@@ -19,7 +19,7 @@ from consistent_id.diagnosis.sample_rows import SampleRows, of_own_row
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.regression.correlated_noise import correlation_lengths
-from consistent_id.regression.linear import smallest_solution
+from consistent_id.regression.linear import column_sizes, smallest_solution
 from consistent_id.regression.regression import triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.scaling import (
@@ -233,13 +233,27 @@ def gain_of(model: TorqueModel, joint: str) -> Factor:
     return Factor(_ONE_GAIN, joint, _LEAST_GAIN, joint=place)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FactorSystem(Jackknife):
+    """Rows of factors, with bodies and drives eliminated.
+
+    Parameters
+    ----------
+    pulled : ndarray, shape (columns,)
+        Squared norm of the part of each column that is in rows of nominal bodies; the
+        rest is in the data's.
+    """
+
+    pulled: Vector
+
+
 def factor_system(
     state: FactorLogs,
     factors: Sequence[Factor],
     *,
     nominal: bool = True,
     scatter: bool = True,
-) -> Jackknife:
+) -> FactorSystem:
     """Return rows of the factors, with bodies and drives eliminated.
 
     Without `nominal`, there are no rows of nominal bodies; without `scatter`, no
@@ -261,7 +275,7 @@ def factor_system(
         drawn = np.einsum("jps,p->js", A[:, : len(bodies)], bodies)
         c = np.concatenate([c, drawn[:, None]], axis=1)
     prior = np.column_stack([pull, np.zeros((len(pull), c.shape[1])), pulled_to])
-    systems, squares = [], np.zeros(c.shape[1] + 1)
+    systems, squares, pulled = [], np.zeros(c.shape[1] + 1), np.zeros(c.shape[1])
     for group in groups:
         rows = np.concatenate([A[group.part], c[group.joints]], axis=1)
         w = weights[group.joints, None]
@@ -277,8 +291,26 @@ def factor_system(
         )
         count = len(group.columns)
         squares += np.sum(whole[:, count:] ** 2, axis=0)
+        pulled += _pulled(whole, own, count)
         systems.append(Jackknife(whole, tuple(others)).eliminated(count))
-    return reduce(add, systems).cleared(np.sqrt(squares))
+    found = reduce(add, systems).cleared(np.sqrt(squares))
+    return FactorSystem(found.whole, found.others, pulled)
+
+
+def _pulled(whole: Matrix, own: Matrix, count: int) -> Vector:
+    """Return what rows of nominal bodies have of each factor, bodies eliminated.
+
+    Parameters
+    ----------
+    whole : ndarray
+        Triangular factor of all rows; its first `count` columns are bodies and drives.
+    own : ndarray
+        Rows of nominal bodies.
+    """
+    A = whole[:count, :count]
+    sizes = column_sizes(A)
+    moved, *_ = np.linalg.lstsq(A / sizes, whole[:count, count:-1], rcond=_RANK)
+    return np.asarray(np.sum((own[:, :count] / sizes @ moved) ** 2, axis=0))
 
 
 def _size(torque: Matrix) -> Vector:

@@ -12,19 +12,22 @@ correlated.  The widths ``w`` are usual errors of nominal bodies: 5 % for masses
 % and 30 % of the link's size for centres of mass and second moments.  Drives are free;
 each joint gets a rotor inertia and friction that the model may lack.
 
-The error of ``f`` combines two: that of the likelihood, and the scatter when one of
-twenty segments is left out (`Jackknife`), which contains errors of the model. Noise is
-in both, so the error is too large where nothing else is wrong
-(`benchmarks/coverage_bodies.py` measures the zero of a joint).  A factor is the same in
-all logs.  If the logs disagree on its size, a missing part of the model imitates the
-factor, and the error is multiplied by the ratio of Birge (`_disagreement`).  Some
-robots' bodies have larger errors than these widths.  That shows in the log without
-``f``: the sum of squares then exceeds that without the nominal bodies by more than one
-for each base parameter, and all widths are multiplied by the root of that ratio.
+The error of ``f`` combines two: that by bodies, which differ from nominal ones by the
+widths ``w``, and that by noise.  The latter is the scatter when one of twenty segments
+is left out (`Jackknife`), which contains errors of the model, and is at least that of
+the likelihood (`benchmarks/coverage_bodies.py` measures how often the error holds).  A
+reported factor has to exceed a more cautious error, which counts noise twice: the gates
+were found for it.  A factor is the same in all logs.  If the logs disagree on its size,
+a missing part of the model imitates the factor, and the error is multiplied by the
+ratio of Birge (`_disagreement`).  Some robots' bodies have larger errors than these
+widths.  That shows in the log without ``f``: the sum of squares then exceeds that
+without the nominal bodies by more than one for each base parameter, and all widths are
+multiplied by the root of that ratio.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,6 +37,7 @@ from consistent_id.diagnosis.factor_rows import (
     Factor,
     FactorLogs,
     FactorRows,
+    FactorSystem,
     factor_system,
     factors_of,
     gain_of,
@@ -43,7 +47,6 @@ from consistent_id.diagnosis.factor_rows import (
     relative_noise,
 )
 from consistent_id.diagnosis.findings import LogFinding, Severity
-from consistent_id.diagnosis.linearise import Jackknife
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.regressor import TorqueModel
 
@@ -87,6 +90,8 @@ class FoundFactor:
     ----------
     size, error : float
         In the units of `Factor.least`; the log is right after removing this size.
+    cautious : float
+        Error that counts noise twice, by which a factor is reported.
     explained : float
         Decrease of the sum of squares, in squared noise.
     cost : float
@@ -96,13 +101,22 @@ class FoundFactor:
     factor: Factor
     size: float
     error: float
+    cautious: float
     explained: float
     cost: float = 0.0
 
     @property
     def ratio(self) -> float:
-        """Size over standard error."""
-        return abs(self.size) / self.error
+        """Size over the cautious error."""
+        return abs(self.size) / self.cautious
+
+
+class _Sized(NamedTuple):
+    """The size of a factor, its error, and the cautious one."""
+
+    size: float
+    error: float
+    cautious: float
 
 
 def whole_robot_factors(as_is: FactorLogs) -> list[FoundFactor]:
@@ -133,7 +147,7 @@ def whole_robot_factors(as_is: FactorLogs) -> list[FoundFactor]:
     return sorted(found, key=lambda f: -f.explained)
 
 
-def _turn(system: Jackknife, factors: Sequence[Factor], level: list[int]) -> Vector:
+def _turn(system: FactorSystem, factors: Sequence[Factor], level: list[int]) -> Vector:
     """Return the turn of gravity about two level axes together, a vector [rad]."""
     angles = system.solution(level)
     return np.asarray(angles @ np.array([factors[k].axis for k in level]))
@@ -173,18 +187,19 @@ def _settled(as_is: FactorLogs, first: FoundFactor, cost: float) -> FoundFactor:
         Least sum of squares of the unchanged logs.
     """
     factor = first.factor
-    size, _ = _converged(as_is, first)
+    size = _converged(as_is, first).size
     without = as_is.without(factor, size)
     explained = cost - least_costs(without)[0]
     state = replace(as_is, noise=relative_noise(without.rows))
-    size, error = _converged_from(state, factor, size)
-    left, of_drives = least_costs(state.without(factor, size))
+    found = _converged_from(state, factor, size)
+    left, of_drives = least_costs(state.without(factor, found.size))
     bodies, inertial = left - of_drives, _inertial(as_is.model)
     if bodies > inertial:
         state = replace(state, widths=state.widths * np.sqrt(bodies / inertial))
-        size, error = _converged_from(state, factor)
-    error *= _disagreement(state, factor)
-    return FoundFactor(factor, size, error, explained)
+        found = _converged_from(state, factor)
+    wider = _disagreement(state, factor)
+    error, cautious = wider * found.error, wider * found.cautious
+    return FoundFactor(factor, found.size, error, cautious, explained)
 
 
 def _disagreement(state: FactorLogs, factor: Factor) -> float:
@@ -198,7 +213,7 @@ def _disagreement(state: FactorLogs, factor: Factor) -> float:
         return 1.0
     alone = [replace(state, rows=FactorRows(state.model, [log])) for log in state.logs]
     found = np.array([_converged_from(one, factor) for one in alone])
-    sizes, errors = found[np.isfinite(found[:, 1])].T
+    sizes, _, errors = found[np.isfinite(found[:, 2])].T
     if len(sizes) < 2:
         return 1.0
     mean = np.average(sizes, weights=errors**-2)
@@ -206,34 +221,32 @@ def _disagreement(state: FactorLogs, factor: Factor) -> float:
     return max(float(np.sqrt(squares)), 1.0)
 
 
-def _converged_from(
-    state: FactorLogs, factor: Factor, start: float = 0.0
-) -> tuple[float, float]:
-    """Return the size and the error to which a factor converges from a first size."""
+def _converged_from(state: FactorLogs, factor: Factor, start: float = 0.0) -> _Sized:
+    """Return the size and the errors to which a factor converges from a first size."""
     found = _estimated(state.without(factor, start), [factor])
-    return _converged(state, found[0], start) if found else (start, np.inf)
+    if not found:
+        return _Sized(start, np.inf, np.inf)
+    return _converged(state, found[0], start)
 
 
-def _converged(
-    as_is: FactorLogs, first: FoundFactor, start: float = 0.0
-) -> tuple[float, float]:
-    """Return the size and the error to which a factor converges.
+def _converged(as_is: FactorLogs, first: FoundFactor, start: float = 0.0) -> _Sized:
+    """Return the size and the errors to which a factor converges.
 
     Parameters
     ----------
     first : FoundFactor
         The factor estimated from logs without the first size.
     """
-    size, found = start, [first]
+    size, last, found = start, first, [first]
     for _ in range(_ROUNDS):
         step = float(np.clip(found[0].size, -_LARGEST, _LARGEST))
-        size, error = size + step, found[0].error
+        size, last = size + step, found[0]
         if abs(step) <= _SETTLED:
             break
         found = _estimated(as_is.without(first.factor, size), [first.factor])
         if not found:
             break
-    return size, error
+    return _Sized(size, last.error, last.cautious)
 
 
 def _estimated(state: FactorLogs, factors: Sequence[Factor]) -> list[FoundFactor]:
@@ -241,7 +254,7 @@ def _estimated(state: FactorLogs, factors: Sequence[Factor]) -> list[FoundFactor
     return _alone(factor_system(state, factors), factors)
 
 
-def _alone(system: Jackknife, factors: Sequence[Factor]) -> list[FoundFactor]:
+def _alone(system: FactorSystem, factors: Sequence[Factor]) -> list[FoundFactor]:
     """Estimate each factor without the others; those that the logs determine."""
     found = []
     for k, factor in enumerate(factors):
@@ -254,25 +267,44 @@ def _alone(system: Jackknife, factors: Sequence[Factor]) -> list[FoundFactor]:
     return found
 
 
-def _by_least_squares(system: Jackknife, k: int, factor: Factor) -> FoundFactor:
+def _by_least_squares(system: FactorSystem, k: int, factor: Factor) -> FoundFactor:
     column, z = system.whole[:, k], system.whole[:, -1]
     fit = system.fitted([k])
-    error = float(np.hypot(fit.errors[0], 1.0 / np.linalg.norm(column)))
     explained = float(z @ z) - fit.misfit**2
-    return FoundFactor(factor, float(fit.solution[0]), error, explained)
+    norm = float(np.linalg.norm(column))
+    errors = _errors(float(fit.errors[0]), norm, float(system.pulled[k]), norm**2)
+    return FoundFactor(factor, float(fit.solution[0]), *errors, explained)
+
+
+def _errors(
+    scatter: float, norm: float, pulled: float, slope: float
+) -> tuple[float, float]:
+    """Return the error of a factor ``w^T z / slope``, and the cautious one.
+
+    Parameters
+    ----------
+    scatter : float
+        Over segments.
+    norm, pulled : float
+        Norm of ``w``, and the square of what rows of nominal bodies have of it.
+    """
+    by_bodies = min(pulled, norm**2) / slope**2
+    by_noise = max(scatter**2, norm**2 / slope**2 - by_bodies)
+    return float(np.sqrt(by_bodies + by_noise)), float(np.hypot(scatter, norm / slope))
 
 
 def _by_nominal(
-    system: Jackknife, k: int, instrument: int, factor: Factor
+    system: FactorSystem, k: int, instrument: int, factor: Factor
 ) -> FoundFactor:
     """Estimate a factor with its column of nominal bodies as the instrument."""
     w, column, z = (system.whole[:, j] for j in (instrument, k, -1))
     fit = system.by_instrument(k, instrument)
     if not np.isfinite(fit.errors[0]):
-        return FoundFactor(factor, 0.0, np.inf, 0.0)
-    error = float(np.hypot(fit.errors[0], np.linalg.norm(w) / (w @ column)))
+        return FoundFactor(factor, 0.0, np.inf, np.inf, 0.0)
+    pulled, norm = float(system.pulled[instrument]), float(np.linalg.norm(w))
+    errors = _errors(float(fit.errors[0]), norm, pulled, float(w @ column))
     explained = float((w @ z) ** 2 / (w @ w))
-    return FoundFactor(factor, float(fit.solution[0]), error, explained)
+    return FoundFactor(factor, float(fit.solution[0]), *errors, explained)
 
 
 def _nearer_to_none(one: FoundFactor, other: FoundFactor) -> FoundFactor:
@@ -286,7 +318,8 @@ def _nearer_to_none(one: FoundFactor, other: FoundFactor) -> FoundFactor:
     nearer = min(one, other, key=lambda f: abs(f.size))
     if one.size * other.size > 0.0:
         return nearer
-    return FoundFactor(one.factor, 0.0, max(one.error, other.error), 0.0)
+    errors = max(one.error, other.error), max(one.cautious, other.cautious)
+    return FoundFactor(one.factor, 0.0, *errors, 0.0)
 
 
 def gain_beside_bodies(as_is: FactorLogs, joint: str) -> FoundFactor | None:
@@ -393,7 +426,7 @@ def factor_findings(
             severity,
             best.factor.where,
             f"bodies like the nominal ones explain the log much better {causes} "
-            "(standard errors, rather too large); otherwise, bodies would be "
+            "(standard errors); otherwise, bodies would be "
             f"{_WITHOUT[best.factor.kind]}",
             _ADVICE[best.factor.kind],
             min(best.ratio / _gate(best.factor), abs(best.size) / best.factor.least),
@@ -475,7 +508,7 @@ def _distance(as_is: FactorLogs) -> float:
     first = [f for f in _estimated(as_is, factors) if np.isfinite(f.error)]
     best = max(first, key=lambda f: f.explained, default=None)
     if best is not None:
-        size, _ = _converged(as_is, best)
+        size = _converged(as_is, best).size
         left, of_drives = least_costs(as_is.without(best.factor, size))
         settled = left - of_drives
         linear = min(linear, settled)

@@ -247,6 +247,13 @@ Chosen by ``python benchmarks/rank.py``, on arms whose angles are rounded to 2 t
 digits, and on random robots, none of which loses a column.
 """
 
+_ROUNDED = 10.0
+"""Largest own effect of a rounded number, over which an entry that it makes is not.
+
+The gap's level would be too high: it may be far above all that is rounded, and then
+takes short lengths, whose squares are entries, for zero.
+"""
+
 _ROUND = 1e-10  # entries of K below this are rounding errors
 
 
@@ -305,7 +312,8 @@ def split_at_gap(W: Matrix, kinds: Sequence[str]) -> NearSplit:
     split = _split(norms, unit, np.maximum(tolerance, STRUCTURAL_TOLERANCE))
     near = {c: e for c, e in effects.items() if c in set(split.dependent)}
     if near:
-        split = split._replace(regrouping=_without_rounding(split, share, level))
+        rounded = min(level, _ROUNDED * max(near.values()))
+        split = split._replace(regrouping=_without_rounding(split, share, rounded))
     return NearSplit(split, near)
 
 

@@ -217,7 +217,9 @@ def test_a_zero_that_leaves_nearly_all_unexplained_is_not_named(kind, shown):
     """Friction that varies with position looks like a zero, and not like a clock."""
     factor = next(f for f in factors_of(arm()) if f.kind == kind)
     size = 5.0 * factor.least
-    little = FoundFactor(factor, size, size / 6.0, explained=20.0, cost=1000.0)
+    little = FoundFactor(
+        factor, size, size / 6.0, size / 6.0, explained=20.0, cost=1000.0
+    )
     assert bool(factor_findings(arm(), [little])) == shown
     assert factor_findings(arm(), [replace(little, explained=50.0)])
 

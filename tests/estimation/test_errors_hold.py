@@ -13,9 +13,14 @@ BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 @pytest.fixture(scope="module")
 def methods():
-    path = BENCHMARKS / "coverage_methods.py"
-    spec = importlib.util.spec_from_file_location("coverage_methods", path)
+    return _benchmark("coverage_methods")
+
+
+def _benchmark(name):
+    path = BENCHMARKS / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(name, path)
     module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look there for their module
     sys.path.insert(0, str(BENCHMARKS))
     try:
         spec.loader.exec_module(module)
@@ -42,6 +47,7 @@ def test_intervals_hold_the_truth_neither_too_rarely_nor_too_often(methods, name
 @pytest.mark.parametrize(
     ("name", "kind", "logs"),
     [
+        ("zero of a joint", "white", 20),
         ("blocks of a motion", "white", 30),
         ("blocks of a motion", "pink", 30),
         ("radius of feet", "white", 20),
@@ -60,6 +66,19 @@ def test_they_hold_for_robots_on_feet_blocks_and_designs(methods, name, kind, lo
     alone = chi2.ppf([0.001, 0.999], logs) / logs
     low, high = alone if z.shape[1] == 1 else (0.5, 1.7)
     assert low < np.mean(z**2) < high
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["white", "AR(1) 0.9"])
+def test_they_hold_for_raw_logs_as_drafts_prepare_them(kind):
+    logs = _benchmark("coverage_logs")
+    found = list(logs.errors(logs.case("ur5", 20.0), kind, 12))
+    inside = np.array([np.mean(abs(z) <= 1.96) for z, _ in found])
+    error = inside.std(ddof=1) / np.sqrt(len(inside))
+    assert 0.93 - 3.0 * error < inside.mean() < 0.97 + 3.0 * error
+    # Where constraints are active, errors are too large, and never too small.
+    bound = np.mean([np.mean(abs(z) <= 1.96) for _, z in found])
+    assert bound > 0.93
 
 
 def test_a_share_counts_what_lies_within_two_standard_errors(methods):
