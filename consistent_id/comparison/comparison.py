@@ -219,8 +219,8 @@ class Comparison:
 def verdict_table(comparison: Comparison) -> Table:
     """Return each estimate's verdict, its consistent links and held-out errors."""
     reports = comparison.reports
-    judged = [(report, report.verdict) for report in reports]
-    usable = sum(verdict.usable for _, verdict in judged)
+    verdicts = [(report, report.verdict) for report in reports]
+    usable = sum(verdict.usable for _, verdict in verdicts)
     held_out = reports[0].validation
     return Table(
         f"{comparison.model.robot.name}: {usable} of {len(reports)} estimates may be "
@@ -238,7 +238,7 @@ def verdict_table(comparison: Comparison) -> Table:
                 counted(report.consistent_links),
                 *(f"{error.stacked:.2%}" for error in report.validation),
             )
-            for report, verdict in judged
+            for report, verdict in verdicts
         ),
         tuple(
             f"held-out error {i}: all joints, {error.recording}{_band(error)}"

@@ -221,7 +221,7 @@ def _of_short_validation(
     short = {f.recording for f in found if f.kind == "short"} & set(names)
     left = set(names) - short
 
-    def judged(finding: LogFinding) -> LogFinding:
+    def of_validation(finding: LogFinding) -> LogFinding:
         if finding.kind != "short" or finding.recording not in short:
             return finding
         seen, _, _ = finding.statement.partition(";")
@@ -233,7 +233,7 @@ def _of_short_validation(
             advice="hold out a longer recording",
         )
 
-    return [judged(f) for f in found]
+    return [of_validation(f) for f in found]
 
 
 def _of_validation(of_one: list[LogFinding] | OpenLog) -> list[LogFinding] | OpenLog:

@@ -477,8 +477,8 @@ def _single_gains(p: TorqueParts) -> list[LogFinding]:
     high = np.where(p.rotors, _HIGH**2, _HIGH)
     above = np.where(p.rotors, np.minimum(p.gravity, slopes), slopes) > high
     off = both & (slopes > 0.0) & ((slopes < _LOW) | above)
-    judged = p.gravity_shown | p.inertial_shown
-    if not off.any() or off.sum() > 0.5 * judged.sum():
+    certain = p.gravity_shown | p.inertial_shown
+    if not off.any() or off.sum() > 0.5 * certain.sum():
         return []
     return [
         _gain(

@@ -159,7 +159,7 @@ def regularisation_path(
 
 
 def refitted(
-    problem: Problem, judged: Estimate, recordings: Sequence[Recording], prior: Prior
+    problem: Problem, estimate: Estimate, recordings: Sequence[Recording], prior: Prior
 ) -> Estimate:
     """Fit a constrained estimate again, to more data than it was judged with.
 
@@ -168,35 +168,35 @@ def refitted(
 
     Parameters
     ----------
-    judged : Estimate
+    estimate : Estimate
         The estimate of a constrained method, with its verdict.
     recordings : sequence of Recording
         All recordings: training and validation.
     prior : PointToSet or Penalty
         The prior of the judged estimate.
     """
-    model, base = problem.model, judged.base
+    model, base = problem.model, estimate.base
     regression = regression_of(problem.table, model, recordings)
-    if judged.method == Method.WEIGHTED_CONSTRAINED:
+    if estimate.method == Method.WEIGHTED_CONSTRAINED:
         regression = regression.weighted(noise_levels(regression, base))
-    estimate = constrained_least_squares(
+    again = constrained_least_squares(
         model,
         regression,
         constraints=problem.constraints,
         prior=prior,
         base=base,
-        method=judged.method,
+        method=estimate.method,
     )
     names = ", ".join(dict.fromkeys(recording.name for recording in recordings))
     note = (
-        f"fitted again, after it was judged, to all recordings ({names}); verdict and "
+        f"fitted again, after its verdict, to all recordings ({names}); verdict and "
         "held-out error are those of the estimate from the training data alone"
     )
     return replace(
-        estimate,
-        notes=(note, *estimate.notes),
-        accepted=judged.accepted,
-        judged=judged.verdict,
+        again,
+        notes=(note, *again.notes),
+        accepted=estimate.accepted,
+        judged=estimate.verdict,
         fitted_to=fitted_spans(recordings),
     )
 

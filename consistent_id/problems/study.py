@@ -136,13 +136,13 @@ class Study(StudyFits):
 
     def _refitted(self, report: EstimateReport) -> Estimate:
         """Return a constrained estimate, fitted again to all data."""
-        judged = report.with_verdict
+        before = report.with_verdict
         if not self.validation:
-            return judged
+            return before
         every = (*self.training, *self.validation)
-        prior = self.priors[Method(judged.method)]
-        estimate = refitted(self.problem, judged, every, prior)
-        why = slack_notes(self.slacks, judged.method)
+        prior = self.priors[Method(before.method)]
+        estimate = refitted(self.problem, before, every, prior)
+        why = slack_notes(self.slacks, before.method)
         return replace(estimate, notes=(*estimate.notes, *why))
 
     @property

@@ -455,8 +455,8 @@ def chosen_ridge(problem: Problem) -> RidgeChoice:
     reason = None
     try:
         slow, fast = slow_and_fast(problem)
-        for learnt, judged in ((slow, fast), (fast, slow)):
-            for ridge, error in _errors(problem, learnt, judged):
+        for learnt, other in ((slow, fast), (fast, slow)):
+            for ridge, error in _errors(problem, learnt, other):
                 squares[ridge].append(error**2)
     except ConsistentIdError as why:
         reason = str(why)
@@ -469,7 +469,7 @@ def chosen_ridge(problem: Problem) -> RidgeChoice:
 
 
 def _errors(
-    problem: Problem, learnt: Spans, judged: Spans
+    problem: Problem, learnt: Spans, other: Spans
 ) -> Iterator[tuple[float | None, float]]:
     """Yield the errors of rollouts of one part, by what is learnt from the other.
 
@@ -477,7 +477,7 @@ def _errors(
     """
     logs = problem.logs("training")
     estimate, regression = torque_fit(problem, within(problem.training, learnt))
-    others = within(logs, judged)
+    others = within(logs, other)
     yield None, rollout_error(problem, estimate, others)
     start = refinement_start(
         estimate,

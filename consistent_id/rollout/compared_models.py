@@ -199,19 +199,19 @@ def rollout(
     name = f"identified ({estimate.method})"
     replays = {name: replayed(own, known, delay)}
     offsets = {name: replays[name]} if learnt else {}
-    judged: dict[str, tuple[float, Vector | None]] = {name: (delay, None)}
+    settings: dict[str, tuple[float, Vector | None]] = {name: (delay, None)}
     for file in against:
         model = made(file, gains)
         replays[str(file)] = replayed(model, known, 0.0)
-        judged[str(file)] = (0.0, None)
+        settings[str(file)] = (0.0, None)
         if learnt:
             choices = (found_offsets(model, learnt, late) for late in {0.0, delay})
             _, late, found = min(choices, key=lambda choice: choice[0])
             offsets[str(file)] = replayed(model, known, late, found)
-            judged[str(file)] = (late, found)
+            settings[str(file)] = (late, found)
     free = {}
     for robot, (key, (late, torque)) in zip(
-        (estimate, *against), judged.items(), strict=True
+        (estimate, *against), settings.items(), strict=True
     ):
         model = made(robot, free_gains(gains))
         with suppress(RecordingError):  # a model that diverges has no windows

@@ -392,11 +392,11 @@ def squares_of_parts(problem: Problem, parts: tuple[Spans, Spans]) -> Vector:
     """Return the mean squared error of each part over its blocks, which add up."""
     logs = problem.logs("training")
     squares = []
-    for learnt, judged in (parts, parts[::-1]):
+    for learnt, other in (parts, parts[::-1]):
         estimate = compared_fit(problem, within(problem.training, learnt))
         try:
             errors = np.vstack(
-                replay_errors(problem, estimate, within(logs, judged), STEP_OF_CHOICE)
+                replay_errors(problem, estimate, within(logs, other), STEP_OF_CHOICE)
             )
         except RecordingError:  # it diverges: it was built, and is bad
             return np.full(2 * BLOCKS_OF_PART, np.inf)
