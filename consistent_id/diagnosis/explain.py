@@ -22,7 +22,7 @@ from consistent_id.constraints.cones.certificate import GAP_TOLERANCE
 from consistent_id.diagnosis.channel_factors import (
     ChannelFactors,
     channel_factors,
-    cuts_at,
+    half_spaces_at,
     least_within,
 )
 from consistent_id.diagnosis.corrections import LOOKS_ALIKE, Cause, Correction
@@ -262,7 +262,7 @@ def explanations(
     least = min([as_is.factors.least_misfit(), *own])
     floor = min(max(_WHITE * noise, _BEYOND * least), _MOST)
     found: list[Explanation] = []
-    cuts = cuts_at(as_is.factors, as_is.fit)
+    half_spaces = half_spaces_at(as_is.factors, as_is.fit)
     for i in sorted(range(len(bounds)), key=bounds.__getitem__):
         candidate, wanted = candidates[i], as_is.misfit / candidates[i].cause.threshold
         best = min([e.misfit for e in found], default=np.inf)
@@ -270,14 +270,14 @@ def explanations(
         if bounds[i] > min(wanted, _RIVAL * best):
             continue
         alike = _same_robots(as_is, candidate)
-        if alike and _SURE * least_within(factors[i], cuts) > wanted:
+        if alike and _SURE * least_within(factors[i], half_spaces) > wanted:
             continue
         try:
             fit = _fit(candidate.factors, candidate.constraints, gap=1.0 - _SURE)
         except (InfeasibleError, SolverError):
             continue
         if alike:
-            cuts += cuts_at(candidate.factors, fit)
+            half_spaces += half_spaces_at(candidate.factors, fit)
         misfit = candidate.factors.relative(fit.misfit)
         if misfit <= wanted:
             found.append(Explanation(candidate.cause, misfit, as_is.misfit))

@@ -160,8 +160,8 @@ def jackknife(
     """
     rows = np.concatenate([A, z[:, :, None]], axis=2)
     order = np.arange(rows.shape[1]) if phase is None else np.argsort(phase)
-    cuts = [c for c in np.array_split(order, segments) if len(c)]
-    parts = [_factor(rows[:, c].reshape(-1, rows.shape[2])) for c in cuts]
+    segments_of = [c for c in np.array_split(order, segments) if len(c)]
+    parts = [_factor(rows[:, c].reshape(-1, rows.shape[2])) for c in segments_of]
     none = np.zeros((0, rows.shape[2]))
     before = list(accumulate(parts, _merged, initial=none))
     after = list(accumulate(parts[::-1], _merged, initial=none))[::-1]
