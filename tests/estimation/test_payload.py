@@ -22,10 +22,10 @@ from consistent_id import (
 )
 from consistent_id.constraints import ParameterBounds, TotalMass
 from consistent_id.estimation import identify_payload
-from consistent_id.estimation.loaded_robot import loaded_robot
+from consistent_id.estimation.loaded_robot import likely_body, loaded_robot
 from consistent_id.estimation.payload import gain_slopes
 from consistent_id.robot import Datasheet, Link
-from consistent_id.robot.inertia import INERTIAL_NAMES
+from consistent_id.robot.inertia import INERTIAL_NAMES, InertialParameters
 from consistent_id.robot.loaders.urdf import from_pinocchio
 
 
@@ -119,6 +119,18 @@ def test_a_known_mass_is_kept_and_sharpens_the_rest():
     assert found.estimate["box.m"] == found.body.mass
     residual = found.predict(loaded) - loaded.torque
     assert np.linalg.norm(residual) < 0.08 * np.linalg.norm(loaded.torque)
+
+
+def test_a_likely_body_is_the_estimate_if_that_is_a_body_and_the_nearest_else():
+    body = InertialParameters.from_central(
+        2.0, np.array([0.1, 0.0, 0.2]), np.diag([0.2, 0.25, 0.3])
+    )
+    np.testing.assert_allclose(likely_body(body.vector).vector, body.vector, atol=1e-12)
+    # A mass of 1 kg, second moments of -0.1, 0.2, 0.3 kg m^2: the first becomes 0.01.
+    impossible = np.array([1.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.2, 0.0, 0.0, 0.1])
+    possible = np.array([1.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.31, 0.0, 0.0, 0.21])
+    np.testing.assert_allclose(likely_body(impossible).vector, possible, atol=1e-12)
+    assert likely_body(np.zeros(10)) is None
 
 
 def test_exchanged_runs_are_noticed_by_the_loads_weight():

@@ -331,6 +331,14 @@ def test_a_single_plateau_and_short_ones_are_not_limits():
         assert signals.saturated(log(time, time, torque=tau)).any() == limited
 
 
+def test_steep_ramps_that_stay_for_twenty_milliseconds_are_not_at_a_limit():
+    time = np.arange(4000) / 1000.0
+    sawtooth = abs((time % 0.5) / 0.25 - 1.0)  # 4 per second
+    for seconds, limited in ((0.02, False), (0.06, True)):
+        tau = np.minimum(sawtooth, 1.0 - 2.0 * seconds)[:, None]
+        assert signals.saturated(log(time, time, torque=tau)).any() == limited
+
+
 def test_a_limit_is_found_beside_more_rests_at_less_than_half_of_it():
     # Six times at the limit for 0.43 s, and seven times at a fifth of it for 0.5 s.
     time = np.arange(7700) / 1000.0
