@@ -153,7 +153,7 @@ class ContactDetector:
         memory: tuple[float, float] = MEMORY,
         in_a_row: int | None = None,
     ) -> "ContactDetector":
-        """Return the detector that is right for these logs.
+        """Return the detector whose thresholds are learned from these logs.
 
         Values that a log repeats, because the robot was read faster than it answers,
         change nothing: means and alarms go by time.

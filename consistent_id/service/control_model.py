@@ -87,7 +87,7 @@ class ControlModel:
         return self.model.robot.joint_names
 
     def gravity(self, q: ArrayLike) -> Array:
-        """Return the torque that holds the bodies at rest."""
+        """Return the torque that balances the bodies' weight at rest."""
         return self._bodies(self.parameters, q)
 
     def bias(self, q: ArrayLike, dq: ArrayLike) -> Array:
@@ -101,8 +101,8 @@ class ControlModel:
     def friction(self, dq: ArrayLike, q: ArrayLike | None = None) -> Array:
         """Return friction: smooth at rest, and at most what was identified.
 
-        Friction by load takes the load at rest; while the arm accelerates, the load's
-        part may be more than the friction there is.
+        Friction that depends on the load is computed for the load at rest; while the
+        arm accelerates, it may exceed the real friction.
 
         Parameters
         ----------

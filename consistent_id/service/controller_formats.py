@@ -118,7 +118,7 @@ class ControllerLoad:
 
 
 def require_load_name(name: str) -> None:
-    """Refuse a name of a load that a controller's file cannot hold.
+    """Refuse a name of a load that a controller's file cannot contain.
 
     Raises
     ------
@@ -149,8 +149,8 @@ class PrincipalInertia(NamedTuple):
 def principal_inertia(inertia: Matrix) -> PrincipalInertia:
     """Return principal moments and axes, the axes as near those of the frame as can be.
 
-    Among the 24 right-handed orders and signs of the axes, it has the least rotation is
-    taken, so that angles are small and never singular.
+    Among the 24 right-handed orders and signs of the axes, the one with the least
+    rotation is taken, so that angles are small and never singular.
 
     Parameters
     ----------

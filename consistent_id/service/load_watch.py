@@ -1,10 +1,10 @@
-"""Whether a load came or went: half a second of what an estimate does not explain.
+"""Changes of the load, found in half a second of unexplained torque.
 
 A load adds the torque of one body to the link that carries it.  Its static part is
-linear in its mass and first moment, ``r = Y_c (m, h)``.  The window's mean of
-``Y_c^T W Y_c`` and ``Y_c^T W r`` says how much better the residual is explained by a
-plausible load than by none.  How large that number becomes while nothing changes is
-learned from logs without a change, with the same estimate that follows.
+linear in its mass and first moment, ``r = Y_c (m, h)``.  The window's mean of ``Y_c^T W
+Y_c`` and ``Y_c^T W r`` show how much better the residual is explained by a plausible
+load than by none.  The size of that number while nothing changes is learned from logs
+without a change, with the same estimate that follows.
 
 Dry friction of a joint that rests has any value up to its level.  So the covariance of
 the residual, ``W^-1``, has this level's square in addition where a joint is near rest.
@@ -67,7 +67,7 @@ class LoadWatch:
     covariance : ndarray, shape (torque joints, torque joints), [(N m)^2]
         Covariance of the residuals while joints move.
     held : ndarray, shape (torque joints,), [N m or N]
-        Friction that may hold a joint at rest.
+        Friction that may balance a joint at rest.
     widths : ndarray, shape (4,)
         Mass [kg] and first moments [kg m] of a usual load.
     limit : float
@@ -101,7 +101,7 @@ class LoadWatch:
         )
 
     def block(self, rows: "WatchedRows", free: Matrix | None = None) -> WatchedBlock:
-        """Return what a block's residuals say.
+        """Return the evidence of a block's residuals.
 
         Parameters
         ----------
@@ -148,7 +148,7 @@ class LoadWatch:
         return self._better(information, residual, covariance)
 
     def is_free(self, block: WatchedBlock, covariance: Matrix) -> bool:
-        """Return whether a block is rather without a load than with the known one."""
+        """Return whether a block fits better without a load than with the known one."""
         information, n = block.information / block.samples, block.samples
         none = np.zeros((PARTS, PARTS))
         as_free = self._better(information, block.of_free / n, none)

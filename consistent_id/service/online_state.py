@@ -56,14 +56,14 @@ class Regime:
 
 
 def noise_of(estimate: Estimate) -> Vector:
-    """Return each joint's noise, times the root of how much samples are alike."""
+    """Return each joint's noise, times the root of the correlation in samples."""
     fit = estimate.fit
     alike = 1.0 if fit is None or np.isnan(fit.correlation) else fit.correlation
     return np.asarray(estimate.sigma * np.sqrt(max(alike, 1.0)))
 
 
 def held_of(estimate: Estimate) -> Vector:
-    """Return the friction that may hold each joint at rest, [N m or N]."""
+    """Return the friction that may balance each joint at rest, [N m or N]."""
     joints = len(estimate.sigma)
     held = holding(estimate.model, estimate.parameters, np.full(joints, np.nan))
     return np.asarray(np.where(np.isfinite(held), held, 0.0))
@@ -122,7 +122,7 @@ def regimes_of(
 
 
 def _without_link(known: ConicSet, own: slice, consistent: str) -> ConicSet:
-    """Return a set without what is stated of a link's body.
+    """Return a set without the constraints on a link's body.
 
     Rows and blocks that contain its parameters, such as its shape, are not of a link
     with a load; its physical consistency, the block of that label, is.
