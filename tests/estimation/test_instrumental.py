@@ -138,6 +138,16 @@ def test_the_test_tells_a_cutoff_that_hurts_from_one_that_does_not():
     assert "agree within noise" in str(good)
 
 
+def test_its_statistic_is_that_of_an_added_regressor():
+    log, right = _slider(n=400, noise=0.2)
+    found = endogeneity_test(MASS, log, right)
+    read, both = log.acceleration, np.hstack([log.acceleration, right.acceleration])
+    alone, more = (np.linalg.lstsq(X, log.torque)[1][0] for X in (read, both))
+    freedom = found.effective_samples - 2
+    assert found.directions == 1
+    assert found.statistic == pytest.approx((alone - more) / (more / freedom))
+
+
 @pytest.mark.slow
 def test_its_p_values_are_uniform_where_nothing_is_wrong():
     values = []
