@@ -106,12 +106,12 @@ def write_design(
 
 
 def require_formats(formats: Sequence[str], joints: Sequence[str]) -> None:
-    """Refuse formats that cannot hold a robot's joints, before any search.
+    """Refuse formats that do not support a robot's joints, before any search.
 
     Parameters
     ----------
     formats : sequence of str
-        Endings of files of samples; some hold a certain number of joints only.
+        Endings of files of samples; some support a certain number of joints only.
     joints : sequence of str
         Names of the joints that move.
 

@@ -280,7 +280,7 @@ class DesignRequest:
 
 
 def design_request(problem: Problem) -> DesignRequest:
-    """Return what the ``[excitation]`` table of a problem requests.
+    """Return the design that the ``[excitation]`` table of a problem requests.
 
     Raises
     ------

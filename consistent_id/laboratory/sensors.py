@@ -48,7 +48,7 @@ class LoadCell:
         freeze(self, offset=offset)
 
     def reads(self, torque: Array, rng: np.random.Generator) -> Array:
-        """Return what it says of torques, shape (samples, joints)."""
+        """Return its readings of torques, shape (samples, joints)."""
         return torque + self.offset + self.noise * rng.normal(size=torque.shape)
 
 

@@ -53,7 +53,7 @@ _KEPT = 0.01  # share of a limit by which one is exceeded that still counts as k
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PredictedMotion:
-    """A motion to play, and what is predicted of it."""
+    """A motion to play, and the predictions for it."""
 
     path: JointPath
     accuracy: PredictedAccuracy
@@ -356,7 +356,7 @@ def _with_noise(aim: Aim, model: TorqueModel, limits: MotionLimits) -> Aim:
 def _stages(
     rival: ExcitationDesign, objective: Objective
 ) -> dict[str, list[FourierTrajectory]]:
-    """Return what each stage of a rival's search ended with."""
+    """Return the result of each stage of a rival's search."""
     names = [f"{stage.objective} alone" for stage in rival.stages[:1]]
     names += [f"{objective} first, then {s.objective}" for s in rival.stages[1:]]
     return {

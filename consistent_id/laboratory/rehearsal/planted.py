@@ -31,7 +31,7 @@ from consistent_id.robot.model import RobotModel
 DRIVE = DriveTerms(
     viscous=True, coulomb="tanh", velocity_scale=0.02, rotor_inertia=True
 )
-"""By which the planted robot is identified."""
+"""Drive terms with which the planted robot is identified."""
 _CONTROL = DriveTerms(rotor_inertia=True)  # drive terms of its controller
 _ROTOR = 0.002  # kg m^2 of a geared rotor for each N m; 0.66 for 330 N m
 _DRIVES = 0.9  # share of the rotors' inertia that the controller believes in

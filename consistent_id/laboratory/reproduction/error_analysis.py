@@ -36,7 +36,7 @@ _DRAWS = 400  # of friction
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VariedAssumptions:
-    """Scatter over the experiments, for many guesses at what a paper does not say.
+    """Scatter over the experiments, for many guesses at values that a paper omits.
 
     Parameters
     ----------

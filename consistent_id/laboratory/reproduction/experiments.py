@@ -57,7 +57,7 @@ ENTRIES = ("A", "B", "C", "D", "E", "F")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExperimentExcitation:
-    """How well one experiment excites a paper's free parameters.
+    """The excitation of a paper's free parameters by one experiment.
 
     Parameters
     ----------

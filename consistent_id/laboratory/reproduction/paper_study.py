@@ -81,7 +81,7 @@ class ExcitingSet:
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """How much of a study is done.
+    """The parts of a study that are done.
 
     Parameters
     ----------
@@ -325,7 +325,7 @@ def place_of(problem: Problem) -> ScatterPlaces:
 
 
 def used_by(limits: MotionLimits, motions: Mapping[str, Recording]) -> MotionLimits:
-    """Return limits that hold the range, speed and acceleration of some motions."""
+    """Return limits that contain the range, speed and acceleration of some motions."""
     own = [motion.of(limits.joints) for motion in motions.values()]
     return replace(
         limits,

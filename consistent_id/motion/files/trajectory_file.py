@@ -42,7 +42,7 @@ from consistent_id.recordings.readers.recording_file import column_names
 from consistent_id.recordings.recording import Recording
 
 TRAJECTORY_COLUMNS = Columns(velocity="dq_{joint}", acceleration="ddq_{joint}")
-"""How written trajectories name their columns: ``time``, ``q_``, ``dq_``, ``ddq_``."""
+"""Names of the columns of written trajectories: ``time``, ``q_``, ``dq_``, ``ddq_``."""
 
 
 def columns_of(samples: Recording) -> dict[str, Vector]:
