@@ -96,7 +96,7 @@ def require_clear_pose(demands: Demands, seed: int = 0) -> None:
     Raises
     ------
     InfeasibleError
-        With the two bodies, their distance and the pose in which they are farthest apart.
+        With the two bodies, their distance and the pose where they are farthest apart.
     """
     scene, limits = demands.scene, demands.limits
     if scene is None or not scene.pairs:

@@ -165,7 +165,7 @@ def spread_table(study: PaperStudy) -> Table:
 
 
 def excitation_table(study: PaperStudy) -> Table:
-    """Return how well each experiment excites, and what it does not identify."""
+    """Return each experiment's excitation, and the directions that it leaves open."""
     rows = []
     for name, done in study.with_friction.items():
         for experiment in done.experiments:
