@@ -128,13 +128,15 @@ def _export(options: argparse.Namespace) -> Answer:
         delay=figures.get("delay of commands", chosen.delay),
     )
     written = None if options.dry_run else export.save(options.output)
-    beside = (*chosen.stated, *chosen.estimate.notes, *export.notes)
+    beside, more = (*chosen.stated, *export.notes), chosen.estimate.notes
     if written is not None:
         delay = figures.get("delay of commands", chosen.delay)
         beside = (*beside, *_read_back(chosen, options.format, written, delay))
-    record |= {"format": export.format, "notes": list(beside)}
+    record |= {"format": export.format, "notes": [*beside, *more]}
     record |= {"written": written and str(written)}
-    lines = (verdict.sentence, *(f"  {n}" for n in (*verdict.lines, *beside)))
+    if more and not options.verbose:
+        more = (f"{len(more)} notes on how it was estimated: --verbose prints them",)
+    lines = (verdict.sentence, *(f"  {n}" for n in (*verdict.lines, *beside, *more)))
     last = f"written: {written}" if written else "nothing was written"
     return Answer(0, "\n".join([*lines, last]), record)
 
