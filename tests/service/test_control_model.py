@@ -71,6 +71,21 @@ def test_numpy_agrees_with_pinocchio(seed):
     assert_near(control.mass_matrix(states[0]), mass)
 
 
+def test_pinocchio_gets_the_same_bodies_and_friction():
+    _, estimate = bare(0, 2)
+    terms = DriveTerms(viscous=True, coulomb="sign", rotor_inertia=True)
+    model = TorqueModel(estimate.model.robot, terms)
+    bodies = [link.nominal for link in model.robot.links]
+    levels = np.array([[1.0, 0.5, 0.1], [2.0, 0.7, 0.2]])  # viscous, Coulomb, rotor
+    control = control_model(estimate_of(model, bodies, levels.ravel()))
+    found = control.pinocchio()
+    q, dq, ddq = (state[0] for state in random_states(np.random.default_rng(1), 2, 1))
+    dq = dq + 9.0 * np.sign(dq)  # dry friction has its level there
+    tau = pin.rnea(found, found.createData(), q, dq, ddq)
+    tau += found.damping * dq + found.upperDryFrictionLimit * np.sign(dq)
+    assert_near(control.torque(q, dq, ddq), tau)
+
+
 def test_shapes_are_those_of_the_state():
     control = control_model(driven())
     q, dq, ddq = random_states(np.random.default_rng(0), JOINTS, 6)
