@@ -1,11 +1,13 @@
 """Contacts: touches of a resting arm, torque steps on a moving one, place and force.
 
-``python benchmarks/contacts.py [--only touches steps place] [--write docs/touch.md]``
+``python benchmarks/contacts.py [--only touches steps place rate]
+[--write docs/touch.md]``
 
 Thresholds come from other logs than those that they are tried on.  Touches: a Franka
 arm that holds a pose and is touched by hand, labelled by a glove.  Steps: torque steps
 added to logs of a moving UR10e, whose model is identified from the other logs.  Place:
 forces of known size and place on a simulated arm, with the noise of the Franka's logs.
+Rate: false alarms in hours of simulated arms, which have friction that the model lacks.
 """
 
 import argparse
@@ -16,7 +18,9 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as parquet
+from faults_robots import Robot, as_drawn, loaded, urdf
 from pages import written_to
+from payload import ARMS, run_of, states
 
 import consistent_id as ci
 from consistent_id.recordings import Recording
@@ -52,6 +56,9 @@ EVERY = 1.0  # s between steps that are put in
 MOVING = 0.05  # rad/s of some joint, above which the arm moves
 GAINS = (20.0, 40.0, 60.0, 100.0)  # 1/s, of the observer
 GAIN = 60.0  # of the table of joints
+
+LEARNT, TRIED = (7, 30), 120  # min, of simulated arms that nothing touches
+STATED = (1.0, 10.0)  # false alarms an hour
 
 PANDA = (
     ci.DHRow(0, 0, d=0.333),
@@ -378,7 +385,68 @@ def _jacobian(
     )
 
 
-TABLES = {"touches": touches, "steps": steps, "place": place}
+def rate() -> list[str]:
+    """Return the table of false alarms of simulated arms that nothing touches."""
+    lines = [
+        "| arm | learnt from | tried on | stated, an hour | false alarms, an hour |",
+        "|---|---:|---:|---:|---:|",
+    ]
+    for name in ("ur10_like", "seven_joints"):
+        robot, rng = ARMS[name], np.random.default_rng(0)
+        control = _identified(robot, rng)
+        observer = MomentumObserver(control, gain=GAIN)
+
+        def free(minutes: int, robot=robot, rng=rng, observer=observer) -> list:
+            return [observer.along(_free(robot, rng)) for _ in range(minutes)]
+
+        tried = free(TRIED)
+        for minutes in LEARNT:
+            logs = free(minutes)
+            for stated in STATED:
+                detector = ContactDetector.fit(logs, false_alarms=stated)
+                alarms = sum(len(detector.along(log).starts) for log in tried)
+                lines.append(
+                    f"| `{name}` | {minutes} min | {TRIED / 60:g} h | {stated:g} | "
+                    f"{60.0 * alarms / TRIED:.3g} |"
+                )
+    return lines
+
+
+def _identified(robot: Robot, rng: np.random.Generator) -> ControlModel:
+    """Return an arm as it is identified from a minute of motion."""
+    model = ci.TorqueModel(
+        loaded(urdf(as_drawn(robot, rng))),
+        ci.DriveTerms(viscous=True, coulomb="sign", offset=True, rotor_inertia=True),
+    )
+    log = ci.recordings.signals.differentiated(
+        ci.recordings.signals.low_passed(
+            _free(robot, rng), motion_cutoff=8.0, torque_cutoff=8.0
+        )
+    )
+    regression = ci.build_regression(model, log)
+    regression = regression.weighted(joint_noise(model, regression))
+    estimate = ci.constrained_least_squares(model, regression)
+    return control_model(estimate, friction_velocity=0.01, allow_refused=True)
+
+
+def _free(robot: Robot, rng: np.random.Generator) -> Recording:
+    """Return a minute of an arm whose friction falls with speed near rest."""
+    moved = states(robot, rng, 60.0, "random motion")
+    run = run_of(robot, None, moved, rotor=0.005)
+    effort = np.array([part.effort for part in robot.parts])
+    dry = np.tanh(run.velocity / 0.01) * np.exp(-((run.velocity / 0.1) ** 2))
+    torque = run.torque + 0.01 * effort * dry
+    torque += 0.005 * effort * rng.normal(size=torque.shape)
+    return Recording(
+        robot.joints,
+        run.time,
+        run.position,
+        velocity=run.velocity + 0.002 * rng.normal(size=torque.shape),
+        torque=torque,
+    )
+
+
+TABLES = {"touches": touches, "steps": steps, "place": place, "rate": rate}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

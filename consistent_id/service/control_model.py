@@ -19,6 +19,7 @@ from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.casadi_functions import Functions, to_c, to_casadi
 from consistent_id.export.export_formats import Export, require_exportable
+from consistent_id.export.pinocchio_model import to_pinocchio
 from consistent_id.export.smooth_friction import (
     FRICTION_VELOCITY,
     with_smooth_friction,
@@ -149,6 +150,14 @@ class ControlModel:
             friction_velocity=self.friction_velocity,
             allow_refused=self.allow_refused,
         )
+
+    def pinocchio(self) -> Any:
+        """Return a ``pinocchio.Model`` of the bodies and the drives.
+
+        Its damping and dry friction are those of the estimate, not smooth, and it has
+        neither springs nor offsets; see `to_pinocchio`.
+        """
+        return to_pinocchio(self.estimate, allow_refused=self.allow_refused)
 
     def c(self, *, name: str | None = None) -> Export:
         """Return the same torques as C without allocation: a source and a header.

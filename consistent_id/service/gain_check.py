@@ -98,7 +98,16 @@ class GainCheck:
         notes = self.verdict.brief
         if not self.unknown.any():
             listed = ", ".join(f"{gain:.5g}" for gain in self.gains)
-            notes = (*notes, f"torque_gain = [{listed}]")
+            words = " ".join(f"{gain:.5g}" for gain in self.gains)
+            errors = " ".join(
+                f"{100.0 * error:.2g}" for error in self.factors.relative_errors
+            )
+            notes = (
+                *notes,
+                f"torque_gain = [{listed}]",
+                f"in a shell: --torque-gain {words}",
+                f"for payload also: --gain-errors {errors}",
+            )
         return Table(self.verdict.sentence, header, tuple(rows), notes)
 
     def to_dict(self) -> dict[str, Any]:

@@ -8,9 +8,11 @@ import msgspec
 import numpy as np
 
 from consistent_id.errors import ProblemError
-from consistent_id.problems.file import RecordingTable
+from consistent_id.problems.draft_rows import longest_gap
+from consistent_id.problems.file import PreparationTable, RecordingTable
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.clocks import own_rate
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.kinematics import fixed_place
@@ -120,8 +122,16 @@ class LoadedRuns:
         gains = [g * factors.get(j, 1.0) for j, g in self.stated_gains.items()]
         # They are added to the validation recordings, so that they are prepared with
         # what was found in the training recordings.
+        preparation = data.preparation
+        raws = [problem.read(one.file, omit=self.omit) for one in added]
+        _require_samples(raws, preparation)
+        if raws and preparation.max_gap is None:
+            # Poses that were recorded one after another have gaps between them.
+            gap = longest_gap(raws)
+            preparation = msgspec.structs.replace(preparation, max_gap=gap)
         changed = msgspec.structs.replace(
             data,
+            preparation=preparation,
             recordings=[*data.recordings, *added],
             torque_gain=gains if factors else data.torque_gain,
         )
@@ -130,6 +140,19 @@ class LoadedRuns:
         )
         first = len(problem.validation)
         return both.validation[first:], (*both.training, *both.validation[:first])
+
+
+def _require_samples(raws: Sequence[Recording], table: PreparationTable) -> None:
+    """Refuse tables with a row for each pose, which no filter can take."""
+    cutoffs = (table.motion_cutoff or 0.0, table.torque_cutoff or 0.0)
+    for raw in raws:
+        if (rate := own_rate(raw)) <= 2.0 * max(cutoffs):
+            raise ProblemError(
+                f"{raw.name} has {rate:.3g} samples a second, and logs without the "
+                f"load are filtered at {max(cutoffs):g} Hz; expected more than twice "
+                "that. A row for each pose is not enough: record each pose for a "
+                "second or more"
+            )
 
 
 def require_arm(problem: Problem, known_mass: float | None) -> None:

@@ -54,6 +54,13 @@ def test_the_table_states_what_the_problem_file_needs(found):
     listed = [float(word) for word in line.split("[")[1].rstrip("]").split(",")]
     np.testing.assert_allclose(listed, found.gains, rtol=1e-4)
     assert [row[0] for row in table.rows] == list(JOINTS)
+    for option, values in (
+        ("--torque-gain ", found.gains),
+        ("--gain-errors ", 100.0 * found.factors.relative_errors),
+    ):
+        (line,) = [note for note in table.notes if option in note]
+        shown = [float(word) for word in line.split(option)[1].split()]
+        np.testing.assert_allclose(shown, values, rtol=0.06)  # two digits
 
 
 @pytest.mark.slow

@@ -370,3 +370,23 @@ def test_poses_show_the_load_although_friction_differs_by_direction(still_files)
     stated = FixedParameters({"j0.coulomb_positive": 0.9})
     kept = replace(problem, constraints=(*problem.constraints, stated))
     assert LoadedRuns(kept, (loaded,), None, ()).model is kept.model
+
+
+@pytest.mark.slow
+def test_poses_may_be_recorded_one_after_another(still_files, still, tmp_path):
+    """Rests of two seconds, with gaps of the clock in place of the moves."""
+    robot, empty, loaded = still_files
+    head, *rows = loaded.read_text().splitlines()
+    table = np.array([[float(word) for word in row.split(",")] for row in rows])
+    rests = table[np.arange(len(table)) % (22 * 50) < 2 * 50]  # at 50 Hz
+    file = tmp_path / "rests.csv"
+    np.savetxt(file, rests, "%.9g", ",", header=head, comments="")
+    problem = draft_problem(robot, empty, select=False, cutoff=2.0).problem()
+    assert problem.table.data.preparation.max_gap is None
+    found = weigh_load(problem, file, link="flange")
+    assert abs(found.in_flange.body.mass - LOAD.mass) < 0.05
+    assert np.linalg.norm(found.in_flange.body.com - LOAD.com) < 5e-3
+    poses = tmp_path / "poses.csv"
+    np.savetxt(poses, rests[::100], "%.9g", ",", header=head, comments="")
+    with pytest.raises(ProblemError, match="A row for each pose is not enough"):
+        weigh_load(problem, poses, link="flange")
