@@ -225,8 +225,22 @@ def main() -> None:
     if options.write:
         page = options.write.read_text()
         before, _, rest = page.partition(BEGIN)
-        _, _, after = rest.partition(END)
+        old, _, after = rest.partition(END)
+        lines = with_others(lines, old)
         options.write.write_text(f"{before}{BEGIN}\n\n{lines}\n\n{END}{after}")
+
+
+def with_others(lines: str, old: str) -> str:
+    """Return a table with the rows of other methods that it had before."""
+    rows: dict[str, list[str]] = {name: [] for name in METHODS}
+    for row in (*old.splitlines(), *lines.splitlines()):
+        name, _, _ = row.removeprefix("| ").partition(" | ")
+        if name in rows:
+            rows[name].append(row)
+    fresh = set(lines.splitlines())
+    kept = [[row for row in own if row in fresh] or own for own in rows.values()]
+    head = lines.splitlines()[:2]
+    return "\n".join([*head, *(row for own in kept for row in own)])
 
 
 def table(replicates: int, methods: Sequence[str] = tuple(METHODS)) -> str:
