@@ -32,7 +32,7 @@ from coverage_bodies import (
     walks,
     zeros,
 )
-from coverage_drives import calibrations, command_delays
+from coverage_drives import calibrations, command_delays, springs
 
 import consistent_id as ci
 from consistent_id.estimation.loaded_robot import loaded_robot
@@ -186,6 +186,7 @@ METHODS: dict[str, Callable[[str, int], Iterator[np.ndarray]]] = {
     "drive gains": drive_gains,
     "delay": delays,
     "delay of commands": of_drives(command_delays),
+    "spring of a gear": of_drives(springs),
     "drive calibration": of_drives(calibrations),
     "instrumental variables": instruments,
     "Huber": hubers,
@@ -201,7 +202,13 @@ METHODS: dict[str, Callable[[str, int], Iterator[np.ndarray]]] = {
 }
 CORRELATIONS = {"white": 1.0, "AR(1) 0.9": 19.0}  # samples, (1 + 0.9) / (1 - 0.9)
 DESIGNS = ("design on feet", "design on a wrist sensor")
-SLOW = ("zero of a joint", "fleet", "robot on its feet", "radius of feet")
+SLOW = (
+    "spring of a gear",
+    "zero of a joint",
+    "fleet",
+    "robot on its feet",
+    "radius of feet",
+)
 
 
 def share(z: np.ndarray) -> tuple[float, float]:
