@@ -245,7 +245,8 @@ The table counts base parameters of weighted least squares within 1.96 standard 
 and standard parameters of the constrained estimate that have a standard error; the
 latter is too large where constraints are active. The target of least squares is 93 to
 97 %. Pink noise has most of its power in the motion's slowest harmonics, where a log of
-20 s shows it in a few periods only: its intervals are too narrow.
+20 s shows it in a few periods only: its intervals are too narrow. Of 5 s, 3.5 s are for
+training, and ends of the log matter: intervals are too wide or too narrow.
 
 {logs}
 
@@ -264,8 +265,7 @@ The same arm of three joints. A payload of 2 kg has its ten parameters, instrume
 the exact motion beside one whose acceleration is noisy, and all base parameters count.
 The zero of a joint is off by 15°, the base leans by 12°, clock and gains are off by the
 factor 1.4, and bodies differ from the nominal ones as far as bodies are usually known.
-Blocks of a
-motion are those of `rollout`: parameters of drives, and the same of one later block. A
+Delays of commands count beside their mean over the logs. Blocks of a motion are those of `rollout`: parameters of drives, and the same of one later block. A
 fleet has four robots, one of them with a load. A walking robot's contact forces are
 taken out; the radius of its feet is stated 0.4 mm too large. The errors that designs
 predict are for white noise, or for the correlation that is stated: for sensors by
