@@ -31,7 +31,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.tables import brief
-from consistent_id.regression.linear import extended, triangle
+from consistent_id.regression.linear import DATA_RANK_TOLERANCE, extended, triangle
 from consistent_id.regression.model_errors import (
     BLOCKS,
     LEFT,
@@ -188,8 +188,8 @@ def _noise_along(
     # Where contact forces are taken out, rows share their noise: `whole` gives the
     # scores of single rows what the others hold of it.  Sums over rows hold it already.
     ratio = block_ratio(fit, BlockPart(gradients, normals), of_joints)
-    levels = np.array(effective), of_joints, np.array(freedom)
-    return CorrelatedNoise(*levels, ratio), beside
+    along = CorrelatedNoise(np.array(effective), of_joints, np.array(freedom), ratio)
+    return along, beside
 
 
 def scores_along(
@@ -296,6 +296,39 @@ def spectral_noise(rows: Matrix, residual: Vector, steps: Matrix) -> JointNoise:
         length=felt / (spent * mean) if spent * mean > 0.0 else 1.0,
         freedom=max(2.0 * expected**2 / variance, 1.0) if variance > 0.0 else float(n),
     )
+
+
+def spectral_errors(parts: Sequence[Matrix], prior: Matrix | None = None) -> Vector:
+    """Return standard errors of least squares, noise being as correlated as residuals.
+
+    Parameters
+    ----------
+    parts : sequence of ndarray, each shape (samples, columns + 1)
+        Rows of one joint along one recording, divided by its noise, torque last.
+    prior : ndarray, shape (rows, columns + 1), optional
+        Rows whose errors are independent, of unit variance.
+
+    Returns
+    -------
+    ndarray, shape (columns,)
+        Those of the smallest solution where the rows do not determine all columns.
+    """
+    width = parts[0].shape[1] - 1
+    known = np.zeros((0, width + 1)) if prior is None else prior
+    R = np.zeros((0, width + 1))
+    for rows in (known, *parts):
+        R = extended(R, np.array(rows, order="F"))
+    sizes = np.linalg.norm(R[:, :-1], axis=0)
+    sizes = np.where(sizes > 0.0, sizes, 1.0)
+    U, s, Vt = np.linalg.svd(R[:, :-1] / sizes, full_matrices=False)
+    kept = s > DATA_RANK_TOLERANCE * s.max(initial=0.0)
+    steps = Vt[kept].T / s[kept] / sizes[:, None]
+    x = steps @ (U[:, kept].T @ R[:, -1])
+    found = [known[:, :-1] @ steps @ steps.T]
+    for rows in parts:
+        A, residual = rows[:, :-1], rows[:, -1] - rows[:, :-1] @ x
+        found.append(spectral_noise(A, residual, steps).scores @ steps @ steps.T)
+    return np.asarray(np.linalg.norm(np.vstack(found), axis=0))
 
 
 def _spectra(rows: Matrix) -> Matrix:
