@@ -85,8 +85,8 @@ def held(z: Sequence[np.ndarray]) -> tuple[float, float]:
 def table(replicates: int, cutoffs: Sequence[float] = CUTOFFS) -> str:
     """Measure the table; its rows are printed as they are found."""
     lines = [
-        f"`python benchmarks/coverage_filtered.py`{stamp()}, {replicates} logs for each "
-        "row:",
+        f"`python benchmarks/coverage_filtered.py`{stamp()}, "
+        f"{replicates} logs for each row:",
         "",
         "| arm | noise | cut-off | all base parameters | friction |",
         "|---|---|--:|--:|--:|",
