@@ -32,13 +32,16 @@ import numpy as np
 
 from consistent_id._support.arrays import Vector
 from consistent_id.diagnosis.factor_rows import (
+    HARM,
     LEAN,
     Factor,
     FactorLogs,
     FactorRows,
+    effects,
     factor_system,
     factors_of,
     gain_of,
+    harm,
     leaning,
     least_costs,
     least_misfit,
@@ -54,6 +57,7 @@ _ROUNDS = 8  # most linearisations until a factor settles
 _SETTLED = 0.02  # change of a factor at which it has settled
 _LARGEST = 0.7  # change of a factor in one round, at most
 _TRIED = 3  # factors that are corrected, of those that explain most
+_WORTH_SAYING, _NAMED = 0.02, 3  # least doubt that is said, and how many
 _ALIKE = 0.8  # share of the best explanation that rivals reach
 
 # Standard errors from which on a factor is a warning, and a fault.  Of right logs of
@@ -93,6 +97,9 @@ class FoundFactor:
         Decrease of the sum of squares, in squared noise.
     cost : float
         The sum of squares of the logs as they are.
+    harm, doubt : float
+        Error of an estimate that does not know the factor, over the torque of all
+        joints; and the same for a factor as large as its standard error.
     """
 
     factor: Factor
@@ -100,11 +107,18 @@ class FoundFactor:
     error: float
     explained: float
     cost: float = 0.0
+    harm: float = 0.0
+    doubt: float = 0.0
 
     @property
     def ratio(self) -> float:
         """Size over standard error."""
         return abs(self.size) / self.error
+
+    @property
+    def least_harm(self) -> float:
+        """The harm of a factor that is a standard error smaller."""
+        return self.harm * max(1.0 - 1.0 / self.ratio, 0.0) if self.size else 0.0
 
 
 def whole_robot_factors(as_is: FactorLogs) -> list[FoundFactor]:
@@ -132,7 +146,21 @@ def whole_robot_factors(as_is: FactorLogs) -> list[FoundFactor]:
     settled = [_settled(as_is, found, cost) for found in likely]
     rest = [f for f in first if f not in likely]
     found = [replace(f, cost=cost) for f in (*settled, *rest)]
-    return sorted(found, key=lambda f: -f.explained)
+    return sorted(_weighed(as_is, found), key=lambda f: -f.explained)
+
+
+def _weighed(as_is: FactorLogs, found: Sequence[FoundFactor]) -> list[FoundFactor]:
+    """Add what each factor, or as much as its error, would mean for an estimate."""
+    if not found:
+        return []
+    units, weighed = effects(as_is, [f.factor for f in found]), []
+    for one, unit in zip(found, units, strict=True):
+        factor, error = one.factor, min(one.error, _FARTHEST[one.factor.kind])
+        doubt = harm(as_is, factor, error) if factor.kind == "clock" else unit * error
+        likely = one.ratio >= _gate(factor) and abs(one.size) >= factor.least
+        harms = harm(as_is, factor, one.size) if likely else unit * abs(one.size)
+        weighed.append(replace(one, harm=float(harms), doubt=float(doubt)))
+    return weighed
 
 
 def _turn(system: Jackknife, factors: Sequence[Factor], level: list[int]) -> Vector:
@@ -372,8 +400,12 @@ def doubted(finding: LogFinding) -> LogFinding:
 
 
 def whole_robot_findings(as_is: FactorLogs) -> list[LogFinding]:
-    """Report the factor that explains most, and others that explain as much."""
-    return factor_findings(as_is.model, whole_robot_factors(as_is))
+    """Report the factor that explains most, others that explain as much, and doubts."""
+    found = whole_robot_factors(as_is)
+    return [
+        *factor_findings(as_is.model, found),
+        *hidden_factors(as_is.model, found),
+    ]
 
 
 def factor_findings(
@@ -386,7 +418,8 @@ def factor_findings(
     best, *others = shown
     rivals = [f for f in others if f.explained >= _ALIKE * best.explained]
     sure = best.ratio >= _SURE and abs(best.size) >= _LARGE * best.factor.least
-    severity: Severity = "fault" if sure and not rivals else "warning"
+    fault = (sure and not rivals) or _harmful(best, rivals)
+    severity: Severity = "fault" if fault else "warning"
     causes = "; or ".join(_cause(model, f) for f in (best, *rivals))
     return [
         LogFinding(
@@ -395,12 +428,70 @@ def factor_findings(
             best.factor.where,
             f"bodies like the nominal ones explain the log much better {causes} "
             "(standard errors, rather too large); otherwise, bodies would be "
-            f"{_WITHOUT[best.factor.kind]}",
+            f"{_WITHOUT[best.factor.kind]}; an estimate that does not know it would be "
+            f"{best.harm:.0%} off in torque",
             _ADVICE[best.factor.kind],
             min(best.ratio / _gate(best.factor), abs(best.size) / best.factor.least),
             size="" if rivals else _size(best),
         )
     ]
+
+
+def hidden_factors(
+    model: TorqueModel, found: Sequence[FoundFactor]
+) -> list[LogFinding]:
+    """Say how large factors may be that no log shows, and what they would mean.
+
+    Bodies that differ from the nominal ones as far as usual would explain a factor as
+    large as its standard error.  A doubt of `HARM` or more is a warning, unless a
+    factor was found: errors of the others contain it.
+    """
+    alone = not any(_shown(f) for f in found)
+    seen = [f for f in found if np.isfinite(f.error) and not _shown(f)]
+    seen = [f for f in seen if f.factor.kind != "gravity" and f.doubt >= _WORTH_SAYING]
+    if not seen:
+        return []
+    worst, *others = sorted(seen, key=lambda f: -f.doubt)[:_NAMED]
+    said = "; ".join(_hidden(model, f) for f in (worst, *others))
+    return [
+        LogFinding(
+            "hidden factor",
+            "warning" if alone and worst.doubt >= HARM else "note",
+            worst.factor.where,
+            "bodies that differ from the model's as far as usual would hide, one "
+            f"standard error large, {said}",
+            _TOLD[worst.factor.kind],
+            worst.doubt / HARM,
+        )
+    ]
+
+
+def _hidden(model: TorqueModel, found: FoundFactor) -> str:
+    """Return what a factor may hide, and what it would mean for an estimate."""
+    kind = found.factor.kind
+    if kind in ("clock", "masses or gain"):
+        what = "a clock" if kind == "clock" else "torques"
+        fast = "as fast" if kind == "clock" else "the robot's"
+        said = f"{what} {np.exp(found.error):.2f} times {fast}"
+    else:
+        joint = model.robot.driven[found.factor.joint]
+        slides = joint.kind == "prismatic"
+        size = found.error if slides else np.degrees(found.error)
+        said = (
+            f"a zero of {joint.name} off by {size:.2g} {'m' if slides else 'degrees'}"
+        )
+    return f"{said} (an estimate is then {found.doubt:.0%} off in torque)"
+
+
+def _harmful(best: FoundFactor, rivals: Sequence[FoundFactor]) -> bool:
+    """Return whether a cause is likely that makes an estimate harmful.
+
+    Where the model lacks a counterbalance, the gain of all torques is 2.7 standard
+    errors off in right logs of a KUKA; nothing like that is known of clocks.
+    """
+    gate = _LIKELY if best.factor.kind == "masses or gain" else _gate(best.factor)
+    least = max(f.least_harm for f in (best, *rivals))
+    return best.ratio >= gate and least >= HARM
 
 
 def _size(found: FoundFactor) -> str:
@@ -411,6 +502,14 @@ def _size(found: FoundFactor) -> str:
     return f"{factor:.3g} +- {factor * found.error:.2g}"
 
 
+_TOLD = {
+    "clock": "compare the log's duration with a clock, or record faster motion: if the "
+    'clock is known to be right, --accept "hidden factor"',
+    "masses or gain": "weigh a known load (consistent-id gains, payload), or state "
+    'masses: if gains are known to be right, --accept "hidden factor"',
+    "offset zero": "measure this zero, or record poses in which gravity acts on this "
+    'joint: if it is known to be right, --accept "hidden factor"',
+}
 _WITHOUT = {
     "clock": "too hard or too easy to accelerate for their weight",
     "masses or gain": "all too heavy or all too light",
@@ -504,11 +603,12 @@ def _gate(factor: Factor) -> float:
 
 
 def _shown(found: FoundFactor) -> bool:
+    much = found.explained > _MUCH.get(found.factor.kind, 0.0) * found.cost
     return (
         abs(found.size) <= _FARTHEST[found.factor.kind]
         and found.ratio >= _gate(found.factor)
         and abs(found.size) >= found.factor.least
-        and found.explained > _MUCH.get(found.factor.kind, 0.0) * found.cost
+        and (much or found.harm >= HARM)
     )
 
 
