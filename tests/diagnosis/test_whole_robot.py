@@ -9,20 +9,26 @@ from robots import random_robot, random_states
 
 from consistent_id import InertialParameters, Recording, TorqueModel
 from consistent_id.diagnosis import LogFinding, diagnose
+from consistent_id.diagnosis.factor_findings import (
+    FoundFactor,
+    factor_findings,
+    hidden_factors,
+)
 from consistent_id.diagnosis.factor_rows import (
+    HARM,
     FactorLogs,
     FactorRows,
+    effects,
     factors_of,
     gain_of,
+    harm,
     leaning,
     least_costs,
     relative_noise,
 )
 from consistent_id.diagnosis.whole_robot import (
-    FoundFactor,
     contradicted,
     doubted_gain,
-    factor_findings,
     gain_beside_bodies,
     other_robot,
     weighed_gain,
@@ -228,6 +234,8 @@ def test_a_zero_that_leaves_nearly_all_unexplained_is_not_named(kind, shown):
     little = FoundFactor(factor, size, size / 6.0, explained=20.0, cost=1000.0)
     assert bool(factor_findings(arm(), [little])) == shown
     assert factor_findings(arm(), [replace(little, explained=50.0)])
+    # What would make an estimate harmful is said, however little it explains.
+    assert factor_findings(arm(), [replace(little, harm=HARM)])
 
 
 @pytest.mark.slow
@@ -238,7 +246,8 @@ def test_a_factor_that_logs_contradict_is_no_factor_of_the_robot():
     first, second = slice(0, 150), slice(150, 600)
 
     def kinds(*logs):
-        found = whole_robot_findings(FactorLogs.of(model, logs, masses_known=True))
+        as_is = FactorLogs.of(model, logs, masses_known=True)
+        found = accusing(whole_robot_findings(as_is))
         return [finding.kind for finding in found]
 
     assert kinds(wrong.samples(first), wrong.samples(second)) == ["clock"]
@@ -257,13 +266,99 @@ def test_bodies_known_worse_pull_less(kind, place, size):
     assert abs(fault.size - size) < 1.5 * fault.error
 
 
+@pytest.mark.parametrize(
+    ("kind", "errors", "harm", "severity"),
+    [
+        ("offset zero", 4.0, 0.05, "warning"),
+        ("offset zero", 6.0, 0.05, "fault"),
+        # A standard error less of it would mean a tenth of the torque.
+        ("offset zero", 4.0, 0.14, "fault"),
+        ("offset zero", 4.0, 0.13, "warning"),
+        ("clock", 2.6, 0.17, "fault"),
+        ("masses or gain", 2.6, 0.17, "warning"),
+        ("masses or gain", 3.1, 0.17, "fault"),
+    ],
+)
+def test_a_factor_is_a_fault_if_it_is_sure_or_likely_and_harmful(
+    kind, errors, harm, severity
+):
+    factor = next(f for f in factors_of(arm()) if f.kind == kind)
+    size = 2.1 * factor.least
+    found = FoundFactor(factor, size, size / errors, 500.0, 1000.0, harm)
+    (finding,) = factor_findings(arm(), [found])
+    assert finding.severity == severity
+    assert f"would be {harm:.0%} off in torque" in finding.statement
+
+
+def test_a_rival_that_is_harmful_makes_a_fault():
+    clock, gain = factors_of(arm())[:2]
+    found = FoundFactor(clock, 0.3, 0.1, 500.0, 1000.0, 0.05)
+    rival = FoundFactor(gain, 0.5, 0.1, 450.0, 1000.0, 0.4)
+    (finding,) = factor_findings(arm(), [found, rival])
+    assert (finding.kind, finding.severity) == ("clock", "fault")
+    (finding,) = factor_findings(arm(), [found, replace(rival, explained=300.0)])
+    assert finding.severity == "warning"
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(("gain", "severity"), [(1.5, "warning"), (2.0, "fault")])
-def test_a_fault_is_five_standard_errors_large(gain, severity):
-    model, log = logged(1, spread=0.5)
-    _, log = faulty(log, model, "masses or gain", 0, np.log(gain))
-    (finding,) = accusing(whole_robot_findings(_as_is(model, log)))
-    assert (finding.kind, finding.severity) == ("masses or gain", severity)
+@pytest.mark.parametrize(("kind", "place", "size"), FAULTS[:6])
+def test_the_harm_of_a_factor_is_the_error_of_least_squares_from_its_log(
+    kind, place, size
+):
+    """Fitted to the wrong log, the estimate predicts the right one."""
+    model, right = logged(0, noise=0.0)
+    _, wrong = faulty(right, model, kind, place, size)
+    rows = model.regressor(wrong.position, wrong.velocity, wrong.acceleration)
+    x = np.linalg.lstsq(rows.reshape(-1, rows.shape[-1]), wrong.torque.ravel())[0]
+    said = model.predict(x, right.position, right.velocity, right.acceleration)
+    error = np.linalg.norm(said - right.torque) / np.linalg.norm(right.torque)
+    factor = next(
+        f
+        for f in factors_of(model)
+        if f.kind == kind and (kind != "offset zero" or f.joint == place)
+    )
+    assert harm(_as_is(model, wrong), factor, size) == pytest.approx(error, rel=0.1)
+
+
+def test_the_effect_of_a_gain_is_all_torque():
+    model, log = logged(0, noise=0.0)
+    gain = factors_of(model)[1]
+    one = gain_of(model, model.torque_joints[1])
+    share = np.linalg.norm(log.torque[:, 1]) / np.linalg.norm(log.torque)
+    assert effects(_as_is(model, log), [gain, one]) == pytest.approx([1.0, share], 0.01)
+
+
+def test_what_bodies_may_hide_of_a_gain_is_its_error():
+    model, log = pendulum(0.0)
+    found = whole_robot_factors(_as_is(model, log))
+    (gain,) = (f for f in found if f.factor.kind == "masses or gain")
+    assert gain.doubt == pytest.approx(gain.error, rel=0.01)
+    (finding,) = hidden_factors(model, [gain])
+    assert finding.severity == "note"  # a gain so small is not reported either
+    said = f"torques {np.exp(gain.error):.2f} times the robot's (an estimate is then "
+    assert f"{said}{gain.doubt:.0%} off in torque)" in finding.statement
+
+
+@pytest.mark.parametrize(
+    ("size", "error", "doubt", "severity"),
+    [
+        (0.01, 0.2, 0.3, "warning"),
+        (0.01, 0.2, 0.09, "note"),
+        (0.01, 0.1, 0.3, "note"),  # of the clock's speed, 15 % would be reported
+    ],
+)
+def test_a_hidden_factor_is_a_warning_if_it_should_be_reported_and_is_harmful(
+    size, error, doubt, severity
+):
+    clock, gain = factors_of(arm())[:2]
+    hidden = FoundFactor(clock, size, error, 0.0, 1000.0, 0.0, doubt)
+    (finding,) = hidden_factors(arm(), [hidden])
+    assert (finding.where, finding.severity) == ("time", severity)
+    # Where a factor was found, errors of others contain it.
+    found = FoundFactor(gain, 0.5, 0.1, 900.0, 1000.0, 0.5, 0.1)
+    (finding,) = hidden_factors(arm(), [hidden, found])
+    assert finding.severity == "note"
+    assert hidden_factors(arm(), [found]) == []
 
 
 @pytest.mark.slow
