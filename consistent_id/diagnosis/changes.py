@@ -35,7 +35,7 @@ _ALIKE = 0.8  # share of the best explanation that others reach
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class LogChange:
     """A change of all torque, or of the drives', in the course of the logs.
 
     Parameters
@@ -59,7 +59,7 @@ class Change:
     harm: float
 
 
-def changes(state: FactorLogs) -> list[Change]:
+def changes(state: FactorLogs) -> list[LogChange]:
     """Return changes in the course of the logs, each with free bodies and drives.
 
     All torque, or the drives' alone, grows steadily, or at once after one of twenty
@@ -77,11 +77,11 @@ def changes(state: FactorLogs) -> list[Change]:
         share = np.linalg.norm(parts[where]) / np.linalg.norm(state.rows.torque)
         explained = 1.0 - system.misfit([k]) ** 2 / whole
         half = float(abs(size) / 2.0 * share)
-        found.append(Change(where, start, size, explained, half))
+        found.append(LogChange(where, start, size, explained, half))
     return found
 
 
-def change_ratio(state: FactorLogs, change: Change) -> float:
+def change_ratio(state: FactorLogs, change: LogChange) -> float:
     """Return the size of a change over its standard error, see `Jackknife`."""
     state, parts = _changing(state)
     c = (parts[change.where] * _course(state, change.start))[:, None]
