@@ -47,6 +47,7 @@ _FROZEN = 0.1  # share of the log with one constant value that is reported
 _MOVING = 0.01  # rad or m of travel in another channel that shows motion,
 _STEPS = 2.0  # and steps of the encoder, within which a position stays constant
 _WHOLE = 0.2  # s for which all channels stay as they are,
+_ENOUGH = 100  # samples in motion, which show what changes of speed are usual,
 _SUDDEN = 5.0  # times a large change of speed in one sample: the log stood, no robot
 _SPIKE = 15.0  # times the median distance from neighbouring samples,
 _TALL = 1.5  # and times the span of nine tenths of the values: a spike
@@ -124,17 +125,20 @@ def standing_findings(recording: Recording) -> list[LogFinding]:
     """Find times at which a log repeats one row, though the robot was in motion.
 
     Robots brake.  A logger that repeats its last row stops all joints in one sample.
+    Without torque, robots that follow drawn paths may stop as suddenly.
     """
-    rows = recording.position
-    if recording.torque is not None:
-        rows = np.column_stack([rows, recording.torque])
-    steps = np.diff(recording.position, axis=0)
-    turns = abs(np.diff(steps, axis=0))
-    usual = np.quantile(turns, 0.99, axis=0) if len(turns) else 0.0
+    if recording.torque is None:
+        return []
+    rows = np.column_stack([recording.position, recording.torque])
+    same = (np.diff(rows, axis=0) == 0.0).all(axis=1)
+    turns = abs(np.diff(recording.position, 2, axis=0))
+    in_motion = turns[~(same[:-1] | same[1:])]
+    if len(in_motion) < _ENOUGH:
+        return []
+    usual = np.quantile(in_motion, 0.99, axis=0)
     far = _SUDDEN * usual + _STEPS * position_steps(recording)
     sudden = np.zeros(len(rows), dtype=bool)
     sudden[1:-1] = (turns > far).any(axis=1)
-    same = (np.diff(rows, axis=0) == 0.0).all(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]])))
     lost = [
         (int(first), int(last))
