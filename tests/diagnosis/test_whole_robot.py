@@ -275,8 +275,8 @@ def test_bodies_known_worse_pull_less(kind, place, size):
         ("offset zero", 4.0, 0.14, "fault"),
         ("offset zero", 4.0, 0.13, "warning"),
         ("clock", 2.6, 0.17, "fault"),
-        ("masses or gain", 2.6, 0.17, "warning"),
-        ("masses or gain", 3.1, 0.17, "fault"),
+        ("masses or gain", 4.9, 0.30, "warning"),
+        ("masses or gain", 5.1, 0.30, "fault"),
     ],
 )
 def test_a_factor_is_a_fault_if_it_is_sure_or_likely_and_harmful(
