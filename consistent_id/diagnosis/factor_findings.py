@@ -26,6 +26,8 @@ _LIKELY_ONE = 2.5  # the same for clock and gain: there is one of each, not one 
 # Share of the squares that a zero or a lean has to explain.  Where drives take most of
 # the torque, friction that varies with position looks like one: in logs of two robots
 # up to 0.028, at 4 to 6 standard errors.  Faults of four arms explain 0.048 to 0.91.
+# Below `_RUBS`, the drives' share of the torque, a harmful one may explain less.
+_RUBS = 0.5
 _MUCH = {"offset zero": 0.03, "gravity": 0.03}
 _LARGE = 2.0  # times the least size that is reported: a fault
 FARTHEST = {  # beyond, it is another fault: another unit, another channel
@@ -51,6 +53,8 @@ class FoundFactor:
     harm, doubt : float
         Error of an estimate that does not know the factor, over the torque of all
         joints; and the same for a factor as large as its standard error.
+    drives : float
+        Torque of the drives over that of all joints.
     """
 
     factor: Factor
@@ -60,6 +64,7 @@ class FoundFactor:
     cost: float = 0.0
     harm: float = 0.0
     doubt: float = 0.0
+    drives: float = 1.0
 
     @property
     def ratio(self) -> float:
@@ -132,8 +137,13 @@ def hidden_factors(
 
 
 def _hides_harm(found: FoundFactor) -> bool:
-    """Return whether a factor as large as its standard error should have been found."""
-    return found.error >= found.factor.least and found.doubt >= HARM
+    """Return whether a factor as large as its standard error should have been found.
+
+    A gain of all torques is stated with the log, or known from the sensors, and where
+    masses are free no log ever shows it: that is said, and no doubt.
+    """
+    large = found.error >= found.factor.least and found.doubt >= HARM
+    return large and found.factor.kind != "masses or gain"
 
 
 def _hidden(model: TorqueModel, found: FoundFactor) -> str:
@@ -203,11 +213,12 @@ def gate_of(factor: Factor) -> float:
 
 def _shown(found: FoundFactor) -> bool:
     much = found.explained > _MUCH.get(found.factor.kind, 0.0) * found.cost
+    much = much or (found.harm >= HARM and found.drives < _RUBS)
     return (
         abs(found.size) <= FARTHEST[found.factor.kind]
         and found.ratio >= gate_of(found.factor)
         and abs(found.size) >= found.factor.least
-        and (much or found.harm >= HARM)
+        and much
     )
 
 

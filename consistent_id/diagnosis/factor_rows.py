@@ -260,6 +260,13 @@ def harm(as_is: FactorLogs, factor: Factor, size: float) -> float:
     return float(error / torque)
 
 
+def drives_share(state: FactorLogs) -> float:
+    """Return the torque of the drives over that of all joints."""
+    first, x = state.model.layout.inertial_size, solution_of(state)
+    drives = np.einsum("jps,p->js", state.rows.columns[:, first:], x[first:])
+    return float(np.linalg.norm(drives) / np.linalg.norm(state.rows.torque))
+
+
 def effects(state: FactorLogs, factors: Sequence[Factor]) -> Vector:
     """Return the torque that a unit of each factor changes, over that of all joints."""
     x = solution_of(state)

@@ -44,6 +44,7 @@ from consistent_id.diagnosis.factor_rows import (
     Factor,
     FactorLogs,
     FactorRows,
+    drives_share,
     effects,
     factor_system,
     factors_of,
@@ -104,12 +105,15 @@ def _weighed(as_is: FactorLogs, found: Sequence[FoundFactor]) -> list[FoundFacto
     if not found:
         return []
     units, weighed = effects(as_is, [f.factor for f in found]), []
+    drives = drives_share(as_is)
     for one, unit in zip(found, units, strict=True):
         factor, error = one.factor, min(one.error, FARTHEST[one.factor.kind])
         doubt = harm(as_is, factor, error) if factor.kind == "clock" else unit * error
         likely = one.ratio >= gate_of(factor) and abs(one.size) >= factor.least
         harms = harm(as_is, factor, one.size) if likely else unit * abs(one.size)
-        weighed.append(replace(one, harm=float(harms), doubt=float(doubt)))
+        weighed.append(
+            replace(one, harm=float(harms), doubt=float(doubt), drives=drives)
+        )
     return weighed
 
 

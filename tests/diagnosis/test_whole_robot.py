@@ -18,6 +18,7 @@ from consistent_id.diagnosis.factor_rows import (
     HARM,
     FactorLogs,
     FactorRows,
+    drives_share,
     effects,
     factors_of,
     gain_of,
@@ -234,8 +235,10 @@ def test_a_zero_that_leaves_nearly_all_unexplained_is_not_named(kind, shown):
     little = FoundFactor(factor, size, size / 6.0, explained=20.0, cost=1000.0)
     assert bool(factor_findings(arm(), [little])) == shown
     assert factor_findings(arm(), [replace(little, explained=50.0)])
-    # What would make an estimate harmful is said, however little it explains.
-    assert factor_findings(arm(), [replace(little, harm=HARM)])
+    # Where the drives take less, what makes an estimate harmful is named.
+    harmful = replace(little, harm=HARM, drives=0.4)
+    assert factor_findings(arm(), [harmful])
+    assert bool(factor_findings(arm(), [replace(harmful, drives=0.6)])) == shown
 
 
 @pytest.mark.slow
@@ -329,13 +332,21 @@ def test_the_effect_of_a_gain_is_all_torque():
     assert effects(_as_is(model, log), [gain, one]) == pytest.approx([1.0, share], 0.01)
 
 
+@pytest.mark.parametrize(("friction", "share"), [((0.0, 0.0, 0.0), 0.0), (None, 1.0)])
+def test_the_share_of_drives_is_that_of_their_torque(friction, share):
+    model, log = logged(0, noise=0.0, friction=friction or (50.0, 100.0, 0.0))
+    assert drives_share(_as_is(model, log)) == pytest.approx(share, abs=0.05)
+
+
 def test_what_bodies_may_hide_of_a_gain_is_its_error():
     model, log = pendulum(0.0)
     found = whole_robot_factors(_as_is(model, log))
     (gain,) = (f for f in found if f.factor.kind == "masses or gain")
     assert gain.doubt == pytest.approx(gain.error, rel=0.01)
     (finding,) = hidden_factors(model, [gain])
-    assert finding.severity == "note"  # a gain so small is not reported either
+    assert finding.severity == "note"
+    large = replace(gain, error=0.4, doubt=0.4)  # as where masses are free
+    assert [f.severity for f in hidden_factors(model, [large])] == ["note"]
     said = f"torques {np.exp(gain.error):.2f} times the robot's (an estimate is then "
     assert f"{said}{gain.doubt:.0%} off in torque)" in finding.statement
 
