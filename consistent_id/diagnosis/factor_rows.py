@@ -298,7 +298,7 @@ def factor_system(
 
 
 def _pulled(whole: Matrix, own: Matrix, count: int) -> Vector:
-    """Return what rows of nominal bodies have of each factor, bodies eliminated.
+    """Return the rows of nominal bodies for each factor, bodies eliminated.
 
     Parameters
     ----------
