@@ -173,7 +173,7 @@ def write_json(path: Path, record: Any) -> Path:
 
 
 def relative_path(path: Path, folder: Path) -> str:
-    """Return how a place is called from a folder."""
+    """Return the name of a place relative to a folder."""
     return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
 
 
@@ -200,7 +200,7 @@ def together() -> Iterator[None]:
 
 
 def content_of(path: Path) -> bytes:
-    """Return what a file will hold once the files of `together` are there."""
+    """Return the future content of a file, with the files of `together`."""
     waiting = _waiting.get()
     if waiting is not None and path in waiting.files:
         return waiting.files[path]

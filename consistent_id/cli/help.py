@@ -43,7 +43,7 @@ def run_help(options: argparse.Namespace) -> int:
 
 
 def _text(topic: str, pages: dict[str, Path], tool_parser: Any) -> str:
-    """Return what is said of a topic.
+    """Return the help text of a topic.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def _commands(parser: Any) -> dict[str, argparse.ArgumentParser]:
 
 
 def _kinds(page: str) -> dict[str, str]:
-    """Return what the table of reasons says of each kind.
+    """Return the entry of each kind in the table of reasons.
 
     Examples
     --------

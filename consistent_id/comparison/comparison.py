@@ -137,7 +137,7 @@ class EstimateReport:
 
     @property
     def impossibility(self) -> str:
-        """Why no robot can have these parameters; whether data contradict physics."""
+        """Why no robot has these parameters, and whether data contradict physics."""
         if self.base_feasibility.answer != "impossible":
             return ""
         summary, test = self.base_feasibility.summary, self.consistency

@@ -231,8 +231,8 @@ def _of_short_validation(
             finding,
             severity="note" if left else finding.severity,
             statement=f"{seen} of validation; so short a recording hardly tests the "
-            "estimate, and its held-out error may not hold for other motion",
-            advice="hold out a longer recording",
+            "estimate, and its held-out error may be wrong for other motion",
+            advice="validate with a longer recording",
         )
 
     return [of_validation(f) for f in found]

@@ -176,7 +176,7 @@ def extent_findings(prepared: Recording) -> list[LogFinding]:
 
 
 def _turns(velocity: Vector) -> int:
-    """Return how often a joint turns back, without flickering at rest."""
+    """Return the number of a joint's reversals, without flickering at rest."""
     moving = velocity[abs(velocity) > _TURNING * abs(velocity).max()]
     return int((np.diff(np.sign(moving)) != 0.0).sum())
 

@@ -353,7 +353,7 @@ def eliminated(
 
 
 def _pulled(whole: Matrix, own: Matrix, count: int) -> Vector:
-    """Return what rows of nominal bodies have of each factor, bodies eliminated.
+    """Return the rows of nominal bodies for each factor, bodies eliminated.
 
     Parameters
     ----------

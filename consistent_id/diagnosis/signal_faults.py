@@ -212,7 +212,7 @@ def spike_findings(
 def torque_spikes(
     recording: Recording, joint: str, besides: Sequence[Recording] = ()
 ) -> BoolArray:
-    """Return which samples of a joint's torque `spike_findings` counts.
+    """Return the samples of a joint's torque that `spike_findings` counts.
 
     Parameters
     ----------

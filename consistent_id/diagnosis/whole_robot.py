@@ -63,7 +63,7 @@ from consistent_id.regression.regressor import TorqueModel
 
 _TURNS = 3  # most linearisations until the axis of a leaning base settles
 _ROUNDS = 8  # most linearisations until a factor settles
-_SETTLED = 0.02  # change of a factor at which it has settled
+_SETTLED = 0.02  # change of a factor at which rounds end
 _LARGEST = 0.7  # change of a factor in one round, at most
 _TRIED = 3  # most factors that are corrected
 # Cost of nominal bodies for each base parameter, and residual of least squares over the
@@ -182,7 +182,7 @@ def _settled(as_is: FactorLogs, first: FoundFactor, cost: float) -> FoundFactor:
 
 
 def _disagreement(state: FactorLogs, factor: Factor) -> float:
-    """Return how much farther apart logs are than their errors allow, at least one.
+    """Return the scatter of logs over that which their errors allow, at least one.
 
     With sizes ``f_k`` and errors ``s_k`` of ``n`` logs by themselves, and the mean
     ``f`` of the sizes weighted with ``1 / s_k^2``, it is the ratio of Birge,

@@ -175,7 +175,7 @@ def _in_errors(free: UnconstrainedFit, changes: Matrix) -> Matrix:
 
 
 def _distance(free: UnconstrainedFit, bodies: Matrix, width: Vector) -> float:
-    """Return how far nominal bodies are from the data, in their widths; at least one.
+    """Return the distance of nominal bodies from the data, in widths; at least one.
 
     The root mean square over the base parameters of bodies, with all drive terms free.
     """

@@ -271,7 +271,7 @@ def _set_or_insert(
 
 
 def _left_out(file: _File, robot: RobotModel) -> list[str]:
-    """Name links with mass that the model knows nothing of."""
+    """Name links with mass that the model lacks."""
     known = {frame.name for frame in robot.ground}
     for link in robot.links:
         known |= {link.name, *(frame.name for frame in link.merged)}

@@ -70,7 +70,7 @@ class StoredRobot:
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """The shared estimate, and what it was found from.
+    """The shared estimate, and the data that it was found from.
 
     Parameters
     ----------
@@ -244,7 +244,7 @@ def _loaded(
     shared: Vector,
     limits: Sequence[OwnSet],
 ) -> _Own:
-    """Return what is the own of a robot that carries something."""
+    """Return the own part of a robot that carries something."""
     thought = without_load(held, place, own.load)
     rows = thought.residual_rms(shared) / thought.sigma
     expected = float(np.sum(rows**2 * thought.counts))

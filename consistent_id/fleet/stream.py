@@ -270,7 +270,7 @@ def _parts(
 def _rows_of(
     problem: Problem, data: DataTable, entry: RecordingTable, spool: Path
 ) -> RowSource:
-    """Return what rows of a log are read from; bags are decoded into a file."""
+    """Return the source of a log's rows; bags are decoded into a file."""
     path, joints = problem.log_file(entry.file), problem.model.robot.joint_names
     columns, gain = columns_of(data, path), data.torque_gain
     if log_format(path).holds == "joint states":

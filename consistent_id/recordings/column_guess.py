@@ -47,7 +47,7 @@ _WITHOUT_TORQUE = (
     "Parameters cannot be found without torque or current: record the effort too."
 )
 
-GAINS = "KP,KD"  # in place of values that no log holds
+GAINS = "KP,KD"  # in place of values that no log contains
 _CLOCKS = {"time", "timestamp", "timestamps", "stamp", "clock", "t"}
 
 _EXAMPLES = {
@@ -341,7 +341,7 @@ def _with_motion(
 
 
 def _empty_joints(values: np.ndarray, joints: int) -> int:
-    """Return how many joints of an array are zero throughout; more if it lacks some."""
+    """Return the number of an array's joints that are zero throughout, or missing."""
     numbers = np.asarray(values, dtype=np.float64)
     if numbers.ndim != 2 or joints not in numbers.shape:
         return joints + 1

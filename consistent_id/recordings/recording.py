@@ -38,7 +38,7 @@ Severity = Literal["fault", "warning", "note"]
 
 
 class SampleError(RecordingError):
-    """Samples hold what no robot wrote; who read them knows where they stand."""
+    """Samples have values that no robot wrote; readers add the place in the file."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

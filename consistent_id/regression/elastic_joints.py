@@ -75,7 +75,7 @@ def _as_rigid(robot: RobotModel, recording: Recording, compliance: Vector) -> Re
 def deflection_torque(
     robot: RobotModel, recording: Recording, compliance: Vector
 ) -> Matrix:
-    """Return what springs add to joint torques, shape (samples, joints), [N m or N].
+    """Return the effect of springs on joint torques, (samples, joints), [N m or N].
 
     Parameters and errors are those of `as_rigid`.
     """
@@ -100,7 +100,7 @@ def deflection_torque(
 
 
 def link_inertias(robot: RobotModel, q: Vector) -> Vector:
-    """Return what each joint's spring carries if only it moves, [kg m^2 or kg].
+    """Return the inertia that each joint's spring moves alone, [kg m^2 or kg].
 
     Parameters
     ----------

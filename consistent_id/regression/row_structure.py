@@ -142,7 +142,7 @@ def _random_base(model: RowModel, samples: int, rng: np.random.Generator) -> Bas
 
 
 def _slow(terms: DriveTerms) -> float:
-    """Return what slows a joint's random velocity, so that fading friction shows."""
+    """Return the factor of a joint's random velocity at which fading friction shows."""
     fading = (term.fading_velocity for term in terms.terms)
     return min((v for v in fading if v is not None), default=1.0)
 

@@ -421,7 +421,7 @@ def _cutoffs(problem: Problem) -> list[float]:
 
 @dataclass(frozen=True, slots=True)
 class RidgeChoice:
-    """How far to refine.
+    """The extent of a refinement.
 
     Parameters
     ----------

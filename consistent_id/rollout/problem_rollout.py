@@ -118,7 +118,7 @@ class ProblemRollout:
         return self.study.problem
 
     def tables(self) -> list[Table]:
-        """Return what was found, for people."""
+        """Return the results for people."""
         verdict = self.estimate.verdict
         verdict_table = Table(verdict.sentence, (), (), verdict.lines)
         tables = [verdict_table, *self.rollout.tables()]
@@ -200,7 +200,7 @@ class ProblemRollout:
         return named or "none"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what was found by name, for JSON."""
+        """Return the results by name, for JSON."""
         given = None if self.refinement is None else self.estimate.verdict
         record = {
             "format": FORMAT,

@@ -384,7 +384,7 @@ def _exact(
 
 
 def _miscounted(fields: Sequence[str], header: _CsvHeader) -> str:
-    """Return how a row has too many or too few fields; empty if it has not."""
+    """Return the fault of a row with too many or too few fields, or nothing."""
     if len(fields) == len(header.names):
         return ""
     fault = f": {len(fields)} fields, the header has {len(header.names)}"
@@ -447,7 +447,7 @@ def _seconds_of_date(cell: str) -> float | None:
 def _fault(
     cells: Sequence[str], row: Sequence[float | None], mark: str | None, first: bool
 ) -> str:
-    """Return what is wrong with the first cell of a row that is not a number."""
+    """Return the fault of the first cell of a row that is not a number."""
     cell = cells[row.index(None)]
     if not cell:
         return " is empty. Fill it in"

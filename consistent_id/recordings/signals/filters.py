@@ -147,7 +147,7 @@ def spaced(recording: Recording, factor: int) -> Recording:
 
 
 def anti_aliased(recording: Recording, factor: int) -> Recording:
-    """Return what `decimated` takes its samples from."""
+    """Return the recording from which `decimated` takes its samples."""
     behind = recording.torque_filter
     if behind is None:
         rate = uniform_rate(recording)

@@ -146,7 +146,7 @@ def _compressed(
 def bias_along(
     model: TorqueModel, x: Vector, recording: Recording, drift: Drift
 ) -> SensorBias:
-    """Return what is left of a recording beside a body, as a bias and its rate.
+    """Return the bias, and its rate, that a recording has beside a body.
 
     Parameters
     ----------
