@@ -44,7 +44,7 @@ def add_gains(command: argparse.ArgumentParser) -> None:
             replace(option, required=False) if option.usage == _LOADED else option
             for option in ROBOT_AND_LOAD
         ),
-        Option("--known-mass KG", "of the load, from a scale", positive),
+        Option("--known-mass KG", "mass of the load, from a scale", positive),
         Option(
             "--accuracy PERCENT",
             "standard error up to which a gain counts as identified (default: 5)",

@@ -194,7 +194,7 @@ class Statement:
     gains: "PDGains | None" = _said(
         "log",
         "--gains KP,KD[,LIMIT] ...",
-        "of PD-controlled joints, for all or one each: torque is computed from "
+        "gains of PD-controlled joints, for all or one each: torque is computed from "
         "commands of position, and clipped at the drive's limit (N m, N) if given",
         "data.gains",
         read=words.gains,

@@ -338,7 +338,7 @@ def slow_and_fast(problem: Problem) -> tuple[Spans, Spans]:
         longest = max((stop - start for start, stop in moving), default=0.0)
         raise RecordingError(
             f"problem {problem.name!r}: the joints move for {longest:.2g} s at most; "
-            f"two parts, of which each judges the other, need more than "
+            f"two parts, each of which judges the other, need more than "
             f"{_BETWEEN_PARTS / (1.0 - _SLOW_PART):.2g} s in a training log"
         )
     for log, (start, stop), usable in zip(logs, moving, enough, strict=True):

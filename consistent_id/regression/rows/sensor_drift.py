@@ -201,8 +201,8 @@ def _rows_without_drift(
     lost = 2 if drift == "linear" else 1
     if n <= lost:
         raise NotExcitedError(
-            f"{log.name} has {n} samples, of which its bias takes {lost}; join short "
-            "recordings, or take drift='none'"
+            f"{log.name} has {n} samples, and its bias takes {lost} of them; join "
+            "short recordings, or take drift='none'"
         )
     for own, N in zip(rows, _drifts(motion, log, drift), strict=True):
         Q, _ = np.linalg.qr(N)
