@@ -22,7 +22,7 @@ def add_demo(command: argparse.ArgumentParser) -> None:
     add_command(
         command,
         run_demo,
-        Option("--output FOLDER", "to write to", default=Path("problems")),
+        Option("--output FOLDER", "folder to write to", default=Path("problems")),
         *WRITES,
         more=_MORE,
         examples=_EXAMPLES,

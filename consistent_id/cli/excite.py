@@ -127,7 +127,7 @@ _MOTION = (
     ),
     Option(
         "--start-pose JOINT=POSITION ...",
-        "where the robot stands before and after, in rad or m; joints that are not "
+        "pose of the robot before and after, in rad or m; joints that are not "
         "named, in the middle of their range (default: where the path begins)",
         _position,
     ),
