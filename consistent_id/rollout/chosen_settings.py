@@ -261,11 +261,22 @@ def _started(
     problem: Problem,
     error: Callable[[Settings], float],
 ) -> Settings:
-    """Return the best start: friction in MuJoCo's form or not, all slopes or none."""
+    """Return the best start: terms as the problem states them, all, or none.
+
+    These are friction in MuJoCo's form, friction that varies with position, coupled
+    gears and springs.  A selection by torque may have found some of them, which stand
+    for other errors of the model, and rollouts of faster motion do not confirm them.
+    """
     best = start
     if table_in_form_of(problem.table, "mjcf") != problem.table:
         best = min((best, replace(best, simulated=True)), key=error)
-    return min((best, replace(best, friction_slope=_names(groups))), key=error)
+    best = min((best, replace(best, friction_slope=_names(groups))), key=error)
+    if problem.table.couplings:
+        best = min((best, replace(best, couplings=False)), key=error)
+    terms = problem.model.terms
+    others = [True] * (not all(drive.spring for drive in terms))
+    others += [False] * any(drive.spring for drive in terms)
+    return min((best, *(replace(best, spring=one) for one in others)), key=error)
 
 
 def _delayed(

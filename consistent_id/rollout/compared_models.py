@@ -68,6 +68,17 @@ class Rollout:
             return "diverges"
         return f"{1e3 * _over_all([r.errors for r in self.open_loop[model]]):.2f}"
 
+    @property
+    def sentence(self) -> str:
+        """The first model's error, in words."""
+        name, replays = next(iter(self.replays.items()))
+        logs = ", ".join(replay.log.name for replay in replays)
+        return (
+            f"closed-loop replay of {logs}: {1e3 * self.rmse(name):.2f} mrad (mm), "
+            "root mean square of all joints, commands "
+            f"{1e3 * self.delay:.2f} ms late"
+        )
+
     def tables(self) -> list[Table]:
         """Return the errors of all models, and those of their joints, for people."""
         rows = []
