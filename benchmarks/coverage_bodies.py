@@ -17,7 +17,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
-from coverage import LEVEL, arm, motion
+from coverage_arm import LEVEL, arm, motion
 from known_arm import logged
 from quadrupeds import CORNERS, FEET, FOOT, quadruped_text
 from walking import Walk, walked

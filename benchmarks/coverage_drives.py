@@ -12,7 +12,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 sys.path.insert(0, str(Path(__file__).parent))
-from coverage import LEVEL, arm, motion
+from coverage_arm import LEVEL, arm, motion
 
 import consistent_id as ci
 from consistent_id.regression.elastic_joints import DAMPING

@@ -22,6 +22,7 @@ from threadpoolctl import threadpool_limits
 sys.path.insert(0, str(Path(__file__).parent))
 from clean_simulations import arm_file, drawn_bodies, drawn_motion, part_of, reflected
 from coverage_methods import KINDS, noise
+from pages import stamp
 
 import consistent_id as ci
 
@@ -130,7 +131,7 @@ def errors(of: Case, kind: str, logs: int) -> Iterator[tuple[np.ndarray, np.ndar
 def table(logs: int, arms: Sequence[str] = ARMS) -> str:
     """Measure the table; its rows are printed as they are found."""
     lines = [
-        f"`python benchmarks/coverage_logs.py`, {logs} logs for each row:",
+        f"`python benchmarks/coverage_logs.py`{stamp()}, {logs} logs for each row:",
         "",
         "| arm | length | noise | least squares | constrained |",
         "|---|--:|---|--:|--:|",

@@ -20,7 +20,7 @@ from scipy import signal, stats
 from scipy.interpolate import make_interp_spline
 
 sys.path.insert(0, str(Path(__file__).parent))
-from coverage import BEGIN, END, LEVEL, arm, motion
+from coverage_arm import LEVEL, arm, motion
 from coverage_bodies import (
     blocks,
     factors_of_all,
@@ -40,6 +40,7 @@ from consistent_id.estimation.loaded_robot import loaded_robot
 from consistent_id.recordings.signals.tracks import Track, estimate_delay
 
 KINDS = ("white", "AR(1) 0.9", "pink", "changing level")
+BEGIN, END = "<!-- methods: begin -->", "<!-- methods: end -->"
 LOAD = ci.InertialParameters.from_central(
     2.0, [0.05, -0.02, 0.08], np.diag([0.01, 0.015, 0.012])
 )

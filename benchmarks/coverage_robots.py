@@ -28,7 +28,7 @@ UR10E = (
     "identification/ur-20_02_19_15harm50sec.parquet",
     "validation/ur-20_02_05-20sec_8harm.parquet",
 )
-KUKA = ("FF_A.parquet", "FF_B.parquet")
+KUKA = ("FF_A.csv", "FF_B.csv")
 KUKA_SPAN = (1.8, 8.2)  # s: the rest is standstill
 TX40 = "identification/seg_0.0-4.5s.parquet"
 TX40_BLOCKS = 2

@@ -75,6 +75,7 @@ def run_compress(options: argparse.Namespace) -> int:
         ("effective: of white noise that would determine as much; N m and N",),
     )
     record = {
+        "format": "consistent_id compression 1",
         "joints": list(regression.joints),
         "samples": list(regression.counts),
         "effective_samples": regression.effective.tolist(),

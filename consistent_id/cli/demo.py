@@ -33,7 +33,7 @@ def add_demo(command: argparse.ArgumentParser) -> None:
 def run_demo(options: argparse.Namespace) -> int:
     """Copy the problems; return the exit code.
 
-    Files that are there already are kept if they are the same, and refused if not.
+    Existing files are kept if they are equal, and refused if not.
     """
     from consistent_id._support.files import require_replaceable, write_atomically
 
@@ -55,7 +55,11 @@ def run_demo(options: argparse.Namespace) -> int:
         f"try: consistent-id compare {shlex.quote(str(folder / name))}"
         for name in _COMPLETE
     )
-    record = {"folder": str(folder), "written": [str(path) for path in contents]}
+    record = {
+        "format": "consistent_id demo 1",
+        "folder": str(folder),
+        "written": [str(path) for path in contents],
+    }
     return show(options, Answer(0, text, record, write))
 
 

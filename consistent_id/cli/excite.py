@@ -43,12 +43,12 @@ _FILE = "problem.toml"
 
 
 def _absolute(text: str) -> str:
-    """Return a path that means the same in the folder of a problem file."""
+    """Return a path that is also right from the folder of a problem file."""
     return Path(text).resolve().as_posix().replace("$", "$$")
 
 
 def _words(text: str) -> list[str]:
-    """Return what commas separate."""
+    """Return the words between commas."""
     return [word.strip() for word in text.split(",")]
 
 
@@ -185,8 +185,8 @@ def parameters(more: str = "") -> Option:
     """Return the option of files of estimates."""
     return Option(
         "--parameters ESTIMATE ...",
-        "estimates that identify wrote, such as delivered.json: torque limits are "
-        "kept for each of them, instead of for the robot's file without friction{more}",
+        "estimates that identify wrote, such as delivered.json: torque limits are kept "
+        f"for each of them, instead of for the robot's file without friction{more}",
         Path,
     )
 
@@ -354,7 +354,7 @@ def _written(
 
 
 def _draft(options: argparse.Namespace, folder: Path) -> str | None:
-    """Return the problem file of a robot that has none, if there is a place for it."""
+    """Return a problem file for a robot without one, if a folder is named for it."""
     from consistent_id.excitation.sources import changed, is_robot
     from consistent_id.problems.robot_draft import robot_draft
     from consistent_id.problems.task_tables import ExcitationTable
@@ -370,7 +370,7 @@ def _draft(options: argparse.Namespace, folder: Path) -> str | None:
 
 
 def _require_place(folder: Path, draft: str) -> None:
-    """Refuse, before the search, to replace a file that may have been edited."""
+    """Refuse to replace a file that may have been edited, before the search begins."""
     from consistent_id._support.files import require_replaceable
     from consistent_id.errors import ProblemError
 
@@ -446,7 +446,7 @@ def _design(options: argparse.Namespace) -> "StandingDesign":
 
 
 def _refuse_others(options: argparse.Namespace) -> None:
-    """Refuse a problem file, and options that a motion on feet does not heed."""
+    """Refuse a problem file, and options that do not apply to motions on feet."""
     from consistent_id.errors import ProblemError
     from consistent_id.excitation.sources import is_robot
 

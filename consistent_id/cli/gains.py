@@ -1,6 +1,7 @@
 """``consistent-id gains``: gains between currents and torque, by a known mass."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 from consistent_id.cli.answers import show, tables_answer
@@ -20,13 +21,16 @@ from consistent_id.cli.payload import (
 from consistent_id.cli.source import STATED
 
 _RECORD = "gains.json"
+_LOADED = "--loaded LOG ..."
 _MORE = """PROBLEM is the robot without a load: a URDF or MJCF file followed by logs, a
 problem file, or a folder of results whose logs are still there. --loaded names logs
 with a load that was weighed. Gains between currents and torque are identified from
 both, with 95 % intervals, and compared with those that are stated; the last line is for
-the problem file, or for --torque-gain. Exit code 1: no gain is identifiable."""
+the problem file, or for --torque-gain. Without a load, the gains are those with which
+the bodies of the robot's file are right. Exit code 1: no gain is identifiable."""
 _EXAMPLES = """
 consistent-id gains robot.urdf empty.csv --loaded carrying.csv --known-mass 2.8
+consistent-id gains robot.urdf empty.csv --torque-gain 1
 consistent-id gains problems/ur10e --loaded carrying.csv --known-mass 2.805
 """
 
@@ -36,8 +40,11 @@ def add_gains(command: argparse.ArgumentParser) -> None:
     add_command(
         command,
         run_gains,
-        *ROBOT_AND_LOAD,
-        Option("--known-mass KG", "of the load, from a scale", positive, required=True),
+        *(
+            replace(option, required=False) if option.usage == _LOADED else option
+            for option in ROBOT_AND_LOAD
+        ),
+        Option("--known-mass KG", "of the load, from a scale", positive),
         Option(
             "--accuracy PERCENT",
             "standard error up to which a gain counts as identified (default: 5)",
@@ -62,7 +69,7 @@ def run_gains(options: argparse.Namespace) -> int:
         require_writable(folder, [_RECORD])
     found = check_gains(
         robot_without_load(options),
-        options.loaded,
+        options.loaded or None,
         known_mass=options.known_mass,
         rows=options.loaded_rows,
         omit=options.loaded_omit or (),

@@ -61,10 +61,11 @@ def run_init(options: argparse.Namespace) -> int:
         if chosen is not None:
             shown = chosen.table().text() + "\n\n" + shown
         command, more = "compare" if options.log else "excite", " --trust" * outside
-        if options.gains:  # of commands, whose delay nobody has stated yet
+        if options.gains:  # commands whose delay has not been stated yet
             command = "rollout"
         shown += f"\nnext: consistent-id {command} {file}{more}"
     record = {
+        "format": "consistent_id draft 1",
         "problem": draft.name,
         "text": text,
         "selection": None if chosen is None else chosen.to_dict(),

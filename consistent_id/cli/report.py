@@ -70,5 +70,6 @@ def _report(options: argparse.Namespace) -> Answer:
     tables = [*found.tables("identify")[:2]]
     text = "\n\n".join(table.text() for table in tables)
     text += f"\nwritten: {file} ({file.stat().st_size / 1000:.0f} kB)"
-    record = found.answer | {"written": str(file)}
+    name = "consistent_id report 1"
+    record = {"format": name, **found.answer, "written": str(file)}
     return Answer(0 if found.verdict.usable else 1, text, record)

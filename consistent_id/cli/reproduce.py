@@ -37,6 +37,7 @@ def run_reproduce(options: argparse.Namespace) -> int:
 
 
 def _reproduce(options: argparse.Namespace) -> Answer:
+    from consistent_id._support.extras import needed
     from consistent_id._support.files import require_writable
     from consistent_id.laboratory.reproduction.paper_report import (
         reproduction_record,
@@ -49,6 +50,7 @@ def _reproduce(options: argparse.Namespace) -> Answer:
     problem = load_problem(options.problem)
     folder = options.output or Path("results") / problem.name
     if not options.dry_run:
+        needed("matplotlib", "plots", "the page of a study")
         endings = ("html", "md", "json")
         require_writable(folder, [f"reproduction.{ending}" for ending in endings])
 

@@ -1,4 +1,4 @@
-"""The cut-off of motion and torque, chosen by the torque that is predicted with it.
+"""The cut-off of motion and torque, chosen by its error of predicted torque.
 
 A low cut-off removes motion of the robot, a high one leaves noise, which the double
 differentiation of the position amplifies.  The best cut-off for a robot and a logger is
@@ -82,12 +82,12 @@ class CutoffChoice:
 
     @property
     def motion_cutoff(self) -> float:
-        """Of the best candidate, [Hz]."""
+        """Cut-off of the best candidate, [Hz]."""
         return float(self.motion[self.best])
 
     @property
     def torque_cutoff(self) -> float:
-        """Of the best candidate, [Hz]."""
+        """Cut-off of the best candidate, [Hz]."""
         return float(self.torque[self.best])
 
     @property

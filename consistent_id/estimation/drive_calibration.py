@@ -133,7 +133,7 @@ class CalibrationFit:
             notes.append(
                 "not known: the parameters of the fit explain it as well, or it "
                 "together with another; such are near where they were stated. Known "
-                'bodies (bodies = "model") tell more'
+                'bodies (bodies = "model") determine more'
             )
         if "encoder_bias" in self.found:
             notes.append(
@@ -171,7 +171,7 @@ def fit_calibration(
         Function from a calibration to prepared recordings, always of the same samples;
         see `calibrated`.
     found : sequence of str
-        Of `UNKNOWNS`.
+        Some of `UNKNOWNS`.
     start : DriveCalibration, optional
         Start of the search, and values of the parts that are not estimated.
     constraints : sequence of Constraint

@@ -175,7 +175,7 @@ def _in_errors(free: UnconstrainedFit, changes: Matrix) -> Matrix:
 
 
 def _distance(free: UnconstrainedFit, bodies: Matrix, width: Vector) -> float:
-    """Return how far nominal bodies are from the data, in their widths; at least one.
+    """Return the distance of nominal bodies from the data, in widths; at least one.
 
     The root mean square over the base parameters of bodies, with all drive terms free.
     """
@@ -205,7 +205,7 @@ _PER_JOINT = tuple(
     "prior_errors".split()
 )
 
-_USUAL = 0.99  # quantile of the torque that is held against effort limits
+_USUAL = 0.99  # quantile of the torque that is compared with effort limits
 _ENOUGH = 300  # samples in motion, of which three outliers are less than the rest
 
 

@@ -57,7 +57,7 @@ def slope_reasons(fit: Fit, crossed: Slopes | None) -> Iterator[Reason]:
     Parameters
     ----------
     crossed : Slopes, optional
-        Of doubtful joints, on bodies that the other joints determine; see
+        Slopes of doubtful joints, on bodies that the other joints determine; see
         `confirmed_slopes`.
     """
     found = _found(fit)
@@ -118,7 +118,7 @@ def _covered(fit: Fit, found: _Found) -> list[int]:
 
 
 def effort_reasons(fit: Fit, usual: Vector | None) -> Iterator[Reason]:
-    """Hold the torque against the effort limits of the model.
+    """Compare the torque with the effort limits of the model.
 
     Parameters
     ----------
@@ -317,7 +317,7 @@ def _mean(slopes: Vector) -> float:
 
 
 def _held_slopes(fit: Fit) -> Vector:
-    """Return how much friction at rest can change each slope, either way.
+    """Return the largest change of each slope by friction at rest, either way.
 
     For a joint that mostly rests, the torque at rest is assumed to be as similar to the
     nominal bodies' torque as possible.  NaN where the limit of friction is not known:

@@ -1,4 +1,4 @@
-"""Errors of predicted torque, with and without the part that dry friction can hold.
+"""Errors of predicted torque, with and without the part that dry friction balances.
 
 Friction of a joint at rest balances the joint, up to its breakaway torque. A model with
 Coulomb friction predicts zero there, so a residual contradicts the model only beyond
@@ -154,7 +154,7 @@ def _rms_beyond(
     recording: Recording,
     motion: Motion,
 ) -> Vector:
-    """Return each joint's RMS error beyond the torque that friction can hold."""
+    """Return each joint's RMS error beyond the torque that friction can balance."""
     error = motion.torque - motion.predicted(model, x)
     held = np.zeros(len(model.torque_joints)) if held is None else held
     moved = recording.of(model.robot.joint_names)
@@ -221,7 +221,7 @@ def moving_shares(model: TorqueModel, regression: Regression) -> Vector:
 
 
 def holding(model: TorqueModel, x: Vector, moving: Vector) -> Vector:
-    """Return the torque that friction can hold at each joint, shape (torque joints,).
+    """Return the torque that friction can balance at each joint, (torque joints,).
 
     It is the estimated Coulomb friction; for a joint that hardly moved, `BREAKAWAY`
     times its effort limit, and NaN without a limit.  Zero without Coulomb friction.
@@ -246,14 +246,14 @@ def holding(model: TorqueModel, x: Vector, moving: Vector) -> Vector:
 def beyond_friction(
     model: TorqueModel, recording: Recording, error: Array, held: Vector
 ) -> Array:
-    """Return torque errors beyond the torque that friction at rest can hold.
+    """Return torque errors beyond the torque that friction at rest can balance.
 
     In motion nothing is subtracted; see `Coulomb` for how much a joint moves.
 
     Parameters
     ----------
     recording : Recording
-        Of the robot's joints, with velocity.
+        Recording of the robot's joints, with velocity.
     error : ndarray, shape (samples, torque joints), [N m or N]
     held : ndarray, shape (torque joints,), [N m or N]
         From `holding`; where it is NaN, any torque may be held.

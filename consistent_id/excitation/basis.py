@@ -126,7 +126,7 @@ class FourierBasis:
         Parameters
         ----------
         columns : ndarray, shape (samples, size - 1)
-            Of this order.
+            Columns of this order.
         slopes : ndarray, shape (samples, joints)
             Derivatives with respect to the motion of this order.
         """

@@ -47,7 +47,7 @@ class StoredRobot:
     Parameters
     ----------
     file : Path
-        Of its share; see `share_files`.
+        File of its share; see `share_files`.
     own : tuple of ndarray
         See `RobotShare.own`.
     sigma : ndarray, shape (joints,), [N m or N]
@@ -55,7 +55,7 @@ class StoredRobot:
     torque, alone : float, [N m or N]
         See `RobotShare`.
     place : PlacedBody, optional
-        Of what it carries.
+        Body that it carries.
     """
 
     name: str
@@ -70,12 +70,12 @@ class StoredRobot:
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """The shared estimate, and what it was found from.
+    """The shared estimate, and the data that it was found from.
 
     Parameters
     ----------
     shared : Regression
-        Of the shared parameters, what is robots' own taken out.
+        Regression of the shared parameters, without the robots' own.
     settled : bool
         Whether the iteration converged.
     """
@@ -114,7 +114,7 @@ def settle(
     Parameters
     ----------
     robots : sequence of StoredRobot
-        Whose bodies are alike.
+        Robots whose bodies are alike.
     limits : sequence of OwnSet
         On own parameters, by joint.
     solved : callable
@@ -244,7 +244,7 @@ def _loaded(
     shared: Vector,
     limits: Sequence[OwnSet],
 ) -> _Own:
-    """Return what is the own of a robot that carries something."""
+    """Return the own part of a robot that carries something."""
     thought = without_load(held, place, own.load)
     rows = thought.residual_rms(shared) / thought.sigma
     expected = float(np.sum(rows**2 * thought.counts))

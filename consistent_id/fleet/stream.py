@@ -102,7 +102,7 @@ def stream_regression(
     Raises
     ------
     ProblemError
-        If the file asks for what takes all recordings together: gains or a
+        If the file states settings that need all recordings together: gains or a
         ``least_joint_speed`` that are estimated.
     RecordingError
         If a log cannot be read, or its clock has gaps; if it has to be read as a whole,
@@ -171,11 +171,12 @@ class Compressed:
     ----------
     regression : Regression, optional
     counts : tuple of int
-        Of each window; of a log that was read as a whole, of each of its recordings.
+        Counts of each window; of a log that was read as a whole, of each of its
+        recordings.
     middles : tuple of Recording
-        Of the latter, see `with_noise_of`.
+        Middles of the latter, see `with_noise_of`.
     stood_for : ndarray, shape (joints,), optional
-        Of windows, see `Motion.stood_for`.
+        Samples that the windows' rows stand for, see `Motion.stood_for`.
     """
 
     regression: Regression | None
@@ -269,7 +270,7 @@ def _parts(
 def _rows_of(
     problem: Problem, data: DataTable, entry: RecordingTable, spool: Path
 ) -> RowSource:
-    """Return what rows of a log are read from; bags are decoded into a file."""
+    """Return the source of a log's rows; bags are decoded into a file."""
     path, joints = problem.log_file(entry.file), problem.model.robot.joint_names
     columns, gain = columns_of(data, path), data.torque_gain
     if log_format(path).holds == "joint states":

@@ -26,8 +26,11 @@ from consistent_id.robot.scaling import reference_bodies
 _CUTOFF = 3.0  # Hz; most of gravity is below, most noise of accelerations above
 _CREEP = 0.05  # rad/s, width of the sign change of friction
 _GAP = 5.0  # sampling periods
-_BLOCKS = 8  # that are left out in turn, for standard errors
-_FAR, _ENOUGH = 2.0, 3  # times 1, and joints, from which on gains are proposed
+_BLOCKS = 8  # blocks that are left out in turn, for standard errors
+_FAR, _ENOUGH = (
+    2.0,
+    3,
+)  # gains are proposed if they differ from 1 by this factor, on this many joints
 _SURE = 0.1  # relative standard error above which a gain is poorly known
 
 
@@ -39,8 +42,8 @@ class NominalGains:
     ----------
     joints : tuple of str
     values, errors : ndarray, shape (joints,)
-        Torque per unit of the column, and standard errors; of a poorly known gain the
-        value is the median size of the others.
+        Torque per unit of the column, and standard errors.  The value of a poorly known
+        gain is the median size of the others.
     known : tuple of bool
         Whether a gain has a standard error of at most 10 %.
     """
@@ -69,7 +72,7 @@ class NominalGains:
 
     @property
     def sentence(self) -> str:
-        """What is assumed, and how well the gains are known."""
+        """The assumption behind the gains, and their standard errors."""
         errors = ", ".join(
             f"{j} {100 * e / abs(v):.0f} %"
             for j, v, e, k in zip(
@@ -93,7 +96,7 @@ def nominal_gains(robot: RobotModel, log: Recording) -> NominalGains | None:
     robot : RobotModel
         With nominal masses.
     log : Recording
-        As it was recorded, with gains of 1.
+        The log as recorded, with gains of 1.
 
     Returns
     -------
@@ -134,7 +137,7 @@ def nominal_gains(robot: RobotModel, log: Recording) -> NominalGains | None:
 def _gain(
     torque: Vector, speed: Vector, acceleration: Vector, measured: Vector
 ) -> tuple[float, float]:
-    """Return a joint's gain, and its standard error by blocks left out."""
+    """Return a joint's gain, and its standard error from leaving out blocks."""
     rotor, offset = acceleration, np.ones_like(speed)
     friction = np.column_stack([speed, np.tanh(speed / _CREEP)])
     columns = np.column_stack([torque, friction, rotor, offset])

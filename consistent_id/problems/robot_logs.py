@@ -23,6 +23,7 @@ from consistent_id.problems.statement import (
 from consistent_id.recordings.column_guess import (
     GAINS,
     ColumnGuess,
+    KnownColumns,
     guess_columns,
     require_torque,
 )
@@ -55,12 +56,12 @@ class RobotLogs:
     Parameters
     ----------
     robot : RobotModel
-        With the joints that the logs have.
+        The robot with the joints that the logs have.
     columns : Columns
     locked : dict of str to float
         Joints that do not move, and their positions [rad or m].
     stated : Statement
-        With the topic of a bag, if the logs are bags.
+        The user's statement, with the topic if the logs are bags.
     notes : tuple of str
         Notes on guesses.
     floating : FloatingColumns, optional
@@ -126,7 +127,7 @@ def robot_logs(
         return _found(model, log, stated, tables)
     except (ModelError, RecordingError) as cause:
         if cause.option_names <= {declarations()[n].option for n in stated.given}:
-            raise  # nothing is proposed, or what is stated already
+            raise  # the error proposes nothing, or only stated options
         raise _with_remedies(cause, model, log, stated, tables) from None
 
 
@@ -147,11 +148,7 @@ def _found(
     wrenches = wrenches_in_log(log, in_memory)
     felt = wrench_note(wrenches, robot)
     others = () if floating is None else floating.taken
-    guessed = partial(
-        _guessed,
-        felt,
-        _names_in_log(stated, robot),
-        log,
+    known = KnownColumns(
         robot.joint_names,
         {c: name for c in _CHANNELS if (name := getattr(stated, c)) is not None},
         names=in_memory,
@@ -159,18 +156,21 @@ def _found(
         arrays=_arrays(floating),
         torque_joints=stated.torque_joints,
         units=stated.units,
+        currents=len(stated.torque_gain) > 0,
         commands=stated.gains is not None,
-        held=_every_joint(model, stated),
+        all_joints=_every_joint(model, stated),
         chains=chains_of(robot),
         topic=stated.topic,
     )
+    guessed = partial(_guessed, log, renamed=_names_in_log(stated, robot), felt=felt)
     try:
-        guess = guessed(currents=len(stated.torque_gain) > 0)
+        guess = guessed(known)
         require_torque(guess.columns.torque, stated.torque_gain)
     except RecordingError as cause:
         gains = None
         if not stated.torque_gain and not cause.options and log not in tables:
-            gains = _implied_gains(guessed, robot, log)
+            currents = replace(known, currents=True)
+            gains = _implied_gains(lambda: guessed(currents), robot, log)
         if gains is None:
             raise
         raise RecordingError(
@@ -200,7 +200,7 @@ def _with_remedies(
     stated: Statement,
     tables: Mapping[Path, ColumnTable],
 ) -> ModelError | RecordingError:
-    """Return an error that proposes all that the log needs, not only the first."""
+    """Return an error that proposes all needed options, not only the first."""
     said, options, error = [str(cause)], list[str](), cause
     while error.options and len(options) < _MOST_REMEDIES:
         if error.option_names & set(" ".join(options).split()):
@@ -218,7 +218,7 @@ def _with_remedies(
         except (ModelError, RecordingError) as following:
             said.append(f"Then {following}")
             error = following
-        except ProblemError:  # such as a value that the user has to know
+        except ProblemError:  # such as a value that only the user knows
             break
     kind = ModelError if isinstance(cause, ModelError) else RecordingError
     return kind("\n".join(said), options=" ".join(options), replaces=cause.replaces)
@@ -239,11 +239,11 @@ def _stated_with(stated: Statement, words: Sequence[str]) -> Statement:
 
 
 def _implied_gains(
-    guessed: Callable[..., ColumnGuess], robot: RobotModel, log: Path
+    guessed: Callable[[], ColumnGuess], robot: RobotModel, log: Path
 ) -> NominalGains | None:
-    """Return the gains of a log of currents that the model's bodies imply."""
+    """Return the gains that the model's bodies imply for a log of currents."""
     try:
-        guess = guessed(currents=True)
+        guess = guessed()
         if guess.joints != robot.joint_names or guess.columns.torque is None:
             return None
         return nominal_gains(robot, read_recording(log, guess.joints, guess.columns))
@@ -271,7 +271,7 @@ def selection_of(stated: Statement) -> Selection:
 
 
 def _names_in_log(stated: Statement, robot: RobotModel) -> dict[str, str]:
-    """Return the joints' names in the log by the robot's, where they differ."""
+    """Return names of joints in the log by those of the robot, where they differ."""
     for joint in (stated.names or {}).values():
         if joint not in robot.joint_names:
             near = did_you_mean(joint, robot.joint_names)
@@ -280,12 +280,7 @@ def _names_in_log(stated: Statement, robot: RobotModel) -> dict[str, str]:
 
 
 def _guessed(
-    felt: str,
-    renamed: Mapping[str, str],
-    log: Path,
-    joints: Sequence[str],
-    known: Mapping[str, str],
-    **more: Any,
+    log: Path, known: KnownColumns, *, renamed: Mapping[str, str], felt: str
 ) -> ColumnGuess:
     """Guess columns; if this fails, name the log's other columns.
 
@@ -293,16 +288,11 @@ def _guessed(
     ----------
     renamed : mapping of str to str
         The log's names of joints, where they are not the robot's.
+    felt : str
+        A sentence on columns of a force/torque sensor, or nothing.
     """
-
-    def in_log(names: Iterable[str]) -> tuple[str, ...]:
-        return tuple(renamed.get(name, name) for name in names)
-
-    more |= {key: in_log(more[key]) for key in ("torque_joints", "held")}
-    if chains := more["chains"]:
-        more["chains"] = {number: in_log(chain) for number, chain in chains.items()}
     try:
-        guess = guess_columns(log, in_log(joints), known, **more)
+        guess = guess_columns(log, known.renamed(renamed))
     except RecordingError as cause:
         said = f"{cause} {felt}".strip()
         raise RecordingError(
@@ -378,9 +368,9 @@ def _require_base(model: Path, log: Path, robot: RobotModel, stated: Statement) 
 
 
 def chains_of(robot: RobotModel) -> dict[int, tuple[str, ...]] | None:
-    """Return the only chain of so many joints from the base on, by their number.
+    """Return, by number of joints, the only chain from the base with that many joints.
 
-    None, if the robot has no branches: the first joints are one chain then.
+    The result is None for a robot without branches, whose first joints are the chain.
     """
     driven = set(robot.joint_names)
     chains: list[tuple[str, ...]] = []
@@ -477,9 +467,9 @@ def wrenches_in_log(
 
 
 def wrench_note(found: Sequence[WrenchNames], robot: RobotModel) -> str:
-    """Say what columns look like a wrench sensor's, and how they are used; "" of none.
+    """Return a note on columns that look like a wrench sensor's, "" without such.
 
-    The frame is the last that is fixed to the last link: a guess, and called so.
+    The proposed frame is the last one that is fixed to the last link; it is a guess.
     """
     if not found:
         return ""
@@ -494,7 +484,7 @@ def wrench_note(found: Sequence[WrenchNames], robot: RobotModel) -> str:
             f"for a foot with frame {frame}, for example, write {columns}"
         )
     return (
-        f"{seen}: these look like a wrench sensor's; they tell what hangs on it, not "
+        f"{seen}: these look like a wrench sensor's; they show what hangs on it, not "
         f'the robot: [wrist_sensor] frame = "{frame}" (or where it is) and {columns} '
-        "in a problem file (docs/wrist-sensor.md)"
+        "in a problem file (consistent-id help wrist-sensor)"
     )

@@ -23,12 +23,12 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 Part = Literal["robot", "log", "base", "model", "selection"]
-"""Part that a field describes; a selection has no key, as a problem file has its
-result.
+"""Part that a field describes.  A selection has no key, because a problem file contains
+its result.
 """
 
 EVERY = ""
-"""In place of a log's name: all logs."""
+"""Stands for all logs, in place of a log's name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,15 +39,15 @@ class Declaration:
     ----------
     part : {"robot", "log", "base", "model", "selection"}
     usage : str
-        The option, as `Option` has it, such as ``--lock JOINT ...``.
+        The option in the form of `Option`, such as ``--lock JOINT ...``.
     text : str
         One sentence, with the unit and the default.
     key : str
         The key in the problem file, such as ``model.locked``; empty if it has none.
     read : callable
-        From the words of the option to the value.
+        Function from the words of the option to the value.
     choices : tuple of str
-        Words that the option takes, if they are few.
+        Words that the option accepts, if only these.
     """
 
     part: Part
@@ -388,7 +388,7 @@ class Statement:
         return tuple(n for n in self.given if declarations()[n].part in parts)
 
     def rows_of(self, log: Path) -> tuple[int, int] | None:
-        """Return the first and the last row of a log that count, from 1.
+        """Return the first and the last used row of a log, from 1.
 
         Raises
         ------
@@ -415,7 +415,7 @@ class Statement:
         Raises
         ------
         ProblemError
-            With the names of the logs.
+            The message names the logs.
         """
         known = {name: log.name for log in logs for name in _names_of(log)}
         for field_name in ("rows", "omit"):
@@ -428,7 +428,7 @@ class Statement:
                     )
 
     def _of_log(self, stated: Any, log: Path) -> tuple[int, ...] | None:
-        """Return what is stated of a log by its path or name, or of all logs."""
+        """Return the value stated for a log, by its path or name, or for all logs."""
         for name in (*_names_of(log), EVERY):
             if stated is not None and name in stated:
                 return tuple(stated[name])
@@ -441,7 +441,7 @@ def _names_of(log: Path) -> tuple[str, ...]:
 
 
 def _same(value: object, default: object) -> bool:
-    """Return whether a value is the default; what is compared may be an array."""
+    """Return whether a value, which may be an array, is the default."""
     return value is default or (isinstance(value, tuple | list) and list(value) == [])
 
 
@@ -451,7 +451,7 @@ _DECLARED: dict[str, Declaration] = {
 
 
 def declarations() -> Mapping[str, Declaration]:
-    """Return how each field of `Statement` is stated, by its name."""
+    """Return the declaration of each field of `Statement`, by its name."""
     return _DECLARED
 
 

@@ -38,7 +38,7 @@ Severity = Literal["fault", "warning", "note"]
 
 
 class SampleError(RecordingError):
-    """Samples hold what no robot wrote; who read them knows where they stand."""
+    """Samples have values that no robot wrote; readers add the place in the file."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +54,7 @@ class TorqueFilter:
     cutoff : float, [Hz]
         At which the zero-phase filter attenuates by 6 dB.
     order : int
-        Of the one-way Butterworth filter.
+        Order of the one-way Butterworth filter.
     source : Recording
         All samples on a uniform clock: motion as it is used, torque before the filter.
     kept : ndarray of int, shape (samples,)
@@ -388,9 +388,9 @@ class LogFinding:
     where : str
         Joint, pair of joints, or recording; ``"all joints"``.
     statement : str
-        What was found, with figures and units.
+        The finding, with figures and units.
     advice : str
-        What to do.
+        Advice on what to do.
     score : float
         Strength of the evidence: one at the threshold, larger beyond it.
     recording : str

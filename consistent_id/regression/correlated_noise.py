@@ -1,4 +1,4 @@
-"""How noise is correlated along recordings, and what that does to least squares.
+"""Correlation of noise along recordings, and its effect on least squares.
 
 Of noise ``e`` with the spectrum ``P(f)``, the scores ``Y^T e`` of a joint's rows have
 the covariance ``sum_f P(f) y(f) y(f)^H``, ``y(f)`` being the transformed rows: only
@@ -126,9 +126,9 @@ def recorded_noise(
     counts : sequence of int
         The triangular factor of each joint, and the samples behind it.
     motions : sequence of NoisyRows
-        Of its recordings, or of `SHOWN` samples in the middle of each.
+        Rows of the recordings, or of `SHOWN` samples in the middle of each.
     samples : sequence of int, optional
-        Of each whole recording, where of some the middle alone is left.
+        Number of samples of each whole recording, if only the middle of some is given.
     """
     fit = joint_fit(factors, counts)
     lacking, parts, rows = lacking_terms(model, motions), [], []
@@ -185,8 +185,8 @@ def _noise_along(
         if lacking:
             beside.append(lacking_factors(fit, rows, expand, terms, place))
     of_joints, effective, freedom = zip(*found, strict=True)
-    # Where contact forces are taken out, rows share their noise: `whole` gives the
-    # scores of single rows what the others hold of it.  Sums over rows hold it already.
+    # Where contact forces are taken out, rows share their noise: `whole` adds the other
+    # rows' part of it to the scores of single rows.  Sums over rows contain it already.
     ratio = block_ratio(fit, BlockPart(gradients, normals), of_joints)
     along = CorrelatedNoise(np.array(effective), of_joints, np.array(freedom), ratio)
     return along, beside
@@ -210,7 +210,7 @@ def scores_along(
     residuals : sequence of ndarray, each shape (rows, joints)
         One for each motion.
     columns : ndarray of int
-        Of the regressor.
+        Columns of the regressor.
     steps : sequence of ndarray, each shape (columns, rank)
         Rows of each joint, times these, are the joint's rows of an orthonormal basis
         of the fit.
@@ -372,7 +372,7 @@ def _compressed(rows: Matrix) -> Matrix:
 
 
 def correlation_length(residuals: Sequence[Vector], sigma: Vector) -> float:
-    """Return how many samples carry as much information as one independent sample.
+    """Return the number of samples with the information of one independent sample.
 
     The mean over joints of `correlation_lengths`, by their share of the misfit, each
     `residuals` being one joint's.

@@ -93,7 +93,7 @@ class LinearSolution:
     row_space : ndarray, shape (rank, columns)
         Combinations that the rows determine.
     singular_values : ndarray
-        Of the matrix with unit columns.
+        Singular values of the matrix with unit columns.
     """
 
     x: Vector
@@ -164,7 +164,7 @@ def smallest_solution(A: Matrix, b: Array, tolerance: float | None = None) -> Ar
     ----------
     b : ndarray, shape (rows,) or (rows, right-hand sides)
     tolerance : float, optional
-        Of rank, relative to the largest singular value; by default numpy's.
+        Tolerance of rank, relative to the largest singular value; by default numpy's.
     """
     sizes = column_sizes(A)
     y = np.linalg.lstsq(A / sizes, b, rcond=tolerance)[0]
@@ -216,7 +216,7 @@ def _readable(null: Matrix) -> Matrix:
 
 
 def _shortest_sum(v: Vector, w: Vector) -> Vector:
-    """Of ``v`` less a multiple of ``w``, the one with the fewest entries."""
+    """Return ``v`` less the multiple of ``w`` that leaves the fewest entries."""
     both = np.flatnonzero((v != 0.0) & (w != 0.0))
     sums = [_cleaned(v - v[e] / w[e] * w) for e in both]
     return min(sums, key=np.count_nonzero, default=v)
@@ -287,7 +287,7 @@ class NearSplit(NamedTuple):
 
 
 def split_at_gap(W: Matrix, kinds: Sequence[str]) -> NearSplit:
-    """Split columns from left to right; what only rounding tells apart is dependent.
+    """Split columns from left to right; columns that differ by rounding are dependent.
 
     A column's own effect is its distance from the span of those before it, relative to
     the largest column of its kind.  Sorted, own effects have a gap where structure ends
@@ -298,7 +298,7 @@ def split_at_gap(W: Matrix, kinds: Sequence[str]) -> NearSplit:
     ----------
     W : ndarray, shape (rows, columns)
     kinds : sequence of str
-        Of the columns: parameters of one kind have one unit.
+        Kinds of the columns: parameters of one kind have one unit.
     """
     norms, unit = _unit(_shortened(W), STRUCTURAL_TOLERANCE)
     largest: dict[str, float] = {}

@@ -1,4 +1,4 @@
-"""How much farther errors of the model move parameters than noise does.
+"""The effect of the model's errors on parameters, relative to that of noise.
 
 A fit absorbs much of the model's errors, so its residuals show less than their effect
 on parameters.  Two measures of it are ratios of variances, that with errors of the
@@ -241,7 +241,7 @@ class LackingTerms(NamedTuple):
 def lacking_terms(
     model: TorqueModel, motions: Sequence[NoisyRows]
 ) -> tuple[LackingTerms, ...]:
-    """Return what each joint may have, and the model does not have.
+    """Return the terms that each joint may have and the model lacks.
 
     Where contact forces are taken out, rows are mixed, and nothing is returned.
     """

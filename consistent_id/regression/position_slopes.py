@@ -1,4 +1,4 @@
-"""How torque changes with the positions of joints: the exact derivative.
+"""The derivative of the torque by the positions of joints, exact.
 
 A joint that turns leaves the motion behind it as the link before sees it.  In the axes
 of its own link, with the joint's axis ``e``, the motion ``(w, dw, a)`` then changes by
@@ -154,7 +154,7 @@ def _of_joint(tree: _CarriedLinks, k: int) -> dict[int, Scalar]:
 
 
 def _own(joint: JointGeometry, link: MovingLink) -> _MotionSlope:
-    """Return how a link's motion changes with the position of its own joint."""
+    """Return the derivative of a link's motion by the position of its own joint."""
     axis = axis_of(joint)
     if joint.slides:
         return _MotionSlope(_NONE, _NONE, matvec(link.W, axis), (_NONE, _NONE, _NONE))

@@ -59,7 +59,7 @@ class Regression:
         Noise standard deviation by which each joint's rows are divided in `stacked`;
         by default ones.
     fingerprint : str
-        Of the torque model it was built with, if known.
+        Fingerprint of the torque model it was built with, if known.
     noise : CorrelatedNoise, optional
         How noise behind the factors is correlated, from the residuals of least squares.
         None where no residuals were at hand: noise is then taken to be white.

@@ -96,7 +96,7 @@ def base_solution(regression: Regression, base: BaseParameters) -> LinearSolutio
 def residual_sigma(regression: Regression, x: Vector, rank: int) -> Vector:
     """Residual standard deviation of each joint, less the degrees of freedom spent.
 
-    Of correlated noise a fit takes more: `rank` of the effective samples.
+    A fit absorbs more of correlated noise: `rank` of the effective samples.
     """
     return _less_freedom(regression.residual_rms(x), rank, _effective(regression))
 
@@ -153,7 +153,7 @@ class ResidualNoise:
     root : ndarray, shape (rank, rank)
         Triangular, ``root^T root = inflation``: keeps eigenvalues that squares lose.
     between : tuple of Scatter
-        What is added to the covariance of ``y``: by errors of the model, see
+        Covariance of ``y`` that is added: by errors of the model, see
         `CorrelatedNoise`, or by scatter between recordings, by kind of parameter, see
         `RecordingScatter`.
     level_freedom : ndarray, shape (joints,)
@@ -176,7 +176,7 @@ class ResidualNoise:
 
     @property
     def rank(self) -> int:
-        """How many combinations of base parameters the data determine."""
+        """Number of combinations of base parameters that the data determine."""
         return len(self.inflation)
 
     @cached_property
@@ -260,7 +260,7 @@ class ResidualNoise:
 
     @property
     def sentence(self) -> str:
-        """What standard errors rest on, in words."""
+        """The basis of the standard errors, in words."""
         if not self.measured:
             return (
                 "standard errors are for white noise: no residuals were at hand; on "

@@ -31,23 +31,23 @@ class RowModel(Protocol):
     Attributes
     ----------
     robot : RobotModel
-        Whose joints move.
+        The robot whose joints move.
     terms : tuple of DriveTerms
-        Of each of its joints.
+        Drive terms of each of its joints.
     layout : ParameterLayout
-        Of ``x``.
+        Layout of ``x``.
     torque_joints : tuple of str
         Names of the rows.
     fingerprint : str
-        What belongs together has the same.
+        Equal for models whose rows can be combined.
     """
 
     def __hash__(self) -> int:
-        """Tell one from another: a `RowModel` is a value that never changes."""
+        """Return the hash; a `RowModel` is a value that never changes."""
 
     @property
     def robot(self) -> RobotModel:
-        """Whose joints move."""
+        """The robot whose joints move."""
 
     @property
     def terms(self) -> tuple[DriveTerms, ...]:
@@ -55,7 +55,7 @@ class RowModel(Protocol):
 
     @property
     def layout(self) -> ParameterLayout:
-        """Of the parameters."""
+        """Layout of the parameters."""
 
     @property
     def torque_joints(self) -> tuple[str, ...]:
@@ -63,7 +63,7 @@ class RowModel(Protocol):
 
     @property
     def fingerprint(self) -> str:
-        """What belongs together has the same."""
+        """Equal for models whose rows can be combined."""
 
     def regressor(
         self,
@@ -142,7 +142,7 @@ def _random_base(model: RowModel, samples: int, rng: np.random.Generator) -> Bas
 
 
 def _slow(terms: DriveTerms) -> float:
-    """Return what slows a joint's random velocity, so that fading friction shows."""
+    """Return the factor of a joint's random velocity at which fading friction shows."""
     fading = (term.fading_velocity for term in terms.terms)
     return min((v for v in fading if v is not None), default=1.0)
 
@@ -157,7 +157,7 @@ class RandomRows:
         Parameters.
     samples : int
     columns : tuple of ndarray of int
-        Of each row those that are not zero for every motion.
+        Columns of each row that are not zero for every motion.
     factors : tuple of ndarray
         Triangular, of these columns.
     """

@@ -153,7 +153,7 @@ def _placeholders(robot: DescribedRobot) -> Iterator[LintFinding]:
             yield _warning(
                 link,
                 "placeholder-inertia",
-                f"the inertia is that of {same[0]!r}, but the mass is another",
+                f"the inertia is that of {same[0]!r}, but the mass differs",
             )
 
 

@@ -81,7 +81,7 @@ def repair_urdf(
         masses and plates are on the boundary of the consistency cone; a thickness makes
         them links that simulators take.
     choices : mapping of str to int, optional
-        Which of a link's suggestions it gets, counted from 1; 0 is the nearest
+        The number of the suggestion for a link, counted from 1; 0 is the nearest
         consistent inertia.
 
     Returns

@@ -124,15 +124,15 @@ class Settings:
     Parameters
     ----------
     cutoff : float, [Hz]
-        Of motion and torque.
+        Cut-off of motion and torque.
     velocity_scale : float, [rad/s or m/s]
     friction_slope : tuple of str
         Joints whose friction varies with position.
     delay : float, [s]
-        Of commands.
+        Delay of commands.
     stiffness : tuple of float, optional, [N m/rad or N/m]
-        Of springs between motors and links, one each, infinite for a rigid joint; by
-        default those of the problem.
+        Stiffness of springs between motors and links, one each, infinite for a rigid
+        joint; by default those of the problem.
     equal_motors : tuple of tuple of str, optional
         Joints of equal motors; by default those of the problem.
     simulated : bool
@@ -392,11 +392,11 @@ def squares_of_parts(problem: Problem, parts: tuple[Spans, Spans]) -> Vector:
     """Return the mean squared error of each part over its blocks, which add up."""
     logs = problem.logs("training")
     squares = []
-    for learnt, judged in (parts, parts[::-1]):
+    for learnt, other in (parts, parts[::-1]):
         estimate = compared_fit(problem, within(problem.training, learnt))
         try:
             errors = np.vstack(
-                replay_errors(problem, estimate, within(logs, judged), STEP_OF_CHOICE)
+                replay_errors(problem, estimate, within(logs, other), STEP_OF_CHOICE)
             )
         except RecordingError:  # it diverges: it was built, and is bad
             return np.full(2 * BLOCKS_OF_PART, np.inf)

@@ -39,7 +39,7 @@ _FLOOR = 1e-12  # of the largest variance, which no joint's falls below
 
 @dataclass(frozen=True, slots=True)
 class Signals:
-    """Which channels describe the motion.
+    """The channels that describe the motion.
 
     A row of signals has, for all joints: torque, direction ``s = tanh(dq / SLOW)``,
     nearness to rest ``1 - s^2``, velocity, acceleration, and the model's torque.
@@ -143,7 +143,7 @@ class ResidualSpread:
     ----------
     signals : Signals
     coefficients : ndarray, shape (joints, 9)
-        Of the squared changes, see `_squares`; not negative.
+        Coefficients of the squared changes, see `_squares`; not negative.
     largest : ndarray, shape (joints, 9)
         Values above which squared changes count no more: a push that moves the arm must
         not hide itself.

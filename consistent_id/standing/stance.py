@@ -63,7 +63,7 @@ class Stance:
     Parameters
     ----------
     robot : RobotModel
-        Whose base floats; it is level in this pose.
+        Robot with a floating base, which is level in this pose.
     pose : ndarray, shape (joints,), [rad or m]
 
     Attributes
@@ -265,7 +265,7 @@ def standing_feet(
     Parameters
     ----------
     path : Path
-        Of its file, with the feet's shapes.
+        Path of its file, with the feet's shapes.
     sole : (float, float), optional, [m]
         Length and width of a sole; by default those of its collision shapes.
 

@@ -85,7 +85,7 @@ def test_a_joint_s_reversed_torque_is_not_used_and_its_sign_is_named_first():
     assert verdict.word == "do not use"
     assert kinds(verdict)[0] == "torque sign"
     assert "shoulder -" in verdict.grounds[0].statement
-    assert verdict.lines[-1].endswith("docs/bad-result.md")
+    assert verdict.lines[-1].endswith("consistent-id help bad-result")
 
 
 def test_all_torque_reversed_is_not_used():

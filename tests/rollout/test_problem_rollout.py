@@ -18,7 +18,7 @@ from commanded_leg import PROBLEM, write_leg  # noqa: E402
 
 from consistent_id.problems.study import Study  # noqa: E402
 from consistent_id.rollout import rollout  # noqa: E402
-from consistent_id.rollout.choice import (  # noqa: E402
+from consistent_id.rollout.chosen_settings import (  # noqa: E402
     RIDGES,
     _Candidates,
     _with_slopes,

@@ -151,7 +151,7 @@ def parameter_scatter(
     Parameters
     ----------
     problem : FitProblem
-        Of all segments together.
+        Problem of all segments together.
     fitted : ConstrainedFit
         Its solution.
     segments : Segments

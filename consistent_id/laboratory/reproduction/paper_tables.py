@@ -1,4 +1,4 @@
-"""Tables of a reproduced study: as the paper prints them, and whence errors come."""
+"""Tables of a reproduced study: as the paper prints them, and the sources of errors."""
 
 from collections.abc import Sequence
 
@@ -143,7 +143,7 @@ def printed_deviation(study: PaperStudy) -> Vector:
 
 
 def spread_table(study: PaperStudy) -> Table:
-    """Return what the paper's vectors differ by, along its verification motion."""
+    """Return the differences of the paper's vectors along its verification motion."""
     spread, joints = study.spread, study.verification.joints
     most = study.tasks.names[study.place.most_scattered]
     rows = [
@@ -165,7 +165,7 @@ def spread_table(study: PaperStudy) -> Table:
 
 
 def excitation_table(study: PaperStudy) -> Table:
-    """Return how well each experiment excites, and what it does not identify."""
+    """Return each experiment's excitation, and the directions that it leaves open."""
     rows = []
     for name, done in study.with_friction.items():
         for experiment in done.experiments:
@@ -204,7 +204,7 @@ def excitation_table(study: PaperStudy) -> Table:
 
 
 def cause_table(study: PaperStudy) -> Table:
-    """Return the scatter of each parameter, and which cause makes how much."""
+    """Return the scatter of each parameter, and the part of each cause in it."""
     budget, done = study.error_analysis.budget, study.tasks
     found = done.scatter(done.tables[0])
     rest = done.errors(done.tables[0]) - budget.error()
@@ -365,7 +365,7 @@ def shrunk_table(study: PaperStudy) -> Table:
 
 
 def constraints_table(study: PaperStudy) -> Table:
-    """Return what constraints alone change along the tasks."""
+    """Return the effect of constraints alone, along the tasks."""
     columns, header = [], ["parameter"]
     for what, reproductions in (
         ("robot with friction", study.with_friction),

@@ -34,7 +34,7 @@ _log = logging.getLogger(__name__)
 Arrays = Mapping[str, NDArray[Any]]
 
 Duplicates = Literal["refuse", "first", "last"]
-"""Which of several rows with one time stamp is used."""
+"""The row that is used if several have one time stamp."""
 
 _MOST = 20  # rows to leave out that are listed; more are no single broken ones
 _GAP = 10.0  # usual steps without a sample
@@ -44,7 +44,7 @@ _LEAST_OF_A_RECORDING = 100
 """Rows of a part of a file that is a recording of its own."""
 
 BREAK = 3.0
-"""Between recordings that one file holds one after another [s]."""
+"""Time between recordings that one file contains one after another [s]."""
 
 _PART = re.compile(r"(?P<name>.+)\[(?P<first>\d*):(?P<end>\d*)\]")
 
@@ -73,7 +73,7 @@ def recording_of(
     omit : sequence of int
         Rows to leave out, counted from 1.
     duplicates : {"refuse", "first", "last"}
-        Which of several successive rows with one time stamp is used.
+        The row that is used if several successive ones have one time stamp.
     numbers : ndarray of int, shape (samples,), optional
         Numbers of the samples' rows in the file, by default from 1 on.
 
@@ -126,7 +126,7 @@ def recording_of(
 
 
 def _of_one_clock(time: Vector, keep: BoolArray, second: float, where: str) -> Vector:
-    """Return the time of recordings that one file holds one after another.
+    """Return the time of recordings that one file contains one after another.
 
     Where the clock goes back, a recording ends, if all are long and nowhere else the
     clock stands or goes back; the next one follows after a break.  Otherwise, or if a

@@ -71,14 +71,13 @@ def read_recording(
     ----------
     path : str or Path
         CSV (``.csv``, ``.tsv``, ``.txt``, ``.dat``; comma, semicolon, tab or spaces; a
-        decimal comma where the comma does not separate), Parquet (``.parquet``),
-        a LeRobot data set (its folder, or a file of it), Feather (``.feather``,
-        ``.arrow``), NPZ (``.npz``), HDF5 (``.h5``, ``.hdf5``),
-        MATLAB (``.mat``), PyTorch (``.pt``, ``.pth``: tensors of ``torch.save``); a
-        folder of tables with one clock, side by side; a ROS bag with
-        ``sensor_msgs/JointState`` (``.mcap``, ``.db3``, ``.bag`` or a folder).
-        Of its other topics, what `BesideColumns` name as ``TOPIC.FIELD``, such as
-        ``"/imu/data.angular_velocity"``.
+        decimal comma where the comma does not separate), Parquet (``.parquet``), a
+        LeRobot data set (its folder, or a file of it), Feather (``.feather``,
+        ``.arrow``), NPZ (``.npz``), HDF5 (``.h5``, ``.hdf5``), MATLAB (``.mat``),
+        PyTorch (``.pt``, ``.pth``: tensors of ``torch.save``); a folder of tables with
+        one clock, side by side; a ROS bag with ``sensor_msgs/JointState`` (``.mcap``,
+        ``.db3``, ``.bag`` or a folder). `BesideColumns` name fields of other topics as
+        ``TOPIC.FIELD``, such as ``"/imu/data.angular_velocity"``.
     joints : sequence of str
         Names of the joints to read.
     columns : Columns
@@ -92,7 +91,7 @@ def read_recording(
     omit : sequence of int
         Broken rows to leave out, counted from 1.  Not for bags.
     duplicates : {"refuse", "first", "last"}
-        Which of several rows with one time stamp is used.  Not for bags.
+        The row that is used if several have one time stamp.  Not for bags.
 
     Raises
     ------

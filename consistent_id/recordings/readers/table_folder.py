@@ -110,7 +110,7 @@ def _parts(path: Path) -> list[_TablePart]:
 def _part(file: Path) -> _TablePart | None:
     """Return a table of a folder; None if it is empty, or no table, such as a README.
 
-    What has a clock is a table, and its faults are errors.
+    A file with a clock is a table, and its faults are errors.
     """
     clock = None
     try:

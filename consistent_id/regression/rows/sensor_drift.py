@@ -35,8 +35,9 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.segments import SEGMENTS, segment_cuts
 
 Drift = Literal["none", "recordings", "linear"]
-"""Of a bias: one for all recordings, one for each, or one for each that changes at a
-constant rate."""
+"""Kinds of a bias: one for all recordings, one for each, or one for each that changes
+at a constant rate.
+"""
 
 _EXACT = 1e-9  # residual, relative to the wrench, that is rounding
 
@@ -44,7 +45,7 @@ _EXACT = 1e-9  # residual, relative to the wrench, that is rounding
 @brief
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorBias:
-    """What a wrench sensor shows of nothing, in one recording.
+    """The readings of a wrench sensor without a load, in one recording.
 
     Parameters
     ----------
@@ -68,7 +69,7 @@ def driftless_regression(
     model : TorqueModel
         Without a bias of its own.
     recordings : sequence of Recording
-        Of the body itself, see `carried`.
+        Recordings of the body itself, see `carried`.
     drift : {"recordings", "linear"}
 
     Raises
@@ -145,14 +146,14 @@ def _compressed(
 def bias_along(
     model: TorqueModel, x: Vector, recording: Recording, drift: Drift
 ) -> SensorBias:
-    """Return what is left of a recording beside a body, as a bias and its rate.
+    """Return the bias, and its rate, that a recording has beside a body.
 
     Parameters
     ----------
     model, drift
         See `driftless_regression`.
     x : ndarray, shape (parameters,)
-        Of the body.
+        Parameters of the body.
     recording : Recording
         See `carried`.
     """

@@ -89,7 +89,7 @@ class XmlText:
         return cls(data, parse(data))
 
     def tag(self, element: Element) -> Tag:
-        """Return where the parts of an element's start tag stand."""
+        """Return the places of the parts of an element's start tag."""
         place = self._matched(_TAG, element.start).end()
         values: dict[str, tuple[int, int]] = {}
         whole: dict[str, tuple[int, int]] = {}
@@ -259,7 +259,7 @@ def body_of(link: Element) -> InertialParameters:
 def set_numbers(
     document: XmlText, element: Element, values: dict[str, Sequence[float]]
 ) -> list[Edit]:
-    """Return edits of attributes that hold numbers; equal ones keep their text."""
+    """Return edits of attributes that are numbers; equal ones keep their text."""
     changed = {}
     for name, wanted in values.items():
         stated = element.attributes.get(name)

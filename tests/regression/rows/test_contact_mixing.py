@@ -93,6 +93,25 @@ def test_torque_that_is_not_known_gets_into_no_row(robot, log):
     assert np.allclose(R.T @ R, squares[0], rtol=0, atol=1e-9 * abs(squares[0]).max())
 
 
+def test_rows_of_weight_zero_are_rows_of_unknown_torque(robot, log):
+    rng, model = np.random.default_rng(3), ci.TorqueModel(robot)
+    part = log.samples(slice(0, 40))
+    known = rng.uniform(size=part.position.shape) > 0.2
+    rows, others = model.torque_joints, ci.regression.BASE_ROWS
+    weights = ci.signals.row_weights(part, ~known, rows, others=others)
+    weighted = motion_of(model, part, weights)
+    unknown = motion_of(model, replace(part, torque_known=known), None)
+    assert (weighted.weights == unknown.weights).all()
+    assert np.allclose(weighted.torque, unknown.torque, rtol=0, atol=1e-9)
+    assert np.allclose(weighted.shares, unknown.shares, rtol=0, atol=1e-9)
+    # Torque of weight zero gets into no other row.
+    wrong = replace(part, torque=np.where(known, part.torque, 1e3))
+    counted = weights > 0.0
+    assert weighted.shares[~counted].max() < 1e-12 < weighted.shares[counted].min()
+    rows = motion_of(model, wrong, weights).torque[counted]
+    assert np.allclose(rows, weighted.torque[counted], rtol=0, atol=1e-9)
+
+
 def test_of_a_fixed_base_such_rows_do_not_count():
     arm = ci.from_modified_dh("arm", [ci.DHRow(0, 0), ci.DHRow(-np.pi / 2, 0.3)])
     rng = np.random.default_rng(0)

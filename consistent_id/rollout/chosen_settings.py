@@ -104,7 +104,7 @@ def _limbs(robot: RobotModel) -> list[list[int]]:
 
 
 def _mirror(robot: RobotModel, one: Sequence[int], other: Sequence[int]) -> bool:
-    """Tell whether two limbs have equal geometry but for signs."""
+    """Return whether two limbs have equal geometry but for signs."""
     first, second = ([robot.joints[k] for k in limb] for limb in (one, other))
     if [joint.kind for joint in first] != [joint.kind for joint in second]:
         return False
@@ -396,7 +396,7 @@ def with_springs(
     Parameters
     ----------
     error : callable
-        Of rollouts that were not learnt from.
+        Error of rollouts that were not used for training.
     """
     known = np.isfinite(gains_of(problem).stiffness).any()
     if known or problem.model.robot.nominal is None:
@@ -421,15 +421,15 @@ def _cutoffs(problem: Problem) -> list[float]:
 
 @dataclass(frozen=True, slots=True)
 class RidgeChoice:
-    """How far to refine.
+    """The extent of a refinement.
 
     Parameters
     ----------
     ridge : float, optional
         Weight of the torque fit; None: not to refine at all.
     errors : dict of (float or None) to float, [rad or m]
-        Of rollouts of the part that was not learnt from, both ways; infinite where they
-        diverge, or a part cannot be refined.
+        Errors of rollouts of the part that was not used for training, both ways;
+        infinite where they diverge, or a part cannot be refined.
     reason : str, optional
         Why a refinement was not possible.
     """
@@ -455,8 +455,8 @@ def chosen_ridge(problem: Problem) -> RidgeChoice:
     reason = None
     try:
         slow, fast = slow_and_fast(problem)
-        for learnt, judged in ((slow, fast), (fast, slow)):
-            for ridge, error in _errors(problem, learnt, judged):
+        for learnt, other in ((slow, fast), (fast, slow)):
+            for ridge, error in _errors(problem, learnt, other):
                 squares[ridge].append(error**2)
     except ConsistentIdError as why:
         reason = str(why)
@@ -469,7 +469,7 @@ def chosen_ridge(problem: Problem) -> RidgeChoice:
 
 
 def _errors(
-    problem: Problem, learnt: Spans, judged: Spans
+    problem: Problem, learnt: Spans, other: Spans
 ) -> Iterator[tuple[float | None, float]]:
     """Yield the errors of rollouts of one part, by what is learnt from the other.
 
@@ -477,7 +477,7 @@ def _errors(
     """
     logs = problem.logs("training")
     estimate, regression = torque_fit(problem, within(problem.training, learnt))
-    others = within(logs, judged)
+    others = within(logs, other)
     yield None, rollout_error(problem, estimate, others)
     start = refinement_start(
         estimate,
