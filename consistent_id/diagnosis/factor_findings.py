@@ -169,10 +169,13 @@ def _hidden(model: TorqueModel, found: FoundFactor) -> str:
 def _harmful(best: FoundFactor, rivals: Sequence[FoundFactor]) -> bool:
     """Return whether a cause is likely that makes an estimate harmful.
 
-    A gain of all torques has to be sure: nominal bodies of a KUKA, right logs of which
-    show one of 0.8 at four standard errors, are as likely to be wrong.
+    A gain of all torques has to be sure, or far from one: bodies may all be lighter, as
+    those of a KUKA, right logs of which show a gain of 0.8 at four standard errors.
     """
-    gate = _SURE if best.factor.kind == "masses or gain" else gate_of(best.factor)
+    far = abs(best.size) >= _LARGE * best.factor.least
+    gate = gate_of(best.factor)
+    if best.factor.kind == "masses or gain":
+        gate = LIKELY if far else _SURE
     least = max(f.least_harm for f in (best, *rivals))
     return best.ratio >= gate and least >= HARM
 

@@ -272,23 +272,25 @@ def test_bodies_known_worse_pull_less(kind, place, size):
 
 
 @pytest.mark.parametrize(
-    ("kind", "errors", "harm", "severity"),
+    ("kind", "times", "errors", "harm", "severity"),
     [
-        ("offset zero", 4.0, 0.05, "warning"),
-        ("offset zero", 6.0, 0.05, "fault"),
+        ("offset zero", 2.1, 4.0, 0.05, "warning"),
+        ("offset zero", 2.1, 6.0, 0.05, "fault"),
         # A standard error less of it would mean a tenth of the torque.
-        ("offset zero", 4.0, 0.14, "fault"),
-        ("offset zero", 4.0, 0.13, "warning"),
-        ("clock", 2.6, 0.17, "fault"),
-        ("masses or gain", 4.9, 0.30, "warning"),
-        ("masses or gain", 5.1, 0.30, "fault"),
+        ("offset zero", 2.1, 4.0, 0.14, "fault"),
+        ("offset zero", 2.1, 4.0, 0.13, "warning"),
+        ("clock", 2.1, 2.6, 0.17, "fault"),
+        ("masses or gain", 1.9, 4.9, 0.30, "warning"),
+        ("masses or gain", 1.9, 5.1, 0.30, "fault"),
+        ("masses or gain", 2.1, 2.9, 0.30, "warning"),
+        ("masses or gain", 2.1, 3.1, 0.30, "fault"),
     ],
 )
 def test_a_factor_is_a_fault_if_it_is_sure_or_likely_and_harmful(
-    kind, errors, harm, severity
+    kind, times, errors, harm, severity
 ):
     factor = next(f for f in factors_of(arm()) if f.kind == kind)
-    size = 2.1 * factor.least
+    size = times * factor.least
     found = FoundFactor(factor, size, *[size / errors] * 2, 500.0, 1000.0, harm)
     (finding,) = factor_findings(arm(), [found])
     assert finding.severity == severity
