@@ -2,7 +2,7 @@
 
 Columns of a file without a header are called ``column1``, ``column2`` and so on.
 
-PyArrow reads the numbers if it is installed, some five times as fast as the csv module.
+PyArrow reads the numbers if it is installed, several times as fast as the csv module.
 Where it refuses them the csv module reads the file again, row by row: it knows the row
 and the column of each fault.
 """
