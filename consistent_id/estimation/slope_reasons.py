@@ -6,9 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import BoolArray, Vector
-from consistent_id.estimation.body_slopes import Slopes
 from consistent_id.estimation.fit import Fit
-from consistent_id.estimation.torque_error import IN_MOTION
+from consistent_id.estimation.torque_error import IN_MOTION, Slopes
 from consistent_id.estimation.verdict import Reason
 from consistent_id.regression.row_names import BASE_ROWS
 
