@@ -1,10 +1,9 @@
 """Files that are read and written.
 
 Those that are written are there whole or not at all, several together, and never over
-the files of others.  Those that are read are regular files, and no larger than what
-they are for: a file of a stranger may be a device that never ends, or state sizes that
-it does not have; its stated sizes are compared with the file before memory is
-allocated.
+the files of others.  Those that are read are regular files, and not too large for their
+purpose: a file of a stranger may be a device that never ends, or state sizes that it
+does not have; its stated sizes are compared with the file before memory is allocated.
 """
 
 import json

@@ -112,7 +112,7 @@ def factor_findings(
 def hidden_factors(
     model: TorqueModel, found: Sequence[FoundFactor]
 ) -> list[LogFinding]:
-    """Say how large factors may be that no log shows, and what they would mean.
+    """Return the possible size of factors that no log shows, and their effect.
 
     Bodies that differ from the nominal ones as far as usual would explain a factor as
     large as its standard error.  It is a warning where a factor may hide that would be
@@ -150,7 +150,7 @@ def _hides_harm(found: FoundFactor) -> bool:
 
 
 def _hidden(model: TorqueModel, found: FoundFactor) -> str:
-    """Return what a factor may hide, and what it would mean for an estimate."""
+    """Return the possible size of a hidden factor, and its effect on an estimate."""
     kind = found.factor.kind
     if kind in ("clock", "masses or gain"):
         what = "a clock" if kind == "clock" else "torques"

@@ -265,7 +265,7 @@ def _errors(
     scatter : float
         Over segments.
     norm, pulled : float
-        Norm of ``w``, and the square of what rows of nominal bodies have of it.
+        Norm of ``w``, and the square of its part in rows of nominal bodies.
     """
     by_bodies = min(pulled, norm**2) / slope**2
     by_noise = max(scatter**2, norm**2 / slope**2 - by_bodies)

@@ -115,8 +115,8 @@ class Recording:
     torque_command : array_like, shape (samples, joints), optional, [N m or N]
         Feed-forward torque; `commanded` computes the torque from commands.
     torque_filter : TorqueFilter, optional
-        If torque and wrenches are low-passed: the filter, and what they were before.
-        Set by `low_passed` and `decimated`; `build_regression` filters its rows alike.
+        If torque and wrenches are low-passed: the filter, and their values before. Set
+        by `low_passed` and `decimated`; `build_regression` filters its rows alike.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Columns without names: what they may be, by their numbers alone.
+"""Columns without names: their possible channels, by their numbers alone.
 
 A clock rises in steps of about one length.  Columns that follow each other are a block,
 one for each joint; a block is a velocity if it is the rate of change of another, which

@@ -48,7 +48,7 @@ BLOCKS = 10
 as short as the noise's correlation."""
 
 LEFT = 0.05
-"""Least share of what it is fitted to that a fit is taken to leave."""
+"""Least share of its data that a fit is assumed to leave as residuals."""
 
 _MEDIAN = 0.927
 """Median of ``chi^2 / n`` for the ``n = BLOCKS - 1`` freedoms of a variance."""

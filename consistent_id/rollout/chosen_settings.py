@@ -482,7 +482,7 @@ def chosen_ridge(problem: Problem) -> RidgeChoice:
 def _errors(
     problem: Problem, learnt: Spans, other: Spans
 ) -> Iterator[tuple[float | None, float]]:
-    """Yield the errors of rollouts of one part, by what is learnt from the other.
+    """Yield the errors of rollouts of one part, by fits to the other part.
 
     One step shows whether a refinement predicts; all weights share its derivatives.
     """

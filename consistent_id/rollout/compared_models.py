@@ -31,7 +31,7 @@ _THREADS = 2
 _SPAN = 11  # samples of a cubic through positions, whose slope is where a window begins
 
 _WORKERS = 2
-_PASSES = 4  # of the search of offsets; each leaves a small share of what was left
+_PASSES = 4  # of the search of offsets; each leaves a small share of the rest
 
 
 @brief

@@ -77,7 +77,7 @@ def driftless_regression(
     ProblemError
         If the model has a bias.
     NotExcitedError
-        If a recording is no longer than what is taken out of it.
+        If a recording has no more samples than parameters that are taken out.
     """
     _require_no_bias(model, drift)
     parts = [_rows_without_drift(model, log, drift) for log in recordings]
