@@ -237,6 +237,7 @@ def chosen_settings(problem: Problem, start: Settings | None = None) -> Settings
         best = _climbed(best, "velocity_scale", SCALES, error)
         if best == before:
             break
+    best = _with_terms(best, problem, error)
     best = _with_motors(best, problem, candidates)
     best = _with_slopes(best, groups, error)
     best = with_springs(best, problem, error)
@@ -261,21 +262,26 @@ def _started(
     problem: Problem,
     error: Callable[[Settings], float],
 ) -> Settings:
-    """Return the best start: terms as the problem states them, all, or none.
-
-    These are friction in MuJoCo's form, friction that varies with position, coupled
-    gears and springs.  A selection by torque may have found some of them, which stand
-    for other errors of the model, and rollouts of faster motion do not confirm them.
-    """
+    """Return the best start: friction in MuJoCo's form or not, all slopes or none."""
     best = start
     if table_in_form_of(problem.table, "mjcf") != problem.table:
         best = min((best, replace(best, simulated=True)), key=error)
-    best = min((best, replace(best, friction_slope=_names(groups))), key=error)
+    return min((best, replace(best, friction_slope=_names(groups))), key=error)
+
+
+def _with_terms(
+    best: Settings, problem: Problem, error: Callable[[Settings], float]
+) -> Settings:
+    """Return settings with the problem's coupled gears and springs, all, or none.
+
+    A selection by torque may have found some of them, which stand for other errors of
+    the model; rollouts of faster motion have to confirm them.
+    """
+    terms = problem.model.terms
     if problem.table.couplings:
         best = min((best, replace(best, couplings=False)), key=error)
-    terms = problem.model.terms
-    others = [True] * (not all(drive.spring for drive in terms))
-    others += [False] * any(drive.spring for drive in terms)
+    others = [True] * (not all(one.spring for one in terms))
+    others += [False] * any(one.spring for one in terms)
     return min((best, *(replace(best, spring=one) for one in others)), key=error)
 
 

@@ -21,8 +21,8 @@ from consistent_id.rollout import rollout  # noqa: E402
 from consistent_id.rollout.chosen_settings import (  # noqa: E402
     RIDGES,
     _Candidates,
-    _started,
     _with_slopes,
+    _with_terms,
     chosen_ridge,
     chosen_settings,
 )
@@ -278,7 +278,7 @@ viscous = true
         springs = sum(terms.spring for terms in model.terms)
         return 2.0 + len(model.couplings) + (-springs if spring else springs)
 
-    found = _started(Settings(), (), problem, error)
+    found = _with_terms(Settings(), problem, error)
     assert found == Settings(spring=spring, couplings=False)
     model = with_settings(problem, found).model
     assert [terms.spring for terms in model.terms] == [spring, spring]
