@@ -5,8 +5,8 @@
 
 Speed: an arm of seven joints, CPU time of one core.  Loads: logs of a UR10e without a
 load, followed by logs with one that begin at any time of its motion; model, watch and
-limit come from the other logs without a load.  Alarms: an hour of simulated arms
-without a change of load, which have friction that the model lacks.  Warmth: a simulated
+limit come from the other logs without a load.  Alarms: a simulated arm without a
+change of load, with friction that the model lacks.  Warmth: a simulated
 arm whose friction falls as it warms up, the UR10e's logs, and a servo's logs at 27 to
 40 degrees.
 """
@@ -55,7 +55,7 @@ TURNS = ((0, 1), (2, 3), (4, 5), (6, 9), (7, 8))
 EVERY = 2.0  # s between the times at which a load comes
 WITHIN = 0.5  # s in which it has to be announced
 OFTEN = 60.0  # 1/h; a rate of false alarms that seven minutes can show
-LEARNT, TRIED, RATE = 7, 60, 10.0  # min of free motion, min that are tried, 1/h
+LEARNT, TRIED, RATE = 7, 20, 30.0  # min of free motion, min that are tried, 1/h
 BANDS = (0.0, 0.5, 1.0, 2.0, np.inf)  # of a load's torque, over the limit
 MEMORY = 15.0  # s, of the tables of friction
 FALL, WARMING, PIECE = 0.4, 60.0, 2.0  # of friction; s; s of constant friction
