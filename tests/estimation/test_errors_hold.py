@@ -83,8 +83,9 @@ def test_they_hold_for_raw_logs_as_drafts_prepare_them(kind):
 
 
 PRINTED = {
+    "diagnosis/factor_findings.py": "clock, gain, lean",
     "diagnosis/torque_channel.py": "slope on nominal torque",
-    "diagnosis/whole_robot.py": "zero of a joint",
+    "diagnosis/whole_robot.py": "gain of a joint",
     "estimation/determination.py": "Raw logs",
     "estimation/drive_calibration.py": "drive calibration",
     "estimation/payload.py": "payload",
@@ -93,7 +94,7 @@ PRINTED = {
     "export/export_formats.py": "Raw logs",
     "fleet/fleet_result.py": "fleet",
     "problems/log_check.py": "radius of feet",
-    "problems/selection/select.py": "a choice of `select`",
+    "problems/selection/model_selection.py": "a choice of `select`",
     "report/residuals_section.py": "drift of a residual",
     "rollout/problem_rollout.py": "delay in `rollout`",
     "rollout/servo_result.py": "Parameters of a [servo]",
