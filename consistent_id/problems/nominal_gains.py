@@ -1,11 +1,20 @@
-"""Gains between currents and torque, if the model's own bodies are right.
+"""Gains between currents and torque that a model's bodies imply.
 
-No log contains the torque per ampere.  A model with masses implies it: along the logged
-motion, ``current = tau / K + rotor + friction``, with the torque ``tau`` of the nominal
-bodies, and terms of acceleration and speed.
+No log contains the torque per ampere.  A model with masses implies it, although its
+bodies are not quite the robot's.  With the regressor ``Y_j`` of a joint, its current
+``i_j``, and friction and rotor ``F_j f_j`` in amperes,
+
+    minimise  sum_j ||(g_j Y_j b + F_j f_j - i_j) / s_j||^2 + ||(b - b0) / w||^2
+
+over the bodies ``b``, the inverse gains ``g_j = 1 / K_j`` and ``f_j``; ``s_j`` is the
+residual of least squares with bodies free, times the root of the number of samples over
+which it is correlated, and ``w`` are the usual errors of nominal bodies ``b0``
+(`USUAL_WIDTHS`).  The links couple the joints, so the motion determines the ratios of
+the gains, and the nominal bodies little more than their common scale.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,16 +28,29 @@ from consistent_id.recordings.signals import (
     split_at_gaps,
 )
 from consistent_id.recordings.signals.clocks import own_rate
+from consistent_id.regression.correlated_noise import correlation_lengths
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
-from consistent_id.robot.scaling import reference_bodies
+from consistent_id.robot.scaling import (
+    USUAL_WIDTHS,
+    LinkScales,
+    body_sizes,
+    link_scales,
+    reference_bodies,
+)
 
 _CUTOFF = 3.0  # Hz; most of gravity is below, most noise of accelerations above
+_KEPT = 5.0  # samples kept per period of the cut-off
 _CREEP = 0.05  # rad/s, width of the sign change of friction
 _GAP = 5.0  # sampling periods
-_BLOCKS = 8  # that are left out in turn, for standard errors
 _FAR, _ENOUGH = 2.0, 3  # times 1, and joints, from which on gains are proposed
-_SURE = 0.1  # relative standard error above which a gain is poorly known
+_SURE = 0.2
+"""Relative standard error above which a gain is poorly known; usual errors of nominal
+bodies alone make 5 to 10 %."""
+_ROUNDS = 50  # most rounds of Gauss and Newton
+_SETTLED = 1e-4  # relative change of the gains that ends them
+_LARGEST = 0.5  # relative change of a gain in one round, at most
+_EXACT = 1e-9  # residual over current below which nothing is noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,9 +62,9 @@ class NominalGains:
     joints : tuple of str
     values, errors : ndarray, shape (joints,)
         Torque per unit of the column, and standard errors; of a poorly known gain the
-        value is the median size of the others.
+        value is the median of the others, and the error infinite.
     known : tuple of bool
-        Whether a gain has a standard error of at most 10 %.
+        Whether a gain has a standard error of at most 20 %.
     """
 
     joints: tuple[str, ...]
@@ -79,9 +101,11 @@ class NominalGains:
         )
         poor = [j for j, k in zip(self.joints, self.known, strict=True) if not k]
         rest = f"; {', '.join(poor)}: unknown, the median of the others" if poor else ""
+        mass, centre, moment = (f"{100 * width:g} %" for width in USUAL_WIDTHS)
         return (
-            "If the bodies of the model are right, which this log cannot show, it "
-            f"implies these gains (standard errors {errors}{rest})"
+            f"If the model's masses are right to {mass}, centres of mass to {centre} "
+            f"and second moments to {moment} of the links' size, which this log cannot "
+            f"show, it implies these gains (standard errors {errors}{rest})"
         )
 
 
@@ -110,48 +134,115 @@ def nominal_gains(robot: RobotModel, log: Recording) -> NominalGains | None:
         motion = differentiated(low_passed(smooth, torque_cutoff=cutoff))
     except (ConsistentIdError, ValueError):
         return None
-    q, dq, ddq = motion.position, motion.velocity, motion.acceleration
-    bodies = reference_bodies(robot).ravel()
-    torque = TorqueModel(robot).rigid_torque(bodies, (q, dq, ddq))
-    measured = np.asarray(motion.torque)
-    pairs = [
-        _gain(torque[:, j], np.asarray(dq)[:, j], np.asarray(ddq)[:, j], tau)
-        for j, tau in enumerate(measured.T)
-    ]
-    values, errors = np.array(pairs).T
-    known = np.isfinite(errors) & (errors <= _SURE * abs(values))
+    every = max(int(rate / (_KEPT * cutoff)), 1)
+    widths = LinkScales(link_scales(robot).mass, body_sizes(robot)).widths(USUAL_WIDTHS)
+    fits = _joint_fits(robot, motion, widths, every)
+    if not all(np.isfinite(f.rows).all() for f in fits):
+        return None
+    inverse, deviation = _with_bodies(fits, reference_bodies(robot).ravel() / widths)
+    with np.errstate(divide="ignore"):
+        values, errors = 1.0 / inverse, deviation / inverse**2
+        known = np.isfinite(errors) & (deviation <= _SURE * abs(inverse))
     if not known.any():
         return None
     usual = float(np.median(values[known]))
     return NominalGains(
         robot.joint_names,
         np.where(known, values, usual),
-        errors,
+        np.where(known, errors, np.inf),
         tuple(bool(k) for k in known),
     )
 
 
-def _gain(
-    torque: Vector, speed: Vector, acceleration: Vector, measured: Vector
-) -> tuple[float, float]:
-    """Return a joint's gain, and its standard error by blocks left out."""
-    rotor, offset = acceleration, np.ones_like(speed)
-    friction = np.column_stack([speed, np.tanh(speed / _CREEP)])
-    columns = np.column_stack([torque, friction, rotor, offset])
-    blocks = np.arange(len(torque)) * _BLOCKS // len(torque)
-    whole = _slope(columns, measured)
-    parts = [
-        _slope(columns[blocks != k], measured[blocks != k]) for k in range(_BLOCKS)
-    ]
-    spread = np.sqrt((_BLOCKS - 1) / _BLOCKS * np.sum((np.array(parts) - whole) ** 2))
-    if whole == 0.0 or not np.isfinite(whole):
-        return 1.0, np.inf
-    return 1.0 / whole, float(spread) / whole**2
+class _JointFit(NamedTuple):
+    """A joint's rows without friction and rotor, compressed: bodies, then the current.
+
+    Divided by the noise; bodies are in units of their usual errors.
+    """
+
+    rows: Matrix
+
+    @property
+    def bodies(self) -> Matrix:
+        return self.rows[:, :-1]
+
+    @property
+    def current(self) -> Vector:
+        return np.asarray(self.rows[:, -1])
 
 
-def _slope(columns: Matrix, measured: Vector) -> float:
+def _joint_fits(
+    robot: RobotModel, motion: Recording, widths: Vector, every: int
+) -> list[_JointFit]:
+    """Return the rows of each joint of every so many samples."""
+    q, dq, ddq = (
+        np.asarray(channel)[::every]
+        for channel in (motion.position, motion.velocity, motion.acceleration)
+    )
+    measured = np.asarray(motion.torque)[::every]
+    regressor = TorqueModel(robot).regressor(q, dq, ddq)
+    fits = []
+    for j, current in enumerate(measured.T):
+        bodies = regressor[j].T * widths
+        friction = np.column_stack(
+            [dq[:, j], np.tanh(dq[:, j] / _CREEP), ddq[:, j], np.ones(len(dq))]
+        )
+        noise = _noise(np.column_stack([friction, bodies]), current)
+        whole = np.column_stack([friction, bodies, current]) / noise
+        compressed = np.linalg.qr(whole, mode="r")
+        first = friction.shape[1]
+        fits.append(_JointFit(compressed[first:, first:]))
+    return fits
+
+
+def _noise(columns: Matrix, current: Vector) -> float:
+    """Return the residual's deviation, of as many samples as are independent."""
     scale = np.linalg.norm(columns, axis=0)
-    if not scale.all():
-        return 0.0
-    solution, *_ = np.linalg.lstsq(columns / scale, measured, rcond=1e-8)
-    return float(solution[0] / scale[0])
+    columns = columns / np.where(scale > 0.0, scale, 1.0)
+    solution, *_ = np.linalg.lstsq(columns, current, rcond=1e-9)
+    residual = current - columns @ solution
+    length = float(correlation_lengths([residual[:, None]])[0])
+    least = _EXACT * float(np.linalg.norm(current)) or 1.0
+    return float(max(np.sqrt(length / len(current)) * np.linalg.norm(residual), least))
+
+
+def _with_bodies(fits: list[_JointFit], nominal: Vector) -> tuple[Vector, Vector]:
+    """Return inverse gains and their standard errors, with bodies near the nominal.
+
+    Parameters
+    ----------
+    nominal : ndarray, shape (10 links,)
+        In units of the bodies' usual errors.
+    """
+    bodies = nominal.copy()
+    inverse = np.array([_slope(f.bodies @ nominal, f.current) for f in fits])
+    width, joints = len(nominal), len(fits)
+    prior = np.hstack([np.eye(width), np.zeros((width, joints))])
+    for _ in range(_ROUNDS):
+        blocks, left = [prior], [nominal - bodies]
+        for j, (fit, g) in enumerate(zip(fits, inverse, strict=True)):
+            torque = fit.bodies @ bodies
+            of_gains = np.zeros((len(torque), joints))
+            of_gains[:, j] = torque
+            blocks.append(np.hstack([g * fit.bodies, of_gains]))
+            left.append(fit.current - g * torque)
+        slopes = np.vstack(blocks)
+        scale = np.linalg.norm(slopes, axis=0)
+        scale[scale == 0.0] = 1.0
+        scaled, *_ = np.linalg.lstsq(slopes / scale, np.concatenate(left), rcond=1e-12)
+        step = np.asarray(scaled) / scale
+        most = _LARGEST * abs(inverse)
+        change = np.clip(step[width:], -most, most)
+        bodies, inverse = bodies + step[:width], inverse + change
+        if (abs(change) <= _SETTLED * abs(inverse)).all():
+            break
+    triangle = np.linalg.qr(slopes / scale, mode="r")[width:, width:]
+    spread = np.linalg.pinv(triangle, rcond=1e-12)
+    deviation = np.linalg.norm(spread, axis=1) / scale[width:]
+    unseen = np.diag(triangle) == 0.0
+    return inverse, np.where(unseen, np.inf, deviation)
+
+
+def _slope(torque: Vector, current: Vector) -> float:
+    square = float(torque @ torque)
+    return float(torque @ current) / square if square > 0.0 else 0.0

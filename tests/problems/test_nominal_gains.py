@@ -46,11 +46,12 @@ def motion():
     return t, q, dq, ddq
 
 
-def currents(arm, rotor=0.5):
+def currents(arm, rotor=0.5, bodies=None):
     """Return currents of Newton and Euler's torque, friction and rotors."""
     t, q, dq, ddq = motion()
     still = ci.Recording(arm.joint_names, t, q, velocity=dq, acceleration=ddq)
-    bodies = np.concatenate([link.nominal.vector for link in arm.links])
+    if bodies is None:
+        bodies = np.concatenate([link.nominal.vector for link in arm.links])
     torque = ci.simulate_torque(ci.TorqueModel(arm), bodies, still).torque
     return (torque + rotor * ddq + 2.0 * dq + 3.0 * np.tanh(dq / 0.05)) / GAINS
 
@@ -64,6 +65,24 @@ def test_gains_are_those_of_the_bodies_whatever_rotors_and_friction_are(arm):
     # Filters and differences of 100 Hz change the torque by a few parts in a thousand.
     np.testing.assert_allclose(found.values, GAINS, rtol=0.01)
     assert "standard errors shoulder" in found.sentence
+
+
+def test_the_ratio_of_gains_does_not_depend_on_wrong_centres_of_mass(arm):
+    upper, fore = (link.nominal for link in arm.links)
+    moved = [
+        ci.InertialParameters.from_central(b.mass, b.com * k, b.central_inertia).vector
+        for b, k in ((upper, 1.2), (fore, 0.8))
+    ]
+    t, q, _, _ = motion()
+    torque = currents(arm, bodies=np.concatenate(moved))
+    found = nominal_gains(arm, ci.Recording(arm.joint_names, t, q, torque=torque))
+    ratio = found.values[0] / found.values[1]
+    # The nominal bodies make the elbow's gravity torque 1.25 times the true one.  The
+    # shoulder carries the same link, so the two together show the link's centre.
+    assert ratio == pytest.approx(GAINS[0] / GAINS[1], rel=0.1)
+    assert found.values[1] == pytest.approx(GAINS[1], rel=0.1)
+    off = abs(found.values - GAINS)
+    assert (off <= 2.0 * found.errors).all()
 
 
 def test_noise_has_no_known_gain(arm):
