@@ -23,7 +23,7 @@ from consistent_id.problems.floating.floating_draft import standing_draft
 from consistent_id.problems.given_logs import GivenLog, GivenLogs, given_logs
 from consistent_id.problems.log_entries import with_torque
 from consistent_id.problems.overrides import StatedDrive, stated_drive
-from consistent_id.problems.robot_logs import RobotLogs, robot_logs
+from consistent_id.problems.robot_logs import RobotLogs, robot_logs, with_remedies
 from consistent_id.problems.selection.select import select_model
 from consistent_id.problems.selection.setup import DRIVE, KINDS
 from consistent_id.problems.stated_model import DEFAULT_DRIVE
@@ -138,7 +138,12 @@ def drafted(
     stated = logs.stated
     if stated.friction_velocity is None and stated.gains is not None:
         stated = replace(stated, friction_velocity=DRY)
-    reading = _reading(logs, given)
+    try:
+        reading = _reading(logs, given)
+    except RecordingError as cause:
+        if not cause.options or given.tables:
+            raise
+        raise with_remedies(cause, model, given.training[0], logs.stated, {}) from None
     draft = _draft_of(reading, model, stated, progress)
     if reading.late is not None and _torque_as_late(draft, reading.late):
         both = _reading(logs, given, early=_rounded(reading.late.seconds))

@@ -62,7 +62,7 @@ class NominalGains:
     joints : tuple of str
     values, errors : ndarray, shape (joints,)
         Torque per unit of the column, and standard errors; of a poorly known gain the
-        value is the median of the others, and the error infinite.
+        value is that of the nearest joint with a known one, and the error infinite.
     known : tuple of bool
         Whether a gain has a standard error of at most 20 %.
     """
@@ -100,7 +100,7 @@ class NominalGains:
             if k
         )
         poor = [j for j, k in zip(self.joints, self.known, strict=True) if not k]
-        rest = f"; {', '.join(poor)}: unknown, the median of the others" if poor else ""
+        rest = f"; {', '.join(poor)}: unknown, as the nearest joint's" if poor else ""
         mass, centre, moment = (f"{100 * width:g} %" for width in USUAL_WIDTHS)
         return (
             f"If the model's masses are right to {mass}, centres of mass to {centre} "
@@ -145,16 +145,17 @@ def nominal_gains(robot: RobotModel, log: Recording) -> NominalGains | None:
         known = np.isfinite(errors) & (deviation <= _SURE * abs(inverse))
     if not known.any():
         return None
-    usual = float(np.median(values[known]))
+    places = np.flatnonzero(known)
+    nearest = [places[np.argmin(abs(places - j))] for j in range(len(values))]
     return NominalGains(
         robot.joint_names,
-        np.where(known, values, usual),
+        values[nearest],
         np.where(known, errors, np.inf),
         tuple(bool(k) for k in known),
     )
 
 
-class _JointFit(NamedTuple):
+class _GainRows(NamedTuple):
     """A joint's rows without friction and rotor, compressed: bodies, then the current.
 
     Divided by the noise; bodies are in units of their usual errors.
@@ -173,7 +174,7 @@ class _JointFit(NamedTuple):
 
 def _joint_fits(
     robot: RobotModel, motion: Recording, widths: Vector, every: int
-) -> list[_JointFit]:
+) -> list[_GainRows]:
     """Return the rows of each joint of every so many samples."""
     q, dq, ddq = (
         np.asarray(channel)[::every]
@@ -189,9 +190,9 @@ def _joint_fits(
         )
         noise = _noise(np.column_stack([friction, bodies]), current)
         whole = np.column_stack([friction, bodies, current]) / noise
-        compressed = np.linalg.qr(whole, mode="r")
+        compressed = np.asarray(np.linalg.qr(whole, mode="r"))
         first = friction.shape[1]
-        fits.append(_JointFit(compressed[first:, first:]))
+        fits.append(_GainRows(compressed[first:, first:]))
     return fits
 
 
@@ -206,7 +207,7 @@ def _noise(columns: Matrix, current: Vector) -> float:
     return float(max(np.sqrt(length / len(current)) * np.linalg.norm(residual), least))
 
 
-def _with_bodies(fits: list[_JointFit], nominal: Vector) -> tuple[Vector, Vector]:
+def _with_bodies(fits: list[_GainRows], nominal: Vector) -> tuple[Vector, Vector]:
     """Return inverse gains and their standard errors, with bodies near the nominal.
 
     Parameters
@@ -214,8 +215,7 @@ def _with_bodies(fits: list[_JointFit], nominal: Vector) -> tuple[Vector, Vector
     nominal : ndarray, shape (10 links,)
         In units of the bodies' usual errors.
     """
-    bodies = nominal.copy()
-    inverse = np.array([_slope(f.bodies @ nominal, f.current) for f in fits])
+    bodies, inverse = _start(fits, nominal)
     width, joints = len(nominal), len(fits)
     prior = np.hstack([np.eye(width), np.zeros((width, joints))])
     for _ in range(_ROUNDS):
@@ -236,13 +236,33 @@ def _with_bodies(fits: list[_JointFit], nominal: Vector) -> tuple[Vector, Vector
         bodies, inverse = bodies + step[:width], inverse + change
         if (abs(change) <= _SETTLED * abs(inverse)).all():
             break
-    triangle = np.linalg.qr(slopes / scale, mode="r")[width:, width:]
+    triangle = np.asarray(np.linalg.qr(slopes / scale, mode="r"))[width:, width:]
     spread = np.linalg.pinv(triangle, rcond=1e-12)
     deviation = np.linalg.norm(spread, axis=1) / scale[width:]
     unseen = np.diag(triangle) == 0.0
     return inverse, np.where(unseen, np.inf, deviation)
 
 
-def _slope(torque: Vector, current: Vector) -> float:
-    square = float(torque @ torque)
-    return float(torque @ current) / square if square > 0.0 else 0.0
+def _start(fits: list[_GainRows], nominal: Vector) -> tuple[Vector, Vector]:
+    """Return bodies and inverse gains of least squares on ``Y b - K i``, in N m.
+
+    This is linear in both, so its minimum is the only one, of any sign; noise makes its
+    gains too small.
+    """
+    width, joints = len(nominal), len(fits)
+    blocks = [np.hstack([np.eye(width), np.zeros((width, joints))])]
+    right = [nominal]
+    for j, fit in enumerate(fits):
+        torque, current = np.linalg.norm(fit.bodies @ nominal), fit.current
+        usual = float(torque / np.linalg.norm(current)) if current.any() else 0.0
+        of_gains = np.zeros((len(current), joints))
+        of_gains[:, j] = -current
+        blocks.append(np.hstack([fit.bodies, of_gains]) / (usual or 1.0))
+        right.append(np.zeros(len(current)))
+    whole = np.vstack(blocks)
+    scale = np.linalg.norm(whole, axis=0)
+    scale[scale == 0.0] = 1.0
+    found, *_ = np.linalg.lstsq(whole / scale, np.concatenate(right), rcond=1e-12)
+    gains = found[width:] / scale[width:]
+    inverse = 1.0 / np.where(gains == 0.0, np.inf, gains)
+    return found[:width] / scale[:width], inverse

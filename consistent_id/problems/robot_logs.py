@@ -7,6 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from consistent_id.errors import ModelError, ProblemError, RecordingError
 from consistent_id.problems.floating.base_guess import widths_of
 from consistent_id.problems.floating.floating_draft import (
@@ -22,6 +24,7 @@ from consistent_id.problems.statement import (
 )
 from consistent_id.recordings.column_guess import (
     GAINS,
+    RATE,
     ColumnGuess,
     guess_columns,
     require_torque,
@@ -35,6 +38,7 @@ from consistent_id.recordings.log_formats import LOG_FORMATS, log_format
 from consistent_id.recordings.readers import Columns, read_recording, recording_from
 from consistent_id.recordings.readers.columns import wanted
 from consistent_id.recordings.readers.data_frames import ColumnTable, table_names
+from consistent_id.recordings.readers.named_arrays import require_gain
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import unwrapped
@@ -45,6 +49,8 @@ from consistent_id.robot.parameters import did_you_mean
 
 _ROBOTS = (".urdf", ".xml", ".mjcf", ".xacro")
 _MOST_REMEDIES = 4
+_WHOLE = 0.8  # of a turn: a jump by a whole one
+_STEADY = 1.0  # rad, between samples that do not jump
 _CHANNELS = ("time", "position", "velocity", "torque", "position_command")
 
 
@@ -85,6 +91,7 @@ class RobotLogs:
             "torque_gain": gain,
             "omit": stated.omitted_of(log),
             "duplicates": stated.duplicates or "refuse",
+            "missing": stated.missing or "refuse",
         }
         if log in self.tables:
             table = self.tables[log]
@@ -127,7 +134,7 @@ def robot_logs(
     except (ModelError, RecordingError) as cause:
         if cause.option_names <= {declarations()[n].option for n in stated.given}:
             raise  # nothing is proposed, or what is stated already
-        raise _with_remedies(cause, model, log, stated, tables) from None
+        raise with_remedies(cause, model, log, stated, tables) from None
 
 
 def _found(
@@ -167,6 +174,8 @@ def _found(
     try:
         guess = guessed(currents=len(stated.torque_gain) > 0)
         require_torque(guess.columns.torque, stated.torque_gain)
+        if not stated.torque_gain:
+            require_gain(guess.columns.units, log.name)
     except RecordingError as cause:
         gains = None
         if not stated.torque_gain and not cause.options and log not in tables:
@@ -193,7 +202,7 @@ def _found(
     return RobotLogs(robot, found, locked, stated, notes, floating, tables)
 
 
-def _with_remedies(
+def with_remedies(
     cause: ModelError | RecordingError,
     model: Path,
     log: Path,
@@ -207,10 +216,16 @@ def _with_remedies(
             break
         options.append(error.options)
         try:
-            words = shlex.split(" ".join(options).replace(GAINS, "1,0"))  # whatever
+            filled = " ".join(options).replace(GAINS, "1,0").replace(RATE, "100Hz")
+            words = shlex.split(filled)  # with whatever values
             more = _stated_with(stated, words)
             logs = _found(model, log, more, tables)
-            gains = nominal_gains(logs.robot, logs.read(log))
+            read = logs.read(log)
+            if more.wraps is None and _wraps(read):
+                said.append("Then positions jump by whole turns")
+                options.append("--wraps undo")
+                read = unwrapped(read)
+            gains = nominal_gains(logs.robot, read)
             if gains is not None and gains.far and not more.torque_gain:
                 said.append(f"Then {gains.sentence[0].lower()}{gains.sentence[1:]}")
                 options.append(gains.option)
@@ -222,6 +237,15 @@ def _with_remedies(
             break
     kind = ModelError if isinstance(cause, ModelError) else RecordingError
     return kind("\n".join(said), options=" ".join(options), replaces=cause.replaces)
+
+
+def _wraps(log: Recording) -> bool:
+    """Return whether positions jump by whole turns, and by no other steps."""
+    most, undone = (
+        float(abs(np.diff(each.position, axis=0)).max(initial=0.0))
+        for each in (log, unwrapped(log))
+    )
+    return most > _WHOLE * 2.0 * np.pi and undone < _STEADY
 
 
 def _stated_with(stated: Statement, words: Sequence[str]) -> Statement:
@@ -246,7 +270,9 @@ def _implied_gains(
         guess = guessed(currents=True)
         if guess.joints != robot.joint_names or guess.columns.torque is None:
             return None
-        return nominal_gains(robot, read_recording(log, guess.joints, guess.columns))
+        plain = [1.0] * len(guess.joints)  # which a current's unit needs, too
+        raw = read_recording(log, guess.joints, guess.columns, torque_gain=plain)
+        return nominal_gains(robot, raw)
     except (RecordingError, ProblemError):
         return None
 

@@ -29,7 +29,9 @@ from consistent_id.recordings.column_names import (
 from consistent_id.recordings.column_words import (
     CHANNELS,
     channel_of,
+    is_bare,
     is_current,
+    says_nothing,
     states,
     unit_of,
     words,
@@ -38,8 +40,14 @@ from consistent_id.recordings.log_formats import has_no_arrays, log_format
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
 from consistent_id.recordings.readers.csv import lacks_names
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
-from consistent_id.recordings.readers.units import KNOWN, Units, is_time
-from consistent_id.recordings.recording import COMMANDS
+from consistent_id.recordings.readers.units import (
+    KNOWN,
+    Units,
+    clock_columns,
+    is_time,
+    split_clock,
+)
+from consistent_id.recordings.recording import COMMANDS, unit_option
 from consistent_id.recordings.unnamed_columns import is_clock, without_names
 from consistent_id.robot.parameters import did_you_mean
 
@@ -48,6 +56,10 @@ _WITHOUT_TORQUE = (
 )
 
 GAINS = "KP,KD"  # in place of values that no log holds
+RATE = "RATEHz"  # the same
+_COUNTERS = {"seq", "index", "idx", "frame", "count", "counter", "sample", "samples"}
+_COUNTERS |= {"id", "nr", "no", "row", "unnamed", "episode"}  # rise evenly, too
+_MOST_READ = 50  # columns that may be a clock
 _CLOCKS = {"time", "timestamp", "timestamps", "stamp", "clock", "t"}
 
 _EXAMPLES = {
@@ -185,6 +197,8 @@ def guess_columns(
             moved = best.joints
         elif channel == "torque" and best.joints != moved and not torque_joints:
             found = replace(found, torque_joints=best.joints)
+        if channel == "position" and is_bare(best.text):
+            notes.append(f"{best.text} is taken as the position: no other column is")
         if also := _rivals(best, others):
             notes.append(f"{channel} is read from {best.text}, not from {also}")
     return _in_units(ColumnGuess(found, moved, tuple(notes)))
@@ -287,17 +301,40 @@ def _with(columns: Columns, channel: str, pattern: _NamePattern) -> Columns:
 
 def _time(log: Path, names: Sequence[str], *, in_file: bool) -> str:
     """Return the name of the clock; else the only like it whose numbers rise evenly."""
+    split = split_clock(names)
     found = [name for name in names if is_time(name)]
-    if found:
+    if found and (split is None or min(found, key=len) not in clock_columns(split)):
         return min(found, key=len)
+    if split is not None:
+        return split
     likely = [name for name in names if in_file and words(name) & _CLOCKS]
     read = reader_of(log).read_arrays(log, likely) if likely else {}
     rising = [n for n in likely if is_clock(np.asarray(read[n], float).reshape(-1))]
     if len(rising) == 1:
         return rising[0]
-    raise RecordingError(
-        f"{log}: no column is named time, t or timestamp; the log has {shown(names)}. "
-        "Name it: --time NAME"
+    raise _without_clock(log, names, in_file=in_file)
+
+
+def _without_clock(log: Path, names: Sequence[str], *, in_file: bool) -> RecordingError:
+    """Return an error that proposes columns that rise like a clock, or a rate."""
+    said = f"{log}: no column is named time, t or timestamp; the log has {shown(names)}"
+    likely = [n for n in names if not channel_of(n) and not words(n) & _COUNTERS]
+    likely = likely[:_MOST_READ] if in_file else []
+    read = reader_of(log).read_arrays(log, likely) if likely else {}
+    for name, values in read.items():
+        column = np.asarray(values)
+        if column.dtype.kind not in "iuf" or not is_clock(column.reshape(-1)):
+            continue
+        unit = unit_option(column.reshape(-1).astype(np.float64))
+        options = f"--time {shlex.quote(name)} {unit}".strip()
+        return RecordingError(
+            f"{said}. {name} rises evenly: if it is the clock: {options}",
+            options=options,
+        )
+    return RecordingError(
+        f"{said}. Name it: --time NAME; or, if it has none and its samples are evenly "
+        f"spaced, state their rate: --time {RATE} (such as 1000Hz)",
+        options=f"--time {RATE}",
     )
 
 
@@ -358,6 +395,8 @@ def _patterns_of(
                 pattern = _by_number(run, joints, every)
                 found.setdefault(pattern.text, pattern)
     fitting = [p for p in found.values() if fits(p.text)]
+    if not fitting and channel == "position":
+        fitting = [p for p in found.values() if is_bare(p.text)]
     if not fitting and len(own_names(names, channel)) != max(len(joints), 2):
         fitting = [
             _NamePattern(name, tuple(joints), is_array=True)
@@ -460,6 +499,12 @@ def _not_found(
             "make torque: --gains KP,KD[,LIMIT] ..."
         )
         options = f"--gains {GAINS} --bodies model"
+    elif channel == "torque" and (unknown := _unknown(runs, joints)):
+        options = unknown.option("torque")
+        more = (
+            f" Of the columns without a known word, only {unknown} are as many as the "
+            f"joints: if they are torques or motor currents: {options}"
+        )
     elif not any(joint in name for joint in joints for name in names):
         more = " If the log has other names of joints: --names NAME=JOINT ..."
     flag = channel.replace("_", "-")
@@ -471,6 +516,14 @@ def _not_found(
     )
 
 
+def _unknown(
+    runs: Sequence[NumberedColumns], joints: Sequence[str]
+) -> NumberedColumns | None:
+    """Return the only columns, one for each joint, whose names say nothing known."""
+    several = [r for r in runs if len(r) == len(joints) and says_nothing(r.pattern)]
+    return several[0] if len(several) == 1 else None
+
+
 def _of_controllers(names: Sequence[str], joints: Sequence[str]) -> str:
     """Return a sentence on torques that a controller computes; empty of none."""
     for run in numbered_columns(names):
@@ -478,8 +531,7 @@ def _of_controllers(names: Sequence[str], joints: Sequence[str]) -> str:
         if len(run) == len(joints) and {"target", "moment"} <= said:
             return (
                 f" {run} are computed by the controller, not measured: they return the "
-                f"maker's own model of the arm (--torque {run.before}"
-                f"{{{'number' if run.first else 'index'}}}{run.after})"
+                f"maker's own model of the arm ({run.option('torque')})"
             )
     return ""
 
