@@ -291,6 +291,7 @@ def two_topics(folder: Path) -> list[str | Path]:
 
 FIGAROH = "thanhndv212/figaroh-examples"
 ISAAC = "iit-DLSLab/simple-robot-identification-isaaclab"
+RATE = {"RATEHz": "5000Hz"}
 GO2 = {"KP,KD": "20,1.5"}
 Z1 = {"KP,KD": "80,2.5 120,2.5 120,2.5 80,2.5 80,2.5 80,2.5 80,2.5"}
 LOGS = (
@@ -309,7 +310,12 @@ LOGS = (
         kuka_mat,
     ),
     PublicLog(
-        "TX40", FIGAROH, "Apache-2.0", "two CSV files of motors, no clock", tx40_csv
+        "TX40",
+        FIGAROH,
+        "Apache-2.0",
+        "two CSV files of motors, no clock",
+        tx40_csv,
+        RATE,
     ),
     PublicLog(
         "TIAGo",
@@ -426,7 +432,8 @@ def next_words(message: str, knows: Mapping[str, str]) -> list[str] | None:
     text = lines[-1].removeprefix("try: consistent-id ")
     for placeholder, value in knows.items():
         text = text.replace(placeholder, value)
-    return None if re.search(r" [A-Z]+,[A-Z]+\b", text) else shlex.split(text)
+    open_value = re.search(r" (?:[A-Z]+,[A-Z]+|RATEHz)\b", text)
+    return None if open_value else shlex.split(text)
 
 
 def row(log: PublicLog, found: Outcome) -> str:

@@ -24,7 +24,6 @@ from consistent_id.problems.statement import (
 )
 from consistent_id.recordings.column_guess import (
     GAINS,
-    RATE,
     ColumnGuess,
     guess_columns,
     require_torque,
@@ -40,6 +39,7 @@ from consistent_id.recordings.readers.columns import wanted
 from consistent_id.recordings.readers.data_frames import ColumnTable, table_names
 from consistent_id.recordings.readers.named_arrays import require_gain
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
+from consistent_id.recordings.readers.units import RATE
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import unwrapped
 from consistent_id.robot.chains import Selection, base_question

@@ -42,6 +42,7 @@ from consistent_id.recordings.readers.csv import lacks_names
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
 from consistent_id.recordings.readers.units import (
     KNOWN,
+    RATE,
     Units,
     clock_columns,
     is_time,
@@ -56,7 +57,6 @@ _WITHOUT_TORQUE = (
 )
 
 GAINS = "KP,KD"  # in place of values that no log holds
-RATE = "RATEHz"  # the same
 _COUNTERS = {"seq", "index", "idx", "frame", "count", "counter", "sample", "samples"}
 _COUNTERS |= {"id", "nr", "no", "row", "unnamed", "episode"}  # rise evenly, too
 _MOST_READ = 50  # columns that may be a clock
@@ -170,7 +170,7 @@ def guess_columns(
     in_file = names is None
     names = column_names(log) if names is None else names
     if in_file and lacks_names(names):
-        raise without_names(log, names, joints, tuple(known))
+        raise without_names(log, names, joints, known, chains)
     flat = in_file and len(joints) > 1 and has_no_arrays(log, names)
     names = [name for name in names if name not in taken]
     if "time" not in known:
@@ -192,6 +192,8 @@ def guess_columns(
             where = joints if channel == "position" else moved
             raise _not_found(log, channel, names, where, chains, known)
         best, *others = patterns
+        if in_file and best.is_array and channel == "position":
+            _require_width(log, best.text, moved, chains)
         found = _with(found, channel, best)
         if channel == "position":
             moved = best.joints
@@ -321,14 +323,15 @@ def _without_clock(log: Path, names: Sequence[str], *, in_file: bool) -> Recordi
     likely = [n for n in names if not channel_of(n) and not words(n) & _COUNTERS]
     likely = likely[:_MOST_READ] if in_file else []
     read = reader_of(log).read_arrays(log, likely) if likely else {}
-    for name, values in read.items():
-        column = np.asarray(values)
-        if column.dtype.kind not in "iuf" or not is_clock(column.reshape(-1)):
-            continue
-        unit = unit_option(column.reshape(-1).astype(np.float64))
-        options = f"--time {shlex.quote(name)} {unit}".strip()
+    columns = {name: np.asarray(values).reshape(-1) for name, values in read.items()}
+    rising = [n for n, c in columns.items() if c.dtype.kind in "iuf" and is_clock(c)]
+    if rising:
+        unit = unit_option(columns[rising[0]].astype(np.float64))
+        options = f"--time {shlex.quote(rising[0])} {unit}".strip()
+        which = f"{rising[0]} is" if len(rising) > 1 else "it is"
         return RecordingError(
-            f"{said}. {name} rises evenly: if it is the clock: {options}",
+            f"{said}. {', '.join(rising)}: numbers that rise evenly. If {which} the "
+            f"clock: {options}",
             options=options,
         )
     return RecordingError(
@@ -473,8 +476,8 @@ def _not_found(
         more = mapping_advice(own, joints)
         options = mapping_option(own, joints)
     elif others:
-        options = _locked(others[0], joints, chains)
-        more = _of_another_number(others[0], joints, options)
+        options = _locked(len(others[0]), joints, chains)
+        more = _of_another_number(str(others[0]), len(others[0]), joints, options)
     elif channel == "torque" and (currents := _patterns("current", names, joints)):
         more = (
             f" {currents[0].text} are motor currents: convert them to torque with "
@@ -536,25 +539,41 @@ def _of_controllers(names: Sequence[str], joints: Sequence[str]) -> str:
     return ""
 
 
+def _require_width(
+    log: Path,
+    name: str,
+    joints: Sequence[str],
+    chains: Mapping[int, Sequence[str]] | None,
+) -> None:
+    """Refuse an array that has columns of fewer or more joints."""
+    shape = np.shape(reader_of(log).read_arrays(log, [name])[name])
+    if len(shape) != 2 or len(joints) in shape:
+        return
+    options = _locked(min(shape), joints, chains)
+    raise RecordingError(
+        f"{log}: array {name!r} has shape {shape}."
+        f"{_of_another_number(name, min(shape), joints, options)}",
+        options=options,
+    )
+
+
 def _locked(
-    run: NumberedColumns,
+    number: int,
     joints: Sequence[str],
     chains: Mapping[int, Sequence[str]] | None,
 ) -> str:
     """Return the option that locks joints which a log does not have; empty if open."""
-    if len(run) > len(joints):
+    if number > len(joints):
         return ""
-    moved = joints[: len(run)] if chains is None else chains.get(len(run), ())
+    moved = joints[:number] if chains is None else chains.get(number, ())
     rest = [joint for joint in joints if joint not in moved]
     return f"--lock {shlex.join(rest)}" if moved else ""
 
 
-def _of_another_number(run: NumberedColumns, joints: Sequence[str], lock: str) -> str:
+def _of_another_number(what: str, number: int, joints: Sequence[str], lock: str) -> str:
     """Return advice if a log has columns of another number of joints."""
-    said = (
-        f" {run} are {len(run)} columns, the robot has {len(joints)} joints that move"
-    )
-    if len(run) > len(joints):
+    said = f" {what} are {number} columns, the robot has {len(joints)} joints that move"
+    if number > len(joints):
         return f"{said}."
     if not lock:
         return (

@@ -121,7 +121,7 @@ def test_kukas_elements_are_columns(tmp_path):
             for k in range(SAMPLES)
         )
     )
-    with pytest.raises(RecordingError, match="IPOC rises evenly") as refused:
+    with pytest.raises(RecordingError, match="IPOC: numbers that rise") as refused:
         guess_columns(file, ("joint_a1", "joint_a2"))
     assert refused.value.options == "--time IPOC --units time=ms"
     known, units = {"time": "IPOC"}, {"time": "ms"}

@@ -106,6 +106,7 @@ _FRACTIONS = {
     }.items()
     for word in words
 }
+RATE = "RATEHz"  # in place of a rate that no log holds
 _SECONDS = ("s", "sec", "secs", "second", "seconds")
 _LAST_WORD = re.compile(r"[A-Za-z]+$")
 
