@@ -23,7 +23,12 @@ from consistent_id.problems.floating.floating_draft import standing_draft
 from consistent_id.problems.given_logs import GivenLog, GivenLogs, given_logs
 from consistent_id.problems.log_entries import with_torque
 from consistent_id.problems.overrides import StatedDrive, stated_drive
-from consistent_id.problems.robot_logs import RobotLogs, robot_logs, with_remedies
+from consistent_id.problems.robot_logs import (
+    RobotLogs,
+    robot_logs,
+    with_options,
+    with_remedies,
+)
 from consistent_id.problems.selection.select import select_model
 from consistent_id.problems.selection.setup import DRIVE, KINDS
 from consistent_id.problems.stated_model import DEFAULT_DRIVE
@@ -160,21 +165,32 @@ def _logs_of(model: Path, given: GivenLogs, stated: Statement) -> RobotLogs:
         return robot_logs(model, files[0], stated, tables=given.tables)
     except RecordingError as cause:
         folder = one_recording(files) if not given.tables else None
-        if folder is None or not _is_readable(model, folder, stated):
+        if folder is None or _helps(cause, model, files[0], stated):
             raise
+        said, more = "", ""
+        try:
+            robot_logs(model, folder, stated).read(folder)
+        except RecordingError as of_folder:
+            if not of_folder.options:
+                raise cause from None
+            said, more = f"\nThen {of_folder}", f" {of_folder.options}"
+        except ConsistentIdError:
+            raise cause from None
         names = ", ".join(file.name for file in files)
         raise RecordingError(
-            f"{cause} But {names} have the same clock: they are one recording. Give "
-            f"their folder in place of them: {folder}",
-            options=shlex.quote(str(folder)),
+            f"{cause} But {names} have the same clock, or as many rows: they are one "
+            f"recording. Give their folder in place of them: {folder}{said}",
+            options=f"{shlex.quote(str(folder))}{more}",
             replaces=[str(file) for file in files],
         ) from None
 
 
-def _is_readable(model: Path, log: Path, stated: Statement) -> bool:
-    """Return whether a folder's tables can be read as one: repeated runs cannot."""
+def _helps(cause: RecordingError, model: Path, log: Path, stated: Statement) -> bool:
+    """Return whether the options of an error are enough to read the log by itself."""
+    if not cause.options or cause.replaces:
+        return False
     try:
-        robot_logs(model, log, stated).read(log)
+        with_options(model, log, stated, cause.options)
     except ConsistentIdError:
         return False
     return True

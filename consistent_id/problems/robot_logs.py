@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from consistent_id.problems.floating.floating_draft import (
     base_in_log,
     floating_columns,
 )
-from consistent_id.problems.nominal_gains import NominalGains, nominal_gains
+from consistent_id.problems.nominal_gains import nominal_gains
 from consistent_id.problems.statement import (
     Statement,
     declarations,
@@ -48,6 +48,11 @@ from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import did_you_mean
 
 _ROBOTS = (".urdf", ".xml", ".mjcf", ".xacro")
+_PLAIN_GAIN = "--torque-gain 1"
+_NO_GAINS = (
+    "The model's bodies imply no gains for this log; masses would be in the unit of "
+    "its columns with"
+)
 _MOST_REMEDIES = 4
 _WHOLE = 0.8  # of a turn: a jump by a whole one
 _STEADY = 1.0  # rad, between samples that do not jump
@@ -177,14 +182,9 @@ def _found(
         if not stated.torque_gain:
             require_gain(guess.columns.units, log.name)
     except RecordingError as cause:
-        gains = None
-        if not stated.torque_gain and not cause.options and log not in tables:
-            gains = _implied_gains(guessed, robot, log)
-        if gains is None:
+        if stated.torque_gain or cause.options or log in tables:
             raise
-        raise RecordingError(
-            f"{cause} {gains.sentence}: {gains.option}", options=gains.option
-        ) from None
+        raise _with_gains(cause, guessed, robot, log) from None
     stated = replace(stated, topic=guess.topic)
     if log not in tables and "position" not in guess.columns.units:
         _require_usual_units(log, guess)
@@ -216,11 +216,8 @@ def with_remedies(
             break
         options.append(error.options)
         try:
-            filled = " ".join(options).replace(GAINS, "1,0").replace(RATE, "100Hz")
-            words = shlex.split(filled)  # with whatever values
-            more = _stated_with(stated, words)
-            logs = _found(model, log, more, tables)
-            read = logs.read(log)
+            given = " ".join(options)
+            logs, read, more = with_options(model, log, stated, given, tables)
             if more.wraps is None and _wraps(read):
                 said.append("Then positions jump by whole turns")
                 options.append("--wraps undo")
@@ -237,6 +234,34 @@ def with_remedies(
             break
     kind = ModelError if isinstance(cause, ModelError) else RecordingError
     return kind("\n".join(said), options=" ".join(options), replaces=cause.replaces)
+
+
+class ReadLog(NamedTuple):
+    """A log as it is read with a statement."""
+
+    logs: RobotLogs
+    recording: Recording
+    stated: Statement
+
+
+def with_options(
+    model: Path,
+    log: Path,
+    stated: Statement,
+    options: str,
+    tables: Mapping[Path, ColumnTable] | None = None,
+) -> ReadLog:
+    """Read a log with options as they are typed, and some value for what is open.
+
+    Raises
+    ------
+    ModelError, RecordingError, ProblemError
+        If that is not enough.
+    """
+    filled = options.replace(GAINS, "1,0").replace(RATE, "100Hz")
+    more = _stated_with(stated, shlex.split(filled))
+    logs = _found(model, log, more, tables or {})
+    return ReadLog(logs, logs.read(log), more)
 
 
 def _wraps(log: Recording) -> bool:
@@ -262,19 +287,30 @@ def _stated_with(stated: Statement, words: Sequence[str]) -> Statement:
     return replace(stated, **{name: getattr(more, name) for name in more.given})
 
 
-def _implied_gains(
-    guessed: Callable[..., ColumnGuess], robot: RobotModel, log: Path
-) -> NominalGains | None:
-    """Return the gains of a log of currents that the model's bodies imply."""
+def _with_gains(
+    cause: RecordingError,
+    guessed: Callable[..., ColumnGuess],
+    robot: RobotModel,
+    log: Path,
+) -> RecordingError:
+    """Return an error with the gains that the model's bodies imply for currents.
+
+    With a gain of one if they imply none; without, if there are no currents.
+    """
     try:
         guess = guessed(currents=True)
         if guess.joints != robot.joint_names or guess.columns.torque is None:
-            return None
+            return cause
         plain = [1.0] * len(guess.joints)  # which a current's unit needs, too
         raw = read_recording(log, guess.joints, guess.columns, torque_gain=plain)
-        return nominal_gains(robot, raw)
     except (RecordingError, ProblemError):
-        return None
+        return cause
+    gains = nominal_gains(robot, raw)
+    if gains is None:
+        said, options = _NO_GAINS, _PLAIN_GAIN
+    else:
+        said, options = gains.sentence, gains.option
+    return RecordingError(f"{cause} {said}: {options}", options=options)
 
 
 def _require_usual_units(log: Path, guess: ColumnGuess) -> None:

@@ -417,7 +417,7 @@ def test_records_of_json_are_arrays(tmp_path, form):
 def test_json_without_records_is_refused(tmp_path, text):
     path = tmp_path / "log.json"
     path.write_text(text)
-    with pytest.raises(RecordingError, match="log.json"):
+    with pytest.raises(RecordingError, match=r"log\.json"):
         read_recording(path, ["a"], Columns("t", "q_{joint}"))
 
 
