@@ -124,22 +124,10 @@ def nominal_gains(robot: RobotModel, log: Recording) -> NominalGains | None:
     NominalGains or None
         None, if the model has no masses, or no gain is known.
     """
-    if log.torque is None or any(link.nominal is None for link in robot.links):
+    fits = _fits(robot, log)
+    if fits is None:
         return None
-    try:
-        rate = own_rate(log)
-        part = max(split_at_gaps(log, _GAP / rate), key=len)
-        cutoff = min(_CUTOFF, 0.2 * rate)
-        smooth = low_passed(resampled(part, rate), motion_cutoff=cutoff)
-        motion = differentiated(low_passed(smooth, torque_cutoff=cutoff))
-    except (ConsistentIdError, ValueError):
-        return None
-    every = max(int(rate / (_KEPT * cutoff)), 1)
-    widths = LinkScales(link_scales(robot).mass, body_sizes(robot)).widths(USUAL_WIDTHS)
-    fits = _joint_fits(robot, motion, widths, every)
-    if not all(np.isfinite(f.rows).all() for f in fits):
-        return None
-    inverse, deviation = _with_bodies(fits, reference_bodies(robot).ravel() / widths)
+    inverse, deviation = _with_bodies(fits, _nominal(robot))
     with np.errstate(divide="ignore"):
         values, errors = 1.0 / inverse, deviation / inverse**2
         known = np.isfinite(errors) & (deviation <= _SURE * abs(inverse))
@@ -153,6 +141,49 @@ def nominal_gains(robot: RobotModel, log: Recording) -> NominalGains | None:
         np.where(known, errors, np.inf),
         tuple(bool(k) for k in known),
     )
+
+
+def torque_shares(robot: RobotModel, log: Recording) -> Vector | None:
+    """Return the share of each joint's torque that its nominal bodies explain.
+
+    With a gain, friction and a rotor of its own.  None as in `nominal_gains`.
+    """
+    fits = _fits(robot, log)
+    if fits is None:
+        return None
+    shares, bodies = [], _nominal(robot)
+    for fit in fits:
+        torque, current = fit.bodies @ bodies, fit.current
+        whole = float(torque @ torque) * float(current @ current)
+        shares.append(float(torque @ current) ** 2 / whole if whole > 0.0 else 0.0)
+    return np.array(shares)
+
+
+def _widths(robot: RobotModel) -> Vector:
+    """Return usual errors of the model's bodies."""
+    return LinkScales(link_scales(robot).mass, body_sizes(robot)).widths(USUAL_WIDTHS)
+
+
+def _nominal(robot: RobotModel) -> Vector:
+    """Return the model's bodies in units of their usual errors."""
+    return reference_bodies(robot).ravel() / _widths(robot)
+
+
+def _fits(robot: RobotModel, log: Recording) -> "list[_GainRows] | None":
+    """Return the rows of each joint of smoothed motion, or None."""
+    if log.torque is None or any(link.nominal is None for link in robot.links):
+        return None
+    try:
+        rate = own_rate(log)
+        part = max(split_at_gaps(log, _GAP / rate), key=len)
+        cutoff = min(_CUTOFF, 0.2 * rate)
+        smooth = low_passed(resampled(part, rate), motion_cutoff=cutoff)
+        motion = differentiated(low_passed(smooth, torque_cutoff=cutoff))
+    except (ConsistentIdError, ValueError):
+        return None
+    every = max(int(rate / (_KEPT * cutoff)), 1)
+    fits = _joint_fits(robot, motion, _widths(robot), every)
+    return fits if all(np.isfinite(f.rows).all() for f in fits) else None
 
 
 class _GainRows(NamedTuple):

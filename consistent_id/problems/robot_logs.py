@@ -16,6 +16,7 @@ from consistent_id.problems.floating.floating_draft import (
     base_in_log,
     floating_columns,
 )
+from consistent_id.problems.limbs import LogRowsOfJoints
 from consistent_id.problems.nominal_gains import nominal_gains
 from consistent_id.problems.statement import (
     Statement,
@@ -173,7 +174,7 @@ def _found(
         units=stated.units,
         commands=stated.gains is not None,
         held=_every_joint(model, stated),
-        chains=chains_of(robot),
+        rows=_rows_of_joints(model, log, robot, stated, tables),
         topic=stated.topic,
     )
     try:
@@ -313,6 +314,31 @@ def _with_gains(
     return RecordingError(f"{cause} {said}: {options}", options=options)
 
 
+def _rows_of_joints(
+    model: Path,
+    log: Path,
+    robot: RobotModel,
+    stated: Statement,
+    tables: Mapping[Path, ColumnTable],
+) -> LogRowsOfJoints | None:
+    """Return the joints that the log may have, if it has fewer than the robot.
+
+    None, if joints are named: then it has the joints that are.
+    """
+    if stated.names or robot.floating:
+        return None
+
+    def read(rest: Sequence[str]) -> tuple[RobotModel, Recording]:
+        locked = dict(stated.locked or {}) | dict.fromkeys(rest, 0.0)
+        moved = len(robot.joint_names) - len(rest)
+        plain = stated.torque_gain or (1.0,) * moved  # currents will do, too
+        likely = replace(stated, locked=locked, torque_gain=plain)
+        logs = _found(model, log, likely, tables)
+        return logs.robot, logs.read(log)
+
+    return LogRowsOfJoints(robot, read)
+
+
 def _require_usual_units(log: Path, guess: ColumnGuess) -> None:
     """Refuse positions without a unit that are not in radians or metres."""
     columns = guess.columns
@@ -361,8 +387,6 @@ def _guessed(
         return tuple(renamed.get(name, name) for name in names)
 
     more |= {key: in_log(more[key]) for key in ("torque_joints", "held")}
-    if chains := more["chains"]:
-        more["chains"] = {number: in_log(chain) for number, chain in chains.items()}
     try:
         guess = guess_columns(log, in_log(joints), known, **more)
     except RecordingError as cause:
@@ -437,22 +461,6 @@ def _require_base(model: Path, log: Path, robot: RobotModel, stated: Statement) 
             f"If it hangs still, or is bolted down, add --base ROOT with the name of "
             f"the link that stands still"
         )
-
-
-def chains_of(robot: RobotModel) -> dict[int, tuple[str, ...]] | None:
-    """Return the only chain of so many joints from the base on, by their number.
-
-    None, if the robot has no branches: the first joints are one chain then.
-    """
-    driven = set(robot.joint_names)
-    chains: list[tuple[str, ...]] = []
-    for joint in robot.joints:
-        before = chains[joint.parent] if joint.parent >= 0 else ()
-        chains.append((*before, joint.name) if joint.name in driven else before)
-    if len(max(chains, key=len)) == len(driven):
-        return None
-    numbers = [len(chain) for chain in dict.fromkeys(chains)]
-    return {len(c): c for c in chains if c and numbers.count(len(c)) == 1}
 
 
 def _every_joint(model: Path, stated: Statement) -> tuple[str, ...]:

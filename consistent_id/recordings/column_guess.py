@@ -108,7 +108,7 @@ def guess_columns(
     currents: bool = False,
     commands: bool = False,
     held: Sequence[str] = (),
-    chains: Mapping[int, Sequence[str]] | None = None,
+    rows: Mapping[int, Sequence[Sequence[str]]] | None = None,
     taken: Collection[str] = (),
     arrays: Columns | None = None,
     topic: str | None = None,
@@ -134,9 +134,10 @@ def guess_columns(
     held : sequence of str
         All joints in their order, if some are locked and not among `joints`: numbered
         columns may include them.
-    chains : mapping of int to sequence of str, optional
-        For a robot with branches, the only chain of a number of joints: if the log has
-        this number of columns, the message proposes to lock the others.
+    rows : mapping of int to sequence of sequence of str, optional
+        The joints, the likeliest first, that a log may have which has columns of this
+        number of joints: the message proposes to lock the others.  By default the
+        first joints.
     taken : collection of str
         Names that belong to no joint, such as those of a floating base.
     arrays : Columns, optional
@@ -170,7 +171,7 @@ def guess_columns(
     in_file = names is None
     names = column_names(log) if names is None else names
     if in_file and lacks_names(names):
-        raise without_names(log, names, joints, known, chains)
+        raise without_names(log, names, joints, known, rows)
     flat = in_file and len(joints) > 1 and has_no_arrays(log, names)
     names = [name for name in names if name not in taken]
     if "time" not in known:
@@ -190,10 +191,10 @@ def guess_columns(
             if channel == "velocity":
                 continue
             where = joints if channel == "position" else moved
-            raise _not_found(log, channel, names, where, chains, known)
+            raise _not_found(log, channel, names, where, rows, known)
         best, *others = patterns
         if in_file and best.is_array and channel == "position":
-            _require_width(log, best.text, moved, chains)
+            _require_width(log, best.text, moved, rows)
         found = _with(found, channel, best)
         if channel == "position":
             moved = best.joints
@@ -464,7 +465,7 @@ def _not_found(
     channel: str,
     names: Sequence[str],
     joints: Sequence[str],
-    chains: Mapping[int, Sequence[str]] | None,
+    rows: Mapping[int, Sequence[Sequence[str]]] | None,
     known: Mapping[str, str],
 ) -> RecordingError:
     example = _EXAMPLES[channel]
@@ -476,8 +477,8 @@ def _not_found(
         more = mapping_advice(own, joints)
         options = mapping_option(own, joints)
     elif others:
-        options = _locked(len(others[0]), joints, chains)
-        more = _of_another_number(str(others[0]), len(others[0]), joints, options)
+        options = _locked(len(others[0]), joints, rows)
+        more = _of_another_number(f"{others[0]} are", len(others[0]), joints, rows)
     elif channel == "torque" and (currents := _patterns("current", names, joints)):
         more = (
             f" {currents[0].text} are motor currents: convert them to torque with "
@@ -543,42 +544,58 @@ def _require_width(
     log: Path,
     name: str,
     joints: Sequence[str],
-    chains: Mapping[int, Sequence[str]] | None,
+    rows: Mapping[int, Sequence[Sequence[str]]] | None,
 ) -> None:
     """Refuse an array that has columns of fewer or more joints."""
     shape = np.shape(reader_of(log).read_arrays(log, [name])[name])
     if len(shape) != 2 or len(joints) in shape:
         return
-    options = _locked(min(shape), joints, chains)
+    options = _locked(min(shape), joints, rows)
     raise RecordingError(
         f"{log}: array {name!r} has shape {shape}."
-        f"{_of_another_number(name, min(shape), joints, options)}",
+        f"{_of_another_number('These are', min(shape), joints, rows)}",
         options=options,
     )
+
+
+def _likely(
+    number: int,
+    joints: Sequence[str],
+    rows: Mapping[int, Sequence[Sequence[str]]] | None,
+) -> Sequence[Sequence[str]]:
+    """Return the joints that a log of so many may have, the likeliest first."""
+    return (joints[:number],) if rows is None else rows.get(number, ())
 
 
 def _locked(
     number: int,
     joints: Sequence[str],
-    chains: Mapping[int, Sequence[str]] | None,
+    rows: Mapping[int, Sequence[Sequence[str]]] | None,
 ) -> str:
     """Return the option that locks joints which a log does not have; empty if open."""
     if number > len(joints):
         return ""
-    moved = joints[:number] if chains is None else chains.get(number, ())
+    moved, *_ = _likely(number, joints, rows) or ((),)
     rest = [joint for joint in joints if joint not in moved]
     return f"--lock {shlex.join(rest)}" if moved else ""
 
 
-def _of_another_number(what: str, number: int, joints: Sequence[str], lock: str) -> str:
+def _of_another_number(
+    what: str,
+    number: int,
+    joints: Sequence[str],
+    rows: Mapping[int, Sequence[Sequence[str]]] | None,
+) -> str:
     """Return advice if a log has columns of another number of joints."""
-    said = f" {what} are {number} columns, the robot has {len(joints)} joints that move"
+    said = f" {what} {number} columns, the robot has {len(joints)} joints that move"
     if number > len(joints):
         return f"{said}."
-    if not lock:
+    ends = [f"{row[0]} to {row[-1]}" for row in _likely(number, joints, rows)]
+    if not ends:
         return (
             f"{said}: name the joints at rest: --lock JOINT ... (or --base, --tip LINK)"
         )
-    moved = [joint for joint in joints if joint not in shlex.split(lock)]
-    ends = f"those from {moved[0]} to {moved[-1]}"
-    return f"{said}: if the log has {ends}, lock the others: {lock}"
+    lock = _locked(number, joints, rows)
+    also = ", ".join(f"those from {pair}" for pair in ends[1:])
+    also = f" ({also} explain the torque as well)" if also else ""
+    return f"{said}: if the log has those from {ends[0]}{also}, lock the others: {lock}"

@@ -66,7 +66,7 @@ def without_names(
     names: Sequence[str],
     joints: Sequence[str],
     known: Mapping[str, str],
-    chains: Mapping[int, Sequence[str]] | None = None,
+    rows: Mapping[int, Sequence[Sequence[str]]] | None = None,
 ) -> RecordingError:
     """Return an error that proposes what the columns of a headerless file are.
 
@@ -74,13 +74,13 @@ def without_names(
     ----------
     known : mapping of str to str
         Columns by channel that are stated already.
-    chains : mapping of int to sequence of str, optional
+    rows : mapping of int to sequence of sequence of str, optional
         See `guess_columns`: the file may have fewer joints than the robot.
     """
     read = reader_of(log).read_arrays(log, names)
     table = np.column_stack([read[n] for n in names])
     rate = rate_of(known.get("time", ""))
-    layout = _likely_layout(table, len(joints), rate, chains)
+    layout = _likely_layout(table, len(joints), rate, rows)
     said = (
         f"{log} has no header: its {len(names)} columns are called {names[0]} to "
         f"{names[-1]}"
@@ -104,7 +104,7 @@ def without_names(
         )
     whose = "the joints in the robot's order"
     if layout.joints < len(joints):
-        moved = joints[: layout.joints] if chains is None else chains[layout.joints]
+        moved = joints[: layout.joints] if rows is None else rows[layout.joints][0]
         rest = [joint for joint in joints if joint not in moved]
         options = f"--lock {shlex.join(rest)} {options}"
         whose = f"{shown(moved)} in the robot's order, the other joints at rest"
@@ -122,7 +122,7 @@ def _likely_layout(
     table: Matrix,
     joints: int,
     rate: float | None,
-    chains: Mapping[int, Sequence[str]] | None,
+    rows: Mapping[int, Sequence[Sequence[str]]] | None,
 ) -> ColumnLayout:
     """Return the layout of so many joints, or of fewer if only they fit the columns.
 
@@ -130,7 +130,7 @@ def _likely_layout(
     """
     if rate is not None:
         table = np.column_stack([np.arange(len(table)) / rate, table])
-    fewer = range(joints - 1, 1, -1) if chains is None else sorted(chains)[::-1]
+    fewer = range(joints - 1, 1, -1) if rows is None else sorted(rows)[::-1]
     found = None
     for number in [joints, *(n for n in fewer if 1 < n < joints)]:
         layout = column_layout(table, number)
