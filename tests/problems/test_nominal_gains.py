@@ -179,6 +179,26 @@ def test_repeated_runs_with_one_clock_are_no_tables_of_one_recording(
     assert words[words.index("--names") + 1 :][:2] == mapped
 
 
+@pytest.mark.parametrize(
+    ("column", "factor"), [("curr_{}_mA", 1e3), ("Torque J{}[%]", 100.0)]
+)
+def test_currents_in_other_units_have_implied_gains(tmp_path, arm, column, factor):
+    t, q, _, _ = motion()
+    names = ["pos_1", "pos_2", column.format(1), column.format(2)]
+    np.savetxt(
+        tmp_path / "log.csv",
+        np.column_stack([t, q, factor * currents(arm)]),
+        delimiter=",",
+        header=",".join(["t", *names]),
+        comments="",
+    )
+    with pytest.raises(RecordingError) as refused:
+        robot_logs(tmp_path / "arm.urdf", tmp_path / "log.csv")
+    words = shlex.split(refused.value.options)
+    assert words[0] == "--torque-gain" and words[3:] == ["--gain-source", "model"]
+    np.testing.assert_allclose([float(w) for w in words[1:3]], GAINS, rtol=0.02)
+
+
 def test_no_command_is_proposed_that_replaces_what_is_stated(tmp_path, arm, capsys):
     file, _ = repeated(tmp_path, arm)
     shoulder, elbow = arm.joint_names
