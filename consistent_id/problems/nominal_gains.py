@@ -50,6 +50,8 @@ bodies alone make 5 to 10 %."""
 _ROUNDS = 50  # most rounds of Gauss and Newton
 _SETTLED = 1e-4  # relative change of the gains that ends them
 _LARGEST = 0.5  # relative change of a gain in one round, at most
+_TRAVEL = 0.1  # rad or m, of some joint at least: in a resting arm, drift and touch
+# explain the torque better than gravity
 _EXACT = 1e-9  # residual over current below which nothing is noise
 
 
@@ -122,7 +124,7 @@ def nominal_gains(robot: RobotModel, log: Recording) -> NominalGains | None:
     Returns
     -------
     NominalGains or None
-        None, if the model has no masses, or no gain is known.
+        None, if the model has no masses, no joint moves, or no gain is known.
     """
     fits = _fits(robot, log)
     if fits is None:
@@ -172,6 +174,8 @@ def _nominal(robot: RobotModel) -> Vector:
 def _fits(robot: RobotModel, log: Recording) -> "list[_GainRows] | None":
     """Return the rows of each joint of smoothed motion, or None."""
     if log.torque is None or any(link.nominal is None for link in robot.links):
+        return None
+    if np.ptp(log.position, axis=0).max() < _TRAVEL:
         return None
     try:
         rate = own_rate(log)

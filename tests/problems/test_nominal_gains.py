@@ -91,6 +91,13 @@ def test_noise_has_no_known_gain(arm):
     assert nominal_gains(arm, ci.Recording(arm.joint_names, t, q, torque=noise)) is None
 
 
+def test_a_resting_arm_that_is_touched_implies_no_gains(arm):
+    t, q, _, _ = motion()
+    torque = 30.0 + 2.0 * q  # bends the arm a little where it is pushed
+    resting = ci.Recording(arm.joint_names, t, 0.7 + 1e-3 * q, torque=torque)
+    assert nominal_gains(arm, resting) is None
+
+
 def unnamed(folder, arm, *, twice=False):
     t, q, dq, _ = motion()
     table = np.column_stack([t, q, dq, GAINS * currents(arm)])
