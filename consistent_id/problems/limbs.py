@@ -15,7 +15,6 @@ import numpy as np
 from consistent_id.errors import ConsistentIdError
 from consistent_id.problems.nominal_gains import torque_shares
 from consistent_id.recordings.recording import Recording
-from consistent_id.robot.chains import held
 from consistent_id.robot.model import RobotModel
 
 _MOST = 12  # rows of joints that are compared
@@ -27,8 +26,8 @@ Row = tuple[str, ...]
 
 @contextmanager
 def _without_notes() -> Iterator[None]:
-    """Do not say of each robot that is tried which joints follow one at rest."""
-    logger = logging.getLogger(held.__module__)
+    """Do not repeat notes on the robot's file for each robot that is tried."""
+    logger = logging.getLogger("consistent_id")
     before = logger.level
     logger.setLevel(logging.ERROR)
     try:

@@ -14,12 +14,14 @@ the gains, and the nominal bodies little more than their common scale.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.tables import Table
 from consistent_id.errors import ConsistentIdError
+from consistent_id.estimation.uncertainties.beyond_noise import NORMAL
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import (
     differentiated,
@@ -39,6 +41,10 @@ from consistent_id.robot.scaling import (
     reference_bodies,
 )
 
+FORMAT = "consistent_id model gains 1"
+"""Key ``format`` of the JSON record."""
+
+_ASSUMED = ("masses", "centres_of_mass", "second_moments")
 _CUTOFF = 3.0  # Hz; most of gravity is below, most noise of accelerations above
 _KEPT = 5.0  # samples kept per period of the cut-off
 _CREEP = 0.05  # rad/s, width of the sign change of friction
@@ -102,33 +108,75 @@ class NominalGains:
             if k
         )
         poor = [j for j, k in zip(self.joints, self.known, strict=True) if not k]
+        known = self.values[list(self.known)]
+        sign = "; all are negative, so the columns are reversed" * bool(
+            (known < 0.0).all()
+        )
         rest = f"; {', '.join(poor)}: unknown, as the nearest joint's" if poor else ""
         mass, centre, moment = (f"{100 * width:g} %" for width in USUAL_WIDTHS)
         return (
             f"If the model's masses are right to {mass}, centres of mass to {centre} "
             f"and second moments to {moment} of the links' size, which this log cannot "
-            f"show, it implies these gains (standard errors {errors}{rest})"
+            f"show, it implies these gains (standard errors {errors}{rest}{sign})"
         )
 
+    def table(self) -> Table:
+        """Return gains with 95 % intervals, and the option that states them."""
+        rows = [
+            (joint, f"{value:.4g}", f"{NORMAL * error:.2g}")
+            if known
+            else (joint, "unknown", "-")
+            for joint, value, error, known in zip(
+                self.joints, self.values, self.errors, self.known, strict=True
+            )
+        ]
+        notes = (self.sentence, self.option)
+        title = "Gains that the model's bodies imply: an assumption"
+        return Table(title, ("joint", "gain", "95 % +-"), tuple(rows), notes)
 
-def nominal_gains(robot: RobotModel, log: Recording) -> NominalGains | None:
-    """Return the gains with which a log's torque is that of the nominal bodies.
+    def to_dict(self) -> dict[str, Any]:
+        """Return gains with half of their 95 % intervals; None where unknown."""
+        return {
+            "format": FORMAT,
+            "gains": {
+                joint: {
+                    "gain": value if known else None,
+                    "half_interval": NORMAL * error if known else None,
+                }
+                for joint, value, error, known in zip(
+                    self.joints,
+                    self.values.tolist(),
+                    self.errors.tolist(),
+                    self.known,
+                    strict=True,
+                )
+            },
+            "assumed": dict(zip(_ASSUMED, USUAL_WIDTHS, strict=True)),
+            "option": self.option,
+        }
+
+
+def nominal_gains(robot: RobotModel, *logs: Recording) -> NominalGains | None:
+    """Return the gains with which the logs' torque is that of the nominal bodies.
 
     Parameters
     ----------
     robot : RobotModel
         With nominal masses.
-    log : Recording
-        As it was recorded, with gains of 1.
+    logs : Recording
+        As they were recorded, with gains of 1.
 
     Returns
     -------
     NominalGains or None
         None, if the model has no masses, no joint moves, or no gain is known.
     """
-    fits = _fits(robot, log)
-    if fits is None:
+    each = [found for log in logs if (found := _fits(robot, log)) is not None]
+    if not each:
         return None
+    fits = [
+        _GainRows(np.vstack([f.rows for f in one])) for one in zip(*each, strict=True)
+    ]
     inverse, deviation = _with_bodies(fits, _nominal(robot))
     with np.errstate(divide="ignore"):
         values, errors = 1.0 / inverse, deviation / inverse**2

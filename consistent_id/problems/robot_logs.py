@@ -17,7 +17,7 @@ from consistent_id.problems.floating.floating_draft import (
     floating_columns,
 )
 from consistent_id.problems.limbs import LogRowsOfJoints
-from consistent_id.problems.nominal_gains import nominal_gains
+from consistent_id.problems.nominal_gains import NominalGains, nominal_gains
 from consistent_id.problems.statement import (
     Statement,
     declarations,
@@ -180,10 +180,10 @@ def _found(
     try:
         guess = guessed(currents=len(stated.torque_gain) > 0)
         require_torque(guess.columns.torque, stated.torque_gain)
-        if not stated.torque_gain:
+        if not len(stated.torque_gain):
             require_gain(guess.columns.units, log.name)
     except RecordingError as cause:
-        if stated.torque_gain or cause.options or log in tables:
+        if len(stated.torque_gain) or cause.options or log in tables:
             raise
         raise _with_gains(cause, guessed, robot, log) from None
     stated = replace(stated, topic=guess.topic)
@@ -224,7 +224,7 @@ def with_remedies(
                 options.append("--wraps undo")
                 read = unwrapped(read)
             gains = nominal_gains(logs.robot, read)
-            if gains is not None and gains.far and not more.torque_gain:
+            if gains is not None and gains.far and not len(more.torque_gain):
                 said.append(f"Then {gains.sentence[0].lower()}{gains.sentence[1:]}")
                 options.append(gains.option)
             break
@@ -331,7 +331,7 @@ def _rows_of_joints(
     def read(rest: Sequence[str]) -> tuple[RobotModel, Recording]:
         locked = dict(stated.locked or {}) | dict.fromkeys(rest, 0.0)
         moved = len(robot.joint_names) - len(rest)
-        plain = stated.torque_gain or (1.0,) * moved  # currents will do, too
+        plain = tuple(stated.torque_gain) or (1.0,) * moved  # currents will do, too
         likely = replace(stated, locked=locked, torque_gain=plain)
         logs = _found(model, log, likely, tables)
         return logs.robot, logs.read(log)
@@ -470,6 +470,28 @@ def _every_joint(model: Path, stated: Statement) -> tuple[str, ...]:
     return _loaded(model, replace(stated, locked=None)).joint_names
 
 
+def model_gains(model: Path, logs: Sequence[Path], stated: Statement) -> NominalGains:
+    """Return the gains of logs that the bodies of a robot's file imply.
+
+    Raises
+    ------
+    ModelError, RecordingError, ProblemError
+        See `robot_logs`; also if they imply none.
+    """
+    if not len(stated.torque_gain):
+        number = len(_loaded(model, stated).joint_names)
+        stated = replace(stated, torque_gain=(1.0,) * number)
+    read = robot_logs(model, logs[0], stated)
+    found = nominal_gains(read.robot, *map(read.read, logs))
+    if found is None:
+        raise RecordingError(
+            f"{model} implies no gains for {', '.join(log.name for log in logs)}: "
+            "masses and torques or currents are needed, and joints that move against "
+            "gravity"
+        )
+    return found
+
+
 def gains_of(given: Sequence[float], joints: int) -> list[float] | float:
     """Return gains as `read_recording` takes them: one for all joints, or one each.
 
@@ -482,7 +504,7 @@ def gains_of(given: Sequence[float], joints: int) -> list[float] | float:
         raise ProblemError(
             f"{len(given)} torque gains for {joints} joints, expected one or {joints}"
         )
-    return list(given) if len(given) == joints else (*given, 1.0)[0]
+    return list(given) * (joints // len(given)) if len(given) else 1.0
 
 
 def _require_order(model: Path, log: Path) -> None:
