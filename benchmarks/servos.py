@@ -125,7 +125,8 @@ def main() -> None:
         training = [log for log in logs if held not in log.name]
         judged = [log for log in logs if held in log.name]
         names = [log.name.split("_", 1)[1].split(".")[0] for log in judged]
-        print(f"{'model':<22}{'training':>9}{options.held_out:>8}  CPU s  " + "  ".join(names))
+        head = f"{'model':<22}{'training':>9}{options.held_out:>8}  CPU s"
+        print(head, *names, sep="  ")
         begin = process_time()
         fit = identify_servos(robot, training, judged)
         seconds = process_time() - begin
