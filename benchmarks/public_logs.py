@@ -31,6 +31,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 TORQUE = re.compile(r"^(use|use with care|do not use): .*?error ([\d.]+ %)", re.M)
+VERDICT = re.compile(r"(use with care|do not use|use)\b")
 SERVO = re.compile(r"([\d.]+ mrad)")
 MOST_COMMANDS = 4
 HEAD = "| log | form | commands | CPU s | verdict | held-out error |"
@@ -418,8 +419,8 @@ def tried(log: PublicLog, folder: Path) -> Outcome:
 def _number(command: str, text: str) -> tuple[str, str]:
     """Return the verdict and the error that a command has printed."""
     if command == "servo":
-        found = SERVO.search(text)
-        return "-", found[1] if found else "-"
+        found, said = SERVO.search(text), VERDICT.match(text)
+        return said[1] if said else "-", found[1] if found else "-"
     found = TORQUE.search(" ".join(text.split()))
     return (found[1], found[2]) if found else ("-", "-")
 
