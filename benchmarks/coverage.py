@@ -207,8 +207,8 @@ factor 1.4, and bodies differ from the nominal ones by their usual errors.
 Delays of commands count beside their mean over the logs. Blocks of a motion are those
 of `rollout`: parameters of drives, and the same of one later block. A fleet has four
 robots, one of them with a load. A walking robot's contact forces are taken out; the
-radius of its feet is stated 0.4 mm too large. The errors that designs
-predict are for white noise, or for the correlation that is stated: for sensors by
+radius of its feet is stated 0.4 mm too large. The errors that designs predict are for
+white noise, or for the correlation that is stated: for sensors by
 `Aim(correlation_time=)`, and for feet by the rate, since noise correlated over `n`
 samples is white at a rate `n` times lower. AR(1) 0.9 is stated as 19 samples. Both
 columns should be 93 to 97 %; the last one is the parameter that is farthest off.
@@ -216,6 +216,31 @@ This table alone is measured by
 `python benchmarks/coverage_methods.py --write docs/coverage.md`.
 
 {methods}
+
+## Figures with ±
+
+| figure | printed by | measured |
+|---|---|---|
+| base and standard parameters, `small (± %)` | tables, report, JSON, notes of exports | simulated noise, raw logs, real robots, parts of a recording |
+| intervals of consistent robots | `--uncertainty` | simulated noise, real robots |
+| scatter between recordings | `--uncertainty` | [uncertainty](uncertainty.md#several-recordings) |
+| load | `payload` | payload; [what is it carrying?](payload.md#how-well-it-is-weighed) |
+| gains between currents and torque | `gains`, `payload --known-mass` | drive gains |
+| zero, gain of a joint, clock, lean | findings | the rows of these names |
+| slope on nominal gravity or inertial torque | findings | slope on nominal torque; bodies other than nominal are not in its error |
+| delay between two channels | findings, drafts | delay |
+| delay of commands, scales of torque, encoder biases | `rollout`, problem files | delay of commands, drive calibration |
+| stiffness of a gear | problem files | spring of a gear |
+| parameters of drives beside blocks of a motion | `rollout` | blocks of a motion; [rollout](rollout.md) |
+| shared and carried bodies | `fleet` | fleet |
+| robot on its feet, radius of feet, delay of its torque | `identify` | robot on its feet, radius of feet |
+| errors that a design predicts | `excite`, `rehearse` | design on feet, design on a wrist sensor; [rehearsal](rehearsal.md) |
+
+Four figures are not measured here. The delay in `rollout` has the scatter between blocks
+of the motion, and not errors of the model. The drift of a residual counts independent
+samples alone. The share that a choice of `select` takes off has the standard error over
+blocks, but it was chosen because it is large. Parameters of a [servo](servos.md) have the
+curvature of its misfit, and none where a parameter is at its bound.
 
 ## Real robots
 
@@ -237,7 +262,7 @@ Each recording is cut into two halves or four quarters of equal length, each of 
 fitted by itself. Differences of base parameters between two parts of one recording are
 divided by their standard errors, by noise alone and with
 [errors of the model](uncertainty.md#errors-of-the-model-within-a-recording). The last
-column is the width of intervals over the width that would hold 95 % of the differences.
+column is the width of intervals over the width that would contain 95 % of the differences.
 
 Targets: {held} or more within 1.96; the UR10e's width {widest} or less.
 
@@ -263,7 +288,7 @@ as a [random effect](uncertainty.md).
 Single recordings differ mostly in friction and in parameters that compensate for it.
 A recording depends on its own temperature and motion, and does not show how much
 another one would differ. Only several recordings show this.
-"""
+"""  # noqa: E501
 
 
 def main() -> None:

@@ -30,6 +30,7 @@ from consistent_id.diagnosis.factor_rows import (
     factors_of,
     gain_of,
 )
+from consistent_id.diagnosis.torque_channel import torque_parts
 from consistent_id.diagnosis.whole_robot import (
     gain_beside_bodies,
     whole_robot_factors,
@@ -91,6 +92,23 @@ def single_gains(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
         replicates,
         lambda model, k: gain_of(model, model.torque_joints[1 + k % 2]),
     )
+
+
+def slopes(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
+    """Yield errors of slopes on nominal gravity and inertial torque that are judged.
+
+    Bodies are nominal ones, so that slopes are one.  There are several in a log.
+    """
+    rng = np.random.default_rng(17)
+    for k in range(replicates):
+        model, log = logged(k, noise=0.0)
+        torque = log.torque + LEVEL * log.torque.std(axis=0) * noise((len(log), 4), rng)
+        parts = torque_parts(model, replace(log, torque=torque))
+        for slope, error, shown in (
+            (parts.gravity, parts.gravity_error, parts.gravity_shown),
+            (parts.inertial, parts.inertial_error, parts.inertial_shown),
+        ):
+            yield from ((slope - 1.0) / error)[shown][:, None]
 
 
 def zero_of(model: ci.TorqueModel, joint: int) -> Factor:

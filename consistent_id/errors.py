@@ -54,7 +54,7 @@ class ModelError(ConsistentIdError):
 
 
 class RecordingError(ConsistentIdError):
-    """A recording cannot be read, or holds values that no robot wrote.
+    """A recording cannot be read, or has values that no robot wrote.
 
     Examples
     --------

@@ -82,7 +82,7 @@ def _row(cells: Sequence[str]) -> str:
 
 
 def _numeric(cells: Iterable[str]) -> bool:
-    """Return whether a column holds numbers (or dashes) only."""
+    """Return whether a column has numbers (or dashes) only."""
     return all(
         cell.strip().lstrip("+-").replace("e", "").replace("%", "")[:1].isdigit()
         or cell in ("", "-", "inf")

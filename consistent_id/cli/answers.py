@@ -133,7 +133,7 @@ def _write(options: argparse.Namespace, answer: Answer, *, shown: bool = True) -
 
 
 def _shown(options: argparse.Namespace, answer: Answer) -> str:
-    """Return what is printed of an answer's text."""
+    """Return the printed part of an answer's text."""
     whole = answer.whole or getattr(options, "verbose", False)
     most = LINES - (_OF_FILES if answer.write else 0)
     return answer.text if whole else shortened(answer.text, most)
@@ -389,7 +389,7 @@ _TITLE = re.compile(r"^(?=\S)(.+)$", re.MULTILINE)
 
 
 def wants_colour(stream: TextIO) -> bool:
-    """Return whether a stream is a terminal whose user has not asked for plain text."""
+    """Return whether a stream is a terminal whose user did not request plain text."""
     plain = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
     return stream.isatty() and not plain
 

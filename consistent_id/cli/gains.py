@@ -52,7 +52,7 @@ def add_gains(command: argparse.ArgumentParser) -> None:
         command,
         run_gains,
         *(replace(o, required=False) if o is LOADED else o for o in ROBOT_AND_LOAD),
-        Option("--known-mass KG", "of the load, from a scale", positive),
+        Option("--known-mass KG", "mass of the load, from a scale", positive),
         Option(
             "--accuracy PERCENT",
             "standard error up to which a gain counts as identified (default: 5)",

@@ -222,6 +222,7 @@ def _ring(signum: int, frame: FrameType | None) -> None:
 
 
 # A command is a file of this folder, imported when it is run or its help is shown.
+_FILES = {"demo": "shipped", "help": "shipped"}  # of two commands
 _COMMANDS = {
     "init": "write a commented problem file for a robot, and a log if there is one",
     "info": "show a problem's robot, datasheet and base parameters",
@@ -308,6 +309,7 @@ def tool_parser(wanted: str | None = None) -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         if wanted in (None, name):
-            getattr(import_module(f"consistent_id.cli.{name}"), f"add_{name}")(command)
+            file = import_module(f"consistent_id.cli.{_FILES.get(name, name)}")
+            getattr(file, f"add_{name}")(command)
     parser.set_defaults(tool_parser=tool_parser)  # for the completion script
     return parser

@@ -14,6 +14,7 @@ from consistent_id._support.arrays import Array, Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import Constraint, FixedMasses
 from consistent_id.constraints.priors import nominal_distance
+from consistent_id.diagnosis.changes import change_findings
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
 from consistent_id.diagnosis.coverage import saturation_findings
 from consistent_id.diagnosis.explain import (
@@ -81,6 +82,7 @@ _OF_OTHER_ROBOTS = {
     "offset zero",
     "model does not explain",
 }
+_LATE = ("lag", "drive filter")
 _OF_THE_ROBOT = ("coupling",)  # parts of the robot, not faults of a log
 _PULL = 1e-4  # weight of the squared distance to the nominal robot
 
@@ -229,8 +231,8 @@ def _of_short_validation(
             finding,
             severity="note" if left else finding.severity,
             statement=f"{seen} of validation; so short a recording hardly tests the "
-            "estimate, and its held-out error may not hold for other motion",
-            advice="hold out a longer recording",
+            "estimate, and its held-out error may be wrong for other motion",
+            advice="validate with a longer recording",
         )
 
     return [of_validation(f) for f in found]
@@ -286,9 +288,11 @@ def _of_all(open_: Sequence[OpenLog]) -> list[LogFinding]:
         more = [f for logs in alike.values() for f in _of_whole_robot(logs)]
         # Where joints never turn back, friction looks like weight.
         short = any(f.kind == "short" for one in open_ for f in one.signals)
+        # What also explains a log, such as a lag, may be the cause instead.
+        late = any(f.kind in _LATE for one in open_ for f in one.odd)
         shifts += [
             replace(f, severity="warning")
-            if short and f.kind == "masses or gain"
+            if late or (short and f.kind == "masses or gain")
             else f
             for f in more
         ]
@@ -369,7 +373,11 @@ def _of_whole_robot(logs: Sequence[FittedLog]) -> list[LogFinding]:
     if not logs or not _bodies_known(model):
         return []
     recordings, known = [log.recording for log in logs], _known(logs[0].constraints)
-    return whole_robot_findings(FactorLogs.of(model, recordings, masses_known=known))
+    as_is = FactorLogs.of(model, recordings, masses_known=known)
+    changed = change_findings(as_is)
+    if any(f.severity == "fault" for f in changed):
+        return changed  # no factor is the same in all samples
+    return [*whole_robot_findings(as_is), *changed]
 
 
 def _of_another_robot(

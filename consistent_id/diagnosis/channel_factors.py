@@ -184,7 +184,7 @@ def _columns(
 
 
 def _of_drives(model: TorqueModel, base: BaseParameters) -> BoolArray:
-    """Return which base columns belong to drives."""
+    """Return the base columns that belong to drives."""
     return np.asarray(np.array(base.independent) >= 10 * len(model.robot))
 
 

@@ -1,4 +1,4 @@
-"""Limits of what a log identifies: rests, saturation, small motion, rank, motion noise.
+"""Limits of a log's information: rests, saturation, small motion, rank, motion noise.
 
 Motion noise stands in the columns of the regressor.  With ``W + V`` in place of ``W``
 least squares tends to ``(W^T W + V^T V)^-1 W^T W x``: to first order its bias is
@@ -176,7 +176,7 @@ def extent_findings(prepared: Recording) -> list[LogFinding]:
 
 
 def _turns(velocity: Vector) -> int:
-    """Return how often a joint turns back, without flickering at rest."""
+    """Return the number of a joint's reversals, without flickering at rest."""
     moving = velocity[abs(velocity) > _TURNING * abs(velocity).max()]
     return int((np.diff(np.sign(moving)) != 0.0).sum())
 

@@ -35,8 +35,12 @@ _LEAST_GAIN = float(np.log(1.2))
 LEAN = float(np.radians(5.0))
 """Least angle of a leaning base that is reported."""
 
+HARM = 0.10
+"""Error of an estimate, over the torque of all joints, that is harmful."""
+
 _FREE_MASS = 0.3  # where masses are free to differ from the model's
 
+_LOOSE = 5.0  # times the widths: bodies are nearly free
 _RANK = 1e-7  # of the largest singular value of unit columns
 _EXACT = 1e-3  # of the torque: least residual that weights a joint's rows
 
@@ -47,8 +51,9 @@ class Factor:
 
     Parameters
     ----------
-    kind : {"clock", "masses or gain", "torque gain", "offset zero", "gravity"}
-        A torque gain is that of one joint.
+    kind : str
+        ``"clock"``, ``"masses or gain"``, ``"torque gain"`` (of one joint), ``"offset
+        zero"`` or ``"gravity"``.
     where : str
     least : float
         Least size that is reported: log of the clock's speed or of the gain, [rad or
@@ -76,15 +81,18 @@ class FactorRows:
         Model of a robot with nominal bodies and a fixed base.
     logs : sequence of Recording
         Prepared, with the robot's joints; few samples suffice.
+    loads : bool
+        Whether friction may grow with the measured torque.
     """
 
     model: TorqueModel
     logs: Sequence[Recording]
+    loads: bool = True
 
     @cached_property
     def each(self) -> list["_Rows"]:
         """The rows of each log."""
-        return [_Rows.of(self.model, log) for log in self.logs]
+        return [_Rows.of(self.model, log, loads=self.loads) for log in self.logs]
 
     @cached_property
     def columns(self) -> Array:
@@ -184,7 +192,8 @@ class FactorLogs:
             logs = [
                 altered(log, lambda raw: _without(raw, factor, size)) for log in logs
             ]
-        return replace(self, rows=FactorRows(model, logs))
+        rows = FactorRows(model, logs, loads=self.rows.loads)
+        return replace(self, rows=rows)
 
 
 def _without(log: Recording, factor: Factor, size: float) -> Recording:
@@ -247,6 +256,39 @@ class FactorSystem(Jackknife):
     pulled: Vector
 
 
+def harm(as_is: FactorLogs, factor: Factor, size: float) -> float:
+    """Return what error a factor would mean for an estimate that does not know it.
+
+    The logs as they are and the logs without the factor are fitted, both with bodies
+    that are nearly free.  The error is that of the former's torque on the motion of the
+    latter, relative to the torque of all joints.
+    """
+    loose = replace(as_is, widths=_LOOSE * as_is.widths)
+    loose = replace(loose, rows=FactorRows(as_is.model, as_is.logs, loads=False))
+    right = loose.without(factor, size)
+    wrong, x = solution_of(loose), solution_of(right)
+    torque, error = (
+        np.linalg.norm(np.einsum("jps,p->js", right.rows.columns, y))
+        for y in (x, wrong - x)
+    )
+    return float(error / torque)
+
+
+def drives_share(state: FactorLogs) -> float:
+    """Return the torque of the drives over that of all joints."""
+    first, x = state.model.layout.inertial_size, solution_of(state)
+    drives = np.einsum("jps,p->js", state.rows.columns[:, first:], x[first:])
+    return float(np.linalg.norm(drives) / np.linalg.norm(state.rows.torque))
+
+
+def effects(state: FactorLogs, factors: Sequence[Factor]) -> Vector:
+    """Return the torque that a unit of each factor changes, over that of all joints."""
+    x = solution_of(state)
+    slopes = [rows.slopes(x, factors) for rows in state.rows.each]
+    changed = np.linalg.norm(np.concatenate(slopes, axis=2), axis=(0, 2))
+    return np.asarray(changed / np.linalg.norm(state.rows.torque))
+
+
 def factor_system(
     state: FactorLogs,
     factors: Sequence[Factor],
@@ -260,20 +302,33 @@ def factor_system(
     segments are left out.  The last column, after those of the factors, is that of a
     gain with nominal bodies: an instrument.
     """
-    A, torque, groups = state.rows.columns, state.rows.torque, state.rows.groups
-    weights = 1.0 / (state.noise * _size(torque))
-    pull, pulled_to = _pull(state, A.shape[1])
-    if not nominal:
-        pull, pulled_to = pull[:0], pulled_to[:0]
+    A = state.rows.columns
     c = np.zeros((len(A), 0, A.shape[2]))
     if factors:
-        x = _solution(A, torque, weights, np.column_stack([pull, pulled_to]), groups)
+        x = solution_of(state)
         slopes = [rows.slopes(x, factors) for rows in state.rows.each]
         c = np.concatenate(slopes, axis=2)
     if any(f.kind == _GAIN for f in factors):
         bodies = reference_bodies(state.model.robot).ravel()
         drawn = np.einsum("jps,p->js", A[:, : len(bodies)], bodies)
         c = np.concatenate([c, drawn[:, None]], axis=1)
+    return eliminated(state, c, nominal=nominal, scatter=scatter)
+
+
+def eliminated(
+    state: FactorLogs, c: Array, *, nominal: bool, scatter: bool
+) -> FactorSystem:
+    """Return rows of further columns, with bodies and drives eliminated.
+
+    Parameters
+    ----------
+    c : ndarray, shape (torque joints, further columns, samples)
+    """
+    A, torque, groups = state.rows.columns, state.rows.torque, state.rows.groups
+    weights = 1.0 / (state.noise * _size(torque))
+    pull, pulled_to = _pull(state, A.shape[1])
+    if not nominal:
+        pull, pulled_to = pull[:0], pulled_to[:0]
     prior = np.column_stack([pull, np.zeros((len(pull), c.shape[1])), pulled_to])
     systems, squares, pulled = [], np.zeros(c.shape[1] + 1), np.zeros(c.shape[1])
     for group in groups:
@@ -298,7 +353,7 @@ def factor_system(
 
 
 def _pulled(whole: Matrix, own: Matrix, count: int) -> Vector:
-    """Return what rows of nominal bodies have of each factor, bodies eliminated.
+    """Return the rows of nominal bodies for each factor, bodies eliminated.
 
     Parameters
     ----------
@@ -333,10 +388,11 @@ class _Rows:
     columns: Array
 
     @classmethod
-    def of(cls, model: TorqueModel, log: Recording) -> "_Rows":
+    def of(cls, model: TorqueModel, log: Recording, *, loads: bool = True) -> "_Rows":
         rows = SampleRows.of(model, log)
         rotors = rows.filtered(rows.change[:, None])
-        own = np.concatenate([rotors, rows.frictions(rows.smooth_torque())], axis=1)
+        frictions = rows.frictions(rows.smooth_torque())
+        own = np.concatenate([rotors, frictions[:, : None if loads else -1]], axis=1)
         return cls(rows, np.concatenate([rows.regressor(), of_own_row(own)], axis=1))
 
     def slopes(self, x: Vector, factors: Sequence[Factor]) -> Array:
@@ -450,6 +506,14 @@ def _residual(logs: FactorRows) -> tuple[Matrix, Vector]:
         rest = torque - np.einsum("jps,p->js", A, x)
         sigma = np.maximum(_size(rest), _EXACT * size)
     return rest, size
+
+
+def solution_of(state: FactorLogs) -> Vector:
+    """Return the parameters of logs beside the nominal bodies."""
+    A, torque = state.rows.columns, state.rows.torque
+    weights = 1.0 / (state.noise * _size(torque))
+    pull = np.column_stack(_pull(state, A.shape[1]))
+    return _solution(A, torque, weights, pull, state.rows.groups)
 
 
 def _solution(

@@ -1,4 +1,4 @@
-"""How the torque changes with joint zero offsets, gains and lag, near an estimate.
+"""Derivatives of the torque by joint zero offsets, gains and lag, near an estimate.
 
 The columns include base parameters and friction that the model may lack: otherwise
 friction that changes with speed or load would look like a wrong zero offset.
@@ -239,7 +239,7 @@ class Linearised:
 def linearised(
     model: TorqueModel, x: Vector, recording: Recording, base: BaseParameters
 ) -> Linearised:
-    """Return how the torque changes with zero offsets, gains and lag.
+    """Return the derivatives of the torque by zero offsets, gains and lag.
 
     Rows are filtered like the torque (`SampleRows`).  Columns and torque pass one more
     low-pass filter, which removes noise and the edges of friction.

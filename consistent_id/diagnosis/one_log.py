@@ -40,6 +40,7 @@ from consistent_id.diagnosis.signal_faults import (
     position_steps,
     resolution_findings,
     spike_findings,
+    standing_findings,
 )
 from consistent_id.diagnosis.torque_channel import (
     channel_findings,
@@ -154,6 +155,7 @@ def signal_findings(model: TorqueModel, log: Recording) -> list[LogFinding]:
     if clock:
         return clock
     signals = [*frozen_findings(_with_torque_of(log, model)), *jump_findings(log)]
+    signals = signals or standing_findings(log)
     signals = signals or velocity_findings(log) or travel_findings(model.robot, log)
     return standstill_findings(log) + signals
 

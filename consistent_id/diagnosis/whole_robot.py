@@ -26,89 +26,51 @@ multiplied by the root of that ratio.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from consistent_id._support.arrays import Vector
+from consistent_id.diagnosis.factor_findings import (
+    FARTHEST,
+    LIKELY,
+    FoundFactor,
+    factor_findings,
+    gate_of,
+    hidden_factors,
+)
 from consistent_id.diagnosis.factor_rows import (
     LEAN,
     Factor,
     FactorLogs,
     FactorRows,
     FactorSystem,
+    drives_share,
+    effects,
     factor_system,
     factors_of,
     gain_of,
+    harm,
     leaning,
     least_costs,
     least_misfit,
     relative_noise,
 )
-from consistent_id.diagnosis.findings import LogFinding, Severity
+from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.regressor import TorqueModel
 
 _TURNS = 3  # most linearisations until the axis of a leaning base settles
 _ROUNDS = 8  # most linearisations until a factor settles
-_SETTLED = 0.02  # change of a factor at which it has settled
+_SETTLED = 0.02  # change of a factor at which rounds end
 _LARGEST = 0.7  # change of a factor in one round, at most
 _TRIED = 3  # most factors that are corrected
-_ALIKE = 0.8  # share of the best explanation that rivals reach
-
-# Standard errors with which a factor is a warning, or a fault.  In right logs of four
-# real arms (benchmarks/whole_robot.py), the largest are 2.2 for the clock, 2.7 for
-# zeros up to `_FARTHEST`; for gains 1.4, and 2.7 for a KUKA whose counterbalance its
-# model lacks: that is a warning.  A Z1, nearly all friction, has 3.8 for a zero and 3.0
-# for the base, which explain too little to be named (`_MUCH`).
-_LIKELY, _SURE = 3.0, 5.0
-_LIKELY_ONE = 2.5  # the same for clock and gain: there is one of each, not one a joint
 # Cost of nominal bodies for each base parameter, and residual of least squares over the
 # torque; one alone is enough.  In right logs of five real arms they are up to 6.1 and
 # 0.12; in 36 simulated logs of other arms, 2 to 310 and 0.03 to 0.34.
 _OTHER, _UNEXPLAINED = 10.0, 0.2
 _AS_RIGHT = 0.12  # the largest of these right logs
-# Least share of the squares that a zero or a lean explains.  Where drives take most of
-# the torque, friction that varies with position looks like one: in logs of two robots
-# up to 0.028, at 4 to 6 standard errors.  Faults of four arms explain 0.048 to 0.91.
-_MUCH = {"offset zero": 0.03, "gravity": 0.03}
-_LARGE = 2.0  # times the least size that is reported: a fault
-_FARTHEST = {  # beyond, it is another fault: another unit, another channel
-    "clock": float(np.log(10.0)),
-    "masses or gain": float(np.log(3.0)),
-    "offset zero": float(np.radians(45.0)),  # or m
-    "gravity": float(np.pi),
-}
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FoundFactor:
-    """An estimated factor.
-
-    Parameters
-    ----------
-    size, error : float
-        In the units of `Factor.least`; the log is right after removing this size.
-    cautious : float
-        Error that counts noise twice, by which a factor is reported.
-    explained : float
-        Decrease of the sum of squares, in squared noise.
-    cost : float
-        The sum of squares of the unchanged logs.
-    """
-
-    factor: Factor
-    size: float
-    error: float
-    cautious: float
-    explained: float
-    cost: float = 0.0
-
-    @property
-    def ratio(self) -> float:
-        """Size over the cautious error."""
-        return abs(self.size) / self.cautious
 
 
 class _Sized(NamedTuple):
@@ -138,13 +100,30 @@ def whole_robot_factors(as_is: FactorLogs) -> list[FoundFactor]:
         turn = _turn(system, factors, level)
         if float(np.linalg.norm(turn)) >= LEAN:
             first += _estimated(as_is, [_lean(as_is, turn)])
-    likely = [f for f in first if f.ratio >= _gate(f.factor)]
+    likely = [f for f in first if f.ratio >= gate_of(f.factor)]
     likely = sorted(likely, key=lambda f: -f.explained)[:_TRIED]
     cost = least_costs(as_is)[0] if likely else 0.0
     settled = [_settled(as_is, found, cost) for found in likely]
     rest = [f for f in first if f not in likely]
     found = [replace(f, cost=cost) for f in (*settled, *rest)]
-    return sorted(found, key=lambda f: -f.explained)
+    return sorted(_weighed(as_is, found), key=lambda f: -f.explained)
+
+
+def _weighed(as_is: FactorLogs, found: Sequence[FoundFactor]) -> list[FoundFactor]:
+    """Add what each factor, or as much as its error, would mean for an estimate."""
+    if not found:
+        return []
+    units, weighed = effects(as_is, [f.factor for f in found]), []
+    drives = drives_share(as_is)
+    for one, unit in zip(found, units, strict=True):
+        factor, error = one.factor, min(one.cautious, FARTHEST[one.factor.kind])
+        doubt = harm(as_is, factor, error) if factor.kind == "clock" else unit * error
+        likely = one.ratio >= gate_of(factor) and abs(one.size) >= factor.least
+        harms = harm(as_is, factor, one.size) if likely else unit * abs(one.size)
+        weighed.append(
+            replace(one, harm=float(harms), doubt=float(doubt), drives=drives)
+        )
+    return weighed
 
 
 def _turn(system: FactorSystem, factors: Sequence[Factor], level: list[int]) -> Vector:
@@ -203,7 +182,7 @@ def _settled(as_is: FactorLogs, first: FoundFactor, cost: float) -> FoundFactor:
 
 
 def _disagreement(state: FactorLogs, factor: Factor) -> float:
-    """Return how much farther apart logs are than their errors allow, at least one.
+    """Return the scatter of logs over that which their errors allow, at least one.
 
     With sizes ``f_k`` and errors ``s_k`` of ``n`` logs by themselves, and the mean
     ``f`` of the sizes weighted with ``1 / s_k^2``, it is the ratio of Birge,
@@ -286,7 +265,7 @@ def _errors(
     scatter : float
         Over segments.
     norm, pulled : float
-        Norm of ``w``, and the square of what rows of nominal bodies have of it.
+        Norm of ``w``, and the square of its part in rows of nominal bodies.
     """
     by_bodies = min(pulled, norm**2) / slope**2
     by_noise = max(scatter**2, norm**2 / slope**2 - by_bodies)
@@ -352,7 +331,7 @@ def weighed_gain(finding: LogFinding, as_is: FactorLogs) -> LogFinding:
     """
     found = gain_beside_bodies(as_is, finding.where)
     slope = float(np.log(float(finding.size)))
-    if found and found.ratio >= _LIKELY and found.size * slope > 0.0:
+    if found and found.ratio >= LIKELY and found.size * slope > 0.0:
         if abs(found.size) >= found.factor.least:
             return finding
     seen = "do not show its gain"
@@ -404,59 +383,12 @@ def doubted(finding: LogFinding) -> LogFinding:
 
 
 def whole_robot_findings(as_is: FactorLogs) -> list[LogFinding]:
-    """Report the most likely factor, and others that are as likely."""
-    return factor_findings(as_is.model, whole_robot_factors(as_is))
-
-
-def factor_findings(
-    model: TorqueModel, found: Sequence[FoundFactor]
-) -> list[LogFinding]:
-    """Report factors that were estimated, see `whole_robot_factors`."""
-    shown = [f for f in found if _shown(f)]
-    if not shown:
-        return []
-    best, *others = shown
-    rivals = [f for f in others if f.explained >= _ALIKE * best.explained]
-    sure = best.ratio >= _SURE and abs(best.size) >= _LARGE * best.factor.least
-    severity: Severity = "fault" if sure and not rivals else "warning"
-    causes = "; or ".join(_cause(model, f) for f in (best, *rivals))
+    """Report the factor that explains most, others that explain as much, and doubts."""
+    found = whole_robot_factors(as_is)
     return [
-        LogFinding(
-            best.factor.kind,
-            severity,
-            best.factor.where,
-            f"bodies like the nominal ones explain the log much better {causes} "
-            "(standard errors); otherwise, bodies would be "
-            f"{_WITHOUT[best.factor.kind]}",
-            _ADVICE[best.factor.kind],
-            min(best.ratio / _gate(best.factor), abs(best.size) / best.factor.least),
-            size="" if rivals else _size(best),
-        )
+        *factor_findings(as_is.model, found),
+        *hidden_factors(as_is.model, found),
     ]
-
-
-def _size(found: FoundFactor) -> str:
-    """Return a factor of clock or torque in words."""
-    if found.factor.kind not in ("clock", "masses or gain"):
-        return ""
-    factor = float(np.exp(found.size))
-    return f"{factor:.3g} +- {factor * found.error:.2g}"
-
-
-_WITHOUT = {
-    "clock": "too hard or too easy to accelerate for their weight",
-    "masses or gain": "all too heavy or all too light",
-    "offset zero": "turned or moved against the model's",
-    "gravity": "moved sideways",
-}
-_ADVICE = {
-    "clock": "find out the unit of time, or the rate of the log",
-    "masses or gain": "check the gain of all torques, a load, a counterbalance, and "
-    "the model's masses; "
-    'if these are not known, masses = "free" (--masses free)',
-    "offset zero": "check the zero of this joint; check again afterwards",
-    "gravity": "turn the base or gravity in the model as the robot is mounted",
-}
 
 
 def other_robot(as_is: FactorLogs) -> list[LogFinding]:
@@ -528,42 +460,3 @@ def _inertial(model: TorqueModel) -> int:
     """Return the number of base parameters of bodies."""
     size = model.layout.inertial_size
     return sum(k < size for k in base_parameters(model).independent)
-
-
-def _gate(factor: Factor) -> float:
-    """Return the number of standard errors with which a factor is reported."""
-    return _LIKELY_ONE if factor.where in ("time", "all joints") else _LIKELY
-
-
-def _shown(found: FoundFactor) -> bool:
-    return (
-        abs(found.size) <= _FARTHEST[found.factor.kind]
-        and found.ratio >= _gate(found.factor)
-        and abs(found.size) >= found.factor.least
-        and found.explained > _MUCH.get(found.factor.kind, 0.0) * found.cost
-    )
-
-
-def _cause(model: TorqueModel, found: FoundFactor) -> str:
-    kind, size, error = found.factor.kind, found.size, found.error
-    if kind in ("clock", "masses or gain"):
-        said = f"{_size(found)} times"
-        if kind == "clock":
-            return f"with a clock {said} as fast"
-        return f"if the torque is {said} the robot's"
-    if kind == "gravity":
-        turned = leaning(model, found.factor.axis, size).robot.gravity
-        along = ", ".join(f"{g:.2f}" for g in turned)
-        return (
-            f"if the base leans by {abs(np.degrees(size)):.2g} +- "
-            f"{np.degrees(error):.2g} degrees (gravity along ({along}) m/s^2: "
-            f"--gravity {along.replace(',', '')})"
-        )
-    joint, sign = model.robot.driven[found.factor.joint], "+" if size > 0.0 else "-"
-    if joint.kind == "prismatic":
-        moved = f"{sign}{abs(size):.2g} m (+- {error:.2g})"
-    else:
-        moved = (
-            f"{sign}{abs(np.degrees(size)):.2g} (+- {np.degrees(error):.2g}) degrees"
-        )
-    return f"with {moved} added to the position of {joint.name}"

@@ -239,7 +239,7 @@ def best_inside(problem: FitProblem, inside: float) -> BestInside:
 
 
 def _of_torque_size(problem: FitProblem) -> str:
-    """Return what to check where the torque is not of the nominal robot's size."""
+    """Return advice where the torque is not of the nominal robot's size."""
     R, bodies = problem.free.regression.stacked(), reference_bodies(problem.model.robot)
     expected = float(np.linalg.norm(R[:, : bodies.size] @ bodies.ravel()))
     ratio = float(np.linalg.norm(R[:, -1])) / max(expected, 1e-300)

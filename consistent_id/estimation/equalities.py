@@ -71,7 +71,7 @@ class FreeParameters:
         return Y @ self.directions, tau - Y @ self.start
 
     def moves(self, A: Matrix) -> Vector:
-        """Return how far each parameter moves as ``||A y||^2`` rises by one.
+        """Return the change of each parameter for which ``||A y||^2`` rises by one.
 
         These are standard errors for white noise of level one.
 

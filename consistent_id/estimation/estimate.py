@@ -295,7 +295,7 @@ class Estimate:
         seed: int = 0,
         progress: bool = False,
     ) -> "Uncertainty":
-        """Return how sure each parameter is: error, bootstrap, and proven interval.
+        """Return each parameter's uncertainty: error, bootstrap, and proven interval.
 
         This is for constrained estimates.  The estimate knows its constraints, prior
         and weights; only the data are needed.  For an estimate from a problem file,

@@ -17,7 +17,6 @@ from consistent_id._support.tables import brief
 from consistent_id.constraints.cones.certificate import OptimumVerdict
 from consistent_id.constraints.links import LinkCondition
 from consistent_id.constraints.robot_size import RobotSize
-from consistent_id.estimation.body_slopes import Slopes
 from consistent_id.estimation.drive_ratios import DriveRatios, drive_reasons
 from consistent_id.estimation.fit import Fit
 from consistent_id.estimation.slope_reasons import (
@@ -28,6 +27,7 @@ from consistent_id.estimation.slope_reasons import (
 )
 from consistent_id.estimation.torque_error import (
     AT_REST,
+    Slopes,
     TorqueError,
     stacked_beyond,
     stacked_error,
@@ -64,6 +64,12 @@ NO_BETTER_THAN_ZERO = 1.0  # error of predicting zero torque
 SPARE_CARE = 3.0  # effective samples per parameter; clean logs above have 11-40
 GUESSED_CARE = 0.3  # clean logs: 0.00; rich ones of real arms: 0.03-0.15
 FRICTIONLESS = 0.01  # share of drive terms in the torque; drives have 10-80 %
+_WORDS: dict[str, Word] = {
+    "fault": "do not use",
+    "warning": "use with care",
+    "note": "use",
+}
+_SAID = ("hidden factor",)  # findings of which notes are told, too
 _ALIKE = 0.999  # errors that differ by less are printed with the same digits
 _UNSEEN = "some parameters hardly affect the measured torque"
 
@@ -166,9 +172,9 @@ def _of_slopes(evidence: Evidence, *, of_faults: bool = False) -> Iterator[Reaso
 
 def _of_findings(evidence: Evidence) -> Iterator[Reason]:
     for finding in evidence.findings:
-        if finding.severity == "note":
+        if finding.severity == "note" and finding.kind not in _SAID:
             continue
-        word: Word = "do not use" if finding.severity == "fault" else "use with care"
+        word: Word = _WORDS[finding.severity]
         where = ", ".join(w for w in (finding.recording, finding.where) if w)
         said = f"{where}: {finding.statement}"
         factor, size = factor_of(finding, evidence.findings)

@@ -98,7 +98,7 @@ def huber(
 
 @dataclass(frozen=True, slots=True)
 class HuberRules:
-    """Where the loss bends, and when to stop; see `huber`.
+    """The bend of the loss, and the limit of iterations; see `huber`.
 
     Raises
     ------

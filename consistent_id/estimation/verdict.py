@@ -230,7 +230,7 @@ def weighed(
 
 
 def factor_of(finding: LogFinding, findings: Sequence[LogFinding]) -> tuple[str, str]:
-    """Return what a finding says is off by a factor, if it is one, and the factor.
+    """Return the quantity that a finding says is off by a factor, and the factor.
 
     Several logs that state a factor of the same torque have to agree in it: otherwise
     each has its own fault, and none of their reasons is joined.

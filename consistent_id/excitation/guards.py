@@ -30,6 +30,7 @@ from consistent_id.robot.kinematics import link_places
 
 _TIGHTER = 0.03  # share of a limit given up where a proof has failed
 _TORQUE = 1e-7  # s of work per joint, joint before it, and member
+_ROWS = 128  # in multiples of which torques' rows are computed
 _DENSITY = 24  # samples per period of the highest frequency
 _NEAR = 0.05  # share of the limit within which an item gets a row
 
@@ -159,7 +160,11 @@ class TorqueGuard:
 
     def rows(self, motion: Array, items: IntArray) -> ItemRows:
         """Return the sizes of the chosen torques, with derivatives."""
-        kernel, samples = self._kernel(motion), np.arange(motion.shape[1])
+        samples = np.arange(motion.shape[1])
+        # Each number of samples is compiled: few numbers, by repeating the last one.
+        whole = np.minimum(np.arange(-(-len(samples) // _ROWS) * _ROWS), samples[-1])
+        motion = motion[:, whole]
+        kernel = self._kernel(motion)
         member, joint = np.divmod(items, len(self.effort))
         torque = kernel.torque(motion)[samples, member, joint]
         slopes = kernel.slopes(motion)[samples, member, joint]

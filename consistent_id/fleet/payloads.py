@@ -114,7 +114,7 @@ class PlacedBody:
 
 
 def placed(fleet: FleetModel, carried: CarriedBody, robot: str) -> PlacedBody:
-    """Return what a robot carries, its place looked up.
+    """Return the load of a robot with the number of the link that carries it.
 
     Raises
     ------
@@ -184,7 +184,7 @@ class LoadProblem:
 def load_problem(
     regression: Regression, place: PlacedBody, shared: Vector
 ) -> LoadProblem:
-    """Return what remains to be found of a robot, the shared parameters being given."""
+    """Return the problem of a robot's own parameters for given shared ones."""
     model = load_model(regression.joints, None)
     factors = tuple(
         triangle(np.asfortranarray(np.column_stack([F[:, place.columns], F @ z])))
@@ -334,7 +334,7 @@ class SharedErrors:
 
 
 def shared_errors(shared: Regression, bodies: Estimate, known: Matrix) -> SharedErrors:
-    """Return the errors of what robots share.
+    """Return the errors of the shared parameters.
 
     Parameters
     ----------
@@ -360,7 +360,7 @@ def found_payload(
     bodies: Estimate,
     errors: SharedErrors,
 ) -> FoundPayload:
-    """Return what a robot carries beside the fleet's bodies.
+    """Return the load that a robot carries beside the fleet's bodies.
 
     Parameters
     ----------

@@ -47,11 +47,11 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.correlated_noise import SHOWN
 from consistent_id.regression.drive.drive_terms import DriveTerms
-from consistent_id.regression.model_errors import NoisyRows
 from consistent_id.regression.motion_arrays import Motion, motion_of, whole_counts
 from consistent_id.regression.regression import Regression, build_regression, with_noise
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import joint_noise
+from consistent_id.regression.row_structure import NoisyRows
 
 _WHOLE_METHODS = ("smoother", "fourier")
 
@@ -270,7 +270,7 @@ def _parts(
 def _rows_of(
     problem: Problem, data: DataTable, entry: RecordingTable, spool: Path
 ) -> RowSource:
-    """Return what rows of a log are read from; bags are decoded into a file."""
+    """Return the source of a log's rows; bags are decoded into a file."""
     path, joints = problem.log_file(entry.file), problem.model.robot.joint_names
     columns, gain = columns_of(data, path), data.torque_gain
     if log_format(path).holds == "joint states":

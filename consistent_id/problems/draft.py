@@ -307,7 +307,7 @@ def _of_constraints(draft: "Draft") -> dict[str, str]:
 
 
 def _of_roles(draft: "Draft") -> str:
-    """Return how one log is divided into training and validation, in words."""
+    """Return the division of one log into training and validation, in words."""
     if len({entry.log for entry in draft.recordings}) == len(draft.recordings):
         return ""
     return "The first 70 % of the motion are for training, the rest for validation."

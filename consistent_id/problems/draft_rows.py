@@ -134,16 +134,6 @@ def _training(raw: Recording, duration: float) -> float:
     return period * min(max(round(_TRAINING * whole), 1), whole - 1)
 
 
-def longest_gap(raws: Sequence[Recording]) -> float | None:
-    """Return the step [s] above which logs are cut; None if no step is that long."""
-    rates = [own_rate(raw) for raw in raws]
-    steps = [
-        float(np.diff(raw.time).max()) * rate
-        for raw, rate in zip(raws, rates, strict=True)
-    ]
-    return float(f"{_GAP / min(rates):.3g}") if max(steps) > _GAP else None
-
-
 def clock_of(raws: Sequence[Recording], longest: float | None = None) -> Clock:
     """Return the settings for uniform clocks, with the longest gap if it is stated.
 
@@ -153,7 +143,12 @@ def clock_of(raws: Sequence[Recording], longest: float | None = None) -> Clock:
         If one uniform rate does not fit all.
     """
     rates = [own_rate(raw) for raw in raws]
-    max_gap = longest_gap(raws) if longest is None else longest
+    steps = [
+        float(np.diff(raw.time).max()) * rate
+        for raw, rate in zip(raws, rates, strict=True)
+    ]
+    max_gap = float(f"{_GAP / min(rates):.3g}") if max(steps) > _GAP else None
+    max_gap = max_gap if longest is None else longest
     if all(is_uniform(raw) for raw in raws):
         return Clock(None, max_gap)
     if max(rates) > _ALIKE * min(rates):

@@ -90,7 +90,7 @@ def _line(text: str, place: Place, value: str = "") -> str:
 
 
 def _common(here: Place, place: Place) -> int:
-    """Return how many parts agree from the left; 0 for a line of another table."""
+    """Return the number of equal parts from the left; 0 for other tables' lines."""
     agree = 0
     for mine, asked in zip(here, place, strict=False):
         if asked not in (mine, _ANY):

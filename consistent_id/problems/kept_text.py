@@ -156,7 +156,7 @@ def _insert(written: Any, name: str, anew: Any) -> None:
 def changed_tables(
     old: ProblemTable, new: ProblemTable, paths: Sequence[str]
 ) -> list[str]:
-    """Return which tables of a problem file differ.
+    """Return the tables of a problem file that differ.
 
     Parameters
     ----------

@@ -81,7 +81,7 @@ def _row(problem: Problem, missing: Sequence[str]) -> tuple[str, ...]:
 
 
 def _data_of(problem: Problem) -> str:
-    """Return how many training and validation recordings there are."""
+    """Return the numbers of training and validation recordings."""
     table = problem.table
     if table.data is not None:
         roles = [entry.role for entry in table.data.recordings]

@@ -1,6 +1,6 @@
 """The check of a problem's recordings for faults."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import msgspec
@@ -33,12 +33,11 @@ def check_problem(problem: Problem) -> Diagnosis:
     hides it, so for a long delay the uncorrected recordings are checked, too.
     """
     found = _checked(problem, problem.prepare)
-    if not found.faults and abs(delay_of_torque(problem)) >= LONG:
+    sure = [f for f in found.faults if f.kind not in _EFFECTS]
+    if not sure and abs(delay_of_torque(problem)) >= LONG:
         late = _checked(problem, _without_delay(problem).prepare)
         hidden = _hidden(problem, late)
-        kept = found.findings
-        if any(f.severity == "fault" for f in hidden):
-            kept = tuple(f for f in kept if f.kind not in _EFFECTS)
+        kept = _beside(found.findings, hidden)
         found = replace(found, findings=(*kept, *hidden))
     more = *_late_torque(problem), *_assumed_gains(problem)
     found = replace(found, findings=(*found.findings, *more))
@@ -49,6 +48,24 @@ def check_problem(problem: Problem) -> Diagnosis:
         for f in found.findings
     )
     return replace(found, findings=tuple(findings))
+
+
+def _beside(
+    found: Sequence[LogFinding], hidden: Sequence[LogFinding]
+) -> tuple[LogFinding, ...]:
+    """Return findings, with those that a correction of the delay hides.
+
+    A filter that explains the log replaces the findings that it causes. Where the
+    filter is uncertain, they are uncertain, too.
+    """
+    if any(f.severity == "fault" for f in hidden):
+        return tuple(f for f in found if f.kind not in _EFFECTS)
+    return tuple(
+        replace(f, severity="warning")
+        if hidden and f.kind in _EFFECTS and f.severity == "fault"
+        else f
+        for f in found
+    )
 
 
 def _late_torque(problem: Problem) -> tuple[LogFinding, ...]:

@@ -39,7 +39,7 @@ class Opened:
     notes: tuple[str, ...] = ()
 
     def tables(self) -> list[Table]:
-        """Return how logs were read, and which model was chosen."""
+        """Return the way in which logs were read, and the model that was chosen."""
         if self.draft is None:
             return []
         from consistent_id.problems.draft import draft_table

@@ -279,7 +279,7 @@ def filtered(part: Recording, table: PreparationTable) -> Recording:
 
 
 def rest_reach(table: PreparationTable) -> float:
-    """Return how long before and after a rest the torque is unknown, [s].
+    """Return the time before and after a rest for which torque is unknown, [s].
 
     The filter of the motion spreads stops and starts to either side.  The filter of the
     torque filters rows, from which samples at rest were removed before.

@@ -282,7 +282,7 @@ class Problem:
         )
 
     def log_file(self, file: str | Path) -> Path:
-        """Return where a log of the problem is.
+        """Return the path of a log of the problem.
 
         Raises
         ------

@@ -151,7 +151,7 @@ def robot_logs(
 def _found(
     model: Path, log: Path, stated: Statement, tables: Mapping[Path, ColumnTable]
 ) -> RobotLogs:
-    """Find how to read logs with what is stated."""
+    """Find how to read logs under the stated options."""
     if log not in tables:
         _require_order(model, log)
     robot = _loaded(model, stated)

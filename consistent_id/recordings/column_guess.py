@@ -56,7 +56,7 @@ _WITHOUT_TORQUE = (
     "Parameters cannot be found without torque or current: record the effort too."
 )
 
-GAINS = "KP,KD"  # in place of values that no log holds
+GAINS = "KP,KD"  # in place of values that no log contains
 _COUNTERS = {"seq", "index", "idx", "frame", "count", "counter", "sample", "samples"}
 _COUNTERS |= {"id", "nr", "no", "row", "unnamed", "episode"}  # rise evenly, too
 _MOST_READ = 50  # columns that may be a clock
@@ -378,7 +378,7 @@ def _with_motion(
 
 
 def _empty_joints(values: np.ndarray, joints: int) -> int:
-    """Return how many joints of an array are zero throughout; more if it lacks some."""
+    """Return the number of an array's joints that are zero throughout, or missing."""
     numbers = np.asarray(values, dtype=np.float64)
     if numbers.ndim != 2 or joints not in numbers.shape:
         return joints + 1

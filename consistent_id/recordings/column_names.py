@@ -134,7 +134,7 @@ _LETTER = re.compile(r"(?<![A-Za-z0-9])[A-Z](?![A-Za-z0-9])")  # a joint, not a 
 
 
 def own_names(names: Sequence[str], channel: str = "position") -> tuple[str, ...]:
-    """Return what differs between the names of a channel's columns, in their order.
+    """Return the parts in which the names of a channel's columns differ, in order.
 
     None, if these are numbers.
 

@@ -194,7 +194,7 @@ def has_no_arrays(path: Path, names: Sequence[str]) -> bool:
 
 
 def tables_in(folder: Path) -> tuple[Path, ...]:
-    """Return the tables in a folder by name; none if it holds a bag."""
+    """Return the tables in a folder by name; none if it contains a bag."""
     files = sorted(file for file in folder.iterdir() if file.is_file())
     if any(file.suffix.lower() in _BAGS for file in files):
         return ()

@@ -59,7 +59,7 @@ def unit_option(time: Vector) -> str:
 
 
 class SampleError(RecordingError):
-    """Samples hold what no robot wrote; who read them knows where they stand."""
+    """Samples have values that no robot wrote; readers add the place in the file."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,8 +136,8 @@ class Recording:
     torque_command : array_like, shape (samples, joints), optional, [N m or N]
         Feed-forward torque; `commanded` computes the torque from commands.
     torque_filter : TorqueFilter, optional
-        If torque and wrenches are low-passed: the filter, and what they were before.
-        Set by `low_passed` and `decimated`; `build_regression` filters its rows alike.
+        If torque and wrenches are low-passed: the filter, and their values before. Set
+        by `low_passed` and `decimated`; `build_regression` filters its rows alike.
 
     Raises
     ------

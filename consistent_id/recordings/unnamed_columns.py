@@ -1,4 +1,4 @@
-"""Columns without names: what they may be, by their numbers alone.
+"""Columns without names: their possible channels, by their numbers alone.
 
 A clock rises in steps of about one length.  Columns that follow each other are a block,
 one for each joint; a block is a velocity if it is the rate of change of another, which
@@ -144,7 +144,7 @@ def _likely_layout(
 
 
 def column_layout(values: Matrix, joints: int) -> ColumnLayout:
-    """Return what the columns of a table may be.
+    """Return the channels that the columns of a table may be.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ def layout_options(layout: ColumnLayout, known: Sequence[str] = ()) -> str:
 
 
 def _motion(alike: Matrix) -> tuple[int, ...]:
-    """Return which block is the position, and which the velocity if there is one.
+    """Return the block of the position, and that of the velocity if there is one.
 
     The pair that fits best; if the first of it is itself the rate of change of a block
     before it, the pair is one of velocity and acceleration.

@@ -282,7 +282,7 @@ def _part_in_row_space(A: Matrix) -> Vector:
 
 @dataclass(frozen=True, slots=True)
 class ConditionNumber:
-    """A condition number with what it is of; without that it means nothing.
+    """A condition number with its matrix in words; without them it means nothing.
 
     Parameters
     ----------
@@ -338,14 +338,14 @@ def condition_number(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Excitation:
-    """How well the training data excite the robot.
+    """The excitation of the robot by the training data.
 
     Parameters
     ----------
     structural_rank : int
         Number of base parameters, from random motions.
     data_rank : int
-        How many of them the data determine.
+        Number of them that the data determine.
     condition : tuple of ConditionNumber
         Condition numbers of the base regressor, unscaled and with unit columns.
     undetermined : tuple of str

@@ -1,4 +1,4 @@
-"""How noise is correlated along recordings, and what that does to least squares.
+"""Correlation of noise along recordings, and its effect on least squares.
 
 Of noise ``e`` with the spectrum ``P(f)``, the scores ``Y^T e`` of a joint's rows have
 the covariance ``sum_f P(f) y(f) y(f)^H``, ``y(f)`` being the transformed rows: only
@@ -38,16 +38,15 @@ from consistent_id.regression.model_errors import (
     BlockPart,
     JointFit,
     LackingTerms,
-    NoisyRows,
     block_part,
     block_ratio,
     joint_fit,
-    joint_rows,
     lacking_factors,
     lacking_ratio,
     lacking_terms,
 )
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.row_structure import NoisyRows, joint_rows
 
 SHOWN = 2**14
 """Rows of a recording whose residuals show how noise is correlated."""
@@ -185,8 +184,8 @@ def _noise_along(
         if lacking:
             beside.append(lacking_factors(fit, rows, expand, terms, place))
     of_joints, effective, freedom = zip(*found, strict=True)
-    # Where contact forces are taken out, rows share their noise: `whole` gives the
-    # scores of single rows what the others hold of it.  Sums over rows hold it already.
+    # Where contact forces are taken out, rows share their noise: `whole` adds the other
+    # rows' part of it to the scores of single rows.  Sums over rows contain it already.
     ratio = block_ratio(fit, BlockPart(gradients, normals), of_joints)
     along = CorrelatedNoise(np.array(effective), of_joints, np.array(freedom), ratio)
     return along, beside
@@ -372,7 +371,7 @@ def _compressed(rows: Matrix) -> Matrix:
 
 
 def correlation_length(residuals: Sequence[Vector], sigma: Vector) -> float:
-    """Return how many samples carry as much information as one independent sample.
+    """Return the number of samples with the information of one independent sample.
 
     The mean over joints of `correlation_lengths`, by their share of the misfit, each
     `residuals` being one joint's.

@@ -101,7 +101,7 @@ class Motion(NamedTuple):
         return self.along.mixing is not None
 
     def through(self, values: Array, row: int | None = None) -> Array:
-        """Return what the filter makes of values along `along`, of these rows.
+        """Return these rows of values along `along`, filtered.
 
         Samples that do not count are set to zero first.
 
@@ -139,11 +139,11 @@ class Motion(NamedTuple):
         )
 
     def counts(self) -> IntArray:
-        """Return how many samples of each joint's torque the rows stand for."""
+        """Return the number of samples of each torque that the rows stand for."""
         return whole_counts(self.stood_for())
 
     def stood_for(self) -> Vector:
-        """Return how many samples of each joint's torque the rows stand for, unrounded.
+        """Return the unrounded number of samples of torque that the rows stand for.
 
         It adds over runs of rows.
         """
@@ -225,7 +225,7 @@ class Motion(NamedTuple):
             yield part, blocks
 
     def drive_columns(self, terms: DriveTerms, joint: int, row: int) -> Matrix:
-        """Return what a joint's drive terms would add to its row of `rows`.
+        """Return the columns that drive terms would add to a joint's row of `rows`.
 
         Parameters
         ----------
@@ -513,10 +513,10 @@ def every_sample(
 
 @kept_with(1, most=4)
 def mixing_of(model: TorqueModel, recording: Recording) -> ContactMixing | None:
-    """Return how a recording's rows are mixed, with its maps held.
+    """Return the mixing of a recording's rows, with its maps kept in memory.
 
     A study goes along the same few recordings again and again, and finding maps takes
-    longer than all else that is done with them.
+    longer than all other work with them.
     """
     unknown = unknown_rows(model, recording)
     found = contact_mixing(model.robot, model.torque_joints, recording, unknown)
@@ -524,7 +524,7 @@ def mixing_of(model: TorqueModel, recording: Recording) -> ContactMixing | None:
 
 
 def unknown_rows(model: TorqueModel, recording: Recording) -> BoolArray | None:
-    """Return where a row holds what the model does not say, shape (samples, rows)."""
+    """Return where a row contains unknown torque, shape (samples, rows)."""
     known, joints = recording.torque_known, recording.joints
     if known is None or known.all():
         return None

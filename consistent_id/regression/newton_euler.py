@@ -374,7 +374,7 @@ def matvec_transposed(m: Matrix, x: Vec) -> Vec:
 
 
 def joint_geometry(robot: RobotModel) -> tuple[JointGeometry, ...]:
-    """Return what the recursion needs of each joint, in plain Python numbers."""
+    """Return the data of each joint for the recursion, in plain Python numbers."""
     return tuple(
         JointGeometry(
             parent=joint.parent,

@@ -176,7 +176,7 @@ class ResidualNoise:
 
     @property
     def rank(self) -> int:
-        """How many combinations of base parameters the data determine."""
+        """Number of combinations of base parameters that the data determine."""
         return len(self.inflation)
 
     @cached_property

@@ -102,7 +102,7 @@ def _index(
     tables: Mapping[str, list[Table]],
     written: Sequence[Path],
 ) -> Index:
-    """Return what ``results.json`` is to hold."""
+    """Return the content of ``results.json``."""
     from consistent_id import __version__
     from consistent_id.diagnosis.findings import diagnosis_record
 
@@ -214,7 +214,7 @@ def _pictures(study: "Study", folder: Path) -> list[Path]:
 
 
 def tables_of(name: str, opened: "Opened", study: "Study") -> list[Table]:
-    """Return what a command prints of a study."""
+    """Return the text that a command prints about a study."""
     from consistent_id.diagnosis.findings import diagnosis_table
     from consistent_id.problems.listing import problem_tables
     from consistent_id.report.parameters_section import uncertainty_table

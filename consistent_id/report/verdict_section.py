@@ -246,7 +246,7 @@ def delivery_section(content: ReportContent) -> Section | None:
 
 
 def certificate_section(content: ReportContent) -> Section:
-    """Return what was recomputed of every estimate."""
+    """Return the recomputed properties of every estimate."""
     main = content.main
     others = [r for r in content.comparison.reports if r is not main]
     body = joined(

@@ -374,7 +374,7 @@ def _every(robot: RobotModel) -> list[str]:
 
 
 def _without_leader(robot: RobotModel, names: list[str]) -> dict[str, float]:
-    """Return where joints stand whose leader, at zero, is not among the named."""
+    """Return the positions of joints whose leader, at zero, is not among the named."""
     return {
         joint.name: joint.mimic.position(0.0)
         for joint in robot.joints

@@ -74,7 +74,7 @@ def _measured(values: Sequence[tuple[float, ...]]) -> bool:
 
 
 def _digits(value: float) -> int:
-    """Return how many significant digits a value is written with."""
+    """Return the number of significant digits with which a value is written."""
     return len(f"{value:.6e}".partition("e")[0].replace(".", "").rstrip("0"))
 
 

@@ -41,8 +41,8 @@ enough to be linear, and large compared with stiction.
 _WORKERS = 2
 
 _DERIVATIVE_STEP = 2.5e-3
-"""Longest time step [s] of rollouts whose differences are derivatives: what it adds to
-damping is in both.
+"""Longest time step [s] of rollouts whose differences are derivatives: the damping that
+it adds is in both.
 """
 
 STEPS = 3
@@ -203,7 +203,7 @@ def refined(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RefinementStart:
-    """Where a refinement begins: a torque fit, its rollouts and their derivatives.
+    """The start of a refinement: a torque fit, its rollouts and their derivatives.
 
     Parameters
     ----------
@@ -252,7 +252,7 @@ def refinement_start(
     constraints: Sequence[Constraint],
     delay: float = 0.0,
 ) -> RefinementStart:
-    """Return where `refined` begins; see there.
+    """Return the start of `refined`; see there.
 
     Raises
     ------

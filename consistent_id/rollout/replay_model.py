@@ -176,7 +176,7 @@ def _hold(
     name: str,
     mujoco: Any,
 ) -> None:
-    """Take out the joints that do not move; bodies stay where the joints held them."""
+    """Take out the joints that do not move; their bodies stay where they were."""
     found = spec_tree(spec).joints
     require_known(joints, found, f"{name} has no joint", ModelError)
     followers = {e.name1 for e in spec.equalities if e.type == _joint_equality(mujoco)}

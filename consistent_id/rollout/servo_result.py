@@ -170,7 +170,7 @@ class ServoFit:
         return float(np.mean(found)) if found else float("nan")
 
     def tables(self) -> list[Table]:
-        """Return what was found, for people."""
+        """Return the results for people."""
         shown, verdict = self.validation_error(), self.verdict
         kinds = ", ".join(dict.fromkeys(reason.kind for reason in verdict.grounds))
         said = f"{verdict.word}: servo" + (f"; {kinds}" if kinds else "")
@@ -201,7 +201,7 @@ class ServoFit:
         ]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what was found by name, for JSON."""
+        """Return the results by name, for JSON."""
         return {
             "format": "consistent_id servo 1",
             "robot": self.robot,

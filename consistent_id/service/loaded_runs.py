@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from consistent_id.errors import ProblemError
-from consistent_id.problems.draft_rows import longest_gap
+from consistent_id.problems.draft_rows import clock_of
 from consistent_id.problems.file import PreparationTable, RecordingTable
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording
@@ -123,12 +123,15 @@ class LoadedRuns:
         # They are added to the validation recordings, so that they are prepared with
         # what was found in the training recordings.
         preparation = data.preparation
-        raws = [problem.read(one.file, omit=self.omit) for one in added]
+        raws = [self._cut(problem.read(one.file, omit=self.omit)) for one in added]
         _require_samples(raws, preparation)
-        if raws and preparation.max_gap is None:
+        if raws:
             # Poses that were recorded one after another have gaps between them.
-            gap = longest_gap(raws)
-            preparation = msgspec.structs.replace(preparation, max_gap=gap)
+            clock = clock_of(raws, preparation.max_gap)
+            resample = preparation.resample or clock.resample
+            preparation = msgspec.structs.replace(
+                preparation, max_gap=clock.max_gap, resample=resample
+            )
         changed = msgspec.structs.replace(
             data,
             preparation=preparation,
@@ -140,6 +143,17 @@ class LoadedRuns:
         )
         first = len(problem.validation)
         return both.validation[first:], (*both.training, *both.validation[:first])
+
+    def _cut(self, raw: Recording) -> Recording:
+        """Return the rows of a log that count."""
+        if self.rows is None:
+            return raw
+        first, last = (
+            row - sum(omitted < row for omitted in self.omit) for row in self.rows
+        )
+        span = slice(max(first - 1, 0), last)
+        # Rows that are not there are refused where the logs are prepared.
+        return raw.samples(span) if len(raw.time[span]) > 1 else raw
 
 
 def _require_samples(raws: Sequence[Recording], table: PreparationTable) -> None:

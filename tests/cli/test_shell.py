@@ -13,7 +13,7 @@ import pytest
 from logged import write_arm
 from shared_studies import no_study_shared, shared_within
 
-from consistent_id import load_problem, uncertainty
+from consistent_id import __version__, load_problem, uncertainty
 from consistent_id._support.ownership import marked
 from consistent_id.cli import main
 from consistent_id.cli.answers import coloured, wants_colour, warnings_unless
@@ -241,7 +241,7 @@ def test_the_package_runs_as_a_module_and_says_its_version():
         capture_output=True,
         text=True,
     )
-    assert done.stdout.strip() == "0.1.0"
+    assert done.stdout.strip() == __version__
 
 
 def test_work_that_takes_too_long_is_given_up_with_3(arm, capsys, monkeypatch):

@@ -1,6 +1,7 @@
 """Standard errors of payloads, delays, instruments, Huber's loss and others hold."""
 
 import importlib.util
+import re
 import sys
 from pathlib import Path
 
@@ -79,6 +80,47 @@ def test_they_hold_for_raw_logs_as_drafts_prepare_them(kind):
     # Where constraints are active, errors are too large, and never too small.
     bound = np.mean([np.mean(abs(z) <= 1.96) for _, z in found])
     assert bound > 0.93
+
+
+PRINTED = {
+    "diagnosis/factor_findings.py": "clock, gain, lean",
+    "diagnosis/torque_channel.py": "slope on nominal torque",
+    "diagnosis/whole_robot.py": "gain of a joint",
+    "estimation/determination.py": "Raw logs",
+    "estimation/drive_calibration.py": "drive calibration",
+    "estimation/payload.py": "payload",
+    "estimation/transmission_springs.py": "spring of a gear",
+    "estimation/uncertainties/block_scatter.py": "blocks of a motion",
+    "export/export_formats.py": "Raw logs",
+    "fleet/fleet_result.py": "fleet",
+    "problems/log_check.py": "radius of feet",
+    "problems/selection/model_selection.py": "a choice of `select`",
+    "report/residuals_section.py": "drift of a residual",
+    "rollout/problem_rollout.py": "delay in `rollout`",
+    "rollout/servo_result.py": "Parameters of a [servo]",
+    "service/gain_check.py": "drive gains",
+    "service/weighing.py": "payload",
+}
+"""Files that print a figure with its error, and where it is measured or discussed."""
+
+
+def test_every_figure_with_an_error_is_measured_or_its_limits_are_said():
+    package = BENCHMARKS.parent / "consistent_id"
+    # With a value and its error around it, or as the header of a column.
+    printed = re.compile(r"[}%] ?(\+-|±)|(\+-|±) ?[{\"m]|\"[^\"]*(\+-|±) ?\[kg")
+    found = {
+        file.relative_to(package).as_posix()
+        for file in package.rglob("*.py")
+        if any(
+            printed.search(line)
+            for line in file.read_text().splitlines()
+            if "lstrip" not in line and "``" not in line
+        )
+    }
+    assert found == {*PRINTED}
+    page = (BENCHMARKS.parent / "docs" / "coverage.md").read_text()
+    for where in PRINTED.values():
+        assert where in page
 
 
 def test_a_share_counts_what_lies_within_two_standard_errors(methods):

@@ -12,7 +12,12 @@ import pytest
 from carrying import FLANGE, LOAD, write_log, write_robot
 from schemas import parsed
 
-from consistent_id import ModelError, ProblemError, draft_problem, load_problem
+from consistent_id import (
+    ModelError,
+    ProblemError,
+    draft_problem,
+    load_problem,
+)
 from consistent_id.cli import main
 from consistent_id.constraints import FixedParameters
 from consistent_id.service import weigh_load
@@ -390,3 +395,19 @@ def test_poses_may_be_recorded_one_after_another(still_files, still, tmp_path):
     np.savetxt(poses, rests[::100], "%.9g", ",", header=head, comments="")
     with pytest.raises(ProblemError, match="A row for each pose is not enough"):
         weigh_load(problem, poses, link="flange")
+
+
+@pytest.mark.slow
+def test_stamps_of_loaded_logs_may_jitter(problem, files, found, tmp_path):
+    head, *rows = files["loaded"].read_text().splitlines()
+    table = np.array([[float(word) for word in row.split(",")] for row in rows])
+    # A fifth of a step at most: the motion is that of the stamps, to 0.1 %.
+    table[:, 0] += np.random.default_rng(0).uniform(-2e-3, 2e-3, len(table))
+    file = tmp_path / "jitter.csv"
+    np.savetxt(file, table, "%.9g", ",", header=head, comments="")
+    assert problem.table.data.preparation.resample is None
+    again = weigh_load(problem, file, link="flange").in_flange
+    half = 0.5 * (found.in_flange.high[0] - found.in_flange.low[0])
+    assert abs(again.body.mass - found.in_flange.body.mass) < half
+    with pytest.raises(ProblemError, match="rows 90000 to 90100, but the file has"):
+        weigh_load(problem, file, link="flange", rows=(90_000, 90_100))

@@ -2,7 +2,7 @@
 
 Columns of a file without a header are called ``column1``, ``column2`` and so on.
 
-PyArrow reads the numbers if it is installed, some five times as fast as the csv module.
+PyArrow reads the numbers if it is installed, several times as fast as the csv module.
 Where it refuses them the csv module reads the file again, row by row: it knows the row
 and the column of each fault.
 """
@@ -455,7 +455,7 @@ def _exact(
 
 
 def _miscounted(fields: Sequence[str], header: _CsvHeader) -> str:
-    """Return how a row has too many or too few fields; empty if it has not."""
+    """Return the fault of a row with too many or too few fields, or nothing."""
     if len(fields) == len(header.names):
         return ""
     fault = f": {len(fields)} fields, the header has {len(header.names)}"
@@ -536,7 +536,7 @@ def _seconds_of_date(cell: str) -> float | None:
 def _fault(
     cells: Sequence[str], row: Sequence[float | None], mark: str | None, first: bool
 ) -> str:
-    """Return what is wrong with the first cell of a row that is not a number."""
+    """Return the fault of the first cell of a row that is not a number."""
     cell = cells[row.index(None)]
     if not cell:
         return " is empty. Fill it in"

@@ -58,7 +58,7 @@ _LEAST_OF_A_RECORDING = 100
 """Rows of a part of a file that is a recording of its own."""
 
 BREAK = 3.0
-"""Between recordings that one file holds one after another [s]."""
+"""Time between recordings that one file contains one after another [s]."""
 
 _PART = re.compile(r"(?P<name>.+)\[(?P<first>\d*):(?P<end>\d*)\]")
 
@@ -149,7 +149,7 @@ def recording_of(
 
 
 def _of_one_clock(time: Vector, keep: BoolArray, second: float, where: str) -> Vector:
-    """Return the time of recordings that one file holds one after another.
+    """Return the time of recordings that one file contains one after another.
 
     Where the clock goes back, a recording ends, if all are long and nowhere else the
     clock stands or goes back; the next one follows after a break.  Otherwise, or if a

@@ -221,7 +221,7 @@ class _TensorReading:
             raise ValueError(f"it holds the operation {name}")
 
     def _marked(self) -> list[Any]:
-        """Return what was put on the stack after the last mark, and take it off."""
+        """Return the values on the stack after the last mark, and remove them."""
         found: list[Any] = []
         while (value := self.stack.pop()) is not _MARK:
             found.append(value)

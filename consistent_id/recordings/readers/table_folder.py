@@ -57,7 +57,7 @@ def notes(path: Path) -> tuple[str, ...]:
     files = [part.file for part in _parts(path)]
     said = ", ".join(file.name for file in files)
     rest = ", ".join(file.name for file in tables_in(path) if file not in files)
-    more = f"; {rest}: of another clock, or no table, not read" if rest else ""
+    more = f"; not read, as they have another clock or no table: {rest}" if rest else ""
     return (f"{said} have one clock and are one recording{more}",)
 
 

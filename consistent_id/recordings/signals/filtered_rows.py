@@ -427,7 +427,7 @@ def _passed(behind: TorqueFilter, filtered: Matrix, source: Matrix) -> bool:
 
 
 def _at(values: _PerSample, kept: IntArray) -> _PerSample:
-    """Return what belongs to some samples."""
+    """Return the part that belongs to some samples."""
     if values is None or isinstance(values, np.ndarray):
         return None if values is None else values[kept]
     if isinstance(values, tuple):

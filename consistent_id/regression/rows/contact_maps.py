@@ -52,7 +52,7 @@ CHUNK = 512
 """Samples per chunk: of 18 rows and 130 columns, 10 MB."""
 
 _MOST = 2**27
-"""Bytes of maps that are held of a recording: 50 000 samples of 18 rows."""
+"""Bytes of a recording's maps that are kept in memory: 50 000 samples of 18 rows."""
 
 
 class RowMap(NamedTuple):
@@ -188,7 +188,7 @@ def _null_spaces(samples: IntArray, pushes: Array, sigma: Vector) -> Iterator[Ro
 
 
 def contact_force_left(model: TorqueModel, recording: Recording) -> float:
-    """Return what row maps leave of the measured wrenches: zero, if contacts are right.
+    """Return the share of measured wrenches that row maps leave: zero, if all is right.
 
     ``sqrt(sum_t ||L_t J^T f||^2 / sum_t ||S^-1 J^T f||^2)`` over the samples that have
     rows, with unit noise levels: near one, if flags or places of contacts have nothing
@@ -258,7 +258,7 @@ def row_levels(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactMixing:
-    """How rows are mixed so that no contact force is left in them.
+    """Maps that mix rows so that no contact force is left in them.
 
     Parameters
     ----------
@@ -336,7 +336,7 @@ class ContactMixing:
         return np.concatenate(parts)
 
     def mixed(self, values: Matrix) -> Matrix:
-        """Return what is left of torques, shape (samples, rows)."""
+        """Return torques without contact forces, shape (samples, rows)."""
         parts = [(M @ values[part, :, None])[:, :, 0] for part, M in self.chunks()]
         return np.concatenate(parts)
 
@@ -353,7 +353,7 @@ def contact_mixing(
     recording: Recording,
     unknown: BoolArray | None = None,
 ) -> ContactMixing | None:
-    """Return how a recording's rows are mixed; None if no contact force is unknown.
+    """Return the mixing of a recording's rows; None if no contact force is unknown.
 
     See `ContactMixing.unknown`.
     """
@@ -377,7 +377,7 @@ def contact_mixing(
 
 
 def contact_slip(robot: RobotModel, recording: Recording) -> Matrix:
-    """Return how fast each closed contact moves against the mean of all closed ones.
+    """Return the speed of each closed contact against the mean of all closed ones.
 
     Parameters
     ----------

@@ -192,7 +192,7 @@ def _frame_as_base(
     motion: Sequence[JointMotion | FreeMotion],
     place: _FramePlace,
 ) -> FreeMotion:
-    """Return how a link carries a frame, as the motion of a free base there."""
+    """Return the motion of a link's frame, as that of a free base there."""
     link = next(islice(link_states(joints, gravity, motion), place.link, None))
     a = add(link.a, matvec(link.W, place.translation))
     w, dw, a = (matvec_transposed(place.rotation, x) for x in (link.w, link.dw, a))

@@ -65,7 +65,7 @@ def tool_model(
 
 
 def sensor_motion(arm: RobotModel, recording: Recording, frame: str) -> BaseMotion:
-    """Return how an arm carries one of its frames, in the frame's own axes.
+    """Return the motion of one of an arm's frames, in the frame's own axes.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def sensor_motion(arm: RobotModel, recording: Recording, frame: str) -> BaseMoti
 def carried_base(
     arm: RobotModel, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, frame: str
 ) -> BaseMotion:
-    """Return how joints carry a frame, in the frame's own axes: see `sensor_motion`.
+    """Return the motion of a frame by joints, in its own axes: see `sensor_motion`.
 
     `q`, `dq` and `ddq` have the shape (samples, joints).
     """
