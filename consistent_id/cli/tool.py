@@ -241,7 +241,7 @@ _COMMANDS = {
     "compress": "compress recordings of any size into a regression",
     "fleet": "identify robots of one type together, and name outliers",
     "payload": "weigh what a robot carries, and write it in the forms of controllers",
-    "gains": "identify gains between currents and torque by a load of known mass",
+    "gains": "identify gains between currents and torque by a load, or by the model",
     "servo": "identify hobby servos from position, goal and duty, without torque",
     "demo": "copy the example problems into a folder",
     "help": "print a page of the documentation, or what a reason means",

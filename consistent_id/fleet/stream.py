@@ -493,6 +493,8 @@ def reason_for_whole(problem: Problem, entry: RecordingTable) -> str:
         return "[data]: wraps are undone from the first sample on"
     if data is not None and data.duplicates != "refuse":
         return "[data]: duplicates are left out of whole recordings"
+    if data is not None and data.missing != "refuse":
+        return "[data]: rows with missing values are left out of whole recordings"
     if entry.tracks:
         return "tracks are joined with whole recordings"
     path = problem.log_file(entry.file)

@@ -134,7 +134,8 @@ class Statement:
     time: str | None = _said(
         "log",
         "--time NAME",
-        "the log's clock (default: found by its name)",
+        "the log's clock; 'SEC + NANOSEC' for two columns; if it has none and samples "
+        "are evenly spaced, their rate, such as 1000Hz (default: found by its name)",
         "data.columns.time",
     )
     position: str | None = _said(
@@ -241,6 +242,13 @@ class Statement:
         "the row that is used of several with one time stamp (default: refuse)",
         "data.duplicates",
         choices=("refuse", "first", "last"),
+    )
+    missing: Literal["refuse", "omit"] | None = _said(
+        "log",
+        "--missing",
+        "rows with empty or NaN values: refused, or left out (default: refuse)",
+        "data.missing",
+        choices=("refuse", "omit"),
     )
     wraps: Literal["keep", "undo"] | None = _said(
         "log",
