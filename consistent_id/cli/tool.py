@@ -226,7 +226,7 @@ _FILES = {"demo": "shipped", "help": "shipped"}  # of two commands
 _COMMANDS = {
     "init": "write a commented problem file for a robot, and a log if there is one",
     "info": "show a problem's robot, datasheet and base parameters",
-    "check": "look for what is wrong with a log",
+    "check": "look for faults of a log",
     "select": "choose the model from the training data",
     "excite": "design an exciting trajectory within the robot's limits",
     "rehearse": "play a designed motion on simulated robots with known parameters",
@@ -244,7 +244,7 @@ _COMMANDS = {
     "gains": "identify gains between currents and torque by a load, or by the model",
     "servo": "identify hobby servos from position, goal and duty, without torque",
     "demo": "copy the example problems into a folder",
-    "help": "print a page of the documentation, or what a reason means",
+    "help": "print a page of the documentation, or the meaning of a reason",
     "completion": "print a script for tab completion",
 }
 _EPILOG = """examples:
