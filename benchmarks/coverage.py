@@ -87,6 +87,7 @@ def page(replicates: int, few: int, others: int, logs: int, before: str = "") ->
     if logs:
         raw = coverage_logs.section(logs)
     missed += found.missed
+    missed += coverage_logs.missed(raw)
     said = "\n".join(f"- {line}" for line in missed) or "Every target is met."
     script = (
         f"coverage.py --replicates {replicates} --few {few} --others {others} "

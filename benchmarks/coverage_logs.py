@@ -10,6 +10,7 @@ out count as errors.
 """
 
 import argparse
+import re
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -155,6 +156,16 @@ def _held(z: Sequence[np.ndarray]) -> tuple[float, float]:
     # Drafts differ in their parameters: a log counts as much as another.
     inside = np.array([np.mean(abs(own) <= 1.96) for own in z])
     return float(inside.mean()), float(inside.std(ddof=1) / np.sqrt(len(inside)))
+
+
+def missed(page: str) -> list[str]:
+    """Return the rows of the table whose least squares are not within 93 to 97 %."""
+    row = re.compile(r"\| (\w+) \| (\d+ s) \| ([^|]+) \| ([\d.]+)% ± ([\d.]+)% \|")
+    return [
+        f"raw logs, {arm}, {seconds}, {kind}: {share} ± {error} %, target 93 to 97 %"
+        for arm, seconds, kind, share, error in row.findall(page)
+        if not 93.0 <= float(share) <= 97.0
+    ]
 
 
 def section(logs: int) -> str:
