@@ -67,6 +67,7 @@ _LIKELY_ONE = 2.5  # the same for clock and gain: there is one of each, not one 
 # torque, at which one alone is enough.  Of right logs of five real arms, up to 6.1 and
 # 0.12; of 36 simulated logs of other arms, 2 to 310 and 0.03 to 0.34.
 _OTHER, _UNEXPLAINED = 10.0, 0.2
+_USUAL = 1.0  # bodies as near as this once a factor is free are those of the model
 _AS_RIGHT = 0.12  # the largest of these right logs
 # Share of the squares that a zero or a lean has to explain.  Where drives take most of
 # the torque, friction that varies with position looks like one: in logs of two robots
@@ -441,7 +442,7 @@ def other_robot(as_is: FactorLogs) -> list[LogFinding]:
         # What a last link carries changes no length and no axis.
         distance = min(distance, _distance_of_loaded(as_is))
         score = max(distance, 0.0) / _OTHER + unexplained / _UNEXPLAINED
-    if score <= 1.0:
+    if score <= 1.0 or distance < _USUAL:
         return []
     return [
         LogFinding(
