@@ -286,8 +286,8 @@ def test_a_clock_far_from_the_linear_makes_no_other_robot():
 @pytest.mark.slow
 def test_a_robot_on_the_wall_is_no_other_robot():
     """Bodies of any kind leave much unexplained there, but the nominal ones fit."""
-    model, log = logged(6, spread=0.1, noise=0.001)
-    as_is = _as_is(*faulty(log, model, "gravity", 0, np.radians(87.0)))
+    model, log = logged(10, spread=0.02, noise=0.0005)
+    as_is = _as_is(*faulty(log, model, "gravity", 1, np.radians(90.0)))
     assert least_misfit(as_is) > 0.2
     assert other_robot(as_is) == []
 
