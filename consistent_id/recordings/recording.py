@@ -48,8 +48,9 @@ def unit_option(time: Vector) -> str:
     >>> unit_option(np.array([0.0, 4.0, 8.0])), unit_option(np.array([0.0, 0.004]))
     ('--units time=ms', '')
     """
-    step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
-    if step <= _USUAL_STEP[1]:
+    with np.errstate(over="ignore", invalid="ignore"):  # of wild stamps
+        step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    if not step > _USUAL_STEP[1]:
         return ""
     for unit, factor in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
         if _USUAL_STEP[0] <= factor * step <= _USUAL_STEP[1]:
