@@ -46,7 +46,7 @@ LOG = (
 KUKA = (  # the other checkout may not have these files yet
     "identify",
     str(HERE / "problems/kuka_kr300/robot.urdf"),
-    str(HERE / "problems/kuka_kr300/FF_A.parquet"),
+    str(HERE / "problems/kuka_kr300/FF_A.csv"),
 )
 PLAIN = "--no-select"  # of checkouts that select models
 TIMED = (

@@ -54,7 +54,7 @@ _LOG = (
     *("--torque", "current{number}", "--torque-gain"),
     *("10.0", "10.6956", "8.4566", "9.0029", "9.48", "10.1232"),
 )
-_KUKA = ("problems/kuka_kr300/robot.urdf", "problems/kuka_kr300/FF_A.parquet")
+_KUKA = ("problems/kuka_kr300/robot.urdf", "problems/kuka_kr300/FF_A.csv")
 _COMPARE = ("compare", "problems/ur10e", "--output", "OUT")
 TIMED = (
     Timed("compare ur10e", _COMPARE, 4.0),

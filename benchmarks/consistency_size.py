@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
-import coverage
+import coverage_arm
 import coverage_methods
 
 import consistent_id as ci
@@ -28,7 +28,7 @@ BEYOND = 2.5  # standard errors
 
 def friction() -> tuple[ci.TorqueModel, np.ndarray, list[ci.constraints.Constraint]]:
     """Return an arm of four joints whose twelve friction terms are zero."""
-    model, truth = coverage.arm(4)
+    model, truth = coverage_arm.arm(4)
     drive = ci.DriveTerms(
         viscous=True, coulomb="tanh", velocity_scale=0.05, offset=True
     )
@@ -42,7 +42,7 @@ def friction() -> tuple[ci.TorqueModel, np.ndarray, list[ci.constraints.Constrai
 
 def points() -> tuple[ci.TorqueModel, np.ndarray, list[ci.constraints.Constraint]]:
     """Return an arm of three joints whose links are points of known mass."""
-    model, truth = coverage.arm(3)
+    model, truth = coverage_arm.arm(3)
     for k in range(3):
         body = ci.InertialParameters(truth[10 * k : 10 * k + 10])
         point = body.from_central(body.mass, body.com, np.zeros((3, 3)))
@@ -58,8 +58,8 @@ def noise(kind: str, clean: ci.Recording, rng: np.random.Generator) -> np.ndarra
     if kind == "pink":
         return coverage_methods.noise(kind, clean.torque.shape, rng)
     if kind != "changing level":
-        return coverage.noise(kind, clean, rng)
-    white = coverage.noise("white", clean, rng)
+        return coverage_arm.noise(kind, clean, rng)
+    white = coverage_arm.noise("white", clean, rng)
     level = np.exp(np.sin(np.linspace(0.0, 6.0 * np.pi, len(white))))[:, None]
     return white * level / np.sqrt(np.mean(level**2))
 
@@ -69,10 +69,10 @@ def rejected(case: str, kind: str, beyond: float, replicates: int) -> float:
     make, place = CASES[case]
     model, truth, constraints = make()
     base = ci.regression.base_parameters(model)
-    motion = coverage.motion(model)
+    motion = coverage_arm.motion(model)
     rng, found = np.random.default_rng(2), []
     clean = ci.simulate_torque(model, truth, motion)
-    size = coverage.LEVEL * clean.torque.std(axis=0)
+    size = coverage_arm.LEVEL * clean.torque.std(axis=0)
 
     def shaken() -> ci.Regression:
         log = replace(clean, torque=clean.torque + size * noise(kind, clean, rng))
@@ -85,7 +85,7 @@ def rejected(case: str, kind: str, beyond: float, replicates: int) -> float:
                 ci.estimation.weighted_least_squares(
                     model, regression, base=base
                 ).standard_errors[place_in_base]
-                / np.sqrt(regression.noise.blocks)
+                / np.sqrt(regression.noise.beyond)
                 for regression in (shaken() for _ in range(20))
             ]
         )
@@ -104,7 +104,7 @@ def main() -> None:
     parser.add_argument("--cases", nargs="+", choices=CASES, default=CASES)
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS)
     given = parser.parse_args()
-    coverage.DURATION = given.duration
+    coverage_arm.DURATION = given.duration
     print(f"| boundary | noise | size | power at {BEYOND:g} standard errors |")
     print("|---|---|--:|--:|")
     for case in given.cases:

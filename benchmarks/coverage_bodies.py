@@ -1,4 +1,6 @@
-"""Intervals of zeros, foot radii, fleets, blocks, designs.  See `coverage_methods`.
+"""Intervals of factors of a whole robot, foot radii, fleets, blocks, designs.
+
+See `coverage_methods`.
 
 Each function yields errors over standard errors, one array for each log.  Where 95 %
 intervals are wider than 1.96 standard errors, so are these.
@@ -15,14 +17,24 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
-from coverage import LEVEL, arm, motion
+from coverage_arm import LEVEL, arm, motion
 from known_arm import logged
 from quadrupeds import CORNERS, FEET, FOOT, quadruped_text
 from walking import Walk, walked
 
 import consistent_id as ci
-from consistent_id.diagnosis.factor_rows import FactorLogs
-from consistent_id.diagnosis.whole_robot import whole_robot_factors
+from consistent_id.diagnosis.factor_rows import (
+    LEAN,
+    Factor,
+    FactorLogs,
+    factors_of,
+    gain_of,
+)
+from consistent_id.diagnosis.torque_channel import torque_parts
+from consistent_id.diagnosis.whole_robot import (
+    gain_beside_bodies,
+    whole_robot_factors,
+)
 from consistent_id.estimation.equalities import FreeParameters, least_squares
 from consistent_id.estimation.uncertainties.block_scatter import (
     BLOCKS,
@@ -32,7 +44,7 @@ from consistent_id.estimation.uncertainties.block_scatter import (
 from consistent_id.excitation.accuracy import predicted_accuracy
 from consistent_id.regression.residual_noise import joint_noise
 from consistent_id.regression.segments import segment_regressions
-from consistent_id.robot.scaling import link_scales
+from consistent_id.robot.scaling import USUAL_WIDTHS, body_sizes, link_scales
 from consistent_id.standing.forces_and_limits import StandingLimits, standing_motion
 from consistent_id.standing.stance import Stance, StandingFoot
 from consistent_id.standing.standing_design import REST, trunk_errors
@@ -57,25 +69,110 @@ POSE = np.tile([0.1, 0.2, -0.9], 4)  # of a quadruped, rad
 
 def zeros(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
     """Yield errors of the zero of a joint, bodies being drawn as they are known."""
-    rng = np.random.default_rng(9)
-    model, log = logged(0, noise=0.0)
-    mass, centre, moment = FactorLogs.of(model, [log], masses_known=True).widths
-    m, d = link_scales(model.robot).mass, link_scales(model.robot).length
-    widths = [mass * m, *[centre * m * d] * 3, *[moment * m * d**2] * 6]
-    width = np.column_stack(widths).ravel()
-    friction = np.tile([1.0, 2.0, 0.3], 4)
+    yield from _of_factors(
+        noise, replicates, lambda model, k: zero_of(model, 1 + k % 2)
+    )
+
+
+def factors_of_all(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
+    """Yield errors of the clock, the gain of all joints, and the lean of the base."""
+    base = Factor("gravity", "base", LEAN, axis=(1.0, 0.0, 0.0))
+    for sought in ("clock", "masses or gain", base):
+        yield from _of_factors(
+            noise,
+            max(replicates // 3, 1),
+            lambda model, _, of=sought: factor(model, of),
+        )
+
+
+def single_gains(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
+    """Yield errors of the gain of one joint."""
+    yield from _of_factors(
+        noise,
+        replicates,
+        lambda model, k: gain_of(model, model.torque_joints[1 + k % 2]),
+    )
+
+
+def slopes(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
+    """Yield errors of slopes on nominal gravity and inertial torque that are judged.
+
+    Bodies are nominal ones, so that slopes are one.  There are several in a log.
+    """
+    rng = np.random.default_rng(17)
     for k in range(replicates):
         model, log = logged(k, noise=0.0)
-        bodies = model.robot.nominal + width * rng.normal(size=len(width))
-        log = ci.simulate_torque(model, np.append(bodies, friction), log)
-        joint = 1 + k % 2
-        off = ZERO * (np.arange(4) == joint)
         torque = log.torque + LEVEL * log.torque.std(axis=0) * noise((len(log), 4), rng)
-        log = replace(log, position=log.position - off, torque=torque)
-        found = whole_robot_factors(FactorLogs.of(model, [log], masses_known=True))
+        parts = torque_parts(model, replace(log, torque=torque))
+        for slope, error, shown in (
+            (parts.gravity, parts.gravity_error, parts.gravity_shown),
+            (parts.inertial, parts.inertial_error, parts.inertial_shown),
+        ):
+            yield from ((slope - 1.0) / error)[shown][:, None]
+
+
+def zero_of(model: ci.TorqueModel, joint: int) -> Factor:
+    """Return the factor of a joint's zero."""
+    zeros_of = (f for f in factors_of(model) if f.kind == "offset zero")
+    return next(f for f in zeros_of if f.joint == joint)
+
+
+def factor(model: ci.TorqueModel, sought: str | Factor) -> Factor:
+    """Return a factor of the whole robot by its kind."""
+    if isinstance(sought, Factor):
+        return sought
+    return next(f for f in factors_of(model) if f.kind == sought)
+
+
+SIZES = {
+    "offset zero": ZERO,
+    "gravity": np.radians(12.0),
+    "clock": np.log(1.4),
+    "masses or gain": np.log(1.4),
+    "torque gain": np.log(1.4),
+}
+
+
+def _of_factors(
+    noise: Noise,
+    replicates: int,
+    chosen: Callable[[ci.TorqueModel, int], Factor],
+) -> Iterator[np.ndarray]:
+    """Yield errors of a factor that is put into logs of robots with other bodies.
+
+    Bodies differ from nominal ones as far as bodies are usually known.  A factor that
+    is not reported is left out.
+    """
+    rng = np.random.default_rng(9)
+    for k in range(replicates):
+        model, log = logged(k, noise=0.0)
+        log = ci.simulate_torque(model, _drawn(model, rng), log)
+        torque = log.torque + LEVEL * log.torque.std(axis=0) * noise((len(log), 4), rng)
+        right = FactorLogs.of(model, [replace(log, torque=torque)], masses_known=True)
+        put_in = chosen(model, k)
+        size = SIZES[put_in.kind]
+        spoilt = right.without(put_in, -size)
+        as_is = FactorLogs.of(spoilt.model, list(spoilt.logs), masses_known=True)
+        if put_in.kind == "torque gain":
+            alone = gain_beside_bodies(as_is, put_in.where)
+            found = [] if alone is None else [alone]
+        else:
+            found = whole_robot_factors(as_is)
         for one in found:
-            if one.factor.kind == "offset zero" and one.factor.joint == joint:
-                yield np.array([(one.size - ZERO) / one.error])
+            if (one.factor.kind, one.factor.joint) == (put_in.kind, put_in.joint):
+                # The axis of a lean is found, too, and may point the other way.
+                seen = abs(one.size) if put_in.kind == "gravity" else one.size
+                yield np.array([(seen - size) / one.error])
+
+
+def _drawn(model: ci.TorqueModel, rng: np.random.Generator) -> np.ndarray:
+    """Return parameters of a robot whose bodies differ from the nominal ones."""
+    mass, centre, moment = USUAL_WIDTHS
+    m, d = link_scales(model.robot).mass, body_sizes(model.robot)
+    widths = [mass * m, *[centre * m * d] * 3, *[moment * m * d**2] * 6]
+    width = np.column_stack(widths).ravel()
+    bodies = model.robot.nominal + width * rng.normal(size=len(width))
+    return np.append(bodies, np.tile([1.0, 2.0, 0.3], len(model.robot)))
 
 
 @cache

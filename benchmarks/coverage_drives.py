@@ -1,4 +1,4 @@
-"""Intervals of drives: delay of commands, calibration.  See `coverage_methods`.
+"""Intervals of drives: delays, springs, calibration.  See `coverage_methods`.
 
 Each function yields errors over standard errors, one array for each log.
 """
@@ -12,14 +12,17 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 sys.path.insert(0, str(Path(__file__).parent))
-from coverage import LEVEL, arm, motion
+from coverage_arm import LEVEL, arm, motion
 
 import consistent_id as ci
+from consistent_id.regression.elastic_joints import DAMPING
 from consistent_id.signals import DriveCalibration, PDGains, calibrated, commanded
 
 Noise = Callable[[tuple[int, int], np.random.Generator], np.ndarray]
 GAINS = PDGains(300.0, 10.0)
 LATE = 0.01  # s, by which commands are late: a sample
+LINK, ROTOR = 0.03, 0.05  # kg m^2, on either side of a spring
+SPRING = LINK * (2.0 * np.pi * 8.3) ** 2  # N m/rad
 
 
 def told() -> tuple[ci.TorqueModel, np.ndarray, ci.Recording]:
@@ -56,8 +59,8 @@ def shaken(
 def command_delays(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
     """Yield errors of the delay of commands.
 
-    They are beside the delay that is found without noise, because commands are
-    interpolated between samples: this error is not noise.
+    They are beside the mean over all logs, because commands are held and interpolated
+    between samples: this error is not noise, and the same in all logs.
     """
     model, _, log = told()
     rng = np.random.default_rng(7)
@@ -65,10 +68,44 @@ def command_delays(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
     def make(delay: float = LATE) -> ci.Recording:
         return commanded(log, GAINS, delay=delay)
 
-    clean = ci.estimation.command_delay(model, lambda late: [make(late)]).seconds
+    found = [
+        ci.estimation.command_delay(model, shaken(make, noise, rng))
+        for _ in range(replicates)
+    ]
+    seconds = np.array([one.seconds for one in found])
+    # The mean of n logs takes one nth of their variance.
+    off = (seconds - seconds.mean()) * np.sqrt(replicates / (replicates - 1))
+    yield from (off / [one.standard_error for one in found])[:, None]
+
+
+def springs(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
+    """Yield errors of the compliance of a spring between a motor and its link."""
+    time, slow = np.arange(1600) / 200.0, 2.0 * np.pi / 8.0
+    tones = 2.0 * np.pi * np.array([0.5, 1.25, 2.0, 3.0, 3.5])
+    tones = np.concatenate([tones, tones + slow, tones - slow])  # they swell and fade
+    sizes = 0.1 * np.repeat([0.5, -0.25, -0.25], 5)
+    motor = (
+        sizes
+        * np.tile(np.exp(1j * np.arange(5)), 3)
+        * np.exp(1j * time[:, None] * tones)
+    )
+    own = np.sqrt(SPRING / LINK)
+    coupling = own**2 + 2j * DAMPING * own * tones
+    larger = coupling / (coupling - tones**2)  # the link's motion over the motor's
+    torque = -(tones**2) * (ROTOR + LINK * larger) * motor
+    states = (motor, 1j * tones * motor, -(tones**2) * motor, torque)
+    q, dq, ddq, tau = (x.imag.sum(axis=1, keepdims=True) for x in states)
+    robot = ci.from_modified_dh("arm", [ci.DHRow(0.0, 0.0)], gravity=(0.0, 0.0, 0.0))
+    body = ci.InertialParameters([1.0, 0, 0, 0, 0.002, 0, 0.05, 0, 0, LINK])
+    link = replace(robot.links[0], nominal=body)
+    drive = ci.DriveTerms(rotor_inertia=True)
+    model = ci.TorqueModel(replace(robot, links=(link,)), drive)
+    rng = np.random.default_rng(16)
     for _ in range(replicates):
-        found = ci.estimation.command_delay(model, shaken(make, noise, rng))
-        yield np.array([(found.seconds - clean) / found.standard_error])
+        seen = tau + LEVEL * tau.std() * noise(tau.shape, rng)
+        log = ci.Recording(robot.joint_names, time, q, dq, ddq, seen)
+        found = ci.estimation.joint_springs(model, [log])
+        yield (found.compliance - 1.0 / SPRING) / found.standard_errors
 
 
 def calibrations(noise: Noise, replicates: int) -> Iterator[np.ndarray]:

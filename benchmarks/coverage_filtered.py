@@ -19,7 +19,8 @@ from scipy import stats
 from threadpoolctl import threadpool_limits
 
 sys.path.insert(0, str(Path(__file__).parent))
-from coverage import LEVEL, arm, motion, noise
+from coverage_arm import LEVEL, arm, motion, noise
+from pages import stamp
 
 import consistent_id as ci
 
@@ -84,7 +85,8 @@ def held(z: Sequence[np.ndarray]) -> tuple[float, float]:
 def table(replicates: int, cutoffs: Sequence[float] = CUTOFFS) -> str:
     """Measure the table; its rows are printed as they are found."""
     lines = [
-        f"`python benchmarks/coverage_filtered.py`, {replicates} logs for each row:",
+        f"`python benchmarks/coverage_filtered.py`{stamp()}, "
+        f"{replicates} logs for each row:",
         "",
         "| arm | noise | cut-off | all base parameters | friction |",
         "|---|---|--:|--:|--:|",

@@ -20,23 +20,27 @@ from scipy import signal, stats
 from scipy.interpolate import make_interp_spline
 
 sys.path.insert(0, str(Path(__file__).parent))
-from coverage import BEGIN, END, LEVEL, arm, motion
+from coverage_arm import LEVEL, arm, motion
 from coverage_bodies import (
     blocks,
+    factors_of_all,
     fleets,
     radii,
     sensor_designs,
+    single_gains,
+    slopes,
     standing_designs,
     walks,
     zeros,
 )
-from coverage_drives import calibrations, command_delays
+from coverage_drives import calibrations, command_delays, springs
 
 import consistent_id as ci
 from consistent_id.estimation.loaded_robot import loaded_robot
 from consistent_id.recordings.signals.tracks import Track, estimate_delay
 
 KINDS = ("white", "AR(1) 0.9", "pink", "changing level")
+BEGIN, END = "<!-- methods: begin -->", "<!-- methods: end -->"
 LOAD = ci.InertialParameters.from_central(
     2.0, [0.05, -0.02, 0.08], np.diag([0.01, 0.015, 0.012])
 )
@@ -184,10 +188,14 @@ METHODS: dict[str, Callable[[str, int], Iterator[np.ndarray]]] = {
     "drive gains": drive_gains,
     "delay": delays,
     "delay of commands": of_drives(command_delays),
+    "spring of a gear": of_drives(springs),
     "drive calibration": of_drives(calibrations),
     "instrumental variables": instruments,
     "Huber": hubers,
     "zero of a joint": of_drives(zeros),
+    "gain of a joint": of_drives(single_gains),
+    "clock, gain, lean": of_drives(factors_of_all),
+    "slope on nominal torque": of_drives(slopes),
     "blocks of a motion": of_drives(blocks),
     "fleet": of_drives(fleets),
     "robot on its feet": of_drives(walks),
@@ -197,7 +205,13 @@ METHODS: dict[str, Callable[[str, int], Iterator[np.ndarray]]] = {
 }
 CORRELATIONS = {"white": 1.0, "AR(1) 0.9": 19.0}  # samples, (1 + 0.9) / (1 - 0.9)
 DESIGNS = ("design on feet", "design on a wrist sensor")
-SLOW = ("zero of a joint", "fleet", "robot on its feet", "radius of feet")
+SLOW = (
+    "spring of a gear",
+    "zero of a joint",
+    "fleet",
+    "robot on its feet",
+    "radius of feet",
+)
 
 
 def share(z: np.ndarray) -> tuple[float, float]:
@@ -221,8 +235,22 @@ def main() -> None:
     if options.write:
         page = options.write.read_text()
         before, _, rest = page.partition(BEGIN)
-        _, _, after = rest.partition(END)
+        old, _, after = rest.partition(END)
+        lines = with_others(lines, old)
         options.write.write_text(f"{before}{BEGIN}\n\n{lines}\n\n{END}{after}")
+
+
+def with_others(lines: str, old: str) -> str:
+    """Return a table with the rows of other methods that it had before."""
+    rows: dict[str, list[str]] = {name: [] for name in METHODS}
+    for row in (*old.splitlines(), *lines.splitlines()):
+        name, _, _ = row.removeprefix("| ").partition(" | ")
+        if name in rows:
+            rows[name].append(row)
+    fresh = set(lines.splitlines())
+    kept = [[row for row in own if row in fresh] or own for own in rows.values()]
+    head = lines.splitlines()[:2]
+    return "\n".join([*head, *(row for own in kept for row in own)])
 
 
 def table(replicates: int, methods: Sequence[str] = tuple(METHODS)) -> str:

@@ -28,7 +28,7 @@ UR10E = (
     "identification/ur-20_02_19_15harm50sec.parquet",
     "validation/ur-20_02_05-20sec_8harm.parquet",
 )
-KUKA = ("FF_A.parquet", "FF_B.parquet")
+KUKA = ("FF_A.csv", "FF_B.csv")
 KUKA_SPAN = (1.8, 8.2)  # s: the rest is standstill
 TX40 = "identification/seg_0.0-4.5s.parquet"
 TX40_BLOCKS = 2
@@ -100,7 +100,7 @@ class Parts:
 
     @property
     def width(self) -> float:
-        """Width of intervals over the width that would hold 95 %."""
+        """Width of intervals over the width that would contain 95 %."""
         needed = np.quantile(np.abs(self.z), 0.95)
         return float(stats.norm.ppf(0.975) / needed)
 
@@ -178,7 +178,7 @@ def parts(problem: ci.Problem, recordings: list[ci.Recording], count: int) -> Pa
     base = ci.regression.base_parameters(model)
     for recording in recordings:
         regressions = [ci.build_regression(model, p) for p in cut(recording, count)]
-        bare = [replace(r, noise=replace(r.noise, blocks=1.0)) for r in regressions]
+        bare = [replace(r, noise=replace(r.noise, beyond=1.0)) for r in regressions]
         for own, found in ((regressions, z), (bare, by_noise)):
             found += _z(
                 [ci.estimation.weighted_least_squares(model, r, base=base) for r in own]

@@ -19,7 +19,7 @@ from joblib import Parallel, delayed
 from scipy.optimize import differential_evolution, minimize
 
 from consistent_id._support.executors import single_threaded
-from consistent_id.excitation.path_search import FoundPath, search
+from consistent_id.excitation.path_search import FoundPath, searched_path
 
 SPREAD = 1.0  # of CMA-ES's first steps: of 0.3 to 4, best with two seeds, in 12 s each
 
@@ -142,7 +142,7 @@ def slsqp(judge: Judge, seed: int) -> None:
 def ours(judge: Judge, seed: int) -> None:
     """Run the package's own search from one random path after another."""
     while not judge.ended():
-        search(
+        searched_path(
             judge.problem,
             FoundPath(seed),
             ended=judge.ended,
@@ -231,5 +231,5 @@ def single_starts(case: Case, seeds: int) -> tuple[list[float], list[float]]:
 @single_threaded
 def _single(case: Case, seed: int) -> tuple[float, float]:
     began = clock.process_time()
-    found = search(problem_of(case), FoundPath(seed))
+    found = searched_path(problem_of(case), FoundPath(seed))
     return float(np.exp(found.score)), clock.process_time() - began

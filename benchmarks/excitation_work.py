@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import excitation_cases as cases
 
 from consistent_id.excitation.aims import Aim
-from consistent_id.excitation.path_search import FoundPath, search
+from consistent_id.excitation.path_search import FoundPath, searched_path
 from consistent_id.excitation.search_problem import search_problem
 from consistent_id.excitation.verification import demands
 from consistent_id.regression.base import base_parameters
@@ -41,7 +41,7 @@ def main() -> None:
                 )
                 problem.random(0)  # compiles
                 began = time.process_time()
-                found = search(problem, FoundPath(0))
+                found = searched_path(problem, FoundPath(0))
                 seconds = time.process_time() - began
                 print(
                     f"| {case.name} | {objective} | {harmonics} | {found.iterations} "

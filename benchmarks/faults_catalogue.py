@@ -244,7 +244,7 @@ CATALOGUE: dict[str, tuple[tuple[str, ...], Fault]] = {
         (*ROBOT, *ZERO, *SIGN),
         drawn(one_part(lambda p, _: {"rpy": (np.pi / 2, 0.0, 0.0)})),
     ),
-    "a load nobody told of": (
+    "a load that the model lacks": (
         (*ROBOT, *GAIN, "load"),
         real(
             lambda robot, rng: replace(
@@ -270,7 +270,7 @@ CATALOGUE: dict[str, tuple[tuple[str, ...], Fault]] = {
     ),
     "two seconds": (("rank", "short"), short(2.0)),
     "a collision": (("outliers", "contact"), channel("torque", collision)),
-    "a spring nobody told of": (("spring", *ROBOT), robot_has(spring)),
+    "a spring that the model lacks": (("spring", *ROBOT), robot_has(spring)),
     "coupled joints": (("coupling", *ROBOT), robot_has(coupled)),
     # Logs of positions alone
     "clock runs at half, no velocities": (

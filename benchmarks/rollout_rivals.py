@@ -21,7 +21,7 @@ import numpy as np
 from mujoco import sysid
 
 import consistent_id as ci
-from consistent_id.rollout.choice import motor_groups
+from consistent_id.rollout.chosen_settings import motor_groups
 from consistent_id.rollout.commanded_motion import drive_commands, replay, replayable
 from consistent_id.rollout.replay_model import compiled_model, replay_spec
 from consistent_id.rollout.settings import gains_of
@@ -69,14 +69,21 @@ def compare(problem: ci.Problem) -> None:
 
 def error(problem: ci.Problem, found: Any, logs: Sequence[ci.Recording]) -> float:
     """Return the error of rollouts [mrad]."""
+    errors = np.vstack(replay_errors(problem, found, logs))
+    return float(1e3 * np.sqrt((errors**2).mean()))
+
+
+def replay_errors(
+    problem: ci.Problem, found: Any, logs: Sequence[ci.Recording]
+) -> list[np.ndarray]:
+    """Return the position errors of each log's rollout [rad], (samples, joints)."""
     joints, delay = problem.model.robot.joint_names, problem.delay_of_commands
     spec = specification(problem)
     for parameter in found.values():
         parameter.apply_modifier(spec)
     model = compiled_model(spec, "mujoco.sysid", joints, gains_of(problem))
     known = [replayable(log.of(joints)) for log in logs]
-    errors = np.vstack([replay(model, log, delay=delay).errors for log in known])
-    return float(1e3 * np.sqrt((errors**2).mean()))
+    return [replay(model, log, delay=delay).errors for log in known]
 
 
 def specification(problem: ci.Problem) -> Any:

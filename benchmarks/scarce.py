@@ -6,10 +6,14 @@
 
 import argparse
 import statistics
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib as mpl
+
+sys.path.insert(0, str(Path(__file__).parent))
+from pages import measured
 
 import consistent_id as ci
 from consistent_id.comparison.comparison import EstimateReport
@@ -151,7 +155,9 @@ def page(names: tuple[str, ...], picture: Path | None) -> str:
     lines = [
         "# When data are scarce",
         "",
-        "Measured by `python benchmarks/scarce.py`. A part of each robot's training",
+        f"{measured(names)}.",
+        "",
+        "A part of each robot's training",
         "motion is used for training. The error is the stacked torque error on its",
         "validation recordings, the mean over these recordings. The tables show the",
         f"median (worst) over up to {STARTS} parts, spread evenly; no part has fewer",

@@ -12,11 +12,11 @@ import statistics
 import subprocess
 import sys
 from collections.abc import Callable
-from datetime import date
 from pathlib import Path
 from time import perf_counter, process_time
 
 import numpy as np
+from pages import measured
 from threadpoolctl import threadpool_limits
 
 import consistent_id as ci
@@ -274,8 +274,7 @@ def page(quick: bool) -> str:
         solve = solve_table(3 if quick else 10)
     return f"""# How fast it is
 
-Measured on {date.today()} in one run by `python benchmarks/speed.py`, on
-{os.cpu_count()} cores, Python
+{measured(script="speed.py")} in one run, with Python
 {platform.python_version()}, {versions}.
 BLAS runs in one thread throughout.
 Medians of {runs} run(s) in processes of their own; other machines differ, so read the

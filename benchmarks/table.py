@@ -13,8 +13,6 @@ of the processor.
 
 import argparse
 import os
-import platform
-import subprocess
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -342,20 +340,6 @@ def plates() -> str:
     )
 
 
-def place() -> str:
-    """Return the commit and the machine."""
-    git = ["git", "-C", str(HERE), "rev-parse", "--short", "HEAD"]
-    found = subprocess.run(git, capture_output=True, text=True)
-    commit = found.stdout.strip() or f"version {ci.__version__}"
-    info = Path("/proc/cpuinfo")
-    names = info.read_text().splitlines() if info.exists() else []
-    processor = next((s.split(":")[1] for s in names if "model name" in s), "")
-    return (
-        f"Commit {commit}; {processor.strip() or platform.machine()}, "
-        f"{os.cpu_count()} cores, Python {platform.python_version()}."
-    )
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--robots", type=Path, default=HERE / "robots.toml")
@@ -369,7 +353,6 @@ def main() -> None:
     named = (str(e["problem"]) for e in entries if own and "problem" in e)
     used = [name.removeprefix("../problems/") for name in named]
     with written_to(options.write, "table", used):
-        print(place(), end="\n\n")
         print(f"| {' | '.join(HEADER)} |\n|{'---|' * len(HEADER)}", flush=True)
         for entry in entries:
             for row in rows(entry, folder):

@@ -11,8 +11,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.robot.inertia import InertialParameters
@@ -53,8 +51,8 @@ known_links = [
 
 [data]
 recordings = [
-  {{ file = "training.parquet", role = "training", rows = [50, {last}] }},
-  {{ file = "validation.parquet", role = "validation", rows = [50, {last}] }},
+  {{ file = "training.npz", role = "training", rows = [50, {last}] }},
+  {{ file = "validation.npz", role = "validation", rows = [50, {last}] }},
 ]
 
 [data.columns]
@@ -89,14 +87,8 @@ def write_problem(folder: Path) -> Path:
     for seed, name in enumerate(("training", "validation")):
         drive = DriveTerms(viscous=True)
         log = walk(robot, truth, seconds=SECONDS, seed=seed, drive=drive)
-        table = pa.table({n: _logged(n, x, rng) for n, x in log.items() if _kept(n)})
-        pq.write_table(
-            table,
-            folder / f"{name}.parquet",
-            compression="zstd",
-            use_dictionary=False,
-            use_byte_stream_split=table.column_names,
-        )
+        kept = {n: _logged(n, x, rng) for n, x in log.items() if _kept(n)}
+        np.savez_compressed(folder / f"{name}.npz", **kept)
     legs = [f'  "{leg}_{part}",' for leg in "abcd" for part in ("hip", "thigh", "calf")]
     last = int(SECONDS * RATE) // EVERY - 50
     text = TEXT.format(legs="".join(f"{line}\n" for line in legs), last=last)

@@ -6,7 +6,7 @@ base beside the nominal bodies, from the logs of the problem files of five real 
 with recordings in ``CONSISTENT_ID_DATASETS``.  A fault is put into all logs of a robot
 as the diagnosis would take it out, with the opposite sign.
 
-The gates of `consistent_id.diagnosis.whole_robot` are above the ratios of size and
+The gates of `consistent_id.diagnosis.factor_findings` are above the ratios of size and
 standard error that right logs have here.
 """
 
@@ -22,12 +22,9 @@ from threadpoolctl import threadpool_limits
 import consistent_id as ci
 from consistent_id.constraints import FixedMasses
 from consistent_id.diagnosis.explain import SAMPLES, of_samples, thinned
+from consistent_id.diagnosis.factor_findings import FoundFactor, factor_findings
 from consistent_id.diagnosis.factor_rows import Factor, FactorLogs, factors_of
-from consistent_id.diagnosis.whole_robot import (
-    FoundFactor,
-    factor_findings,
-    whole_robot_factors,
-)
+from consistent_id.diagnosis.whole_robot import whole_robot_factors
 
 NAMES = ("ur10e", "kuka_kr300", "staubli_tx40", "tiago", "unitree_z1")
 KINDS = ("clock", "masses or gain", "offset zero", "gravity")

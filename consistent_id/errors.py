@@ -15,7 +15,7 @@ class ConsistentIdError(Exception):
     Parameters
     ----------
     options : str
-        What may be added to the command to go on, filled in, as in a shell.
+        Options that may be added to the command, filled in, as in a shell.
     replaces : sequence of str
         Words of the command in whose place it stands; by default it is added.
 
@@ -54,7 +54,7 @@ class ModelError(ConsistentIdError):
 
 
 class RecordingError(ConsistentIdError):
-    """A recording cannot be read, or holds values that no robot wrote.
+    """A recording cannot be read, or has values that no robot wrote.
 
     Examples
     --------
@@ -66,7 +66,7 @@ class RecordingError(ConsistentIdError):
 
 
 class ProblemError(ConsistentIdError):
-    """A problem file, or a call, asks for something that makes no sense.
+    """A problem file, or a call, has contents that are unknown or contradictory.
 
     Examples
     --------
@@ -89,10 +89,10 @@ class PathError(ProblemError):
     point : tuple of float, [m]
         Where the path is then, in the base frame.
     joint : str, optional
-        Whose limit is in the way.
+        Joint whose limit is violated.
     value : float
-        What was seen: of a joint's position or rate; of a condition number; of the
-        distance [m] to the nearest point within reach.
+        The value: a joint's position or rate, a condition number, or the distance [m]
+        to the nearest point within reach.
 
     Examples
     --------

@@ -88,7 +88,7 @@ def test_agents_read_of_every_command_and_of_formats_that_exist():
     sources = [f.read_text() for f in (ROOT / "consistent_id").rglob("*.py")]
     code = "\n".join(sources)
     formats = re.findall(r"`(consistent_id \w+ \d+)`", table)
-    assert len(formats) == 13
+    assert len(formats) == 22
     assert [f for f in formats if f'"{f}"' not in code] == []
     assert all(re.search(rf"\b{name}\b", LLMS) for name in told)
 
@@ -133,7 +133,7 @@ def test_placeholders_of_addresses_stand_in_one_place():
     assert [page.name for page in pages if root in page.read_text()] == []
 
 
-CONDA_NAMES = {"pin": "pinocchio", "matplotlib": "matplotlib-base"}
+CONDA_NAMES = {"pin": "pinocchio"}
 
 
 def test_the_conda_recipe_has_version_and_floors_of_the_package():

@@ -199,3 +199,13 @@ def test_a_class_name_means_one_thing():
                 places.setdefault(node.name.lstrip("_"), []).append(str(path))
     assert len(places) > 300
     assert not {name: where for name, where in places.items() if len(where) > 1}
+
+
+def test_a_file_name_means_one_thing():
+    """A command's file has the name of the command, whatever else has it."""
+    places: dict[str, list[str]] = {}
+    for path in _modules():
+        if path.name != "__init__.py" and path.parts[0] != "cli":
+            places.setdefault(path.name, []).append(str(path))
+    assert len(places) > 300
+    assert not {name: where for name, where in places.items() if len(where) > 1}

@@ -10,7 +10,16 @@ import pytest
 HERE = Path(__file__).parent.parent
 sys.path.insert(0, str(HERE / "benchmarks"))
 
-from pages import digest, digests_on, measured, written_to  # noqa: E402
+from pages import (  # noqa: E402
+    digest,
+    digests_on,
+    machine,
+    measured,
+    measurements,
+    stamp,
+    stamp_page,
+    written_to,
+)
 
 REAL = {"ur10e", "kuka_kr300", "staubli_tx40", "tiago"}
 TABLE = {"ur10e/payload.toml", "rx60", "unitree_go2", "unitree_z1"}
@@ -32,12 +41,37 @@ def test_pages_are_of_the_problem_files_beside_them(page):
         )
 
 
-@pytest.mark.parametrize("page", sorted(PAGES))
+WITHOUT = {
+    "clean-recordings.md": "simulated arms and recordings, from their robots' files",
+    "excite-my-robot.md": "a range of friction over torque at full speed",
+    "glossary.md": "names a script only",
+    "large-logs-and-fleets.md": "seconds and bytes, of simulated fleets and streams",
+    "rx60-story.md": "a published study done again: its problem is the paper's",
+}
+"""Pages that name a script which reads problem files, and why they state none."""
+
+TEXTS = {page.name: page.read_text() for page in sorted((HERE / "docs").glob("*.md"))}
+DIGESTED = [name for name, text in TEXTS.items() if digests_on(text)]
+
+
+@pytest.mark.parametrize("page", DIGESTED)
 def test_a_page_s_date_stands_with_its_digests(page):
-    text = (HERE / "docs" / page).read_text()
-    dated = re.findall(r"on (\S+)\s+with problem files", text)
+    text = TEXTS[page]
+    dated = re.findall(r"on (\S+) \([^)]*\)\s+with problem files", text)
     assert len(dated) == text.count("problem files\n`") > 0
     assert all(date(2026, 1, 1) < date.fromisoformat(day) for day in dated)
+
+
+def test_pages_of_scripts_that_read_problem_files_state_them():
+    scripts = (HERE / "benchmarks").glob("*.py")
+    reading = {s.name for s in scripts if "load_problem(" in s.read_text()}
+    measured_pages = {
+        name
+        for name, text in TEXTS.items()
+        if reading & set(re.findall(r"benchmarks/(\w+\.py)", text))
+    }
+    assert {*PAGES} <= {*DIGESTED}
+    assert measured_pages - {*DIGESTED} == {*WITHOUT}
 
 
 def test_a_digest_is_that_of_settings_and_of_the_model(tmp_path):
@@ -65,6 +99,38 @@ def test_what_is_written_is_read_back(tmp_path, monkeypatch):
         print("| a |")
     text = page.read_text()
     assert digests_on(text) == {name: [digest(name)] for name in REAL}
-    assert f"`python benchmarks/slack.py` on {date.today()} with" in text
+    assert f"`python benchmarks/slack.py`{stamp()} with" in text
     assert "| a |" in text
     assert digests_on(measured(script="slack.py")) == {}
+
+
+def test_every_measured_page_states_command_day_and_commit():
+    every = measurements()
+    assert {one.page.stem for one in every} >= {"accuracy", "benchmarks", "faults"}
+    for one in every:
+        stamped = re.fullmatch(
+            r"on (\S+) \(commit [0-9a-f]{7,}\+?(; .+)?\)", one.stamped
+        )
+        assert stamped, (
+            f"{one.page.name} does not say when {one.script} {one.arguments} was run; "
+            f"python benchmarks/pages.py {one.page.stem} runs it and says so"
+        )
+        assert date.fromisoformat(stamped[1]) <= date.today()
+        assert (HERE / "benchmarks" / one.script).is_file()
+
+
+def test_a_stamp_replaces_that_of_the_command_before(tmp_path):
+    page = tmp_path / "page.md"
+    old = "`python benchmarks/table.py`{} and `python\nbenchmarks/slack.py --deep`.\n"
+    page.write_text(old.format(" on 2026-01-02 (commit abcdef12)"))
+    stamp_page(page, "table.py", stamp())
+    assert page.read_text() == old.format(stamp())
+    assert stamp().startswith(f" on {date.today()} (commit ") and machine() in stamp()
+    first, second = measurements(tmp_path)
+    assert (first.script, f" {first.stamped}") == ("table.py", stamp())
+    assert (second.script, second.arguments, second.stamped) == (
+        "slack.py",
+        "--deep",
+        "",
+    )
+    assert second.words()[-3:] == ["--deep", "--write", str(page)]

@@ -1,4 +1,4 @@
-"""A cache of what was computed of an object, for as long as the object is there."""
+"""A cache of values computed from an object, for as long as the object exists."""
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
@@ -29,11 +29,11 @@ def kept_with(
     Parameters
     ----------
     place : int
-        The argument's place; it is told from others by identity.
+        The argument's place; arguments are distinguished by identity.
     most : int
         Results that are kept; those not used for the longest time go first.
     room : float, [bytes]
-        What all results that are kept may take; the newest is kept in any case.
+        Memory for all kept results; the newest is kept in any case.
     size : callable
         The bytes of a result.
 

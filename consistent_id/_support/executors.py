@@ -1,4 +1,4 @@
-"""Where independent work is done: here, in threads or processes, or on a Dask cluster.
+"""The place of independent work: here, threads or processes, or a Dask cluster.
 
 Tasks are the same everywhere, and results come in the order of the tasks, so that they
 are the same to the last bit on one kind of processor.  A worker that is killed takes
@@ -64,7 +64,7 @@ class Workers:
 
 @dataclass(frozen=True, slots=True)
 class Executor:
-    """Where tasks are done.
+    """The place where tasks are done.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ class Executor:
 
     @property
     def place(self) -> Path | None:
-        """Where files must be that workers are to see; None for temporary ones.
+        """The folder for files that workers are to read; None for a temporary one.
 
         A cluster sees the folder that the work was called from.
         """
@@ -156,7 +156,7 @@ class Executor:
         Raises
         ------
         ProblemError
-            If Dask is asked for and not installed, or no scheduler answers.
+            If Dask is requested and not installed, or no scheduler answers.
         SolverError
             If the workers of one task are killed again and again.
         """
@@ -292,7 +292,7 @@ def all_but_each(parts: Sequence[_T], joined: Callable[[_T, _T], _T]) -> list[_T
 
 
 def single_threaded(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Hold BLAS at one thread while the function runs."""
+    """Limit BLAS to one thread while the function runs."""
 
     @wraps(function)
     def run(*args: _P.args, **kwargs: _P.kwargs) -> _R:
@@ -304,9 +304,9 @@ def single_threaded(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
 @contextmanager
 def worker_threads(count: int) -> Iterator[ThreadPoolExecutor]:
-    """Yield threads for work side by side; what waits when an error comes is dropped.
+    """Yield threads for parallel work; tasks that wait when an error comes are dropped.
 
-    So an interrupt need not wait until all that was asked for has been done.
+    So an interrupt need not wait until all requested work is done.
     """
     pool = ThreadPoolExecutor(count)
     try:
@@ -412,7 +412,7 @@ def _reusable_pool(workers: int) -> Any:
 
 @contextmanager
 def processes(call: Call, workers: int) -> Iterator[Workers]:
-    """Yield how to hand tasks to processes; what is left at the end is killed.
+    """Yield processes that take tasks; those that are left at the end are killed.
 
     Tasks and results go through files, and only their names through pipes.  A worker
     that is killed while it writes a large result to a pipe leaves a part of it there,

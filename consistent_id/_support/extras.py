@@ -32,7 +32,7 @@ def needed(
         return import_module(library)
     except ImportError:
         raise error(
-            f"{what} needs {library}; install it with: "
+            f"{what} needs {library.partition('.')[0]}; install it with: "
             f"pip install 'consistent-id[{extra}]'"
         ) from None
 

@@ -1,4 +1,4 @@
-"""Public names of a package, imported when they are first asked for.
+"""Public names of a package, imported when they are first used.
 
 They are listed once, with their modules, in the package's ``__init__.pyi``, as [SPEC1]_
 proposes.  No module has the name of something public in its package: once imported, it
@@ -66,7 +66,7 @@ def homes(package: str) -> dict[str, str]:
 
 
 def public_value(package: str, name: str) -> object:
-    """Return what a public name of a package stands for.
+    """Return the value of a public name of a package.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def face(package: str) -> tuple[Callable[[str], object], Callable[[], list[str]]
 
 
 def moved_value(package: str, name: str) -> object:
-    """Return what was a public name of the package and is one of a submodule now.
+    """Return the value of a former public name, which a submodule has now.
 
     Raises
     ------

@@ -1,9 +1,9 @@
 """Files that are read and written.
 
 Those that are written are there whole or not at all, several together, and never over
-the files of others.  Those that are read are regular files, and no larger than what
-they are for: a file of a stranger may be a device that never ends, or state sizes that
-it does not have; what it states is compared with what it is before memory is asked for.
+the files of others.  Those that are read are regular files, and not too large for their
+purpose: a file of a stranger may be a device that never ends, or state sizes that it
+does not have; its stated sizes are compared with the file before memory is allocated.
 """
 
 import json
@@ -47,7 +47,7 @@ _RAISE = (
 
 
 def memory_of_this_computer() -> int | None:
-    """Return its memory in bytes, or None where the system does not tell."""
+    """Return its memory in bytes, or None if the system does not state it."""
     try:
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):
@@ -213,7 +213,7 @@ def write_json(path: Path, record: Any) -> Path:
 
 
 def relative_path(path: Path, folder: Path) -> str:
-    """Return how a place is called from a folder."""
+    """Return the name of a place relative to a folder."""
     return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
 
 
@@ -240,7 +240,7 @@ def together() -> Iterator[None]:
 
 
 def content_of(path: Path) -> bytes:
-    """Return what a file will hold once the files of `together` are there."""
+    """Return the future content of a file, with the files of `together`."""
     waiting = _waiting.get()
     if waiting is not None and path in waiting.files:
         return waiting.files[path]

@@ -1,4 +1,4 @@
-"""Which files this package wrote, and nobody changed since: known by a digest.
+"""Files that this package wrote and nobody has changed since, recognised by a digest.
 
 A file says by a mark that it was written here.  The mark has a digest of the rest of
 the content, so a file that somebody edited is theirs from then on.  The mark is in a

@@ -1,6 +1,7 @@
 """The progress of long work, on the standard error, for users who want to see it.
 
 A terminal shows a bar; a file or a pipe gets one line at the start and one at the end.
+What is read is said before that, at once.
 """
 
 import sys
@@ -14,6 +15,21 @@ class Counter(Protocol):
     """Takes how much is done, and what else to say."""
 
     def __call__(self, done: int, says: str = "") -> None: ...
+
+
+def begun(words: str, shown: bool) -> None:
+    """Say what begins, before the libraries are imported that do it.
+
+    Parameters
+    ----------
+    words : str
+        Such as ``reading log.csv``.
+    shown : bool
+        Whether anything is written.
+    """
+    if shown:
+        sys.stderr.write(f"{words} ...\n")
+        sys.stderr.flush()
 
 
 @contextmanager

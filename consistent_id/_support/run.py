@@ -59,8 +59,8 @@ class Run:
         Parts of the result that could not be made, and why, if somebody says so at the
         end; see `kept_going`.
     signals : list of int
-        Signals that were raised as exceptions.  What is raised in an import, or in a
-        library that calls Python, can come out as another exception.
+        Signals that were raised as exceptions.  A signal that is raised in an import,
+        or in a library that calls Python, can come out as another exception.
     """
 
     force: bool = True
@@ -145,7 +145,7 @@ class Terminated(BaseException):
 
 
 def note_stop(cause: BaseException) -> None:
-    """Note in the run that work ended early and goes on to show what it has."""
+    """Note in the run that work ended early and goes on to show its results."""
     stop: Stop = "interrupted"
     if isinstance(cause, OutOfTime):
         stop = "out of time"
@@ -158,16 +158,16 @@ def note_stop(cause: BaseException) -> None:
 def noted_interrupts(*, keeps_results: bool = False) -> Iterator[Interrupted]:
     """Note the first interrupt of the user; the second one is raised.
 
-    So is a SIGTERM that `signals_raised` would raise: solvers that call Python,
-    such as CasADi's, swallow what is raised in them.  What they have swallowed is
-    raised when the work is over.
+    So is a SIGTERM that `signals_raised` would raise: solvers that call Python, such as
+    CasADi's, swallow exceptions that are raised in them.  A swallowed one is raised
+    when the work is over.
 
     Outside the main thread, where Python lets nobody listen, none is noted.
 
     Parameters
     ----------
     keeps_results : bool
-        Whether the work goes on to show what it has after a SIGTERM, too, as after an
+        Whether the work goes on to show its results after a SIGTERM, too, as after an
         interrupt.
     """
     noted, again, terminated = (threading.Event() for _ in range(3))
@@ -204,7 +204,7 @@ def noted_interrupts(*, keeps_results: bool = False) -> Iterator[Interrupted]:
 def signals_raised(run: Run) -> Iterator[None]:
     """Let SIGINT and SIGTERM unwind the work: nothing half-made is left behind.
 
-    An interrupt that the process was told to ignore, as in the background, stays so.
+    If the process ignores interrupts, as in the background, it still does.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -82,7 +82,7 @@ def _row(cells: Sequence[str]) -> str:
 
 
 def _numeric(cells: Iterable[str]) -> bool:
-    """Return whether a column holds numbers (or dashes) only."""
+    """Return whether a column has numbers (or dashes) only."""
     return all(
         cell.strip().lstrip("+-").replace("e", "").replace("%", "")[:1].isdigit()
         or cell in ("", "-", "inf")
@@ -102,9 +102,9 @@ _ITEMS = 6
 def brief(cls: type[_Value]) -> type[_Value]:
     """Let a dataclass or named tuple show itself in a few lines; a decorator above it.
 
-    Small values keep the text that Python makes of all fields.  Of others, large
-    arrays are shown by their shapes and long sequences by their lengths.  Notebooks
-    show the value's own tables, or else a table of its fields.  A dataclass that has
+    Small values keep the text that Python makes of all fields.  In others, large arrays
+    are shown by their shapes and long sequences by their lengths.  Notebooks show the
+    value's own tables, or else a table of its fields.  A dataclass that has
     ``__repr__`` or ``_repr_html_`` of its own keeps it.
 
     Examples

@@ -100,7 +100,7 @@ def _forget_oldest(folder: Path) -> None:
 
 
 def _age(path: Path) -> float:
-    """Return how old an entry is; one that another process took away is oldest."""
+    """Return the age of an entry; one that another process removed is the oldest."""
     try:
         return -path.stat().st_mtime
     except FileNotFoundError:

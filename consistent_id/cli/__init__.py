@@ -1,6 +1,6 @@
 """The shell tool: a file per command, each with ``add_NAME`` and ``run_NAME``.
 
-``add_NAME(commands)`` names the options, ``run_NAME(options)`` does it and
+``add_NAME(commands)`` defines the options, ``run_NAME(options)`` runs the command and
 returns the exit code; `tool` lists the commands.
 """
 
@@ -25,7 +25,7 @@ _ENDS: dict[int, tuple[_Handler, int, bytes]] = {
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the tool; return its exit code.
 
-    Signals are heard before anything else is imported.
+    Signal handlers are set before anything else is imported.
     """
     with _ended_by_signals():
         from consistent_id.cli.options import with_vectors
@@ -40,9 +40,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _ended_by_signals() -> Iterator[None]:
-    """End at once while nothing is begun; `run_to_its_end` listens in its own way.
+    """End at once before the work begins; `run_to_its_end` has its own handlers.
 
-    What is raised in an import can come out as another error, or not at all.
+    An exception that is raised in an import can become another error, or be lost.
     """
     try:
         heard = [n for n, end in _ENDS.items() if signal.getsignal(n) is end[0]]

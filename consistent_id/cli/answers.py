@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from consistent_id._support.tables import Table
 
 
-_CONTROLS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")  # but tabs and ends of lines
+_CONTROLS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")  # except tabs and ends of lines
 _OF_FILES = 3  # lines that files which are written take, the empty one included
 
 
@@ -31,12 +31,12 @@ class Answer(NamedTuple):
     code : int
         Exit code.
     record : object
-        The same for ``--json``.
+        The content for ``--json``.
     write : callable, optional
-        Writes files when the answer has been printed, unless none are to be written,
-        and returns their paths.
+        Writes files after the answer has been printed, and returns their paths.  It is
+        not called with ``--dry-run``.
     whole : bool
-        Whether the text is printed as it is, being a file or a script itself.
+        Whether the text is a file or a script, which is printed unshortened.
     """
 
     code: int
@@ -53,7 +53,7 @@ def tables_answer(
     usable: bool = True,
     write: Callable[[], Sequence[Path]] | None = None,
 ) -> Answer:
-    """Return tables as an answer; its exit code is 1 if a result is not to be used."""
+    """Return tables as an answer; its exit code is 1 if a result must not be used."""
     text = "\n\n".join(table.text() for table in tables)
     return Answer(0 if usable else 1, text, record, write)
 
@@ -73,10 +73,10 @@ def answered(
     Parameters
     ----------
     answer_to : callable
-        From the options, ``problem`` being one file, to an `Answer`.
+        Function from the options, with one file as ``problem``, to an `Answer`.
     opens : bool
         Whether it opens folders of results: ``problem`` is then the folder of a file
-        that has some.
+        with results.
     file : bool
         Whether ``--output`` names a file, not a folder.
 
@@ -96,7 +96,7 @@ def answered(
 
 
 def show(options: argparse.Namespace, answer: Answer) -> int:
-    """Print an answer as the options ask, then write its files; return its code.
+    """Print an answer as the options state, write its files, and return its code.
 
     The code is the same if the reader, such as ``head``, has gone.
     """
@@ -114,7 +114,7 @@ def show(options: argparse.Namespace, answer: Answer) -> int:
 
 
 def lead_nowhere(stream: TextIO) -> None:
-    """Let what is written to a stream vanish, also what is flushed at the end."""
+    """Discard all further output to a stream, including the flush at the end."""
     with suppress(OSError, ValueError):  # some streams have no file
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
@@ -133,7 +133,7 @@ def _write(options: argparse.Namespace, answer: Answer, *, shown: bool = True) -
 
 
 def _shown(options: argparse.Namespace, answer: Answer) -> str:
-    """Return what is printed of an answer's text."""
+    """Return the printed part of an answer's text."""
     whole = answer.whole or getattr(options, "verbose", False)
     most = LINES - (_OF_FILES if answer.write else 0)
     return answer.text if whole else shortened(answer.text, most)
@@ -152,7 +152,7 @@ def print_error(error: ConsistentIdError, words: Sequence[str] = ()) -> int:
     Parameters
     ----------
     words : sequence of str
-        Of the command.
+        Words of the command.
     """
     print(f"consistent-id: {error}", file=sys.stderr)
     if error.options and words and (following := next_command(words, error)):
@@ -161,10 +161,10 @@ def print_error(error: ConsistentIdError, words: Sequence[str] = ()) -> int:
 
 
 def next_command(words: Sequence[str], error: ConsistentIdError) -> str:
-    """Return a command with what may remedy its error.
+    """Return a command with the options that an error proposes.
 
-    Empty, if the remedy has an option that the command has already: of two, only the
-    last would count, and what the user has stated would be lost.
+    The result is empty if the command has one of these options already, because the
+    second one would replace the user's.
 
     Examples
     --------
@@ -190,7 +190,7 @@ def next_command(words: Sequence[str], error: ConsistentIdError) -> str:
 
 @contextmanager
 def warnings_unless(quiet: bool) -> Iterator[None]:
-    """Let the package's warnings pass, each once, unless the user wants quiet."""
+    """Print each of the package's warnings once, unless the user wants quiet."""
     logger = logging.getLogger("consistent_id")
     before, said = logger.level, set[str]()
     handler = logging.StreamHandler()
@@ -206,7 +206,7 @@ def warnings_unless(quiet: bool) -> Iterator[None]:
 
 
 def _without_folders(record: logging.LogRecord) -> str:
-    """Return a warning in which files are called by their names alone.
+    """Return a warning with the names of files in place of their paths.
 
     Many problems of one robot have copies of its file, or spell its path differently.
     """
@@ -222,14 +222,14 @@ def _without_folders(record: logging.LogRecord) -> str:
 
 
 def _is_new(sentence: str, said: set[str]) -> bool:
-    """Return whether a sentence has not been said, and note that it is now."""
+    """Return whether a sentence is new, and remember it."""
     new = sentence not in said
     said.add(sentence)
     return new
 
 
 def shows_progress(options: argparse.Namespace) -> bool:
-    """Return whether to say how far long work is, on the standard error."""
+    """Return whether to show the progress of long work on the standard error."""
     return not options.quiet
 
 
@@ -247,7 +247,7 @@ def _each(
     codes, records, names = [], {}, []
     for source in files:
         try:
-            # Results of one problem may be several: their folders tell them apart.
+            # Several results may be of one problem; their folders distinguish them.
             own = source.name if source.is_dir() else read_problem_table(source).name
             names.append(own)
             require_distinct(names)
@@ -274,7 +274,7 @@ def _of(
     *,
     file: bool = False,
 ) -> argparse.Namespace:
-    """Return the options for one problem; of several, each has its own files."""
+    """Return the options for one problem; each of several has files of its own."""
     chosen = argparse.Namespace(**{**vars(options), "problem": problem})
     for option in ("output", "report") if name is not None else ():
         path: Path | None = getattr(options, option, None)
@@ -299,7 +299,7 @@ _KEPT = ("written: ", "next: ", "my result is bad")  # lines that are never left
 
 
 def shortened(text: str, most: int = LINES) -> str:
-    r"""Return the first lines of a text, `most` at the most, and how to see all of it.
+    r"""Return up to `most` lines of a text, and a note on how to see all of it.
 
     Wide lines are wrapped.  Lines that name files, the next step or the page of help
     are kept as they are.
@@ -335,12 +335,12 @@ def _without_bare_heading(lines: Sequence[str], most: int) -> Sequence[str]:
 
 
 def files_written(paths: Sequence[Path], *, whole: bool = True) -> str:
-    """Return the line that names files; those of one folder by its name and theirs.
+    """Return the line that names written files, grouped by folder.
 
     Parameters
     ----------
     whole : bool
-        Whether all are named; else as many of one folder as two lines have room for.
+        Whether all are named; else only as many of a folder as fit into two lines.
     """
     folders = {path.parent for path in paths}
     if len(paths) == 1 or len(folders) > 1:
@@ -389,7 +389,7 @@ _TITLE = re.compile(r"^(?=\S)(.+)$", re.MULTILINE)
 
 
 def wants_colour(stream: TextIO) -> bool:
-    """Return whether a stream is a terminal whose user has not asked for plain text."""
+    """Return whether a stream is a terminal whose user did not request plain text."""
     plain = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
     return stream.isatty() and not plain
 

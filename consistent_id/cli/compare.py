@@ -29,7 +29,7 @@ _SHOWN = 20  # parameters that differ most
 
 
 def side_by_side(results: Sequence[Results]) -> list[Table]:
-    """Return what folders of results have in common, and where they differ.
+    """Return a comparison of folders of results.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def _verdicts(results: Sequence[Results]) -> Table:
         ("folder", "verdict", "recommended", "held-out torque error", "reasons"),
         tuple(rows),
         (
-            "held-out torque error: of each folder's own validation recordings",
+            "held-out torque error: that on each folder's own validation recordings",
             *(
                 f"{found.folder}: {change}"
                 for found in results
@@ -139,7 +139,7 @@ def run_compare(options: argparse.Namespace) -> int:
 
 
 def _side_by_side(options: argparse.Namespace, folders: list[Path]) -> Answer:
-    """Put results side by side; the exit code is 1 if one is not to be used."""
+    """Put results side by side; the exit code is 1 if one must not be used."""
     from consistent_id.cli.compare import side_by_side
     from consistent_id.report.results import open_results
 

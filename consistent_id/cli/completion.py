@@ -1,6 +1,6 @@
 """``consistent-id completion SHELL``: a script for the shell, written by shtab.
 
-The script holds all names, so that a press of the key starts no Python.
+The script contains all names, so completion does not start Python.
 """
 
 import argparse
@@ -46,5 +46,6 @@ def run_completion(options: argparse.Namespace) -> int:
             if action.nargs != 0 and not action.choices:
                 action.complete = shtab.FILE
     script = shtab.complete(parser, options.shell).rstrip()
-    record = {"shell": options.shell, "script": script}
+    name = "consistent_id completion 1"
+    record = {"format": name, "shell": options.shell, "script": script}
     return show(options, Answer(0, script, record, whole=True))

@@ -43,12 +43,12 @@ _FILE = "problem.toml"
 
 
 def _absolute(text: str) -> str:
-    """Return a path that means the same in the folder of a problem file."""
+    """Return a path that is also right from the folder of a problem file."""
     return Path(text).resolve().as_posix().replace("$", "$$")
 
 
 def _words(text: str) -> list[str]:
-    """Return what commas separate."""
+    """Return the words between commas."""
     return [word.strip() for word in text.split(",")]
 
 
@@ -64,7 +64,7 @@ def _position(text: str) -> tuple[str, float]:
 
 
 _LIMITS = (
-    Option("--duration SECONDS", "of the motion (default: 10)", positive),
+    Option("--duration SECONDS", "duration of the motion (default: 10)", positive),
     Option(
         "--noise NUMBER",
         "noise of each torque, in N m or N (default: 0.5 %% of the effort limit)",
@@ -77,7 +77,7 @@ _LIMITS = (
     Option("--jerk NUMBER", "limit of all joints, in rad/s^3 or m/s^3", positive),
     Option(
         "--effort-rate NUMBER",
-        "limit of how fast torque changes, in N m/s or N/s",
+        "limit of the rate of change of torque, in N m/s or N/s",
         positive,
     ),
     Option(
@@ -90,7 +90,7 @@ _LIMITS = (
     ),
     Option(
         "--torque-constant NUMBER",
-        "of all joints, gears included, in N m/A or N/A",
+        "torque per current of all joints, gears included, in N m/A or N/A",
         positive,
     ),
     Option(
@@ -106,16 +106,16 @@ _MOTION = (
     Option(
         "--objective",
         "D: least standard errors (default); condition: least condition number of the "
-        "regressor, then D; A, E: of the errors, the root sum of squares, the largest",
+        "regressor, then D; A: root sum of squares of the errors; E: largest error",
         choices=("D", "condition", "A", "E"),
     ),
     Option("--harmonics N", "number of harmonics (default: several are tried)", int),
     Option(
         "--for, --interest NAMES",
-        "parameters that matter, by commas: of links, joints, or one by one, such as "
-        "'payload,*.viscous'; 'payload' or 'tool': the last link's ten, or those of "
-        "what is on the wrench sensor; 'open': what the estimate of --parameters left "
-        "open (default: all; on a wrench sensor the tool's ten)",
+        "parameters that matter, with commas: names of links, joints, parameters, such "
+        "as 'payload,*.viscous'; 'payload' or 'tool': the ten of the last link, or of "
+        "the body on the wrench sensor; 'open': those that the estimate of "
+        "--parameters left open (default: all; on a wrench sensor the tool's ten)",
         _words,
         dest="interest",
     ),
@@ -127,7 +127,7 @@ _MOTION = (
     ),
     Option(
         "--start-pose JOINT=POSITION ...",
-        "where the robot stands before and after, in rad or m; joints that are not "
+        "pose of the robot before and after, in rad or m; joints that are not "
         "named, in the middle of their range (default: where the path begins)",
         _position,
     ),
@@ -185,8 +185,8 @@ def parameters(more: str = "") -> Option:
     """Return the option of files of estimates."""
     return Option(
         "--parameters ESTIMATE ...",
-        "estimates that identify wrote, such as delivered.json: torque limits are "
-        "kept for each of them, instead of for the robot's file without friction{more}",
+        "estimates that identify wrote, such as delivered.json: torque limits are kept "
+        f"for each of them, instead of for the robot's file without friction{more}",
         Path,
     )
 
@@ -354,7 +354,7 @@ def _written(
 
 
 def _draft(options: argparse.Namespace, folder: Path) -> str | None:
-    """Return the problem file of a robot that has none, if there is a place for it."""
+    """Return a problem file for a robot without one, if a folder is named for it."""
     from consistent_id.excitation.sources import changed, is_robot
     from consistent_id.problems.robot_draft import robot_draft
     from consistent_id.problems.task_tables import ExcitationTable
@@ -370,7 +370,7 @@ def _draft(options: argparse.Namespace, folder: Path) -> str | None:
 
 
 def _require_place(folder: Path, draft: str) -> None:
-    """Refuse, before the search, to replace a file that may have been edited."""
+    """Refuse to replace a file that may have been edited, before the search begins."""
     from consistent_id._support.files import require_replaceable
     from consistent_id.errors import ProblemError
 
@@ -446,7 +446,7 @@ def _design(options: argparse.Namespace) -> "StandingDesign":
 
 
 def _refuse_others(options: argparse.Namespace) -> None:
-    """Refuse a problem file, and options that a motion on feet does not heed."""
+    """Refuse a problem file, and options that do not apply to motions on feet."""
     from consistent_id.errors import ProblemError
     from consistent_id.excitation.sources import is_robot
 

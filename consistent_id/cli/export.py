@@ -38,13 +38,13 @@ def add_export(command: argparse.ArgumentParser) -> None:
         *SOURCE,
         Option(
             "--format",
-            "of the file",
+            "format of the file",
             choices=[known.name for known in EXPORT_FORMATS],
             required=True,
         ),
         Option(
             "--output FILE",
-            "file to write; of several problems FILE-NAME",
+            "file to write; FILE-NAME for each of several problems",
             required=True,
         ),
         Option(
@@ -54,7 +54,7 @@ def add_export(command: argparse.ArgumentParser) -> None:
         ),
         Option(
             "--source FILE",
-            "URDF or MJCF to put the estimate into (default: the problem's)",
+            "URDF or MJCF file that gets the estimate (default: the problem's)",
         ),
         ACCEPT,
         Option(
@@ -75,21 +75,21 @@ def run_export(options: argparse.Namespace) -> int:
 
 @dataclass(frozen=True)
 class _Chosen:
-    """An estimate to export, the verdict on it, and what is written beside it.
+    """An estimate to export, the verdict on it, and the notes beside it.
 
     Parameters
     ----------
     answer : dict
-        For JSON; see `Study.answer`.
+        The verdict for JSON; see `Study.answer`.
     stated : tuple of str
-        Statements of the estimate's file that nothing confirms.
+        Statements of the estimate's file that were not confirmed.
     source : Path, optional
         The robot's own file.
     gains : PDGains, optional
     delay : float, [s]
         The delay of commands.
     results : Results, optional
-        That keep a copy of the robot's file as long as it is needed.
+        Results that keep a copy of the robot's file as long as it is needed.
     """
 
     estimate: "Estimate"
@@ -128,13 +128,15 @@ def _export(options: argparse.Namespace) -> Answer:
         delay=figures.get("delay of commands", chosen.delay),
     )
     written = None if options.dry_run else export.save(options.output)
-    beside = (*chosen.stated, *chosen.estimate.notes, *export.notes)
+    beside, more = (*chosen.stated, *export.notes), chosen.estimate.notes
     if written is not None:
         delay = figures.get("delay of commands", chosen.delay)
         beside = (*beside, *_read_back(chosen, options.format, written, delay))
-    record |= {"format": export.format, "notes": list(beside)}
+    record |= {"format": export.format, "notes": [*beside, *more]}
     record |= {"written": written and str(written)}
-    lines = (verdict.sentence, *(f"  {n}" for n in (*verdict.lines, *beside)))
+    if more and not options.verbose:
+        more = (f"{len(more)} notes on how it was estimated: --verbose prints them",)
+    lines = (verdict.sentence, *(f"  {n}" for n in (*verdict.lines, *beside, *more)))
     last = f"written: {written}" if written else "nothing was written"
     return Answer(0, "\n".join([*lines, last]), record)
 
@@ -187,7 +189,7 @@ def _chosen(options: argparse.Namespace) -> _Chosen:
         verdict = study.verdict_on(estimate)
         answer = study.answer(verdict)
         stated = (*stated, *_as_stated(study, estimate, verdict))
-    # What is behind a wrench sensor is in no file of the arm's.
+    # The file of the arm does not contain the tool behind a wrench sensor.
     files = problem.model_files if problem.arm is None else {}
     return _Chosen(
         estimate,
@@ -204,7 +206,7 @@ def _chosen(options: argparse.Namespace) -> _Chosen:
 def _as_stated(
     study: "Study", estimate: "Estimate", verdict: "Verdict"
 ) -> tuple[str, ...]:
-    """Say where a held-out error comes from that no recording can confirm."""
+    """Return notes on a held-out error that no recording can confirm."""
     stated = estimate.judged
     if not study.validation or stated is None:
         return ()
@@ -220,5 +222,5 @@ def _as_stated(
         return (f"{said}, which is too small for the estimate in it",)
     return (
         "held-out error as the file states it: the estimate was fitted to the "
-        "validation recordings when it had been judged",
+        "validation recordings after its verdict",
     )

@@ -1,12 +1,8 @@
-"""``consistent-id gains``: gains between currents and torque.
-
-By a load of known mass, or by the masses of the robot's file.
-"""
+"""``consistent-id gains``: gains between currents and torque, by a known mass."""
 
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from consistent_id.cli.answers import show, tables_answer
 from consistent_id.cli.options import (
@@ -18,30 +14,23 @@ from consistent_id.cli.options import (
     positive,
 )
 from consistent_id.cli.payload import (
-    LOADED,
     ROBOT_AND_LOAD,
     percentage,
     robot_without_load,
 )
-from consistent_id.cli.source import STATED, statement
-from consistent_id.errors import ProblemError
-
-if TYPE_CHECKING:
-    from consistent_id.problems.nominal_gains import NominalGains
-    from consistent_id.service.gain_check import GainCheck
+from consistent_id.cli.source import STATED
 
 _RECORD = "gains.json"
+_LOADED = "--loaded LOG ..."
 _MORE = """PROBLEM is the robot without a load: a URDF or MJCF file followed by logs, a
 problem file, or a folder of results whose logs are still there. --loaded names logs
 with a load that was weighed. Gains between currents and torque are identified from
 both, with 95 % intervals, and compared with those that are stated; the last line is for
-the problem file, or for --torque-gain. Exit code 1: no gain is identifiable.
-Without --loaded, a URDF or MJCF file and its logs are needed: printed are the gains
-that the bodies of the file imply, if its masses are right to 5 %, centres of mass to
-15 % and second moments to 30 %: an assumption that no log can confirm."""
+the problem file, or for --torque-gain. Without a load, the gains are those with which
+the bodies of the robot's file are right. Exit code 1: no gain is identifiable."""
 _EXAMPLES = """
 consistent-id gains robot.urdf empty.csv --loaded carrying.csv --known-mass 2.8
-consistent-id gains robot.urdf log.csv
+consistent-id gains robot.urdf empty.csv --torque-gain 1
 consistent-id gains problems/ur10e --loaded carrying.csv --known-mass 2.805
 """
 
@@ -51,8 +40,11 @@ def add_gains(command: argparse.ArgumentParser) -> None:
     add_command(
         command,
         run_gains,
-        *(replace(o, required=False) if o is LOADED else o for o in ROBOT_AND_LOAD),
-        Option("--known-mass KG", "of the load, from a scale", positive),
+        *(
+            replace(option, required=False) if option.usage == _LOADED else option
+            for option in ROBOT_AND_LOAD
+        ),
+        Option("--known-mass KG", "mass of the load, from a scale", positive),
         Option(
             "--accuracy PERCENT",
             "standard error up to which a gain counts as identified (default: 5)",
@@ -70,35 +62,14 @@ def add_gains(command: argparse.ArgumentParser) -> None:
 def run_gains(options: argparse.Namespace) -> int:
     """Identify gains; return the exit code."""
     from consistent_id._support.files import require_writable, write_json
-    from consistent_id.service.gain_check import GainCheck
+    from consistent_id.service.gain_check import check_gains
 
     folder = options.output
     if folder is not None and not options.dry_run:
         require_writable(folder, [_RECORD])
-    by_load = bool(options.loaded) or options.known_mass is not None
-    found = _by_load(options) if by_load else _by_model(options)
-    record = found.to_dict()
-
-    def write() -> list[Path]:
-        return [] if folder is None else [write_json(folder / _RECORD, record)]
-
-    usable = found.verdict.usable if isinstance(found, GainCheck) else True
-    return show(
-        options, tables_answer([found.table()], record, usable=usable, write=write)
-    )
-
-
-def _by_load(options: argparse.Namespace) -> "GainCheck":
-    from consistent_id.service.gain_check import check_gains
-
-    if not options.loaded or options.known_mass is None:
-        raise ProblemError(
-            "a load needs both its logs and its mass: --loaded LOG --known-mass KG; "
-            "without both, gains are those that the model's bodies imply"
-        )
-    return check_gains(
+    found = check_gains(
         robot_without_load(options),
-        options.loaded,
+        options.loaded or None,
         known_mass=options.known_mass,
         rows=options.loaded_rows,
         omit=options.loaded_omit or (),
@@ -106,14 +77,12 @@ def _by_load(options: argparse.Namespace) -> "GainCheck":
         accuracy=options.accuracy or 0.05,
         accepted=options.accept,
     )
+    record = found.to_dict()
 
+    def write() -> list[Path]:
+        return [] if folder is None else [write_json(folder / _RECORD, record)]
 
-def _by_model(options: argparse.Namespace) -> "NominalGains":
-    from consistent_id.problems.robot_logs import model_gains
-
-    if not options.log:
-        raise ProblemError(
-            "gains are identified by a load, --loaded LOG --known-mass KG, or, as an "
-            "assumption, by the bodies of a robot's file: consistent-id gains ROBOT LOG"
-        )
-    return model_gains(options.problem, options.log, statement(options))
+    usable = found.verdict.usable
+    return show(
+        options, tables_answer([found.table()], record, usable=usable, write=write)
+    )

@@ -115,7 +115,11 @@ def _identify_streamed(options: argparse.Namespace) -> Answer:
     )
     verdict = estimate.verdict
     head = Table(f"{problem.name}: {verdict.word}", (), (), (*verdict.brief, *notes))
-    record = {**verdict.to_dict(), "estimates": [estimate.to_dict()]}
+    record = {
+        "format": "consistent_id streamed 1",
+        **verdict.to_dict(),
+        "estimates": [estimate.to_dict()],
+    }
 
     def write() -> list[Path]:
         folder = options.output

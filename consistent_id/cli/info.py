@@ -21,7 +21,7 @@ def add_info(command: argparse.ArgumentParser) -> None:
         run_info,
         *SOURCE,
         *STATED,
-        more="Of a folder of several, list the problems.",
+        more="List the problems of a folder of several.",
         examples=_EXAMPLES,
     )
 

@@ -33,7 +33,7 @@ def add_init(command: argparse.ArgumentParser) -> None:
         run_init,
         Option("model", "URDF or MJCF file", Path),
         Option("log [...]", ", ".join(known.name for known in LOG_FORMATS), Path),
-        Option("--output FILE", "to write", default=Path("problem.toml")),
+        Option("--output FILE", "file to write", default=Path("problem.toml")),
         *WRITES,
         *STATED,
         more=_MORE,
@@ -61,10 +61,11 @@ def run_init(options: argparse.Namespace) -> int:
         if chosen is not None:
             shown = chosen.table().text() + "\n\n" + shown
         command, more = "compare" if options.log else "excite", " --trust" * outside
-        if options.gains:  # of commands, whose delay nobody has stated yet
+        if options.gains:  # commands whose delay has not been stated yet
             command = "rollout"
         shown += f"\nnext: consistent-id {command} {file}{more}"
     record = {
+        "format": "consistent_id draft 1",
         "problem": draft.name,
         "text": text,
         "selection": None if chosen is None else chosen.to_dict(),

@@ -20,12 +20,12 @@ class Option:
     ----------
     usage : str
         ``--trust`` is a switch, ``--cutoff HZ`` has a value, ``--lock JOINT ...`` one
-        or more. ``problem`` is an argument, ``[log]`` may be left out, of ``log [...]``
-        there may be any number. What is called FILE or FOLDER is a path.
+        or more.  ``problem`` is an argument, ``[log]`` may be omitted, and ``log
+        [...]`` may be any number of arguments.  Values named FILE or FOLDER are paths.
     text : str
-        For the help, which adds the default.
+        Text for the help, which adds the default.
     kind : callable, optional
-        From the word that was given to the value.
+        Function from the given word to the value.
     dest : str, optional
         The value's name, if it is not the option's.
     repeated : bool
@@ -62,7 +62,7 @@ class Option:
         return self.dest or word.removeprefix("--").replace("-", "_")
 
     def add_to(self, parser: argparse._ActionsContainer) -> None:
-        """Let a parser, or a group of its options, take it."""
+        """Add the option to a parser, or to a group of its options."""
         words = self.usage.split()
         names = [word.strip(",") for word in words if word.startswith("--")]
         value = " ".join(words[len(names) :])
@@ -110,14 +110,14 @@ class Option:
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """Options under a title of their own."""
+    """Options under a common title."""
 
     title: str
     options: tuple[Option, ...]
     text: str | None = None
 
     def add_to(self, parser: argparse._ActionsContainer) -> None:
-        """Let a parser take them."""
+        """Add the options to a parser."""
         group = parser.add_argument_group(self.title, self.text)
         for option in self.options:
             option.add_to(group)
@@ -138,7 +138,8 @@ _NUMBERS = re.compile(r"[-+.\d][-+.,\deE]*")
 def with_vectors(words: Sequence[str]) -> list[str]:
     """Return the words of a command with vectors as one word each.
 
-    Vectors may be three numbers, or begin with a minus, where argparse sees an option.
+    A vector may be three words, or begin with a minus, which argparse takes for an
+    option.
 
     Examples
     --------
@@ -164,12 +165,12 @@ Run = Callable[[argparse.Namespace], int]
 PRINTED = Group(
     "what is printed",
     (
-        Option("--json", "JSON, not tables"),
-        Option("--verbose", "everything, not only the first lines"),
+        Option("--json", "print JSON, not tables"),
+        Option("--verbose", "print everything, not only the first lines"),
         Option("--quiet", "print only errors, and JSON with --json; see the exit code"),
     ),
 )
-# Leave to read what files of strangers must not ask for.
+# Permissions that files of strangers must not have.
 STRANGERS = Group(
     "files from others",
     (
@@ -185,9 +186,9 @@ FORCE = Option(
     "--force", "write even over an input, or a file that this tool did not write"
 )
 WRITES = (Option("--dry-run", "write nothing"), FORCE)
-OUTPUT = (Option("--output FOLDER", "to write results to"), *WRITES)
+OUTPUT = (Option("--output FOLDER", "folder to write results to"), *WRITES)
 RESULTS = (
-    Option("--output FOLDER", "to write results to (default: results/NAME)"),
+    Option("--output FOLDER", "folder to write results to (default: results/NAME)"),
     *WRITES,
 )
 ACCEPT = Option(
@@ -198,15 +199,15 @@ ACCEPT = Option(
 )
 TIME_LIMIT = Option(
     "--time-limit SECONDS",
-    "give up after so long, with exit code 3 (default: never)",
+    "give up after this time, with exit code 3 (default: never)",
     positive,
     dest="give_up_after",
 )
-SEED_OF_BOOTSTRAP = Option("--seed N", "of the bootstrap", int, default=0)
+SEED_OF_BOOTSTRAP = Option("--seed N", "seed of the bootstrap", int, default=0)
 
 
 def _executor(text: str) -> str:
-    """Return the name of an executor that there is."""
+    """Return the name of an executor after checking it."""
     from consistent_id._support.executors import Executor
     from consistent_id.errors import ProblemError
 
@@ -224,11 +225,11 @@ EXECUTOR = Option(
     _executor,
     default="serial",
 )
-# Of fits, where a machine's threads are the usual place.
+# For fits; by default in threads of this computer.
 FITS_EXECUTOR = replace(
     EXECUTOR, text=f"{EXECUTOR.text} (default: two threads)", default=None
 )
-# Of searches, and of robots that play what they find.
+# For searches, and for robots that play designed motions.
 SEARCH_EXECUTOR = replace(
     EXECUTOR,
     text=f"{EXECUTOR.text} (default: processes of this computer)",
@@ -249,15 +250,15 @@ def add_command(
     Parameters
     ----------
     command : argparse.ArgumentParser
-        With one line of description.
+        A parser with one line of description.
     run : callable
-        From the options that were given to the exit code.
+        Function from the given options to the exit code.
     options : Option or Group
         The command's own, in the order of its help.
     more : str
         Further text of the command's own help.
     examples : str
-        Lines, each a call that works.
+        Lines, each a valid call.
     reads : bool
         Whether it reads files.
     """

@@ -1,6 +1,6 @@
-"""``consistent-id payload``: what a robot carries, and what its controller is sent.
+"""``consistent-id payload``: a robot's load, weighed and written for its controller.
 
-The options that state the robot and its logs with a load are those of ``gains``, too.
+``gains`` has the same options for the robot and its logs with a load.
 """
 
 import argparse
@@ -49,11 +49,10 @@ def percentage(text: str) -> float:
     return 0.01 * positive(text)
 
 
-LOADED = Option("--loaded LOG ...", "logs with the load", Path, required=True)
 ROBOT_AND_LOAD = (
     PROBLEM,
     Option("log [...]", "logs without the load, if PROBLEM is a URDF or MJCF", Path),
-    LOADED,
+    Option("--loaded LOG ...", "logs with the load", Path, required=True),
     Option(
         "--loaded-rows FIRST,LAST",
         "rows of these logs to use, from 1 (default: all)",
@@ -74,7 +73,7 @@ ROBOT_AND_LOAD = (
 
 
 def robot_without_load(options: argparse.Namespace) -> "Problem":
-    """Return the robot without the load, as it was if its results are named."""
+    """Return the robot without the load; from its results if these are named."""
     from consistent_id.problems.folder import is_results
     from consistent_id.report.results import open_results
 

@@ -82,4 +82,5 @@ def _rehearse(options: argparse.Namespace) -> Answer:
         workers=options.workers,
         progress=shows_progress(options),
     )
-    return tables_answer(found.tables(), found.to_dict(), usable=found.came_true)
+    record = {"format": "consistent_id rehearsal 1", **found.to_dict()}
+    return tables_answer(found.tables(), record, usable=found.came_true)

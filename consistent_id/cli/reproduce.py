@@ -24,7 +24,7 @@ def add_reproduce(command: argparse.ArgumentParser) -> None:
         run_reproduce,
         PROBLEM,
         Option("--quick", "fewer experiments, one set of exciting motions, one draw"),
-        Option("--seed N", "of designs and draws", int, default=0),
+        Option("--seed N", "seed of designs and draws", int, default=0),
         *RESULTS,
         more=_MORE,
         examples=_EXAMPLES,
@@ -37,6 +37,7 @@ def run_reproduce(options: argparse.Namespace) -> int:
 
 
 def _reproduce(options: argparse.Namespace) -> Answer:
+    from consistent_id._support.extras import needed
     from consistent_id._support.files import require_writable
     from consistent_id.laboratory.reproduction.paper_report import (
         reproduction_record,
@@ -49,6 +50,7 @@ def _reproduce(options: argparse.Namespace) -> Answer:
     problem = load_problem(options.problem)
     folder = options.output or Path("results") / problem.name
     if not options.dry_run:
+        needed("matplotlib", "plots", "the page of a study")
         endings = ("html", "md", "json")
         require_writable(folder, [f"reproduction.{ending}" for ending in endings])
 

@@ -32,7 +32,8 @@ def add_select(command: argparse.ArgumentParser) -> None:
         run_select,
         PROBLEM,
         Option(
-            "--output FILE", "to write (default: NAME-selected.toml beside the problem)"
+            "--output FILE",
+            "file to write (default: NAME-selected.toml beside the problem)",
         ),
         *WRITES,
         FITS_EXECUTOR,
@@ -52,7 +53,7 @@ def _select(options: argparse.Namespace) -> Answer:
     from consistent_id._support.files import require_writable_file
     from consistent_id.errors import ProblemError
     from consistent_id.problems.loading import stated_problem
-    from consistent_id.problems.selection.select import select_model
+    from consistent_id.problems.selection.model_selection import select_model
 
     stated = statement(options)
     if stated.select is not None:
@@ -80,7 +81,8 @@ def _select(options: argparse.Namespace) -> Answer:
 
         return [write_problem(selection.text(), file)]
 
-    record = {**selection.to_dict(), "text": selection.text()}
+    name = "consistent_id selection 1"
+    record = {"format": name, **selection.to_dict(), "text": selection.text()}
     table = selection.table()
     shown = replace(table, notes=(*table.notes, *notes)).text()
     return Answer(0, shown, record, write)

@@ -1,6 +1,6 @@
 """The input of commands: a problem, a robot and its logs, or results in a folder.
 
-The options are those of `Statement`; no command types them again.
+The options are declared in `Statement` and shared by all commands.
 """
 
 import argparse
@@ -68,7 +68,7 @@ ROBOT = _group("robot")
 """Options that state which part of a robot moves."""
 
 STATED = _group("robot", "log", "base", "model", "selection")
-"""Options that state what is known of robot and logs."""
+"""Options that state facts about robot and logs."""
 
 PROBLEM = Option(
     "problem",
@@ -84,7 +84,7 @@ SOURCE = (PROBLEM, LOGS)
 
 
 def statement(options: argparse.Namespace, *parts: Part) -> "Statement":
-    """Return what the options state; by default of all parts."""
+    """Return the statement that the options make; by default about all parts."""
     from consistent_id.problems.statement import statement_of_words
 
     words = vars(options)
@@ -95,7 +95,12 @@ def statement(options: argparse.Namespace, *parts: Part) -> "Statement":
 
 
 def opened(options: argparse.Namespace) -> "Opened":
-    """Open the problem that the options name, with what they state."""
+    """Open the problem that the options name, with their statements."""
+    from consistent_id._support.progress import begun
+
+    if options.log:
+        names = ", ".join(path.name for path in (options.problem, *options.log))
+        begun(f"reading {names}", shows_progress(options))
     from consistent_id.problems.opening import open_problem
 
     return open_problem(
@@ -128,14 +133,14 @@ def each(
 
 @dataclass(frozen=True)
 class Computed:
-    """A study that is computed in this run, part by part: a `StudyOutcome`.
+    """A study that is computed in this run, part by part; a `StudyOutcome`.
 
     Parameters
     ----------
     opened : Opened
     study : Study
     command : str
-        By which it is computed again.
+        The command that computes it again.
     """
 
     opened: "Opened"
@@ -197,7 +202,7 @@ class Computed:
 
     @cached_property
     def _printed(self) -> dict[str, list["Table"]]:
-        """Tables that were made already."""
+        """Tables that were computed already."""
         return {}
 
 
@@ -208,17 +213,17 @@ def studied(
     *,
     costs: bool = False,
 ) -> "StudyOutcome":
-    """Return the study that the options name; one that was written is not computed.
+    """Return the study that the options name; written results are opened instead.
 
     Parameters
     ----------
     folder : Path, optional
-        To which it is to be written.
+        Folder to which it will be written.
     before : callable, optional
         Called with the problem's name before anything is computed, such as to test
         whether files can be written.
     costs : bool
-        Whether what constraints cost is computed among the stages, as it is printed.
+        Whether the costs of constraints are computed, too, because they are printed.
     """
     found = stored(options, folder)
     if found is not None:
@@ -236,7 +241,7 @@ def studied(
 
 
 def study_of(options: argparse.Namespace, source: "Opened") -> "Study":
-    """Return the study of what was opened, of which nothing is computed yet."""
+    """Return the study of an opened problem; nothing is computed yet."""
     from consistent_id.problems.study import Study
 
     return Study(
@@ -248,7 +253,7 @@ def study_of(options: argparse.Namespace, source: "Opened") -> "Study":
 
 
 def stored(options: argparse.Namespace, folder: Path | None = None) -> "Results | None":
-    """Return the results in a folder, if they are those that the options ask for."""
+    """Return the results in a folder, if they were computed with the same options."""
     from consistent_id.problems.folder import is_results
 
     if options.log or not is_results(options.problem):

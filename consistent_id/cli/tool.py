@@ -30,19 +30,19 @@ from consistent_id._support.run import (
 from consistent_id.cli.answers import lead_nowhere, print_error, warnings_unless
 from consistent_id.errors import ConsistentIdError, ProblemError
 
-_TERMINATED = 143  # as a shell says of a process that SIGTERM has ended
-_OUTPUTS = ("output", "report")  # options that name what is written
+_TERMINATED = 143  # the code of a shell for a process that SIGTERM ended
+_OUTPUTS = ("output", "report")  # options that name written files
 
 
 def run_to_its_end(
     options: argparse.Namespace, work: Callable[[argparse.Namespace], int]
 ) -> int:
-    """Run a command with what the user allows; return the exit code.
+    """Run a command with the user's permissions; return the exit code.
 
     Parameters
     ----------
     work : callable
-        From the options to an exit code.
+        Function from the options to an exit code.
     """
     with _streams_that_never_break():
         return _run_to_its_end(options, work)
@@ -67,9 +67,9 @@ def _run_to_its_end(
 
 
 class _Stream:
-    """A stream that goes on, to nowhere, when its reader, such as ``head``, has gone.
+    """A stream that discards its output when its reader, such as ``head``, has gone.
 
-    The exit code says what came of the work, whoever has read how much of it.
+    The exit code depends on the work alone, not on how much of its output was read.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -94,7 +94,7 @@ class _Stream:
 
 @contextmanager
 def _streams_that_never_break() -> Iterator[None]:
-    """Let nothing fail because a stream is closed, or nobody reads it."""
+    """Replace streams that are closed, so that printing to them does not fail."""
     before = sys.stdout, sys.stderr
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # the shell has closed it
@@ -112,7 +112,7 @@ def _streams_that_never_break() -> Iterator[None]:
 def _ended(
     options: argparse.Namespace, work: Callable[[argparse.Namespace], int], run: Run
 ) -> int:
-    """Run a command; say what ended it, and return the exit code."""
+    """Run a command; print what ended it, and return the exit code."""
     try:
         with signals_raised(run), running(run):
             _note_inputs(options)
@@ -124,7 +124,7 @@ def _ended(
     except Terminated:
         return _ended_by(signal.SIGTERM, options)
     except Exception as cause:
-        if run.signals:  # a library, or an import, made another error of it
+        if run.signals:  # a library, or an import, turned it into another error
             return _ended_by(run.signals[-1], options)
         return _failed(cause, getattr(options, "words", ()))
     if run.stopped == "interrupted":
@@ -137,7 +137,7 @@ def _ended(
 
 
 def _ended_by(number: int, options: argparse.Namespace) -> int:
-    """Say which signal ended the command, and return the exit code."""
+    """Print which signal ended the command, and return the exit code."""
     if number == signal.SIGINT:
         return _said(130, "interrupted")
     if number == signal.SIGTERM:
@@ -147,7 +147,7 @@ def _ended_by(number: int, options: argparse.Namespace) -> int:
 
 
 def _failed(cause: Exception, words: Sequence[str]) -> int:
-    """Say what went wrong, and return the exit code."""
+    """Print the error, and return the exit code."""
     if isinstance(cause, ConsistentIdError):
         return print_error(cause, words)
     if isinstance(cause, MemoryError):
@@ -155,11 +155,11 @@ def _failed(cause: Exception, words: Sequence[str]) -> int:
     if isinstance(cause, OSError):
         where = f"{cause.filename}: " if cause.filename is not None else ""
         return _said(2, f"{where}{cause.strerror or cause}")
-    return _bug(cause)  # the last net: a foreign error is a fault of ours
+    return _bug(cause)  # any other exception is a bug of this package
 
 
 def _note_inputs(options: argparse.Namespace) -> None:
-    """Note the files that were named to be read, before any of them is."""
+    """Record the input files that the options name, before any of them is read."""
     for name, value in vars(options).items():
         if name not in _OUTPUTS:
             for file in value if isinstance(value, list) else [value]:
@@ -174,7 +174,7 @@ def _said(code: int, sentence: str) -> int:
 
 
 def _bug(bug: Exception, where: str = "") -> int:
-    """Keep the traceback in a file, say where it is, and return the exit code."""
+    """Write the traceback to a file, print its name, and return the exit code."""
     import tempfile
     import traceback
 
@@ -194,12 +194,12 @@ def _bug(bug: Exception, where: str = "") -> int:
 
 @contextmanager
 def within(seconds: float | None) -> Iterator[None]:
-    """Raise `OutOfTime` in the work that takes longer.
+    """Raise `OutOfTime` in work that takes longer.
 
     Raises
     ------
     ProblemError
-        Where the system has no alarm clock for processes.
+        If the system has no alarm signal for processes.
     """
     if seconds is None:
         yield
@@ -221,7 +221,8 @@ def _ring(signum: int, frame: FrameType | None) -> None:
     raise OutOfTime
 
 
-# A command is a file of this folder; it is imported when its options are asked for.
+# A command is a file of this folder, imported when it is run or its help is shown.
+_FILES = {"demo": "shipped", "help": "shipped"}  # of two commands
 _COMMANDS = {
     "init": "write a commented problem file for a robot, and a log if there is one",
     "info": "show a problem's robot, datasheet and base parameters",
@@ -243,6 +244,7 @@ _COMMANDS = {
     "gains": "identify gains between currents and torque by a load, or by the model",
     "servo": "identify hobby servos from position, goal and duty, without torque",
     "demo": "copy the example problems into a folder",
+    "help": "print a page of the documentation, or what a reason means",
     "completion": "print a script for tab completion",
 }
 _EPILOG = """examples:
@@ -307,6 +309,7 @@ def tool_parser(wanted: str | None = None) -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         if wanted in (None, name):
-            getattr(import_module(f"consistent_id.cli.{name}"), f"add_{name}")(command)
-    parser.set_defaults(tool_parser=tool_parser)  # of which completion is made
+            file = import_module(f"consistent_id.cli.{_FILES.get(name, name)}")
+            getattr(file, f"add_{name}")(command)
+    parser.set_defaults(tool_parser=tool_parser)  # for the completion script
     return parser

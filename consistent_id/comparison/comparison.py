@@ -19,13 +19,13 @@ from consistent_id.constraints.links import LinkCondition, link_conditions
 from consistent_id.constraints.priors import pullback_distance
 from consistent_id.constraints.robot_size import robot_size
 from consistent_id.errors import ProblemError, SolverError
-from consistent_id.estimation.body_slopes import Slopes
 from consistent_id.estimation.drive_ratios import drive_ratios, log_speeds
 from consistent_id.estimation.estimate import Estimate, torque_errors
 from consistent_id.estimation.fit import usual_efforts
 from consistent_id.estimation.judgement import Evidence, judge
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.torque_error import (
+    Slopes,
     TorqueError,
     stacked_error,
 )
@@ -65,10 +65,10 @@ class EstimateReport:
         If least squares is impossible: whether the data contradict physics, or noise
         alone explains it.
     crossed : Slopes, optional
-        Of joints whose torque is not that of the nominal bodies; see
+        Slopes of joints whose torque is not that of the nominal bodies; see
         `confirmed_slopes`.
     usual_efforts : Vector, optional
-        Of the training recordings; see `usual_efforts`.
+        Usual efforts of the training recordings; see `usual_efforts`.
     drawn : DrawnParts, optional
         Shapes of links and nominal drives, of the robot's file.
     speeds : mapping of str to float, [rad/s or m/s]
@@ -137,7 +137,7 @@ class EstimateReport:
 
     @property
     def impossibility(self) -> str:
-        """Why no robot can have these parameters; whether data contradict physics."""
+        """Why no robot has these parameters, and whether data contradict physics."""
         if self.base_feasibility.answer != "impossible":
             return ""
         summary, test = self.base_feasibility.summary, self.consistency
@@ -219,8 +219,8 @@ class Comparison:
 def verdict_table(comparison: Comparison) -> Table:
     """Return each estimate's verdict, its consistent links and held-out errors."""
     reports = comparison.reports
-    judged = [(report, report.verdict) for report in reports]
-    usable = sum(verdict.usable for _, verdict in judged)
+    verdicts = [(report, report.verdict) for report in reports]
+    usable = sum(verdict.usable for _, verdict in verdicts)
     held_out = reports[0].validation
     return Table(
         f"{comparison.model.robot.name}: {usable} of {len(reports)} estimates may be "
@@ -238,7 +238,7 @@ def verdict_table(comparison: Comparison) -> Table:
                 counted(report.consistent_links),
                 *(f"{error.stacked:.2%}" for error in report.validation),
             )
-            for report, verdict in judged
+            for report, verdict in verdicts
         ),
         tuple(
             f"held-out error {i}: all joints, {error.recording}{_band(error)}"
@@ -279,21 +279,21 @@ def compare(
     Parameters
     ----------
     estimates : sequence of Estimate
-        Of one torque model, with different methods.
+        Estimates of one torque model, with different methods.
     validation, training : sequence of Recording
         With velocity, acceleration and torque.
     findings : sequence of LogFinding
         Faults of the recordings, found by `diagnose`; verdicts use them.
     regression : Regression, optional
-        Of the training recordings: if least squares is impossible, they are tested for
-        a contradiction of physics; see `consistency_test`.
+        Regression of the training recordings: if least squares is impossible, they are
+        tested for a contradiction of physics; see `consistency_test`.
     crossed : Slopes, optional
-        Of joints whose torque is not that of the nominal bodies; see
+        Slopes of joints whose torque is not that of the nominal bodies; see
         `confirmed_slopes`.
     drawn : DrawnParts, optional
         Shapes of links and nominal drives, of the robot's file.
     seed : int
-        Of the poses at which the mass matrix is examined.
+        Seed of the poses at which the mass matrix is examined.
 
     Raises
     ------

@@ -136,7 +136,7 @@ class ConstraintCost:
         Relative increase of the weighted misfit that the constraint causes; never
         negative, up to the certificates' gap.
     verdict : {"certified", "uncertified"}
-        Of both optima.
+        Verdict of both optima.
     """
 
     constraint: Constraint

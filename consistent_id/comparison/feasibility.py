@@ -325,7 +325,7 @@ def in_words(vector: Array) -> str:
 
 @dataclass(frozen=True, slots=True)
 class ConsistencyTest:
-    """How much worse the best constrained robot fits, and its significance.
+    """The increase of the misfit by the constraints, and its significance.
 
     Parameters
     ----------
@@ -544,7 +544,7 @@ def _simulated(
 def _reaching(
     best: BestFit, increase: float, noise: Sequence[Vector]
 ) -> list[bool | None]:
-    """Return which simulated data reach an increase; None where there is no fit."""
+    """Return whether simulated data reach an increase; None where there is no fit."""
     predicted, found = best.scaled.M @ best.solution.u, list[bool | None]()
     for e in noise:
         if e @ e < increase:

@@ -36,7 +36,7 @@ class SpeedTrend:
     lines : array_like, shape (parameters, 2)
         Value at the blocks' mean speed (of its logarithm), and slope.
     covariances : array_like, shape (parameters, 2, 2)
-        Of the lines.
+        Covariances of the lines.
     between : array_like, shape (parameters,)
         Standard deviation of blocks about the line, beyond noise.
     """

@@ -78,7 +78,7 @@ def robot_size(
     model : TorqueModel
     parameters : ndarray, shape (parameters,)
     reach : mapping of str to float, optional, [m]
-        Of links whose shapes are known; see `DrawnParts`.
+        Reach of links whose shapes are known; see `DrawnParts`.
     """
     robot = model.robot
     bodies = parameters[: model.layout.inertial_size].reshape(-1, 10)
@@ -111,7 +111,7 @@ def robot_size(
 
 
 def _sizes(robot: RobotModel, masses: Vector, reach: Mapping[str, float]) -> Vector:
-    """Return how far each link's mass is from its joint at most, shape (links,), [m].
+    """Return the largest distance of each link's mass from its joint, (links,), [m].
 
     The farthest of the joints at the link, of the joint before, where a motor may be,
     of the link's shapes, of the nominal body, and of a ball of the link's mass.  Shapes

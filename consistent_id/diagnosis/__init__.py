@@ -1,4 +1,4 @@
-"""What is wrong with a log, found before anything is estimated from it."""
+"""Faults of a log, found before anything is estimated from it."""
 
 from consistent_id._support.face import face
 

@@ -1,4 +1,4 @@
-"""What is wrong with the recordings of a robot, each by itself and all together.
+"""Faults in the recordings of a robot, each by itself and all together.
 
 Validation is also compared with training (`leak_findings`).  A repeated period may be
 sampled at other phases and another rate, so that spans of one recording are laid over
@@ -14,6 +14,7 @@ from consistent_id._support.arrays import Array, Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import Constraint, FixedMasses
 from consistent_id.constraints.priors import nominal_distance
+from consistent_id.diagnosis.changes import change_findings
 from consistent_id.diagnosis.clock import clock_findings, velocity_findings
 from consistent_id.diagnosis.coverage import saturation_findings
 from consistent_id.diagnosis.explain import (
@@ -68,7 +69,7 @@ from consistent_id.robot.scaling import placeholders
 # Share of the torque that zero offsets and gains have to explain.  Friction that no
 # model has leaves 0.3 to 2 %; a zero offset may take up 0.6 % of that by chance.
 _WORTH = 0.008
-_LARGE = 2.0  # score from which on a gain is large
+_LARGE = 2.0  # a gain with this score or more is large
 # Findings that matter only where a log is fitted.
 _OF_FITS = ("rank", "motion noise", "encoder resolution")
 # Faults that the log of another robot shows.
@@ -81,6 +82,7 @@ _OF_OTHER_ROBOTS = {
     "offset zero",
     "model does not explain",
 }
+_LATE = ("lag", "drive filter")
 _OF_THE_ROBOT = ("coupling",)  # parts of the robot, not faults of a log
 _PULL = 1e-4  # weight of the squared distance to the nominal robot
 
@@ -170,12 +172,12 @@ def diagnose(
     if signs:
         joints = model.robot.joint_names
         own = [log.of(joints) for log in training]
-        # Where a clock or a channel is wrong, nothing can be prepared.
+        # A recording with a wrong clock or channel cannot be prepared.
         logs = [
             rows(log) for log in own if not _has_faults(signal_findings(model, log))
         ]
         others = _of_another_robot(model, logs, constraints) if logs else []
-        # What follows from it comes after, and it is no graver than its effects.
+        # It comes before its effects, and is not graver than they are.
         first = max(f.score for f in found)
         severity = min((f.severity for f in signs), key=["fault", "warning"].index)
         found += [replace(f, severity=severity, score=first + f.score) for f in others]
@@ -213,7 +215,7 @@ def _of_the_robot(
 def _of_short_validation(
     found: Sequence[LogFinding], names: Collection[str]
 ) -> list[LogFinding]:
-    """Judge short validation recordings by what they are for: they are not fitted.
+    """Judge short validation recordings by their use: they are not fitted.
 
     Beside a longer one they are notes.  If all are short, the held-out error is tested
     on little motion.
@@ -221,7 +223,7 @@ def _of_short_validation(
     short = {f.recording for f in found if f.kind == "short"} & set(names)
     left = set(names) - short
 
-    def judged(finding: LogFinding) -> LogFinding:
+    def of_validation(finding: LogFinding) -> LogFinding:
         if finding.kind != "short" or finding.recording not in short:
             return finding
         seen, _, _ = finding.statement.partition(";")
@@ -229,11 +231,11 @@ def _of_short_validation(
             finding,
             severity="note" if left else finding.severity,
             statement=f"{seen} of validation; so short a recording hardly tests the "
-            "estimate, and its held-out error may not hold for other motion",
-            advice="hold out a longer recording",
+            "estimate, and its held-out error may be wrong for other motion",
+            advice="validate with a longer recording",
         )
 
-    return [judged(f) for f in found]
+    return [of_validation(f) for f in found]
 
 
 def _of_validation(of_one: list[LogFinding] | OpenLog) -> list[LogFinding] | OpenLog:
@@ -280,15 +282,17 @@ def _of_all(open_: Sequence[OpenLog]) -> list[LogFinding]:
         alike.setdefault(one.as_is.factors.model.torque_joints, []).append(one.as_is)
     open_ = [_gains_weighed(one, alike) for one in open_]
     shifts = [finding for logs in alike.values() for finding in _shifts(logs)]
-    # What has a fault already, or no body explains, needs no other cause.
+    # Logs with a fault, or that no body explains, need no other cause.
     known = any(f.severity == "fault" for one in open_ for f in one.odd)
     if not known and not any(f.severity == "fault" for f in shifts):
         more = [f for logs in alike.values() for f in _of_whole_robot(logs)]
         # Where joints never turn back, friction looks like weight.
         short = any(f.kind == "short" for one in open_ for f in one.signals)
+        # What also explains a log, such as a lag, may be the cause instead.
+        late = any(f.kind in _LATE for one in open_ for f in one.odd)
         shifts += [
             replace(f, severity="warning")
-            if short and f.kind == "masses or gain"
+            if late or (short and f.kind == "masses or gain")
             else f
             for f in more
         ]
@@ -351,7 +355,7 @@ def _shifts(logs: Sequence[FittedLog]) -> list[LogFinding]:
 
 
 def _contradicted_shifts(logs: Sequence[FittedLog], sizes: Vector) -> bool:
-    """Return whether nominal bodies, if these are known, speak against shifts."""
+    """Return whether nominal bodies contradict shifts; no, if they are not known."""
     model, known = logs[0].factors.model, _known(logs[0].constraints)
     if not _bodies_known(model):
         return False
@@ -369,13 +373,17 @@ def _of_whole_robot(logs: Sequence[FittedLog]) -> list[LogFinding]:
     if not logs or not _bodies_known(model):
         return []
     recordings, known = [log.recording for log in logs], _known(logs[0].constraints)
-    return whole_robot_findings(FactorLogs.of(model, recordings, masses_known=known))
+    as_is = FactorLogs.of(model, recordings, masses_known=known)
+    changed = change_findings(as_is)
+    if any(f.severity == "fault" for f in changed):
+        return changed  # no factor is the same in all samples
+    return [*whole_robot_findings(as_is), *changed]
 
 
 def _of_another_robot(
     model: TorqueModel, logs: Sequence[Recording], constraints: Sequence[Constraint]
 ) -> list[LogFinding]:
-    """Say that logs may be another robot's, before what they would be faulty for."""
+    """Report that logs may be another robot's, before faults that follow from it."""
     if not _bodies_known(model):
         return []
     few = [thinned(log, SAMPLES) for log in logs]
@@ -388,7 +396,7 @@ def _known(constraints: Sequence[Constraint]) -> bool:
 
 
 def _bodies_known(model: TorqueModel) -> bool:
-    """Return whether nominal bodies tell something: there are torques enough."""
+    """Return whether there are enough torques for a test against nominal bodies."""
     robot = model.robot
     some = robot.nominal is not None and not placeholders(robot)
     return some and len(model.torque_joints) > 1
@@ -447,7 +455,7 @@ _SHORTEST = 0.5  # s
 _POINTS = 25  # samples of a span at which positions are compared
 _RATE = 200.0  # Hz: a higher rate shows no more
 _STARTS = 20  # places in the other recording at which a span is tried
-_REPEATED = 0.1  # share of rows or moving spans from which on it is reported
+_REPEATED = 0.1  # least share of rows or moving spans that is reported
 
 
 def leak_findings(

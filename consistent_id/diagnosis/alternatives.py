@@ -20,7 +20,7 @@ from consistent_id.constraints import (
     MassBounds,
 )
 from consistent_id.diagnosis.channel_factors import ChannelFactors, channel_factors
-from consistent_id.diagnosis.contact import contact
+from consistent_id.diagnosis.contact_stretches import contact
 from consistent_id.diagnosis.corrections import Cause
 from consistent_id.diagnosis.explain import LOAD, Candidate, FittedLog, Screen
 from consistent_id.diagnosis.findings import LogFinding
@@ -91,7 +91,7 @@ def _other_masses(as_is: FittedLog) -> Iterator[Candidate]:
 def _other_gain(as_is: FittedLog) -> Iterator[Candidate]:
     """Yield the log with another factor for the torque that fits best with one.
 
-    Several joints carry one body, so that their torques have to agree.
+    Several joints carry one body, so their torques must agree.
     """
     factors = as_is.factors
     everyone, names = factors.model.robot.joint_names, factors.model.torque_joints
@@ -274,7 +274,7 @@ def leaning_findings(
     Parameters
     ----------
     upright : TorqueParts
-        Of the model without leaning.
+        Parts of the model without leaning.
     """
     turned = turned_gravity(model, prepared)
     if turned is None:

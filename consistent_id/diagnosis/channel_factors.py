@@ -3,11 +3,11 @@
 A reversed, exchanged or scaled torque channel is then a combination of columns of small
 triangular factors: neither the motion nor the regressor is needed again.
 
-The best constrained fit of one log also bounds the misfits of others (`cuts_at`).  Its
-squared misfit rises from its base parameters ``b`` towards every possible robot ``v``:
-``slope.(v - b) >= 0``, with ``slope`` its gradient.  This follows from the constraints
-alone, so the misfit to another log is at least that of least squares in this
-half-space, which takes one triangular solve.
+The best constrained fit of one log also bounds the misfits of others
+(`half_spaces_at`).  Its squared misfit rises from its base parameters ``b`` towards
+every possible robot ``v``: ``slope.(v - b) >= 0``, with ``slope`` its gradient.  This
+follows from the constraints alone, so the misfit to another log is at least that of
+least squares in this half-space, which takes one triangular solve.
 """
 
 from collections.abc import Iterator, Sequence
@@ -184,7 +184,7 @@ def _columns(
 
 
 def _of_drives(model: TorqueModel, base: BaseParameters) -> BoolArray:
-    """Return which base columns belong to drives."""
+    """Return the base columns that belong to drives."""
     return np.asarray(np.array(base.independent) >= 10 * len(model.robot))
 
 
@@ -204,7 +204,7 @@ def joint_factor(Y: Array, torque: Array) -> Matrix:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cut:
+class TangentHalfSpace:
     """``slope.(v - point) >= 0`` for the base parameters ``v`` of possible robots.
 
     Parameters
@@ -216,10 +216,11 @@ class Cut:
     point: Vector
 
 
-def cuts_at(factors: ChannelFactors, fit: BestFit) -> list[Cut]:
+def half_spaces_at(factors: ChannelFactors, fit: BestFit) -> list[TangentHalfSpace]:
     """Return the half-space at a log's best constrained fit, if the fit is certified.
 
-    The list is empty where constraints do not raise the misfit: the slope is rounding.
+    The list is empty if constraints do not raise the misfit, because the slope is
+    rounding.
 
     Parameters
     ----------
@@ -235,10 +236,10 @@ def cuts_at(factors: ChannelFactors, fit: BestFit) -> list[Cut]:
     cost = float(np.sum(rest[:-1] ** 2))
     if cost <= GAP_TOLERANCE * float(np.sum(rest**2)):
         return []
-    return [Cut(R[:, :-1].T @ rest, point)]
+    return [TangentHalfSpace(R[:, :-1].T @ rest, point)]
 
 
-def least_within(R: Matrix, cuts: Sequence[Cut]) -> float:
+def least_within(R: Matrix, half_spaces: Sequence[TangentHalfSpace]) -> float:
     """Return the largest of the half-spaces' least norms of ``R [v, -1]``.
 
     Parameters
@@ -246,7 +247,7 @@ def least_within(R: Matrix, cuts: Sequence[Cut]) -> float:
     R : ndarray, shape (base + 1, base + 1)
         Triangular; see `ChannelFactors.joined`.  If it does not determine all base
         parameters, the half-spaces are ignored.
-    cuts : sequence of Cut
+    half_spaces : sequence of TangentHalfSpace
     """
     from scipy.linalg import solve_triangular
 
@@ -257,9 +258,9 @@ def least_within(R: Matrix, cuts: Sequence[Cut]) -> float:
         return least
     free = solve_triangular(A, R[:n, n])
     beyond = [0.0]
-    for cut in cuts:
-        outside = float(cut.slope @ (cut.point - free))
-        turned = solve_triangular(A, cut.slope, trans="T")
+    for each in half_spaces:
+        outside = float(each.slope @ (each.point - free))
+        turned = solve_triangular(A, each.slope, trans="T")
         if outside > 0.0:
             beyond.append(outside / float(np.linalg.norm(turned)))
     return float(np.hypot(least, max(beyond)))

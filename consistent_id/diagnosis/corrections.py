@@ -33,14 +33,14 @@ class Change(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """A possible cause, and the threshold from which on it is reported.
+    """A possible cause, and the threshold of reporting it.
 
     Parameters
     ----------
     kind, where, statement, advice : str
         As in `LogFinding`; the statement is the condition for the misfit that follows.
     threshold : float
-        Ratio of the log's misfit to the corrected log's from which on it is reported.
+        Ratio of the log's misfit to the corrected log's above which it is reported.
     excuse : int
         Whether it can stand in for other causes.  0: it cannot.  1: it is named only if
         nothing else explains the log (other masses).  2: it is only mentioned as a
@@ -66,7 +66,7 @@ LOOKS_ALIKE = 3
 
 @dataclass(frozen=True, slots=True)
 class FaultKind:
-    """A kind of fault, and the threshold from which on it is reported.
+    """A kind of fault, and the threshold of reporting it.
 
     Parameters
     ----------
@@ -75,12 +75,12 @@ class FaultKind:
     channels : {"torque", "motion", "both"}
         The channels that it changes.
     threshold : float
-        Ratio of the log's misfit to the corrected log's from which on it is reported.
+        Ratio of the log's misfit to the corrected log's above which it is reported.
     statement, advice : str
         With the fields ``{joints}``, ``{size}`` and ``{unit}``.
     changes : callable
-        From the joints, and the indices of those whose channels may be wrong, to the
-        changes that correct the fault.
+        Function from the joints, and the indices of those whose channels may be wrong,
+        to the changes that correct the fault.
     """
 
     kind: str

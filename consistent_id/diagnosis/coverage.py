@@ -1,4 +1,4 @@
-"""How much a log can identify: rests, saturation, small motion, rank, motion noise.
+"""Limits of a log's information: rests, saturation, small motion, rank, motion noise.
 
 Motion noise stands in the columns of the regressor.  With ``W + V`` in place of ``W``
 least squares tends to ``(W^T W + V^T V)^-1 W^T W x``: to first order its bias is
@@ -30,7 +30,7 @@ from consistent_id.regression.regressor import TorqueModel
 _ABOVE = 2.0  # cut-off of the motion over the torque's: beyond, its noise alone is left
 _STILL = 0.02  # of a joint's largest velocity: slower joints stand still
 _IDLE = 0.2  # least share of samples with all joints at rest that is reported
-_RESTS = 0.9  # share of samples at rest from which on a joint does not count as moving
+_RESTS = 0.9  # with this share of samples at rest or more, a joint does not move
 _PINNED = 5  # least number of samples at a limit that is reported
 _SMALL, _SLOW = 0.05, 0.1  # rad or m; rad/s or m/s, of the joint that moves most
 _BRIEF = 3.0  # s: in a shorter log joints may not turn back
@@ -176,7 +176,7 @@ def extent_findings(prepared: Recording) -> list[LogFinding]:
 
 
 def _turns(velocity: Vector) -> int:
-    """Return how often a joint turns back, without flickering at rest."""
+    """Return the number of a joint's reversals, without flickering at rest."""
     moving = velocity[abs(velocity) > _TURNING * abs(velocity).max()]
     return int((np.diff(np.sign(moving)) != 0.0).sum())
 
@@ -234,7 +234,7 @@ def _without_motion(recording: Recording, at_rest: BoolArray) -> Recording:
 
 
 SHARE = 0.01
-"""Share of a column's power from which on noise is reported.
+"""Least share of noise in a column's power that is reported.
 
 Least squares underestimates a parameter by about this share.
 """
@@ -244,7 +244,7 @@ Least squares underestimates a parameter by about this share.
 _LITTLE_BIAS = 0.005
 
 _STRETCH = 2000  # samples from which the noise of the readings is estimated
-_NAMED = 3  # columns that a finding names
+_NAMED = 3  # most columns that a finding names
 
 
 def motion_noise_findings(
@@ -255,11 +255,10 @@ def motion_noise_findings(
     *,
     prepared: Recording | None = None,
 ) -> list[LogFinding]:
-    """Return a warning if noise of the positions is left in the regressor.
+    """Return a warning if the regressor contains noise of the positions.
 
-    It is a note if the noise biases the torque by next to nothing.
-    The noise of the readings is the smoother's estimate (`motion_noise`), but at least
-    that of the encoder's steps.
+    It is a note if the bias of the torque is negligible. The noise of the readings is
+    the smoother's estimate (`motion_noise`), but at least that of the encoder's steps.
 
     Parameters
     ----------
@@ -313,7 +312,7 @@ class ColumnNoise:
     Parameters
     ----------
     names : tuple of str
-        Of the base parameters.
+        Names of the base parameters.
     shares : ndarray, shape (base,)
         Share of noise in each column's power; joints are weighted by their torque.
     bias : ndarray, shape (base,)
@@ -353,10 +352,10 @@ def column_noise(
     recording : Recording
         Prepared, with torque.
     covariance : ndarray, shape (joints, 3, 3)
-        Of position, velocity and acceleration: `noise_gain` times the variance of the
-        readings, in the robot's order.
+        Covariance of position, velocity and acceleration: `noise_gain` times the
+        variance of the readings, in the robot's order.
     seed : int
-        Of the noise that is drawn.
+        Seed of the drawn noise.
     """
     # Noise of the motion is examined before the filter, sample by sample.
     bare = replace(_spread(recording), torque_filter=None)

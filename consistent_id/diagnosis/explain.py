@@ -22,7 +22,7 @@ from consistent_id.constraints.cones.certificate import GAP_TOLERANCE
 from consistent_id.diagnosis.channel_factors import (
     ChannelFactors,
     channel_factors,
-    cuts_at,
+    half_spaces_at,
     least_within,
 )
 from consistent_id.diagnosis.corrections import LOOKS_ALIKE, Cause, Correction
@@ -128,7 +128,7 @@ class Candidate:
     Parameters
     ----------
     factors : ChannelFactors
-        Of the corrected log, or of the corrected model.
+        Factors of the corrected log, or of the corrected model.
     """
 
     cause: Cause
@@ -262,7 +262,7 @@ def explanations(
     least = min([as_is.factors.least_misfit(), *own])
     floor = min(max(_WHITE * noise, _BEYOND * least), _MOST)
     found: list[Explanation] = []
-    cuts = cuts_at(as_is.factors, as_is.fit)
+    half_spaces = half_spaces_at(as_is.factors, as_is.fit)
     for i in sorted(range(len(bounds)), key=bounds.__getitem__):
         candidate, wanted = candidates[i], as_is.misfit / candidates[i].cause.threshold
         best = min([e.misfit for e in found], default=np.inf)
@@ -270,14 +270,14 @@ def explanations(
         if bounds[i] > min(wanted, _RIVAL * best):
             continue
         alike = _same_robots(as_is, candidate)
-        if alike and _SURE * least_within(factors[i], cuts) > wanted:
+        if alike and _SURE * least_within(factors[i], half_spaces) > wanted:
             continue
         try:
             fit = _fit(candidate.factors, candidate.constraints, gap=1.0 - _SURE)
         except (InfeasibleError, SolverError):
             continue
         if alike:
-            cuts += cuts_at(candidate.factors, fit)
+            half_spaces += half_spaces_at(candidate.factors, fit)
         misfit = candidate.factors.relative(fit.misfit)
         if misfit <= wanted:
             found.append(Explanation(candidate.cause, misfit, as_is.misfit))
@@ -319,9 +319,10 @@ def _fit(
 class Screen:
     """Few samples of a log, on which changes of its motion are tried first.
 
-    Filtered rows take all samples of a log, for each change.  Rows of the few samples
-    alone miss how a filter rounds the edges of friction; what they miss in the log as
-    it is, is taken off.  What is left by them is fitted with filtered rows.
+    Filtered rows need all samples of a log, for each change.  Rows of the few samples
+    alone do not contain the filter's rounding of friction's edges; the error of this is
+    computed for the unchanged log and subtracted.  Changes that remain possible are
+    fitted with filtered rows.
 
     Parameters
     ----------
@@ -349,7 +350,7 @@ class Screen:
         return cls(bare, filtered, max(coarse**2 - filtered**2, 0.0))
 
     def least_misfit(self, factors: ChannelFactors) -> float:
-        """Return the least misfit of samples, less what their rows miss."""
+        """Return the least misfit of samples, less the error of their rows."""
         return float(np.sqrt(max(factors.least_misfit() ** 2 - self.missed, 0.0)))
 
 
@@ -379,7 +380,7 @@ def _moved(
 def _drives(
     log: Recording, corrections: Sequence[Correction]
 ) -> list[Recording | None]:
-    """Return the motions from which drive columns are taken, where they are others.
+    """Return the motions of the drive columns, if they are not those of the bodies.
 
     The velocity scales of friction fit the log as it is.  Scaling a position by nearly
     one would change these scales, and could fit the friction of a joint by that alone.

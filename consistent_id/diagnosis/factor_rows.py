@@ -2,7 +2,7 @@
 
 A factor is one number: the clock's speed, a gain of all torques, a zero, the angle of a
 leaning base.  The rows of a log are those of all parameters, of the factors, and of the
-nominal bodies, which pull as far as bodies are usually known.
+nominal bodies; the latter are weighted by the usual errors of nominal bodies.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from consistent_id.diagnosis.sample_rows import SampleRows, of_own_row
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.regression.correlated_noise import correlation_lengths
-from consistent_id.regression.linear import smallest_solution
+from consistent_id.regression.linear import column_sizes, smallest_solution
 from consistent_id.regression.regression import triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.scaling import (
@@ -35,26 +35,31 @@ _LEAST_GAIN = float(np.log(1.2))
 LEAN = float(np.radians(5.0))
 """Least angle of a leaning base that is reported."""
 
+HARM = 0.10
+"""Error of an estimate, over the torque of all joints, that is harmful."""
+
 _FREE_MASS = 0.3  # where masses are free to differ from the model's
 
+_LOOSE = 5.0  # times the widths: bodies are nearly free
 _RANK = 1e-7  # of the largest singular value of unit columns
 _EXACT = 1e-3  # of the torque: least residual that weights a joint's rows
 
 
 @dataclass(frozen=True, slots=True)
 class Factor:
-    """A fault of which one number is unknown.
+    """A fault with one unknown number.
 
     Parameters
     ----------
-    kind : {"clock", "masses or gain", "torque gain", "offset zero", "gravity"}
-        A torque gain is that of one joint.
+    kind : str
+        ``"clock"``, ``"masses or gain"``, ``"torque gain"`` (of one joint), ``"offset
+        zero"`` or ``"gravity"``.
     where : str
     least : float
         Least size that is reported: log of the clock's speed or of the gain, [rad or
         m] for zeros and [rad] for the base.
     joint : int
-        Of a zero or a torque gain, among the robot's.
+        Place of the joint with the wrong zero or gain.
     axis : tuple of float
         Level unit vector about which the base may lean.
     """
@@ -73,18 +78,21 @@ class FactorRows:
     Parameters
     ----------
     model : TorqueModel
-        Of a robot with nominal bodies and a fixed base.
+        Model of a robot with nominal bodies and a fixed base.
     logs : sequence of Recording
         Prepared, with the robot's joints; few samples suffice.
+    loads : bool
+        Whether friction may grow with the measured torque.
     """
 
     model: TorqueModel
     logs: Sequence[Recording]
+    loads: bool = True
 
     @cached_property
     def each(self) -> list["_Rows"]:
         """The rows of each log."""
-        return [_Rows.of(self.model, log) for log in self.logs]
+        return [_Rows.of(self.model, log, loads=self.loads) for log in self.logs]
 
     @cached_property
     def columns(self) -> Array:
@@ -129,17 +137,17 @@ class _Limb:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FactorLogs:
-    """Logs, perhaps with a factor taken out, and the model that belongs to them.
+    """Logs, perhaps with a factor removed, and the model that belongs to them.
 
     Parameters
     ----------
     rows : FactorRows
     widths : ndarray, shape (3,)
-        Those to which masses, centres of mass and second moments are known.
+        Relative errors of nominal masses, centres of mass and second moments.
     noise : ndarray, shape (torque joints,)
-        Relative to the torque; of the logs as they are, see `relative_noise`.
+        Noise of the unchanged logs, relative to the torque; see `relative_noise`.
     loaded : bool
-        Whether links that carry no other may carry anything: their bodies are free.
+        Whether the bodies of links that carry no other link are free.
     """
 
     rows: FactorRows
@@ -174,7 +182,7 @@ class FactorLogs:
         return self.rows.logs
 
     def without(self, factor: Factor, size: float) -> "FactorLogs":
-        """Take a factor out."""
+        """Return the logs without a factor."""
         model, logs = self.model, self.logs
         if size == 0.0:
             return self
@@ -184,7 +192,8 @@ class FactorLogs:
             logs = [
                 altered(log, lambda raw: _without(raw, factor, size)) for log in logs
             ]
-        return replace(self, rows=FactorRows(model, logs))
+        rows = FactorRows(model, logs, loads=self.rows.loads)
+        return replace(self, rows=rows)
 
 
 def _without(log: Recording, factor: Factor, size: float) -> Recording:
@@ -233,35 +242,95 @@ def gain_of(model: TorqueModel, joint: str) -> Factor:
     return Factor(_ONE_GAIN, joint, _LEAST_GAIN, joint=place)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FactorSystem(Jackknife):
+    """Rows of factors, with bodies and drives eliminated.
+
+    Parameters
+    ----------
+    pulled : ndarray, shape (columns,)
+        Squared norm of the part of each column that is in rows of nominal bodies; the
+        rest is in the data's.
+    """
+
+    pulled: Vector
+
+
+def harm(as_is: FactorLogs, factor: Factor, size: float) -> float:
+    """Return what error a factor would mean for an estimate that does not know it.
+
+    The logs as they are and the logs without the factor are fitted, both with bodies
+    that are nearly free.  The error is that of the former's torque on the motion of the
+    latter, relative to the torque of all joints.
+    """
+    loose = replace(as_is, widths=_LOOSE * as_is.widths)
+    loose = replace(loose, rows=FactorRows(as_is.model, as_is.logs, loads=False))
+    right = loose.without(factor, size)
+    wrong, x = solution_of(loose), solution_of(right)
+    torque, error = (
+        np.linalg.norm(np.einsum("jps,p->js", right.rows.columns, y))
+        for y in (x, wrong - x)
+    )
+    return float(error / torque)
+
+
+def drives_share(state: FactorLogs) -> float:
+    """Return the torque of the drives over that of all joints."""
+    first, x = state.model.layout.inertial_size, solution_of(state)
+    drives = np.einsum("jps,p->js", state.rows.columns[:, first:], x[first:])
+    return float(np.linalg.norm(drives) / np.linalg.norm(state.rows.torque))
+
+
+def effects(state: FactorLogs, factors: Sequence[Factor]) -> Vector:
+    """Return the torque that a unit of each factor changes, over that of all joints."""
+    x = solution_of(state)
+    slopes = [rows.slopes(x, factors) for rows in state.rows.each]
+    changed = np.linalg.norm(np.concatenate(slopes, axis=2), axis=(0, 2))
+    return np.asarray(changed / np.linalg.norm(state.rows.torque))
+
+
 def factor_system(
     state: FactorLogs,
     factors: Sequence[Factor],
     *,
     nominal: bool = True,
     scatter: bool = True,
-) -> Jackknife:
+) -> FactorSystem:
     """Return rows of the factors, with bodies and drives eliminated.
 
-    Without `nominal`, nothing pulls the bodies; without `scatter`, no segments are left
-    out.  The columns of the factors are followed by one that a gain among them has with
-    nominal bodies: an instrument.
+    Without `nominal`, there are no rows of nominal bodies; without `scatter`, no
+    segments are left out.  The last column, after those of the factors, is that of a
+    gain with nominal bodies: an instrument.
     """
-    A, torque, groups = state.rows.columns, state.rows.torque, state.rows.groups
-    weights = 1.0 / (state.noise * _size(torque))
-    pull, pulled_to = _pull(state, A.shape[1])
-    if not nominal:
-        pull, pulled_to = pull[:0], pulled_to[:0]
+    A = state.rows.columns
     c = np.zeros((len(A), 0, A.shape[2]))
     if factors:
-        x = _solution(A, torque, weights, np.column_stack([pull, pulled_to]), groups)
+        x = solution_of(state)
         slopes = [rows.slopes(x, factors) for rows in state.rows.each]
         c = np.concatenate(slopes, axis=2)
     if any(f.kind == _GAIN for f in factors):
         bodies = reference_bodies(state.model.robot).ravel()
         drawn = np.einsum("jps,p->js", A[:, : len(bodies)], bodies)
         c = np.concatenate([c, drawn[:, None]], axis=1)
+    return eliminated(state, c, nominal=nominal, scatter=scatter)
+
+
+def eliminated(
+    state: FactorLogs, c: Array, *, nominal: bool, scatter: bool
+) -> FactorSystem:
+    """Return rows of further columns, with bodies and drives eliminated.
+
+    Parameters
+    ----------
+    c : ndarray, shape (torque joints, further columns, samples)
+    """
+    A, torque, groups = state.rows.columns, state.rows.torque, state.rows.groups
+    weights = 1.0 / (state.noise * _size(torque))
+    pull, pulled_to = _pull(state, A.shape[1])
+    if not nominal:
+        pull, pulled_to = pull[:0], pulled_to[:0]
     prior = np.column_stack([pull, np.zeros((len(pull), c.shape[1])), pulled_to])
-    systems, squares = [], np.zeros(c.shape[1] + 1)
+    systems, squares, pulled = [], np.zeros(c.shape[1] + 1), np.zeros(c.shape[1])
     for group in groups:
         rows = np.concatenate([A[group.part], c[group.joints]], axis=1)
         w = weights[group.joints, None]
@@ -277,8 +346,26 @@ def factor_system(
         )
         count = len(group.columns)
         squares += np.sum(whole[:, count:] ** 2, axis=0)
+        pulled += _pulled(whole, own, count)
         systems.append(Jackknife(whole, tuple(others)).eliminated(count))
-    return reduce(add, systems).cleared(np.sqrt(squares))
+    found = reduce(add, systems).cleared(np.sqrt(squares))
+    return FactorSystem(found.whole, found.others, pulled)
+
+
+def _pulled(whole: Matrix, own: Matrix, count: int) -> Vector:
+    """Return the rows of nominal bodies for each factor, bodies eliminated.
+
+    Parameters
+    ----------
+    whole : ndarray
+        Triangular factor of all rows; its first `count` columns are bodies and drives.
+    own : ndarray
+        Rows of nominal bodies.
+    """
+    A = whole[:count, :count]
+    sizes = column_sizes(A)
+    moved, *_ = np.linalg.lstsq(A / sizes, whole[:count, count:-1], rcond=_RANK)
+    return np.asarray(np.sum((own[:, :count] / sizes @ moved) ** 2, axis=0))
 
 
 def _size(torque: Matrix) -> Vector:
@@ -301,14 +388,15 @@ class _Rows:
     columns: Array
 
     @classmethod
-    def of(cls, model: TorqueModel, log: Recording) -> "_Rows":
+    def of(cls, model: TorqueModel, log: Recording, *, loads: bool = True) -> "_Rows":
         rows = SampleRows.of(model, log)
         rotors = rows.filtered(rows.change[:, None])
-        own = np.concatenate([rotors, rows.frictions(rows.smooth_torque())], axis=1)
+        frictions = rows.frictions(rows.smooth_torque())
+        own = np.concatenate([rotors, frictions[:, : None if loads else -1]], axis=1)
         return cls(rows, np.concatenate([rows.regressor(), of_own_row(own)], axis=1))
 
     def slopes(self, x: Vector, factors: Sequence[Factor]) -> Array:
-        """Return what a unit of each factor adds, (torque joints, factors, samples).
+        """Return torque per unit of each factor, (torque joints, factors, samples).
 
         Torque is changed by a clock ``exp(f)`` times too slow, by a gain ``exp(f)`` of
         all joints or of one, by positions that are ``f`` too small, by gravity that
@@ -358,7 +446,7 @@ def _pull(state: FactorLogs, columns: int) -> tuple[Matrix, Vector]:
 def least_costs(state: FactorLogs) -> tuple[float, float]:
     """Return the least sums of squares with nominal bodies, and without them.
 
-    Of the torque, and of the bodies' distance.
+    They are those of the torque and of the bodies' distance.
     """
     A, torque = state.rows.columns, state.rows.torque
     weights = 1.0 / (state.noise * _size(torque))
@@ -390,7 +478,7 @@ def relative_noise(rows: FactorRows) -> Vector:
 
 
 def least_misfit(state: FactorLogs) -> float:
-    """Return the residual of least squares over the torque, joints counting alike."""
+    """Return the residual of least squares over the torque, joints weighted alike."""
     rest, size = _residual(state.rows)
     return float(np.sqrt(np.mean((_size(rest) / size) ** 2)))
 
@@ -420,6 +508,14 @@ def _residual(logs: FactorRows) -> tuple[Matrix, Vector]:
     return rest, size
 
 
+def solution_of(state: FactorLogs) -> Vector:
+    """Return the parameters of logs beside the nominal bodies."""
+    A, torque = state.rows.columns, state.rows.torque
+    weights = 1.0 / (state.noise * _size(torque))
+    pull = np.column_stack(_pull(state, A.shape[1]))
+    return _solution(A, torque, weights, pull, state.rows.groups)
+
+
 def _solution(
     A: Array,
     torque: Matrix,
@@ -428,7 +524,7 @@ def _solution(
     groups: Sequence[_Limb],
 ) -> Vector:
     x, pull = np.zeros(A.shape[1]), np.diag(prior)
-    # What no data show takes its nominal value.
+    # Parameters that no data show take their nominal values.
     x[: len(pull)] = prior[:, -1] / np.where(pull > 0.0, pull, np.inf)
     for group in groups:
         rows = [_factor(A, torque, weights, group), _of_group(prior, group, A.shape[1])]

@@ -1,4 +1,4 @@
-"""How the torque changes with joint zero offsets, gains and lag, near an estimate.
+"""Derivatives of the torque by joint zero offsets, gains and lag, near an estimate.
 
 The columns include base parameters and friction that the model may lack: otherwise
 friction that changes with speed or load would look like a wrong zero offset.
@@ -100,7 +100,7 @@ class Jackknife:
 
         It is ``x = w^T z / w^T a``, with errors as of `fitted`.  Where ``a`` contains
         the same errors as ``z``, least squares is biased; a ``w`` without them is not.
-        The error is infinite where ``w`` says nothing of ``a``.
+        The error is infinite where ``w`` and ``a`` are orthogonal.
         """
         w, a, z = (self.whole[:, k] for k in (instrument, column, -1))
         if w @ a <= RANK * np.linalg.norm(w) * np.linalg.norm(a):
@@ -160,8 +160,8 @@ def jackknife(
     """
     rows = np.concatenate([A, z[:, :, None]], axis=2)
     order = np.arange(rows.shape[1]) if phase is None else np.argsort(phase)
-    cuts = [c for c in np.array_split(order, segments) if len(c)]
-    parts = [_factor(rows[:, c].reshape(-1, rows.shape[2])) for c in cuts]
+    segments_of = [c for c in np.array_split(order, segments) if len(c)]
+    parts = [_factor(rows[:, c].reshape(-1, rows.shape[2])) for c in segments_of]
     none = np.zeros((0, rows.shape[2]))
     before = list(accumulate(parts, _merged, initial=none))
     after = list(accumulate(parts[::-1], _merged, initial=none))[::-1]
@@ -239,7 +239,7 @@ class Linearised:
 def linearised(
     model: TorqueModel, x: Vector, recording: Recording, base: BaseParameters
 ) -> Linearised:
-    """Return how the torque changes with zero offsets, gains and lag.
+    """Return the derivatives of the torque by zero offsets, gains and lag.
 
     Rows are filtered like the torque (`SampleRows`).  Columns and torque pass one more
     low-pass filter, which removes noise and the edges of friction.

@@ -1,4 +1,4 @@
-"""Faults of one recording: of each signal first, then of all signals together."""
+"""Faults of one recording: of single signals first, then of all signals together."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -40,6 +40,7 @@ from consistent_id.diagnosis.signal_faults import (
     position_steps,
     resolution_findings,
     spike_findings,
+    standing_findings,
 )
 from consistent_id.diagnosis.torque_channel import (
     channel_findings,
@@ -60,7 +61,11 @@ from consistent_id.robot.scaling import placeholders
 
 Prepare = Callable[[Recording], Recording]
 
-_LITTLE = ("standstill", "small motion", "slow motion")  # no other finding is sure
+_LITTLE = (
+    "standstill",
+    "small motion",
+    "slow motion",
+)  # with these, no other finding is certain
 
 # Causes that slopes on the nominal model suggest.  Other causes can have the same
 # slopes, so these are named only if nothing else explains the log.
@@ -150,6 +155,7 @@ def signal_findings(model: TorqueModel, log: Recording) -> list[LogFinding]:
     if clock:
         return clock
     signals = [*frozen_findings(_with_torque_of(log, model)), *jump_findings(log)]
+    signals = signals or standing_findings(log)
     signals = signals or velocity_findings(log) or travel_findings(model.robot, log)
     return standstill_findings(log) + signals
 

@@ -1,4 +1,4 @@
-"""Channels that freeze, jump, spike, come in steps or are noise, each by itself.
+"""Faults of single channels: freezes, jumps, spikes, steps and noise.
 
 Positions may jump by whole turns, as those of encoders that count from 0 to 360 do.
 """
@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from consistent_id._support.arrays import BoolArray, Matrix, Vector
+from consistent_id._support.arrays import BoolArray, IntArray, Matrix, Vector
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.masks import held_samples, quantum
@@ -20,9 +20,9 @@ TURN = 2.0 * np.pi
 def unwrapped(recording: Recording) -> Recording:
     """Return a recording whose positions do not jump by whole turns.
 
-    To each position the multiple of a turn is added with which it is nearest to the one
-    before, starting from the first.  Commands of position get the one that is nearest
-    to the position.  Dynamics of revolute joints do not depend on whole turns.
+    A multiple of a turn is added to each position, so that it is nearest to the
+    position before.  Commands of position become nearest to the position.  The dynamics
+    of revolute joints do not depend on whole turns.
 
     Parameters
     ----------
@@ -42,9 +42,13 @@ def unwrapped(recording: Recording) -> Recording:
     return replace(recording, position=position, position_command=command)
 
 
+_REPEATS = 0.02  # share of rows that repeat others: a fault
 _FROZEN = 0.1  # share of the log with one constant value that is reported
 _MOVING = 0.01  # rad or m of travel in another channel that shows motion,
 _STEPS = 2.0  # and steps of the encoder, within which a position stays constant
+_WHOLE = 0.2  # s for which all channels stay as they are,
+_ENOUGH = 100  # samples in motion, which show what changes of speed are usual,
+_SUDDEN = 5.0  # times a large change of speed in one sample: the log stood, no robot
 _SPIKE = 15.0  # times the median distance from neighbouring samples,
 _TALL = 1.5  # and times the span of nine tenths of the values: a spike
 _CHANCE = 2.0  # standard deviations of a count beyond chance
@@ -61,6 +65,7 @@ _COARSE_POSITION = 1.0 / 400.0  # step over the travel: accelerations are noise
 # s for which a torque stays constant: it is late by half of this, which is more than
 # filters of currents cause.
 _HELD = 0.025
+_LOST = 0.1  # of all torque, between the times at which it is updated: a fault
 _NOISY = 0.5  # white noise over the torque's standard deviation that is reported
 _ALL_NOISE = 0.9  # the same, above which there is no signal
 _TINY = 1e-300  # N m or N: least divisor in place of a size of zero
@@ -116,6 +121,51 @@ def _frozen(
     )
 
 
+def standing_findings(recording: Recording) -> list[LogFinding]:
+    """Find times at which a log repeats one row, though the robot was in motion.
+
+    Robots brake.  A logger that repeats its last row stops all joints in one sample.
+    Without torque, robots that follow drawn paths may stop as suddenly.
+    """
+    if recording.torque is None:
+        return []
+    rows = np.column_stack([recording.position, recording.torque])
+    same = (np.diff(rows, axis=0) == 0.0).all(axis=1)
+    turns = abs(np.diff(recording.position, 2, axis=0))
+    in_motion = turns[~(same[:-1] | same[1:])]
+    if len(in_motion) < _ENOUGH:
+        return []
+    usual = np.quantile(in_motion, 0.99, axis=0)
+    far = _SUDDEN * usual + _STEPS * position_steps(recording)
+    sudden = np.zeros(len(rows), dtype=bool)
+    sudden[1:-1] = (turns > far).any(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]])))
+    lost = [
+        (int(first), int(last))
+        for first, last in edges.reshape(-1, 2)
+        if recording.time[last] - recording.time[first] >= _WHOLE
+        and (sudden[first] or sudden[last])
+    ]
+    if not lost:
+        return []
+    share = sum(last - first for first, last in lost) / len(rows)
+    when = ", ".join(
+        f"{recording.time[a]:.4g} to {recording.time[b]:.4g} s" for a, b in lost[:3]
+    )
+    return [
+        LogFinding(
+            "frozen channel",
+            "fault" if share >= _REPEATS else "warning",
+            recording.name,
+            f"all positions and torques stay the same ({when}), and joints stop or "
+            f"start within one sample: the log stood still in {share:.0%} of its rows",
+            "leave these rows out, and take the parts as recordings of their own: "
+            "what lies between them was not recorded",
+            10.0,
+        )
+    ]
+
+
 def longest_run(values: Vector) -> slice:
     """Return the longest run of equal values."""
     edges = np.flatnonzero(np.diff(values) != 0.0) + 1
@@ -129,7 +179,7 @@ def spike_findings(
 ) -> list[LogFinding]:
     """Find torques that jump away from their neighbours for one or two samples.
 
-    They are a fault only if their share is certain not to be small.
+    They are a fault only if their share is certainly large.
 
     Parameters
     ----------
@@ -162,7 +212,7 @@ def spike_findings(
 def torque_spikes(
     recording: Recording, joint: str, besides: Sequence[Recording] = ()
 ) -> BoolArray:
-    """Return which samples of a joint's torque `spike_findings` counts.
+    """Return the samples of a joint's torque that `spike_findings` counts.
 
     Parameters
     ----------
@@ -343,18 +393,35 @@ def hold_findings(torque: Recording) -> list[LogFinding]:
     if not held.any():
         return []
     longest = float(holds[held].max()) * step
+    lost = _lost_between(values, holds)
     repeats = (np.diff(values[:, held], axis=0) == 0.0).mean()
     return [
         LogFinding(
             "torque resolution",
-            "warning",
+            "fault" if lost >= _LOST else "warning",
             ", ".join(np.array(torque.joints)[held]),
             f"{repeats:.0%} of the torque samples repeat the one before: the torque "
-            f"is updated only every {longest:.3g} s",
+            f"is updated only every {longest:.3g} s, and {lost:.0%} of it is lost in "
+            "between",
             "log the torque as often as the motion; now it is late by half that time",
             longest / _HELD,
         )
     ]
+
+
+def _lost_between(torque: Matrix, holds: IntArray) -> float:
+    """Return what a torque that is held loses, over the torque of all joints.
+
+    A line from one value to the next, ``d`` apart, differs from a stair that is as
+    early as late by ``d / sqrt(12)`` in the root mean square.
+    """
+    squares = 0.0
+    for tau, hold in zip(torque.T, holds, strict=True):
+        if hold > 1:
+            steps = np.diff(tau)
+            squares += float(np.sum(steps**2)) * hold / 12.0 / len(tau)
+    whole = float(np.sum(np.mean(torque**2, axis=0)))
+    return float(np.sqrt(squares / max(whole, _TINY)))
 
 
 def noise_findings(

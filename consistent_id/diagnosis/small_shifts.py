@@ -1,12 +1,12 @@
-"""Small errors of joint zero offsets and gains, and torque that lags: by linearisation.
+"""Small errors of joint zero offsets and gains, and lags, found by linearisation.
 
 Near the truth the torque changes by ``d_j dtau/dq_j`` for a zero offset of ``d_j``, by
-``c_j tau_j`` for a torque that is logged ``1 + c_j`` times as large, and by
-``-t dtau/dt`` for a lag of ``t``.  Gains can be seen because several joints carry one
-body.  Zero offsets and gains are tried one at a time beside the parameters and the lag:
-only what the parameters cannot explain counts, and a robot with one wrong zero offset
-needs no other.  All recordings of a robot are used together, each with parameters and a
-lag of its own.
+``c_j tau_j`` for a torque that is logged ``1 + c_j`` times as large, and by ``-t
+dtau/dt`` for a lag of ``t``.  Gains can be seen because several joints carry one body.
+Zero offsets and gains are tried one at a time beside the parameters and the lag: only
+torque that the parameters cannot explain is attributed to them, and a robot with one
+wrong zero offset needs no other.  All recordings of a robot are used together, each
+with parameters and a lag of its own.
 """
 
 from collections.abc import Callable, Sequence
@@ -120,7 +120,7 @@ def moved_channels(
     Parameters
     ----------
     linearised_at : callable
-        From the sizes of all shifts to the rows of all corrected recordings.
+        Function from the sizes of all shifts to the rows of all corrected recordings.
     """
     least = small_shifts(model)
     joints = len(model.robot)

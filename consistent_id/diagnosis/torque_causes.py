@@ -1,8 +1,8 @@
 """Causes in the torque: drift, springs, coupled joints, lost signs, a lag.
 
 Drift, springs and couplings are sought in the residuals of least squares: they are
-regressed on torques that the model may lack.  The part that explains most is subtracted
-from the torque, and the log is fitted again.
+regressed on torques that the model may lack.  The part with the largest effect is
+subtracted from the torque, and the log is fitted again.
 
 A torque may be logged without its sign, as some drives report the size of a current.
 
@@ -189,7 +189,7 @@ _PASSES = 5  # iterations of signs and fit
 
 
 def lost_signs(as_is: FittedLog) -> Iterator[Candidate]:
-    """Yield the log with the signs of the robot's torque, if a channel has none.
+    """Yield the log with restored signs of the torque, if a channel has none.
 
     Channels without a sign are never negative.  The first signs are those of the
     nominal bodies.
@@ -198,7 +198,7 @@ def lost_signs(as_is: FittedLog) -> Iterator[Candidate]:
         return
     model, log = as_is.factors.model, as_is.recording
     rows = SampleRows.of(model, log)
-    logged = rows.along.torque  # before the filter, which a lost sign goes through
+    logged = rows.along.torque  # before the filter, because a sign is lost before it
     size, smooth = abs(logged), rows.torque.T
     bare = smooth.min(axis=0) >= -_BELOW * abs(smooth).max(axis=0)
     if not bare.any():

@@ -38,17 +38,17 @@ def travel_findings(robot: RobotModel, log: Recording) -> list[LogFinding]:
     limits = [joint.limits for joint in robot.driven]
     width = np.array([limit.upper - limit.lower for limit in limits])
     turning = np.array([joint.kind == "revolute" for joint in robot.driven])
-    judged = turning & np.isfinite(width) & (width > 0.0)
-    if not judged.any():
+    limited = turning & np.isfinite(width) & (width > 0.0)
+    if not limited.any():
         return []
-    share = np.ptp(log.position, axis=0)[judged] / width[judged]
+    share = np.ptp(log.position, axis=0)[limited] / width[limited]
     most = 0.5 * len(share)
     beyond = share > _TRAVEL
     if beyond.sum() > most and share.max() <= _DEGREES:
         return [_travel_in_degrees(share, beyond)]
     if (alone := share > _ONE_TRAVEL).sum() > most:
         return []
-    names = np.array(robot.joint_names)[judged]
+    names = np.array(robot.joint_names)[limited]
     return [_travel_of_one(names[j], float(share[j])) for j in np.flatnonzero(alone)]
 
 

@@ -68,7 +68,7 @@ seldom wrong by a factor of ten, but placeholders may be."""
 
 _RAISED = 10.0  # times the bound: the gain from more mass is computed up to this mass
 _SIGNIFICANT = 3.84  # chi^2 of one parameter that chance exceeds once in twenty times
-_REACHED = 0.99  # share of the bound from which it counts as reached
+_REACHED = 0.99  # share of the bound with which it counts as reached
 
 MOVE = 0.25
 """Standard errors by which the share may move all determined parameters, together."""
@@ -158,13 +158,13 @@ def scaled_fit(
 ) -> ScaledFit:
     """Make a fit dimensionless; model, regression and base match (`require_match`)."""
     R = regression.stacked()
-    factor = _base_factor(R, base)
-    torque = float(np.linalg.norm(R[:, -1]))
-    residual = float(abs(factor[-1, -1])) if len(factor) > len(base) else 0.0
-    norms = _drive_columns(model, R)
     inertial = link_scales(model.robot).units
+    torque = float(np.linalg.norm(R[:, -1]))
+    norms = _drive_columns(model, R)
     drive = torque / np.where(norms > 0.0, norms, np.inf)
     unit = np.concatenate([inertial, np.where(drive > 0.0, drive, 1.0)])
+    factor = _base_factor(R, base)
+    residual = float(abs(factor[-1, -1])) if len(factor) > len(base) else 0.0
     possible = lowered(constraints, model)
     blank = ScaledFit(
         M=np.zeros((0, len(unit))),
@@ -285,7 +285,7 @@ class FitProblem:
     ----------
     model : TorqueModel
     free : UnconstrainedFit
-        Has the regression and its base parameters.
+        Least squares, with the regression and its base parameters.
     constraints : sequence of Constraint
     """
 

@@ -1,4 +1,4 @@
-"""The constrained estimate: the best fit, and what is examined of it."""
+"""The constrained estimate: the best fit, and its audit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -38,7 +38,7 @@ _SEED = 0  # seed of the poses at which mass matrices are examined
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundOptimum:
-    """Parameters that a programme found, and what is proven of them.
+    """Parameters that a programme found, and the proof about them.
 
     Parameters
     ----------

@@ -130,7 +130,7 @@ class ConstrainedFit:
 
     @property
     def proof(self) -> OptimumProof:
-        """What was proven about both optima."""
+        """The proofs about both optima."""
         fit, final = self.best.optimality, self.final.optimality
         figures = {
             "fit: relative gap": fit.gap,
@@ -239,7 +239,7 @@ def best_inside(problem: FitProblem, inside: float) -> BestInside:
 
 
 def _of_torque_size(problem: FitProblem) -> str:
-    """Return what to check where the torque is not of the nominal robot's size."""
+    """Return advice where the torque is not of the nominal robot's size."""
     R, bodies = problem.free.regression.stacked(), reference_bodies(problem.model.robot)
     expected = float(np.linalg.norm(R[:, : bodies.size] @ bodies.ravel()))
     ratio = float(np.linalg.norm(R[:, -1])) / max(expected, 1e-300)
@@ -309,7 +309,7 @@ class Resolution:
     Parameters
     ----------
     label : str
-        What is given up.
+        Label of the constraint that is left out.
     rms : float, [N m or N], or in units of the joints' `sigma`
         Root-mean-square residual of the best fit without it; infinite if other
         constraints still contradict each other, nan if it could not be computed.

@@ -137,7 +137,7 @@ def cross_validated(
         `WEIGHTS`.  All folds use the same weights, in units of the residual of all
         data.
     folds : int
-        Of consecutive segments; at most as many as there are segments.
+        Number of consecutive segments; at most as many as there are segments.
     base : BaseParameters, optional
     executor : str or Executor, optional
         Where folds are solved, see `stream_regression`; by default as stated by the

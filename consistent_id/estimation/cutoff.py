@@ -1,4 +1,4 @@
-"""The cut-off of motion and torque, chosen by the torque that is predicted with it.
+"""The cut-off of motion and torque, chosen by its error of predicted torque.
 
 A low cut-off removes motion of the robot, a high one leaves noise, which the double
 differentiation of the position amplifies.  The best cut-off for a robot and a logger is
@@ -82,12 +82,12 @@ class CutoffChoice:
 
     @property
     def motion_cutoff(self) -> float:
-        """Of the best candidate, [Hz]."""
+        """Cut-off of the best candidate, [Hz]."""
         return float(self.motion[self.best])
 
     @property
     def torque_cutoff(self) -> float:
-        """Of the best candidate, [Hz]."""
+        """Cut-off of the best candidate, [Hz]."""
         return float(self.torque[self.best])
 
     @property
@@ -203,8 +203,8 @@ def _parts(
     shortest = min(parts, key=lambda part: part.duration)
     if _SHARE * shortest.duration < margin:
         raise RecordingError(
-            f"{shortest.name}: a part of {shortest.duration:.4g} s, of which "
-            f"{margin:.4g} s at each end are lost to the lowest cut-off. Use fewer "
+            f"{shortest.name}: a part lasts {shortest.duration:.4g} s and loses "
+            f"{margin:.4g} s at each end to the lowest cut-off. Use fewer "
             "folds, or leave the lowest candidates out"
         )
     return parts

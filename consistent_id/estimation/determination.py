@@ -82,7 +82,7 @@ def determinations(
     free : UnconstrainedFit
         Least squares on the data.
     errors : LinearErrors
-        Of the data, under the equalities that hold by assumption.
+        Errors of the data, under the equalities that hold by assumption.
     x : ndarray, shape (parameters,)
         The estimate.
     elsewhere : str
@@ -106,14 +106,14 @@ def determinations(
 def pinned(
     found: Sequence[Determination], width: Vector, size: Vector
 ) -> tuple[Determination, ...]:
-    """Say of which parameters, that data do not determine, constraints leave no room.
+    """Mark parameters that constraints determine and data do not.
 
     Parameters
     ----------
     found : sequence of str
         See `determinations`.
     width : ndarray, shape (parameters,)
-        Of consistent intervals.
+        Width of consistent intervals.
     size : ndarray, shape (parameters,)
         See `parameter_sizes`.
     """
@@ -148,7 +148,7 @@ def determined(
     elsewhere: Determination,
     shift: Vector | float = 0.0,
 ) -> Determined:
-    """Return what determines an estimate, with errors from its own data's noise.
+    """Return the sources of an estimate's values, with errors from its data's noise.
 
     Parameters
     ----------
@@ -163,11 +163,11 @@ def determined(
 
 
 def origin_text(origin: str, value: float, error: float) -> str:
-    """Return what determines a parameter, for people; relative to its own value.
+    """Return the source of a parameter, for people.
 
-    A parameter that the data determine may be small: its interval is narrow beside what
-    matters in use (`USED`), but contains zero.  Then half the 95 % interval over the
-    value is stated with the word.
+    A parameter that the data determine may be small: its interval is narrow relative to
+    the size that matters in use (`USED`), but contains zero.  Then half the 95 %
+    interval over the value is stated with the word.
 
     Examples
     --------

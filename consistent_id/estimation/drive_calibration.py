@@ -29,8 +29,9 @@ from consistent_id.errors import ProblemError
 from consistent_id.estimation.equalities import FreeParameters, least_squares
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.drive_torque import DriveCalibration
+from consistent_id.regression.correlated_noise import SHOWN, spectral_errors
 from consistent_id.regression.linear import extended
-from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import joint_noise
@@ -132,7 +133,7 @@ class CalibrationFit:
             notes.append(
                 "not known: the parameters of the fit explain it as well, or it "
                 "together with another; such are near where they were stated. Known "
-                'bodies (bodies = "model") tell more'
+                'bodies (bodies = "model") determine more'
             )
         if "encoder_bias" in self.found:
             notes.append(
@@ -170,7 +171,7 @@ def fit_calibration(
         Function from a calibration to prepared recordings, always of the same samples;
         see `calibrated`.
     found : sequence of str
-        Of `UNKNOWNS`.
+        Some of `UNKNOWNS`.
     start : DriveCalibration, optional
         Start of the search, and values of the parts that are not estimated.
     constraints : sequence of Constraint
@@ -204,7 +205,8 @@ def fit_calibration(
         change, values = abs(found_here.values - values), found_here.values
         if (change <= _SETTLED * found_here.standard_errors).all():
             break
-    return CalibrationFit(model.robot.joint_names, tuple(found), *found_here)
+    last = found_here._replace(standard_errors=search.errors(values))
+    return CalibrationFit(model.robot.joint_names, tuple(found), *last)
 
 
 class _CalibrationStep(NamedTuple):
@@ -263,25 +265,61 @@ class _CalibrationSearch:
         unknown[:, wanted] = hidden
         return _CalibrationStep(moved, errors * np.where(scale, moved, 1.0), unknown)
 
+    def errors(self, values: Vector) -> Vector:
+        """Return standard errors, noise being as correlated as the residuals are."""
+        here, sigma, free, x = self._fitted(values)
+        parts, count, total = [], 0, 0
+        for one, other in self._motions(values, here):
+            first = max(len(one.q) - SHOWN, 0) // 2
+            shown, late = (m.samples(first, first + SHOWN) for m in (one, other))
+            count, total = count + len(shown.q), total + len(one.q)
+            pieces = _rows(self.model, shown, late, x, self.wanted, free)
+            parts += [
+                np.vstack(own) / s
+                for own, s in zip(zip(*pieces, strict=True), sigma, strict=True)
+            ]
+        width, wanted = free.directions.shape[1], self.wanted
+        n = int(wanted.sum())
+        # What is not shown is like what is: the prior is as much weaker beside it.
+        prior = np.zeros((n, width + n + 1))
+        prior[:, width:-1] = np.diag(np.sqrt(count / total) / self.spread[wanted])
+        found = spectral_errors(parts, prior)[width:] * np.sqrt(count / total)
+        errors = np.zeros(len(values))
+        errors[wanted] = found
+        return errors * np.where(_is_scale(wanted), values, 1.0)
+
     def _compressed(self, values: Vector) -> tuple[Matrix, int]:
         """Return the triangle of all rows ``[Y, C, tau]``, and the width of ``Y``.
 
         Rows are divided by their noise.
         """
-        here = self.recordings(_calibration(values))
-        later = values + np.r_[_LATER, np.zeros(len(values) - 1)]
-        after = self.recordings(_calibration(later)) if self.wanted[0] else here
-        regression = build_regression(self.model, here)
-        sigma = joint_noise(self.model, regression) * np.sqrt(regression.correlation)
-        free = self.free.determined(regression.weighted(sigma))
-        x = _fitted(regression.weighted(sigma), free)
+        here, sigma, free, x = self._fitted(values)
         width = free.directions.shape[1]
         R = np.zeros((0, width + int(self.wanted.sum()) + 1))
-        for one, other in zip(here, after, strict=True):
+        for one, other in self._motions(values, here):
             for rows in _rows(self.model, one, other, x, self.wanted, free):
                 for j, s in enumerate(sigma):
                     R = extended(R, np.asfortranarray(rows[j] / s))
         return R, width
+
+    def _fitted(
+        self, values: Vector
+    ) -> tuple[Sequence[Recording], Vector, FreeParameters, Vector]:
+        """Return recordings, noise of joints, free parameters, and those that fit."""
+        here = self.recordings(_calibration(values))
+        regression = build_regression(self.model, here)
+        sigma = joint_noise(self.model, regression) * np.sqrt(regression.correlation)
+        free = self.free.determined(regression.weighted(sigma))
+        return here, sigma, free, _fitted(regression.weighted(sigma), free)
+
+    def _motions(
+        self, values: Vector, here: Sequence[Recording]
+    ) -> Iterator[tuple[Motion, Motion]]:
+        """Yield rows of each recording, and those with commands a little later."""
+        later = values + np.r_[_LATER, np.zeros(len(values) - 1)]
+        after = self.recordings(_calibration(later)) if self.wanted[0] else here
+        for one, other in zip(here, after, strict=True):
+            yield motion_of(self.model, one, None), motion_of(self.model, other, None)
 
 
 def _is_scale(values: BoolArray) -> BoolArray:
@@ -297,14 +335,13 @@ def _fitted(regression: Regression, free: FreeParameters) -> Vector:
 
 def _rows(
     model: TorqueModel,
-    recording: Recording,
-    later: Recording,
+    whole: Motion,
+    late: Motion,
     x: Vector,
     wanted: BoolArray,
     free: FreeParameters,
 ) -> Iterator[list[Matrix]]:
     """Yield, piece by piece, the rows ``[Y, C, tau]`` of each torque joint."""
-    whole, late = motion_of(model, recording, None), motion_of(model, later, None)
     n = len(model.robot)
     for moved, delayed in zip(whole.pieces(), late.pieces(), strict=True):
         along = moved.along
@@ -354,8 +391,8 @@ class CommandDelay:
     seconds : float, [s]
         Not below zero.
     standard_error : float, [s]
-        From the curvature of the misfit, with the number of independent samples;
-        infinite without curvature.
+        For noise as correlated as the residuals, at the frequencies of the delay's
+        effect on the torque; infinite without curvature of the misfit.
     tried : array_like, shape (delays,), [s]
     misfits : array_like, shape (delays,)
         Least weighted squared misfit at each delay, relative to the smallest.
@@ -434,15 +471,47 @@ def command_delay(
     seconds, bend = _parabola(best, step, misfit)
     tried = np.array(list(built))
     misfits = np.array([misfit(delay) for delay in built])
-    least = misfits.min()
-    # The misfit over its noise is a chi-square in as many samples as are independent.
-    curvature = bend / least * float(built[best].effective.sum())
+    later = recordings(best + _LATER)
+    error = _delay_error(model, recordings(best), later, sigma, free)
     return CommandDelay(
         seconds=min(max(seconds, 0.0), longest),
-        standard_error=float(np.sqrt(2.0 / curvature)) if curvature > 0.0 else np.inf,
+        standard_error=error if bend > 0.0 else np.inf,
         tried=tried,
-        misfits=misfits / least,
+        misfits=misfits / misfits.min(),
     )
+
+
+def _delay_error(
+    model: TorqueModel,
+    here: Sequence[Recording],
+    later: Sequence[Recording],
+    sigma: Vector,
+    free: FreeParameters,
+) -> float:
+    """Return the standard error of the delay beside all free parameters.
+
+    Parameters
+    ----------
+    here, later : sequence of Recording
+        With the torque of commands at the delay found, and `_LATER` after it.
+    sigma : ndarray, shape (joints,)
+        Each joint's noise.
+    """
+    parts, rows, total = [], 0, 0
+    for one, other in zip(here, later, strict=True):
+        whole, late = motion_of(model, one, None), motion_of(model, other, None)
+        first = max(len(whole.q) - SHOWN, 0) // 2
+        shown, delayed = (m.samples(first, first + SHOWN) for m in (whole, late))
+        effect = (delayed.torque - shown.torque) / _LATER
+        rows, total = rows + len(shown.q), total + len(whole.q)
+        parts += [
+            np.column_stack([Y.T @ free.directions, c, t - Y.T @ free.start]) / s
+            for Y, c, t, s in zip(
+                shown.regressor(model), effect.T, shown.torque.T, sigma, strict=True
+            )
+        ]
+    # What is not shown is like what is.
+    return float(spectral_errors(parts)[-1] * np.sqrt(rows / total))
 
 
 def _parabola(

@@ -1,11 +1,12 @@
 """Estimated friction and rotor inertia over those of the robot's file.
 
-A wrong clock scales all rotor inertias, a wrong gain all drives alike.  What a file
-says of drives is worth little: of a Unitree Z1, clean estimates are 0.4 to 1.3 times
-its rotor inertias and 0.6 to 1.3 times its friction.  So only a large common factor
-counts.  Values that are alike for all joints are placeholders, and do not count at all.
-Values that the data do not determine, or that lie on a bound, are not compared: the
-inertias of a first joint's rotor and link are one sum, whose parts are the prior's.
+A wrong clock scales all rotor inertias, a wrong gain all drives alike.  A file's drives
+are uncertain: for a Unitree Z1, clean estimates are 0.4 to 1.3 times its rotor inertias
+and 0.6 to 1.3 times its friction.  So only a large common factor is reported.  Values
+that are equal for all joints, or round, such as 10 or 0.5, are placeholders and are
+ignored.  Values that the data do not determine, or that lie on a bound, are not
+compared: the inertias of a first joint's rotor and link are one sum, whose parts come
+from the prior.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,7 +22,7 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.solids import DrawnDrive, DrawnParts
 
 FRICTION_CARE = 2.0
-"""Common factor of friction from which on it counts: oil, load and wear change it."""
+"""Least common factor of friction that is reported: oil, load and wear change it."""
 
 ROTOR_CARE = 3.0
 """Common factor of rotor inertia: a clock at half speed makes it four."""
@@ -42,7 +43,7 @@ class DriveRatios:
     ----------
     joints : tuple of str
     friction : array_like, shape (joints,)
-        At the speed of the log; of joints whose friction is viscous and dry.
+        Friction at the speed of the log, for joints with viscous and dry friction.
     rotors : array_like, shape (joints,)
     fault : str
         Why the robot's file cannot be read; see `DrawnParts`.
@@ -90,7 +91,7 @@ def drive_ratios(
     speeds : mapping of str to float, [rad/s or m/s]
         Speed of each joint at which friction is compared; see `log_speeds`.
     bounds : sequence of Constraint
-        Those of the estimate.  Values on `ParameterBounds` are not compared; zero is
+        Bounds of the estimate.  Values on `ParameterBounds` are not compared; zero is
         no drive.
     """
     known = np.full(len(x), np.nan) if errors is None else errors.copy()
@@ -136,7 +137,7 @@ def _ratios(
             terms["viscous"],
             terms["coulomb"],
         )
-        # The errors of both may add up: their correlation is not looked at.
+        # The errors of both may add up: their correlation is ignored.
         friction = _ratio(
             viscous * speed + coulomb,
             of_viscous * speed + of_coulomb,
@@ -150,7 +151,7 @@ def _ratios(
 def _ratio(value: float, error: float, nominal: float) -> float:
     """Return a value over the nominal one; NaN where the data do not determine it.
 
-    A value that is nothing, or negative, says so whatever its error is.
+    A value of zero or less is returned whatever its error is.
     """
     if not (nominal > 0.0 and np.isfinite(error)):
         return np.nan
@@ -159,9 +160,9 @@ def _ratio(value: float, error: float, nominal: float) -> float:
 
 
 def drive_reasons(ratios: DriveRatios) -> Iterator[Reason]:
-    """Doubt estimates whose drives are all too large, or all too small.
+    """Return a reason to doubt drives that are all too large, or all too small.
 
-    Where a joint has none, or less, the joints are not alike.
+    If a joint has none, or less, the joints do not agree.
     """
     if ratios.fault:
         yield Reason(

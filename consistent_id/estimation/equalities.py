@@ -71,14 +71,14 @@ class FreeParameters:
         return Y @ self.directions, tau - Y @ self.start
 
     def moves(self, A: Matrix) -> Vector:
-        """Return how far each parameter moves as ``||A y||^2`` rises by one.
+        """Return the change of each parameter for which ``||A y||^2`` rises by one.
 
         These are standard errors for white noise of level one.
 
         Parameters
         ----------
         A : ndarray, shape (rows, free)
-            Of full rank.
+            Rows, of full rank.
         """
         scale = np.linalg.norm(A, axis=0)
         steps = np.linalg.inv(np.linalg.qr(A / scale, mode="r")) / scale[:, None]

@@ -59,7 +59,7 @@ ERRORS = (
     "uncertainty (--uncertainty) also includes active inequalities and the scatter "
     "between recordings; - where the data do not determine the parameter"
 )
-"""What `Estimate.parameter_errors` are, for people."""
+"""A description of `Estimate.parameter_errors`, for people."""
 
 
 @brief
@@ -75,13 +75,12 @@ class Estimate:
     parameters : array_like, shape (parameters,)
         Standard parameters; the data determine only their base parameters.
     base_covariance : array_like, shape (base, base), optional
-        Of the base parameters, under noise correlated as the residuals are (white, if
-        a note says so); None where it has no simple form.
+        Covariance of the base parameters, under noise correlated as the residuals are
+        (white, if a note says so); None where it has no simple form.
     origins : tuple of str
-        What determines each parameter: ``"data"``, ``"combination"`` (data determine
-        only sums that contain it), ``"loose"`` (data bound it loosely),
-        ``"constraint"``, ``"prior"``, or ``"convention"`` (the smallest vector); see
-        `determinations`.
+        Source of each parameter: ``"data"``, ``"combination"`` (data determine only
+        sums that contain it), ``"loose"`` (data bound it loosely), ``"constraint"``,
+        ``"prior"``, or ``"convention"`` (the smallest vector); see `determinations`.
     undetermined : tuple of str
         Combinations of base parameters that are not identifiable from the data, as
         readable sums.
@@ -296,10 +295,10 @@ class Estimate:
         seed: int = 0,
         progress: bool = False,
     ) -> "Uncertainty":
-        """Return how sure each parameter is: error, bootstrap, and proven interval.
+        """Return each parameter's uncertainty: error, bootstrap, and proven interval.
 
-        Of constrained estimates.  The estimate knows its constraints, prior and
-        weights; only the data are needed.  Of an estimate from a problem file
+        This is for constrained estimates.  The estimate knows its constraints, prior
+        and weights; only the data are needed.  For an estimate from a problem file,
         `Study.uncertainty` needs nothing.
 
         Parameters
@@ -372,7 +371,7 @@ class Estimate:
         recording : Recording
             With velocity and acceleration.
         joints : sequence of str, optional
-            Which torques to draw; by default all that the model has.
+            Torques to draw; by default all that the model has.
         axes : matplotlib.axes.Axes or array_like of it, shape (joints,), optional
             By default those of a new figure of `matplotlib.pyplot`.
 
@@ -541,9 +540,9 @@ class Estimate:
         ----------
         path : str or Path
         model : TorqueModel
-            The one that the estimate is of.
+            The model of the estimate.
         base : BaseParameters
-            Of the model.
+            Base parameters of the model.
 
         Raises
         ------

@@ -42,7 +42,7 @@ class CertificateRecord(msgspec.Struct):
 
 
 class JointRecord(msgspec.Struct):
-    """How well the torque of one joint is explained; see `Fit`."""
+    """The explained part of one joint's torque; see `Fit`."""
 
     torque: float | None
     misfits: float | None
@@ -57,7 +57,7 @@ class JointRecord(msgspec.Struct):
 
 
 class FitRecord(msgspec.Struct):
-    """How well the training data are explained; see `Fit`."""
+    """The explained part of the training data; see `Fit`."""
 
     misfit: float | None
     floor: float | None

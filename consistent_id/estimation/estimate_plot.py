@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Array, Vector
+from consistent_id._support.extras import needed
 from consistent_id.errors import ProblemError
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_names import in_newton
@@ -25,7 +26,7 @@ class TorqueCurves:
     Parameters
     ----------
     labels : tuple of str
-        Of each row, with its unit.
+        Labels of each row, with its unit.
     time : ndarray, shape (samples,), [s]
     predicted : ndarray, shape (samples, rows), [N m or N]
     measured : ndarray, shape (samples, rows), [N m or N], optional
@@ -179,7 +180,7 @@ def axes_for(
     shape : (int, int)
         Rows and columns of axes.
     what : str
-        What they are for, in the error.
+        Their purpose, for the error.
     heights : sequence of float, shape (rows,), optional
         Relative heights, a row of text each; by default equal.
 
@@ -194,8 +195,7 @@ def axes_for(
     """
     rows, columns = shape
     if axes is None:
-        import matplotlib.pyplot as plt
-
+        plt = needed("matplotlib.pyplot", "plots", "plotting")
         tall = 1.6 * rows if heights is None else 0.22 * sum(heights)
         _, axes = plt.subplots(
             *shape,

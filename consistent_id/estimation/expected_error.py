@@ -31,8 +31,8 @@ expected error is in the middle, ``sqrt(r) E_new``, and the range covers both:
 
     low = min(1, r) E exp(-h),    high = max(1, r) E_new exp(h)
 
-Who predicts no torque at all is wrong by 100 %.  Where the expected error is no less,
-the training data tell nothing of other motion, and no figure is printed.
+Predicting no torque at all has an error of 100 %.  If the expected error is no less,
+the training data give no information on other motion, and no figure is printed.
 """
 
 from collections.abc import Sequence
@@ -65,7 +65,7 @@ from consistent_id.regression.regressor import TorqueModel
 SHARE = 0.8
 """Share of motions whose error is in the range."""
 
-_NOTHING = 1.0  # the error of who predicts no torque at all
+_NOTHING = 1.0  # the error of predicting no torque at all
 _LEAST = 1e-6  # share of the pooled error below which a segment's error is rounding
 
 
@@ -76,8 +76,8 @@ class ExpectedError:
     Parameters
     ----------
     error : float
-        Pooled over all data left out; for a known motion, with what its distance from
-        the training rows adds.
+        Error pooled over all data left out; for a known motion, increased by its
+        distance from the training rows.
     low, high : float
         Range of the error in `SHARE` of motions.
 
@@ -114,7 +114,7 @@ class ExpectedError:
 
     @property
     def range(self) -> str:
-        """The range in words; what is above 100 % is not told apart."""
+        """The range in words; errors above 100 % are not distinguished."""
         low, high = (
             percent(end) if end < _NOTHING else f"over {percent(_NOTHING)}"
             for end in (self.low, self.high)
@@ -136,12 +136,12 @@ class ExpectedError:
 
 
 def expected_error(left_out: LeftOutErrors) -> ExpectedError | None:
-    """Return the error to expect on a motion of which nothing is known.
+    """Return the error to expect on an unknown motion.
 
     Parameters
     ----------
     left_out : LeftOutErrors
-        Of one fit.
+        Errors on the rows left out of one fit.
 
     Returns
     -------
@@ -169,13 +169,13 @@ class ErrorForecast:
     ----------
     model : TorqueModel
     expected : ExpectedError
-        On a motion of which nothing is known.
+        Expected error on an unknown motion.
     excess : float
         Squared error on the data left out beyond that on the data fitted, not negative.
     tested : float
         ``D_0^2``, the spread of the rows left out.
     scaled : ScaledFit
-        To all data.
+        Fit to all data.
     root : ndarray, shape (parameters, parameters)
         See `prediction_root`.
     regression : Regression
@@ -235,7 +235,7 @@ def error_forecast(
     regression : Regression
         All training data, with the weights of the fit.
     left_out : LeftOutErrors
-        Of the same fit without each block.
+        Errors on the rows left out of the same fit without each block.
     parameters : ndarray, shape (parameters,)
         The estimate.
 

@@ -22,8 +22,7 @@ from consistent_id._support.arrays import (
     freeze_arrays,
 )
 from consistent_id._support.tables import brief
-from consistent_id.estimation.body_slopes import slopes_on
-from consistent_id.estimation.torque_error import holding, moving_shares
+from consistent_id.estimation.torque_error import holding, moving_shares, slopes_on
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.masks import standstill
 from consistent_id.regression.linear import (
@@ -175,7 +174,7 @@ def _in_errors(free: UnconstrainedFit, changes: Matrix) -> Matrix:
 
 
 def _distance(free: UnconstrainedFit, bodies: Matrix, width: Vector) -> float:
-    """Return how far nominal bodies are from the data, in their widths; at least one.
+    """Return the distance of nominal bodies from the data, in widths; at least one.
 
     The root mean square over the base parameters of bodies, with all drive terms free.
     """
@@ -205,7 +204,7 @@ _PER_JOINT = tuple(
     "prior_errors".split()
 )
 
-_USUAL = 0.99  # quantile of the torque that is held against effort limits
+_USUAL = 0.99  # quantile of the torque that is compared with effort limits
 _ENOUGH = 300  # samples in motion, of which three outliers are less than the rest
 
 

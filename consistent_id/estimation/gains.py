@@ -52,8 +52,9 @@ class DriveGains:
     joints : tuple of str
     gains : array_like, shape (torque joints,), [N m/A or N/A]
         Where `identifiable` is false, only their ratios are identified.
-    standard_errors : array_like, shape (torque joints,), [N m/A or N/A]
-        For noise as correlated as the residuals; infinite where not identifiable.
+    covariance : array_like, shape (torque joints, torque joints)
+        Of the gains' relative errors, for noise as correlated as the residuals;
+        infinite on the diagonal where not identifiable, and zero beside it.
     parameters : array_like, shape (parameters,)
         Parameters of robot and load for these gains; unidentifiable ones are zero.
     linear : array_like, shape (torque joints,)
@@ -72,7 +73,7 @@ class DriveGains:
 
     joints: tuple[str, ...]
     gains: Vector
-    standard_errors: Vector
+    covariance: Matrix
     parameters: Vector
     linear: Vector
     current_noise: Vector
@@ -83,14 +84,20 @@ class DriveGains:
     seconds: float
 
     def __post_init__(self) -> None:
-        names = ("gains", "standard_errors", "linear", "current_noise")
-        shapes = dict.fromkeys(names, (len(self.joints),))
-        freeze_arrays(self, shapes, finite=False)
+        joints = len(self.joints)
+        shapes: dict[str, tuple[int, ...]]
+        shapes = dict.fromkeys(("gains", "linear", "current_noise"), (joints,))
+        freeze_arrays(self, {**shapes, "covariance": (joints, joints)}, finite=False)
 
     @property
     def relative_errors(self) -> Vector:
-        """Standard errors over the gains: the ``gain_errors`` of `identify_payload`."""
-        return self.standard_errors / self.gains
+        """Standard errors over the gains, shape (torque joints,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def standard_errors(self) -> Vector:
+        """Shape (torque joints,), [N m/A or N/A]; infinite where not identifiable."""
+        return np.asarray(self.gains * self.relative_errors)
 
     @property
     def identified(self) -> tuple[bool, ...]:
@@ -238,13 +245,13 @@ def _once(
     x[unknown] = found.fit.x
     gains, noise = np.exp(found.log_gains), found.noise
     correlation = correlation_length(_residuals(robot, runs, x, gains), noise)
-    errors = np.full(len(gains), np.inf)
+    covariance = np.diag(np.full(len(gains), np.inf))
     if not found.scale_open:
-        errors = gains * _spread(found.fit.jacobian) * np.sqrt(correlation)
+        covariance = _spread(found.fit.jacobian) * correlation
     return DriveGains(
         joints=regression.joints,
         gains=gains,
-        standard_errors=errors,
+        covariance=covariance,
         parameters=x,
         linear=linear,
         current_noise=noise,
@@ -256,13 +263,14 @@ def _once(
     )
 
 
-def _spread(J: Matrix) -> Vector:
-    """Return the roots of the diagonal of ``(J^T J)^-1``, infinite where singular."""
+def _spread(J: Matrix) -> Matrix:
+    """Return ``(J^T J)^-1``, with an infinite diagonal alone where it is singular."""
     R = np.linalg.qr(J, mode="r")
     size = abs(np.diag(R))
     if size.min() <= np.finfo(float).eps * size.max():
-        return np.full(len(R), np.inf)
-    return np.asarray(np.linalg.norm(np.linalg.inv(R), axis=1))
+        return np.diag(np.full(len(R), np.inf))
+    inverse = np.linalg.inv(R)
+    return np.asarray(inverse @ inverse.T)
 
 
 def _rows(

@@ -1,4 +1,4 @@
-"""What a part of the data changes: the estimate again without that part.
+"""The influence of a part of the data: the estimate again without that part.
 
 With ``A`` the weighted base regressor of the other data and ``C`` the covariance of the
 torque that they predict, in the coordinates ``y`` of `ResidualNoise`, a change ``d`` of
@@ -7,9 +7,10 @@ the base parameters is
     sqrt(y^T C^-1 y / rank)   standard errors, all parameters together,
     ||y|| / sqrt(trace C)     standard errors of the predicted torque.
 
-Standard errors of the other data say nothing of what only the part determines, and they
-grow if the other data are poor.  So the change of torque on other motions counts too,
-beside the estimate's misfit, and there the torque of all that the other data lose.
+Standard errors of the other data contain nothing about parameters that only the part
+determines, and they grow if the other data are poor.  So the change of torque on other
+motions is also compared with the estimate's misfit; it includes the torque of all
+parameters that the other data do not determine.
 """
 
 from collections.abc import Sequence
@@ -20,10 +21,10 @@ import numpy as np
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import InfeasibleError, NotExcitedError, SolverError
 from consistent_id.estimation.best_fit import FitProblem
-from consistent_id.estimation.body_slopes import Slopes, slopes_on
 from consistent_id.estimation.constrained_fit import constrained_fit
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.slope_reasons import confirmed_joints, doubtful_joints
+from consistent_id.estimation.torque_error import Slopes, slopes_on
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.regression import build_regression
@@ -31,14 +32,14 @@ from consistent_id.regression.residual_noise import UnconstrainedFit
 from consistent_id.regression.row_structure import random_rows
 
 SMALL = 1.0
-"""Standard errors below which a part of the data changes nothing."""
+"""Standard errors below which a part of the data has no effect."""
 
-_ROUNDING = 1e-9  # of the largest torque: what a row without misfit may change
+_ROUNDING = 1e-9  # of the largest torque: allowed change of a row without misfit
 
 
 @dataclass(frozen=True, slots=True)
 class Influence:
-    """By how much an estimate differs from one without a part of its data.
+    """The difference of an estimate from one without a part of its data.
 
     Parameters
     ----------
@@ -74,12 +75,12 @@ def influence(
     others: UnconstrainedFit,
     whole: UnconstrainedFit | None = None,
 ) -> Influence:
-    """Return by how much parameters differ, in standard errors of the other data.
+    """Return the difference of parameters, in standard errors of the other data.
 
     Parameters
     ----------
     estimate : Estimate
-        From all data.
+        The estimate from all data.
     change : ndarray, shape (parameters,)
         The estimate, less the same one without a part of its data.
     others : UnconstrainedFit
@@ -169,7 +170,7 @@ def without(
     recordings : sequence of Recording
         Prepared; where their torque is not known, rows are left out.
     joints : sequence of str
-        Whose torque is left out.
+        Joints whose torque is left out.
 
     Returns
     -------
@@ -230,9 +231,9 @@ def confirmed_slopes(
 ) -> Slopes | None:
     """Return slopes of doubtful joints on the bodies that the other joints determine.
 
-    Joints are doubtful where the nominal bodies do not explain their torque.  A wrong
-    gain of theirs does not change what the other joints say of the bodies.  All are
-    left out together; those that the other joints confirm are no longer left out.
+    Joints are doubtful if the nominal bodies do not explain their torque.  Their gains,
+    if wrong, do not change the bodies that the other joints determine.  All are left
+    out together; joints that the others confirm are then included again.
 
     Parameters
     ----------

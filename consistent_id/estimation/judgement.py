@@ -17,7 +17,6 @@ from consistent_id._support.tables import brief
 from consistent_id.constraints.cones.certificate import OptimumVerdict
 from consistent_id.constraints.links import LinkCondition
 from consistent_id.constraints.robot_size import RobotSize
-from consistent_id.estimation.body_slopes import Slopes
 from consistent_id.estimation.drive_ratios import DriveRatios, drive_reasons
 from consistent_id.estimation.fit import Fit
 from consistent_id.estimation.slope_reasons import (
@@ -28,6 +27,7 @@ from consistent_id.estimation.slope_reasons import (
 )
 from consistent_id.estimation.torque_error import (
     AT_REST,
+    Slopes,
     TorqueError,
     stacked_beyond,
     stacked_error,
@@ -44,7 +44,7 @@ from consistent_id.recordings.recording import LogFinding
 from consistent_id.regression.mass_matrix import POSES
 from consistent_id.regression.residual_noise import WHITE
 
-# Gates.  Of simulated logs without a fault (five robots with Stribeck and load friction
+# Gates.  In simulated logs without a fault (five robots with Stribeck and load friction
 # that the model lacks), the misfit was 0.5-2.5 %, the excess over least squares
 # 1.00-1.09, the held-out error 0.1-2.4 % and slopes 0.92-1.12; real arms with a model
 # that was chosen for them have misfits of 3-6 % and held-out errors of 3-8 %, with a
@@ -64,13 +64,19 @@ NO_BETTER_THAN_ZERO = 1.0  # error of predicting zero torque
 SPARE_CARE = 3.0  # effective samples per parameter; clean logs above have 11-40
 GUESSED_CARE = 0.3  # clean logs: 0.00; rich ones of real arms: 0.03-0.15
 FRICTIONLESS = 0.01  # share of drive terms in the torque; drives have 10-80 %
+_WORDS: dict[str, Word] = {
+    "fault": "do not use",
+    "warning": "use with care",
+    "note": "use",
+}
+_SAID = ("hidden factor",)  # findings of which notes are told, too
 _ALIKE = 0.999  # errors that differ by less are printed with the same digits
 _UNSEEN = "some parameters hardly affect the measured torque"
 
 # Inertia about a joint over the most that bodies have within their sizes, and extent of
-# a body over its size.  Of clean logs of real arms, up to 0.7 and 1.9, and 1.4 of a Z1
-# whose torque is made of commands; of a UR10e whose clock runs at half speed, 2.4-2.9
-# and 2.1-3.9.
+# a body over its size.  In clean logs of real arms they are up to 0.7 and 1.9, and 1.4
+# for a Z1 whose torque is computed from commands; for a UR10e whose clock runs at half
+# speed, 2.4-2.9 and 2.1-3.9.
 INERTIA_CARE = 1.5
 INERTIA_REFUSED = 2.0
 EXTENT_CARE = 3.0
@@ -88,7 +94,7 @@ class Evidence:
     optimum_reason : str
     links : tuple of LinkCondition
     least_mass_eigenvalue : float, [kg m^2 or kg]
-        Of the mass matrix over `POSES` random poses.
+        Least eigenvalue of the mass matrix over `POSES` random poses.
     fit : Fit, optional
     impossible : str
         Proof that no consistent robot has the base parameters, in words.
@@ -105,7 +111,7 @@ class Evidence:
     size : RobotSize, optional
         Extents of the bodies beside the robot's geometry.
     crossed : Slopes, optional
-        Of doubtful joints, on bodies that the other joints determine; see
+        Slopes of doubtful joints, on bodies that the other joints determine; see
         `confirmed_slopes`.
     usual_efforts : Vector, optional
         Torque that 99 % of the samples do not exceed, over each joint's effort limit;
@@ -166,9 +172,9 @@ def _of_slopes(evidence: Evidence, *, of_faults: bool = False) -> Iterator[Reaso
 
 def _of_findings(evidence: Evidence) -> Iterator[Reason]:
     for finding in evidence.findings:
-        if finding.severity == "note":
+        if finding.severity == "note" and finding.kind not in _SAID:
             continue
-        word: Word = "do not use" if finding.severity == "fault" else "use with care"
+        word: Word = _WORDS[finding.severity]
         where = ", ".join(w for w in (finding.recording, finding.where) if w)
         said = f"{where}: {finding.statement}"
         factor, size = factor_of(finding, evidence.findings)
@@ -288,7 +294,7 @@ def _of_bodies(evidence: Evidence) -> Iterator[Reason]:
 
 
 def _of_size(evidence: Evidence) -> Iterator[Reason]:
-    """Hold the inertia about joints, and the bodies, against the robot's geometry."""
+    """Compare the inertia about joints, and the bodies, with the robot's geometry."""
     size, fit = evidence.size, evidence.fit
     if size is None or fit is None:
         return
@@ -327,7 +333,7 @@ def _of_size(evidence: Evidence) -> Iterator[Reason]:
 
 
 def _of_drives(evidence: Evidence) -> Iterator[Reason]:
-    """Hold friction and rotor inertia against those of the robot's file."""
+    """Compare friction and rotor inertia with those of the robot's file."""
     if evidence.drives is not None:
         yield from drive_reasons(evidence.drives)
 
@@ -487,6 +493,6 @@ RULES: tuple[Rule, ...] = (
     _of_guesses,
     _worth_knowing,
 )
-"""Rules for the evidence.  Of several reasons with the same word, the first is the most
-important: a cause comes before its effects.
+"""Rules for the evidence.  Among several reasons with the same word, the first is the
+most important: a cause comes before its effects.
 """

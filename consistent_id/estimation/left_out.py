@@ -63,7 +63,7 @@ class NearPoint(NamedTuple):
     u : ndarray, shape (parameters,)
         See `ScaledFit`.
     weight : float
-        Of the distance: between those of the two optima beside it.
+        Weight of the distance: between those of the two optima beside it.
     """
 
     u: Vector
@@ -265,7 +265,7 @@ def left_out_errors(
 
 
 class _Predicted(NamedTuple):
-    """What a fit makes of a block that it was not fitted to.
+    """The prediction of a fit for a block that was left out of it.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ from consistent_id.errors import ModelError, NotExcitedError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.drive.drive_terms import DriveTerms
-from consistent_id.regression.linear import split_at_gap
+from consistent_id.regression.linear import smallest_solution, split_at_gap
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.row_structure import random_rows
@@ -41,12 +41,12 @@ class LoadedRobot:
     Parameters
     ----------
     model : TorqueModel
-        Of the loaded robot: the load is its last link, on a joint that stands still and
-        has no row.
+        Model of the loaded robot: the load is its last link, on a joint that stands
+        still and has no row.
     carrier : int
         Link that carries the load, in whose frame the load's parameters are.
     base : BaseParameters
-        Of a motion without, and one with the load.
+        Base parameters of motions with and without the load.
     """
 
     bare: TorqueModel
@@ -157,6 +157,33 @@ class LoadedRobot:
                 torque = measured_torque(self.bare, log)
                 parts.append(self.predict(x, log, loaded=k == 1) - torque)
         return np.vstack(parts).T
+
+    def misfits(
+        self,
+        unloaded: Sequence[Recording],
+        loaded: Sequence[Recording],
+        sigma: Sequence[float] | Vector,
+    ) -> Vector:
+        """Return the squared misfits of least squares with the load on each link.
+
+        Shape (links,): sums over all rows, each joint's divided by its `sigma`.
+        """
+        still, carrying = (
+            [F / s for F, s in zip(regression.factors, sigma, strict=True)]
+            for regression in (
+                build_regression(self.torque_model(loaded=False), unloaded),
+                build_regression(self.torque_model(loaded=True), loaded),
+            )
+        )
+        bare, torque = np.split(np.vstack([*still, *carrying]), [-1], axis=1)
+        found = []
+        for link in range(len(self.bare.robot.links)):
+            load = bare[:, self.bare.layout.link_slice(link)].copy()
+            load[: sum(map(len, still))] = 0.0
+            wide = np.hstack([bare, load])
+            misfit = wide @ smallest_solution(wide, torque) - torque
+            found.append(float(np.sum(misfit**2)))
+        return np.array(found)
 
     def with_nominal(self, load: InertialParameters) -> "LoadedRobot":
         """Return the same with another nominal load."""

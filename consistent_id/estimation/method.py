@@ -44,7 +44,7 @@ def fitted_spans(recordings: Iterable[Recording]) -> tuple[FittedSpan, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedUnder:
-    """What a constrained estimate was fitted under, besides its data.
+    """The conditions of a constrained estimate's fit, besides its data.
 
     Parameters
     ----------

@@ -6,6 +6,7 @@ from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, Matrix, Vector, freeze_arrays
 from consistent_id._support.executors import single_threaded
@@ -46,6 +47,7 @@ from consistent_id.robot.inertia import INERTIAL_NAMES, InertialParameters
 from consistent_id.robot.model import Datasheet, Link
 
 _CERTAIN = 5.0  # standard errors
+_ROUNDED = 1e-9  # of the largest entry of a covariance
 
 
 @brief
@@ -72,7 +74,7 @@ class Payload:
         Relative standard errors of gains, as stated.
     robot : LoadedRobot
     estimate, least_squares : Estimate
-        Of robot and load together.
+        Estimates of robot and load together.
     seconds : float
     """
 
@@ -150,7 +152,7 @@ def identify_payload(
     load_constraints: Sequence[Constraint] = (),
     prior: Prior | None = None,
     weighted: bool = True,
-    gain_errors: float | Sequence[float] | Vector = 0.0,
+    gain_errors: ArrayLike = 0.0,
 ) -> Payload:
     """Estimate a load and the robot that carries it, from runs with it and without.
 
@@ -178,15 +180,17 @@ def identify_payload(
         parameters, the nominal load is the least-squares estimate, made consistent.
     weighted : bool
         Whether joints are weighted by their noise.
-    gain_errors : float or sequence of float
+    gain_errors : float or array_like
         Relative standard errors of the gains that convert currents to torque, one for
-        each torque joint or the same for all. They cause errors of the load that noise
-        does not show.
+        each torque joint or the same for all; or their covariance, shape (torque
+        joints, torque joints), such as that of `identify_gains`, whose errors belong
+        together. They cause errors of the load that noise does not show.
 
     Raises
     ------
     ProblemError
-        If there are neither one gain error nor as many as torque joints.
+        If there are neither one gain error nor as many as torque joints, nor a
+        covariance of them.
     RecordingError
         If the load would have a negative mass: the runs are exchanged.
     InfeasibleError, NotExcitedError, SolverError
@@ -206,8 +210,9 @@ def identify_payload(
     correlation = correlation_length(
         list(robot.residuals(free.parameters, *runs)), regression.sigma
     )
-    shares = _of_joints(gain_errors, model)
-    of_gains = gain_slopes(regression, robot.base) * shares
+    of_joints = _gain_covariance(gain_errors, len(model.torque_joints))
+    slopes = gain_slopes(regression, robot.base)
+    of_gains = slopes @ of_joints @ slopes.T
     scatter = _scatter(robot, regression, free, of_gains)
     error = float(np.sqrt(scatter.covariance[0, 0]))
     _require_weight(InertialParameters(free.parameters[robot.load_slice]), error)
@@ -230,7 +235,7 @@ def identify_payload(
         covariance=scatter.covariance,
         quantile=scatter.quantile,
         correlation=correlation,
-        gain_errors=shares,
+        gain_errors=np.sqrt(np.diag(of_joints)),
         robot=robot,
         estimate=estimate,
         least_squares=free,
@@ -283,22 +288,22 @@ def _require_weight(free: InertialParameters, error: float) -> None:
         )
 
 
-def _of_joints(
-    gain_errors: float | Sequence[float] | Vector, model: TorqueModel
-) -> Vector:
-    """Return the relative error of each torque joint's gain."""
-    count = len(model.torque_joints)
-    errors = np.atleast_1d(np.asarray(gain_errors, dtype=float))
-    if len(errors) not in (1, count) or not _are_shares(errors):
+def _gain_covariance(gain_errors: ArrayLike, joints: int) -> Matrix:
+    """Return the covariance of the joints' relative gain errors."""
+    errors = np.asarray(gain_errors, dtype=np.float64)
+    if errors.shape == (joints, joints) and joints > 1:
+        matrix: Matrix = errors
+    elif errors.size in (1, joints) and (errors >= 0.0).all():
+        matrix = np.diag(np.broadcast_to(errors.ravel(), (joints,)) ** 2)
+    else:
+        matrix = np.full((joints, joints), np.nan)
+    least = -_ROUNDED * abs(matrix).max()
+    if not (np.isfinite(matrix).all() and np.linalg.eigvalsh(matrix)[0] >= least):
         raise ProblemError(
-            f"gain_errors are {gain_errors}, expected one share or {count}, zero or "
-            "more, such as 0.05 for 5 %"
+            f"gain_errors are {errors.tolist()}, expected one share or {joints}, zero "
+            f"or more, such as 0.05 for 5 %, or their covariance, {joints} x {joints}"
         )
-    return np.broadcast_to(errors, (count,))
-
-
-def _are_shares(errors: Vector) -> bool:
-    return bool(np.isfinite(errors).all() and (errors >= 0.0).all())
+    return matrix
 
 
 class _LoadScatter(NamedTuple):
@@ -315,8 +320,8 @@ def _scatter(
 
     Parameters
     ----------
-    of_gains : ndarray, shape (base parameters, joints)
-        One standard error of each gain, times the base parameters' slopes by it.
+    of_gains : ndarray, shape (base parameters, base parameters)
+        Covariance of the base parameters by errors of the gains.
     """
     from scipy.special import stdtrit
 
@@ -330,7 +335,7 @@ def _scatter(
     covariance = np.diag(np.full(10, np.inf))
     if free.base_covariance is None or not rows:
         return _LoadScatter(covariance, float(stdtrit(1.0, 0.975)))
-    found = (free.base_covariance + of_gains @ of_gains.T)[np.ix_(places, places)]
+    found = (free.base_covariance + of_gains)[np.ix_(places, places)]
     unknown = ~np.isfinite(np.diag(found))
     found[unknown, :] = found[:, unknown] = 0.0
     found[unknown, unknown] = np.inf

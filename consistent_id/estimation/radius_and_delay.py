@@ -49,7 +49,7 @@ _TRIED = (-1, 0, 1)  # steps about the present values
 
 
 class _Jackknifed:
-    """What the two values have in common: an error of some degrees of freedom."""
+    """The common properties of the two values: an error of some degrees of freedom."""
 
     __slots__ = ()
     standard_error: float
@@ -120,7 +120,7 @@ class RadiusAndDelay:
     feet : ContactRadius, optional
     delay : TorqueDelay, optional
     covariance : ndarray, shape (2, 2)
-        Of offset [m] and delay [s]; zero for what is not estimated.
+        Covariance of offset [m] and delay [s]; zero for one that is not estimated.
     """
 
     feet: ContactRadius | None
@@ -251,7 +251,7 @@ def estimate_radius_and_delay(
 def _shrunk(
     wanted: BoolArray, at: Vector, left: Matrix, said: Vector
 ) -> RadiusAndDelay:
-    """Return values and errors, as far as the data determine them.
+    """Return the values that the data determine, and their errors.
 
     Parameters
     ----------
@@ -343,7 +343,7 @@ def _moved_factors(
     Parameters
     ----------
     moves : tuple
-        Which of radius and delay are wanted, where they are, and their steps.
+        Whether radius and delay are wanted, their places, and their steps.
     """
     offsets, lags = _around(*moves)
     variants = [

@@ -163,12 +163,13 @@ class Recommendation:
             return f"{self.method}, the simplest; no block of the data can be left out"
         if not expected.predicts:
             return (
-                f"error to expect on a motion not seen: {expected}: on blocks left out "
-                "it is larger than the torque; record faster motion of all joints"
+                f"error to expect on a motion not seen: {expected}: on parts of the "
+                "training data that were left out of the fit, it is larger than the "
+                "torque; record faster motion of all joints"
             )
         return (
-            f"error to expect on a motion not seen: {expected} (all joints, blocks "
-            "left out)"
+            f"error to expect on a motion not seen: {expected} (all joints; from parts "
+            "of the training data that were left out of the fit in turn)"
         )
 
     @property
@@ -178,7 +179,7 @@ class Recommendation:
         named = [f"{m} {percent(e)}" for m, e in pairs if m != self.method]
         if self.expected is None or not named:
             return ""
-        return f"other methods on the blocks left out: {', '.join(named)}"
+        return f"other methods on these parts of the data: {', '.join(named)}"
 
 
 def recommend(left_out: Mapping[str, LeftOutErrors]) -> Recommendation:

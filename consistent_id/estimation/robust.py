@@ -66,7 +66,7 @@ def huber(
     tolerance : float
         Change of predicted torque, relative to each joint's scale, at which to stop.
     regression : Regression, optional
-        Of the recordings, with its noise, if it is at hand.
+        Regression of the recordings, with its noise, if it is at hand.
 
     Returns
     -------
@@ -98,7 +98,7 @@ def huber(
 
 @dataclass(frozen=True, slots=True)
 class HuberRules:
-    """Where the loss bends, and when to stop; see `huber`.
+    """The bend of the loss, and the limit of iterations; see `huber`.
 
     Raises
     ------

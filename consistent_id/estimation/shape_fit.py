@@ -116,9 +116,9 @@ def fit_shapes(
     starts : int
         Starts in all; others than the first are drawn within the bounds.
     confidence : float
-        Of the intervals.
+        Confidence of the intervals.
     seed : int
-        Of the starts.
+        Seed of the starts.
     base : BaseParameters, optional
 
     Raises

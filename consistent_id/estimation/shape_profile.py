@@ -38,7 +38,7 @@ class ShapeGroup:
     Parameters
     ----------
     name : str
-        Of the shape, or of its kind where joints share it.
+        Name of the shape, or of its kind where joints share it.
     """
 
     name: str

@@ -50,8 +50,8 @@ class JointSprings:
     compliance : array_like, shape (joints,), [rad/(N m) or m/N]
         Zero for a rigid joint.
     standard_errors : array_like, shape (joints,)
-        Of the compliance, from the curvature of the misfit, with the number of
-        independent samples; zero for a rigid joint.
+        Standard errors of the compliance, from the curvature of the misfit, with the
+        number of independent samples; zero for a rigid joint.
     misfit : float
         Least weighted squared misfit, over that of a rigid robot.
     """
@@ -110,7 +110,7 @@ def joint_springs(
     groups : sequence of sequence of str
         Joints of equal motors; every other joint is a group of its own.
     constraints : sequence of Constraint
-        Of these the equalities count, such as known bodies and equal motors.
+        Only equalities are used, such as known bodies and equal motors.
 
     Raises
     ------

@@ -18,11 +18,11 @@ Word = Literal["use", "use with care", "do not use"]
 WORDS: tuple[Word, ...] = ("use", "use with care", "do not use")
 """From the best to the worst."""
 
-HELP = "docs/bad-result.md"
-"""Page about verdicts other than ``use``."""
+HELP = "consistent-id help bad-result"
+"""Command that prints the page about verdicts other than ``use``."""
 
 BAD_RESULT = "my result is bad, what now?"
-"""What the page is about, as messages name it."""
+"""Title of the page, as messages name it."""
 
 _GAIN, _MASSES = "the gain and the unit of torque", "the model's masses"
 FACTORS: dict[str, tuple[str, ...]] = {
@@ -50,14 +50,14 @@ class Reason:
     kind : str
         Such as ``"misfit"``; what `accept` overrides.
     word : {"use", "use with care", "do not use"}
-        The verdict by this reason alone; ``"use"`` for a note.
+        The verdict from this reason alone; ``"use"`` for a note.
     statement : str
-        What was found, with figures.
+        The finding, with figures.
     advice : str
-        What to do next.
+        The next step.
     factor : str
-        What is off by a factor, such as ``"torque of all joints"``.  Reasons that state
-        the same factor are joined; see `joined`.
+        The quantity that is off by a factor, such as ``"torque of all joints"``.
+        Reasons that state the same factor are joined; see `joined`.
     size : str
         That factor, with its standard error.
     """
@@ -79,7 +79,7 @@ class Verdict:
     ----------
     word : {"use", "use with care", "do not use"}
     method : str
-        Of the estimate.
+        Method of the estimate.
     reasons : tuple of Reason
         The most important first; accepted ones are among the notes.
     accepted : tuple of str
@@ -180,7 +180,7 @@ class Verdict:
 def confirmed(stated: Verdict, found: Verdict) -> Verdict:
     """Return a stated verdict, no better than the evidence found now.
 
-    It is for an estimate that was fitted to all data after it had been judged, so the
+    It is for an estimate that was fitted to all data after its verdict, so the
     new evidence has no held-out data.  The error on data that it was fitted to is less
     than the held-out error, so the larger figure is kept.
 
@@ -230,7 +230,7 @@ def weighed(
 
 
 def factor_of(finding: LogFinding, findings: Sequence[LogFinding]) -> tuple[str, str]:
-    """Return what a finding says is off by a factor, if it is one, and the factor.
+    """Return the quantity that a finding says is off by a factor, and the factor.
 
     Several logs that state a factor of the same torque have to agree in it: otherwise
     each has its own fault, and none of their reasons is joined.

@@ -63,7 +63,7 @@ class PredictedAccuracy:
         Condition number of one repetition's base regressor; its rows are divided by the
         noise if it was stated.
     duration : float, [s]
-        Of one repetition.
+        Duration of one repetition.
     unit_noise : bool
         Whether no noise was given, so that errors are per N m (or N) of it.
     correlation : float
@@ -327,6 +327,9 @@ def path_regressor(
     return np.concatenate(blocks, axis=1)
 
 
+_PRACTICAL = 30  # repetitions; more are not advised
+
+
 @dataclass(frozen=True, slots=True)
 class RelativeAccuracy:
     """Standard errors of one repetition relative to the parameters of a known robot.
@@ -346,7 +349,7 @@ class RelativeAccuracy:
     repetitions : float, optional
         After which all of them have 5 % or less; None if no number is enough.
     duration : float, [s]
-        Of one repetition.
+        Duration of one repetition.
     """
 
     matter: tuple[str, ...]
@@ -370,6 +373,12 @@ class RelativeAccuracy:
         count = max(int(np.ceil(self.repetitions)), 1)
         if count == 1:
             return f"all of the {many} have a standard error of 5 % or less"
+        if count > _PRACTICAL:
+            return (
+                f"{now}; it would have to be played {count} times to reach this for "
+                "all of them: state the noise of your torques if it is less (--noise), "
+                "or what matters (--for)"
+            )
         return (
             f"{now}; to reach this for all of them, play it {count} times, "
             f"{count * self.duration:.0f} s"

@@ -41,7 +41,7 @@ class PathForm:
     ----------
     duration : float, [s]
     harmonics : int
-        Of each base frequency.
+        Number of harmonics of each base frequency.
     base_frequencies : float or sequence of float, optional, [Hz]
         By default the one whose period is the duration.
     rest : bool
@@ -123,7 +123,7 @@ class Aim:
         Condition number that the design may not exceed: the least one is searched for
         first, then the objective under this bound.
     scaling : {"none", "unit columns"}
-        Of the regressor's columns in condition numbers; errors are those of the
+        Scaling of the regressor's columns in condition numbers; errors are those of the
         parameters in their own units.
     noise : array_like or mapping, optional, [N m or N]
         Standard deviation of each torque joint's noise; its rows are divided by it.  By

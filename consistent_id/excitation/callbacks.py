@@ -117,7 +117,7 @@ class QuasiNewton(ca.Callback):
     linear : int
         Rows that come first and have no curvature.
     objective, rows : Memory
-        Of the nonlinear functions; `rows` is None if there are none.
+        Values of the nonlinear functions; `rows` is None if there are none.
     """
 
     def __init__(

@@ -96,7 +96,7 @@ def require_clear_pose(demands: Demands, seed: int = 0) -> None:
     Raises
     ------
     InfeasibleError
-        With the two bodies, their distance and the pose in which they are least near.
+        With the two bodies, their distance and the pose where they are farthest apart.
     """
     scene, limits = demands.scene, demands.limits
     if scene is None or not scene.pairs:
@@ -128,9 +128,17 @@ def _impossible(scene: Scene, pose: Vector) -> str:
         f"{joint} = {q:.3f}"
         for joint, q in zip(scene.robot.joint_names, pose, strict=True)
     )
+    pair = scene.bodies[scene.pairs[k].first], scene.bodies[scene.pairs[k].second]
+    mend = "Move the obstacle, require less (--clearance), widen the joints' ranges"
+    if all(body.frame is not None for body in pair):
+        mend = (
+            "Both belong to the robot: lock the joints between them where they are "
+            "apart (--lock JOINT=POSITION), end the robot before them (--tip LINK), "
+            "require less (--clearance)"
+        )
     return (
         f"no pose was found that keeps all bodies apart. In the best one, {where}, "
         f"bodies {first!r} and {second!r} {apart}, but {wanted * 1e3:.1f} mm and 2 mm "
-        "to spare are required. Move the obstacle, require less (--clearance), widen "
-        "the joints' ranges, or name the pair in `allowed`"
+        f"to spare are required. {mend}, or name the pair in `allowed` of "
+        "[excitation.scene]"
     )

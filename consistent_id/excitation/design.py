@@ -147,8 +147,8 @@ def design_trajectory(
     meter = Meter(time_limit)
     with noted_interrupts(keeps_results=True) as interrupted:
         means = Means(starts, lanes, time_limit, interrupted, where, progress)
-        chosen = best_form(list(problems.values()), means, meter)
-        stages = design_stages(chosen, required, aim, means, meter)
+        chosen, begun = best_form(list(problems.values()), means, meter)
+        stages = design_stages(chosen, required, aim, means, meter, begun)
         unoptimised = _unoptimised(chosen, aim, starts)
     known = None if sensor is not None else parameters
     relative = _useful(measured, stages[-1].accuracy, known, aim)

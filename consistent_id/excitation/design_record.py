@@ -31,7 +31,7 @@ _SAMPLES = 1000
 
 
 def clearance_words(scene: Scene) -> str:
-    """Return how far a scene's pairs stay apart: "proven", or only "checked"."""
+    """Return the least distance of a scene's pairs, "proven" or only "checked"."""
     if scene.unchecked:
         return f"{len(scene.pairs)} pairs of bodies checked; others are not"
     return (
@@ -68,7 +68,7 @@ def kept_limits(demands: Demands) -> str:
 
 
 def kept_apart(scene: Scene | None) -> tuple[str, ...]:
-    """Return how far bodies stay apart, what is around them, and what is unchecked."""
+    """Return the least distances of bodies, their surroundings, and unchecked pairs."""
     if scene is None:
         return ("collisions: NOT CHECKED",)
     found = [_distances(scene)]
@@ -85,7 +85,7 @@ def _distances(scene: Scene) -> str:
     for wanted, count in sorted(counts.items(), reverse=True):
         pairs = f"{count} pair{'s' if count > 1 else ''}"
         if wanted == 0.0:
-            apart.append(f"{pairs} only must not touch")
+            apart.append(f"{pairs} must not touch")
         else:
             verb = "stay" if count > 1 else "stays"
             apart.append(f"{pairs} {verb} {wanted * 1e3:.3g} mm apart")
@@ -266,7 +266,7 @@ def design_tables(
 
 
 def kept_sentences(design: ExcitationDesign) -> tuple[str, ...]:
-    """Return what a design keeps, and which joint moves least, as sentences."""
+    """Return sentences on a design's kept limits and the joint that moves least."""
     required = design.demands
     return (
         *kept_apart(required.scene),

@@ -21,6 +21,7 @@ from consistent_id.excitation.kernels import TorqueKernel
 from consistent_id.motion.collisions.scene import BodyPlaces, Scene, body_places
 from consistent_id.motion.collisions.separation import (
     Separation,
+    distances_along,
     separation,
     separation_slopes,
 )
@@ -29,6 +30,7 @@ from consistent_id.robot.kinematics import link_places
 
 _TIGHTER = 0.03  # share of a limit given up where a proof has failed
 _TORQUE = 1e-7  # s of work per joint, joint before it, and member
+_ROWS = 128  # in multiples of which torques' rows are computed
 _DENSITY = 24  # samples per period of the highest frequency
 _NEAR = 0.05  # share of the limit within which an item gets a row
 
@@ -37,7 +39,8 @@ _SPARE = 0.002  # m; distance beyond the required one that is kept at samples
 _FURTHER = 0.003  # m; distance added where a proof has failed
 _PAIR_DENSITY = 48  # bodies come nearer between samples, by little if many
 _NEAR_BODIES = 0.5  # tenths of a metre from the limit within which rows are made
-_QUERY = 5e-6  # s of work per pair and time
+_BEYOND_NEAR = 0.1  # by which distances are exact beyond that: maxima have neighbours
+_QUERY = 1.2e-6  # s of work per pair and time; most distances are only bounded
 _SHARP = 20.0  # inverse smoothing distance of a row, in tenths of a metre
 
 EVERY = -1
@@ -77,7 +80,13 @@ class Guard(Protocol):
         """Distance from the limit within which an item gets a row."""
 
     def measure(self, motion: Array) -> Matrix:
-        """Return the excess of each item over its limit, (samples, items)."""
+        """Return the excess of each item over its limit, (samples, items).
+
+        The samples are in the order of the path.
+        """
+
+    def kept(self, motion: Array) -> bool:
+        """Return whether no item exceeds its limit."""
 
     def rows(self, motion: Array, items: IntArray) -> "ItemRows":
         """Return one item per sample, with its derivatives."""
@@ -145,9 +154,17 @@ class TorqueGuard:
         torque = self._kernel(motion).torque(motion)
         return (abs(torque) / self.effort - self.reach).reshape(len(torque), -1)
 
+    def kept(self, motion: Array) -> bool:
+        """Return whether no torque exceeds its limit."""
+        return bool(self.measure(motion).max() <= 0.0)
+
     def rows(self, motion: Array, items: IntArray) -> ItemRows:
         """Return the sizes of the chosen torques, with derivatives."""
-        kernel, samples = self._kernel(motion), np.arange(motion.shape[1])
+        samples = np.arange(motion.shape[1])
+        # Each number of samples is compiled: few numbers, by repeating the last one.
+        whole = np.minimum(np.arange(-(-len(samples) // _ROWS) * _ROWS), samples[-1])
+        motion = motion[:, whole]
+        kernel = self._kernel(motion)
         member, joint = np.divmod(items, len(self.effort))
         torque = kernel.torque(motion)[samples, member, joint]
         slopes = kernel.slopes(motion)[samples, member, joint]
@@ -222,10 +239,24 @@ class ClearanceGuard:
         return _QUERY * len(self.scene.pairs)
 
     def measure(self, motion: Array) -> Matrix:
-        """Return the violation of each pair's required distance."""
-        every = np.indices((motion.shape[1], len(self.scene.pairs)))
-        sample, which = (index.ravel() for index in every)
-        return self._near(motion[0], sample, which).value.reshape(every.shape[1:])
+        """Return the violation of each pair's required distance; far off, a bound."""
+        least = self._least
+        near = least + _CLOSE * (_NEAR_BODIES + _BEYOND_NEAR)
+        found = distances_along(self.scene, motion[0], near)
+        return np.asarray((least - np.asarray(found)) / _CLOSE)
+
+    def kept(self, motion: Array) -> bool:
+        """Return whether all bodies are as far apart as required."""
+        least = self._least
+        return distances_along(self.scene, motion[0], least, least=least) is not None
+
+    @property
+    def _least(self) -> Vector:
+        """Distances that pairs keep at samples, [m]."""
+        kept = np.array([pair.wanted + _SPARE for pair in self.scene.pairs])
+        for pair, more in self.spare.items():
+            kept[pair] += more
+        return kept
 
     def rows(self, motion: Array, items: IntArray) -> ItemRows:
         """Return the chosen pairs, or a smooth maximum over all, with derivatives."""
@@ -244,11 +275,7 @@ class ClearanceGuard:
         scene = self.scene
         places = body_places(scene, link_places(scene.robot, q))
         found = separation(scene, places, scene.pairs, sample, which, _CLOSE)
-        wanted = np.array([pair.wanted for pair in scene.pairs])[which]
-        kept = np.full(len(scene.pairs), _SPARE)
-        for pair, more in self.spare.items():
-            kept[pair] += more
-        value = (kept[which] - (found.distance - wanted)) / _CLOSE
+        value = (self._least[which] - found.distance) / _CLOSE
         return _Near(value, places, found)
 
     def item_name(self, item: int) -> str:

@@ -18,7 +18,6 @@ from consistent_id._support.files import (
     write_atomically,
     write_json,
 )
-from consistent_id._support.run import kept_going
 from consistent_id._support.tables import Table
 from consistent_id.errors import InfeasibleError, ProblemError
 from consistent_id.excitation.aims import PathForm
@@ -53,7 +52,7 @@ from consistent_id.motion.files.document import require_names
 from consistent_id.motion.files.trajectory_file import FORMAT_OF_ENDING
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.problems.problem import Problem
-from consistent_id.report.figures import save_figure
+from consistent_id.report.figures import draw_figure
 from consistent_id.robot.kinematics import link_places
 from consistent_id.robot.parameters import did_you_mean
 
@@ -85,7 +84,7 @@ def write_design(
         Endings of files of samples, such as ``csv``, ``yaml`` or ``script``, that
         `write_trajectory` knows; the exact motion is always written, as ``json``.
     tolerance : float, optional, [rad or m]
-        Of ROS messages with few points, see `write_trajectory`.
+        Tolerance of ROS messages with few points, see `write_trajectory`.
     """
     require_writable(folder)
     written = []
@@ -99,21 +98,20 @@ def write_design(
         if "yaml" in formats:
             script = Path(follow.__file__).read_text(encoding="utf-8")
             written.append(write_atomically(folder / CLIENT, script))
-        with kept_going("figure excitation.png"):
-            figure = design_figure(playable.design)
-            written.append(save_figure(figure, folder / "excitation.png"))
+        picture = folder / "excitation.png"
+        written += draw_figure(lambda: design_figure(playable.design), picture)
         record = playable_record(playable)
         written.append(write_json(folder / "excitation.json", record))
     return written
 
 
 def require_formats(formats: Sequence[str], joints: Sequence[str]) -> None:
-    """Refuse formats that cannot hold a robot's joints, before any search.
+    """Refuse formats that do not support a robot's joints, before any search.
 
     Parameters
     ----------
     formats : sequence of str
-        Endings of files of samples; some hold a certain number of joints only.
+        Endings of files of samples; some support a certain number of joints only.
     joints : sequence of str
         Names of the joints that move.
 
@@ -185,7 +183,7 @@ def replay_design(problem: Problem, playable: PlayableDesign, folder: Path) -> P
 
 
 class Plan(NamedTuple):
-    """What would be designed.
+    """The outline of a design before its search.
 
     Parameters
     ----------
@@ -380,16 +378,22 @@ def design_figure(design: ExcitationDesign, before: Vector | None = None) -> Any
     from matplotlib.figure import Figure
 
     joints = design.limits.joints
-    figure = Figure(figsize=(13.0, 1.5 * len(joints) + 1.5), layout="constrained")
+    height = 1.5 * len(joints) + 1.5
+    figure = Figure(figsize=(13.0, height))
     title = f"{design.model.robot.name}: condition number {design.condition}"
-    figure.suptitle("\n".join([title, *_clearance(design)]))
+    figure.suptitle("\n".join([title, *_clearance(design)]), y=1.0 - 0.1 / height)
     sides: Any = figure.subfigures(1, 2, width_ratios=(2.0, 1.0))
     left, right = sides
     axes = left.subplots(len(joints), 3, sharex=True, squeeze=False)
     design.plot(axes)
+    # By hand: Matplotlib's own layout takes seconds for a dozen joints.
+    below, above = 0.5 / height, 1.0 - 0.9 / height
+    left.subplots_adjust(0.08, below, 0.98, above, wspace=0.28, hspace=0.18)
     upper, lower = right.subfigures(2, 1)
     _singular_values(upper, design, before)
+    upper.subplots_adjust(0.15, 1.0 / height, 0.95, 1.0 - 1.8 / height)
     _tool_path(lower, design)
+    lower.subplots_adjust(0.0, 0.05, 0.9, 0.95)
     return figure
 
 

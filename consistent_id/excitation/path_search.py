@@ -27,15 +27,17 @@ _AIM = 0.01  # margin by which the programme tightens rows
 _AGAIN = 60  # most iterations from the end of the round before
 _RESTORED = 4  # most steps from a path that violates a guard to one that does not
 _FAR = 3.0  # of the variables in such a step
-_SLOW = 2.0  # times an iteration, above which measuring all guards is slow
+_SLOW = 0.5  # times an iteration, above which measuring all guards is slow
 _REACH = 0.3  # of the variables in the first step from a path that violates nothing
 _LEAST_REACH = 1e-3  # below which such steps end
+_LITTLE, _IDLE = 2e-4, 4  # gain of the objective; so many such steps end, too
 _WIDER = 1.5  # by which the reach grows
 _CURVED = 0.1  # curvature before any is known
 _APART = 1e-3  # least margin of rows
+_SAFER = 8.0  # times that margin, for each step in a row that violates a guard
 _FULL = 0.8  # share of the reach from which a step counts as full
-_CORRECTED = 3  # times that a step is computed, with the last one's curvature
-_QUADRATIC = 5.0  # work of a quadratic programme, in iterations
+_CORRECTED = 4  # times that a step is computed, with the last one's curvature and rows
+_QUADRATIC = 0.05  # work of the quadratic programmes of a step
 _BEYOND = 12  # iterations in a row that violate a guard, after which a round ends
 _HALVED = 5  # times that the way to a path that violates a guard is halved
 _ROUNDS = 30  # of adding rows where a guard was violated
@@ -61,7 +63,7 @@ class FoundPath:
     obstacle : str
         The limit that was violated most, if nothing was found.
     iterations : int
-        Of the solver.
+        Number of iterations of the solver.
     work : float
         Work that was done, see `Meter`.
     """
@@ -93,7 +95,7 @@ def random_candidate(problem: SearchProblem, number: int) -> FoundPath:
 
 
 @single_threaded
-def search(
+def searched_path(
     problem: SearchProblem,
     start: FoundPath,
     *,
@@ -208,6 +210,8 @@ class _PathSearch:
             self._add_places(candidate)
             self._add_places(end)
             self._consider_between(candidate)
+            if self.best.variables is not None:
+                return self._from_clear(power, iterations)
             if sum(map(len, self._places)) == rows or self.over:
                 return end
             start = end
@@ -246,9 +250,11 @@ class _PathSearch:
         from consistent_id.excitation.callbacks import updated_curvature
 
         curvature: Matrix | None = None
-        limits, reach = problem.limits.fine.tocsr(), _REACH
+        limits, reach, idle = problem.limits.fine.tocsr(), _REACH, 0
         self._add_places(x)
-        while reach > _LEAST_REACH and iterations > 0 and not self.over:
+        while reach > _LEAST_REACH and iterations > 0 and idle < _IDLE:
+            if self.over:
+                break
             B = np.eye(x.size) * _CURVED if curvature is None else curvature
             candidate = self._step(x, Local(slope.ravel(), B, limits), reach)
             new, its_slope = value, slope
@@ -259,6 +265,7 @@ class _PathSearch:
                 continue
             iterations -= 1
             self.iterations += 1
+            idle = idle + 1 if value - new < _LITTLE else 0
             moved, change = (candidate - x).ravel(), (its_slope - slope).ravel()
             curvature = updated_curvature(curvature, moved, change)
             reach *= _WIDER if abs(moved).max() > _FULL * reach else 1.0
@@ -269,24 +276,26 @@ class _PathSearch:
     def _step(self, x: Matrix, local: Local, reach: float) -> Matrix | None:
         """Return the best path within a reach that violates no limit, or None.
 
-        The guards' curvature along a step is included after the step is known, twice.
+        The guards' curvature along a step is included after the step is known.  Where
+        the step violates a guard that has no row yet, it gets one.
         """
         limits = self._problem.limits
         values, jacobian = self._rows(x)
-        for _ in range(_CORRECTED):
-            rows = LinearRows(np.minimum(values - _AIM + _APART, 0.0), jacobian)
-            self.meter.spent += self._costs.iteration * _QUADRATIC
+        for tried in range(_CORRECTED):
+            apart = _APART * _SAFER**tried
+            rows = LinearRows(np.minimum(values - _AIM + apart, 0.0), jacobian)
+            self.meter.spent += _QUADRATIC
             step = best_step(x.ravel(), local, rows, reach)
             if step is None:
                 return None
             candidate = limits.within(x + step.reshape(x.shape))
-            moved = (candidate - x).ravel()
-            values = self._rows(candidate)[0] - jacobian @ moved
             before = sum(map(len, self._places))
             if self._is_clear(candidate):
                 return candidate
             if sum(map(len, self._places)) > before:
-                return None
+                values, jacobian = self._rows(x)
+            moved = (candidate - x).ravel()
+            values = self._rows(candidate)[0] - jacobian @ moved
         return None
 
     def _is_clear(self, variables: Matrix) -> bool:

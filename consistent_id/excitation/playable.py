@@ -165,7 +165,7 @@ class MeasuredBodies(NamedTuple):
     Attributes
     ----------
     torque : TorqueModel
-        Of the joints.
+        Torque model of the joints.
     sensor : SensorRows, optional
         The sensor, if its tool is identified.
     parameters : array_like, optional

@@ -23,8 +23,9 @@ from consistent_id.excitation.basis import LimitRows
 
 _TOLERANCE = 1e-4  # of the optimality conditions, in the objective's unit: a logarithm
 
-_NEAR = 12.0  # times the reach: share of a limit within which it is included
-_NEAREST = 0.6  # most of the same; a step beyond the others is scaled down
+_NEAR = 0.4  # times the length of a row and the reach: room within which it is included
+_ADDED = 6  # most programmes of a step; rows that the last one violates are added
+_BEYOND = 1e-3  # by which a step may exceed a row that is not included
 _STEADY = 1e-6  # of the curvature's mean, added to its diagonal
 
 
@@ -40,7 +41,7 @@ class Programme:
         ``variables -> (values, Jacobian)``, shapes (count,) and (count, variables);
         each value must be 0 or less.
     count : int
-        Of those rows.
+        Number of those rows.
     """
 
     objective: Callable[[Vector], tuple[float, Array]]
@@ -162,49 +163,59 @@ def best_step(
 ) -> Vector | None:
     """Return the most promising step; None if the programme has no solution.
 
-    ``min slope.d + d.curvature.d / 2`` within the limits that are near, the rows and
-    ``|d| <= reach``.
+    ``min slope.d + d.curvature.d / 2`` within limits, rows and ``|d| <= reach``.
+    Limits and rows that are far off are only included if a step violates them.
 
     Parameters
     ----------
     start : ndarray, shape (variables,)
     """
+    from scipy import sparse
+
+    here, size = local.limits @ start, len(start)
+    limits = sparse.csr_array(local.limits)
+    A = sparse.vstack([limits, -limits, sparse.csr_array(rows.jacobian)], format="csr")
+    # A start that touches a limit may exceed its row by rounding.
+    room = np.concatenate(
+        [np.maximum(1.0 - here, 0.0), np.maximum(1.0 + here, 0.0), -rows.values]
+    )
+    length = np.sqrt(sparse.csr_array(A.multiply(A)).sum(axis=1))
+    chosen = room < _NEAR * reach * length
+    steady = _STEADY * np.trace(local.curvature) / size * np.eye(size)
+    curvature = sparse.triu(sparse.csc_array(local.curvature + steady), format="csc")
+    step: Vector | None = None
+    for _ in range(_ADDED):
+        step = _least(curvature, local.slope, A[chosen], room[chosen], reach)
+        if step is None:
+            break
+        beyond = A @ step > room + _BEYOND
+        if not (beyond & ~chosen).any():
+            break
+        chosen |= beyond
+    return step
+
+
+def _least(
+    curvature: Any, slope: Vector, A: Any, room: Vector, reach: float
+) -> Vector | None:
+    """Minimise a quadratic under ``A d <= room`` and ``|d| <= reach``."""
     import clarabel
     from scipy import sparse
 
-    size = len(start)
-    here, curvature = local.limits @ start, local.curvature
-    near = abs(here) > 1.0 - min(_NEAR * reach, _NEAREST)
-    limits, here = local.limits[near], here[near]
+    size = len(slope)
     unit = sparse.identity(size, format="csc")
-    steady = _STEADY * np.trace(curvature) / size * np.eye(size)
-    left = sparse.vstack(
-        [limits, -limits, unit, -unit, sparse.csc_array(rows.jacobian)], format="csc"
-    )
-    # A start that touches a limit may exceed its row by rounding.
-    right = np.concatenate(
-        [
-            np.maximum(1.0 - here, 0.0),
-            np.maximum(1.0 + here, 0.0),
-            np.full(2 * size, reach),
-            -rows.values,
-        ]
-    )
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
+    right = np.concatenate([room, np.full(2 * size, reach)])
     solver = clarabel.DefaultSolver(
-        sparse.triu(sparse.csc_array(curvature + steady), format="csc"),
-        local.slope,
-        left,
+        curvature,
+        slope,
+        sparse.vstack([A, unit, -unit], format="csc"),
         right,
         [clarabel.NonnegativeConeT(len(right))],
         settings,
     )
     found = solver.solve()
-    if found.status not in (
-        clarabel.SolverStatus.Solved,
-        clarabel.SolverStatus.AlmostSolved,
-    ):
-        return None
-    return np.asarray(found.x)
+    solved = clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved
+    return np.asarray(found.x) if found.status in solved else None

@@ -74,14 +74,14 @@ class _Way:
 
 
 class Playing(NamedTuple):
-    """How a path is played.
+    """The way in which a path is played.
 
     Parameters
     ----------
     pose : dict of str to float, optional, [rad or m]
-        From where, and back to where.
+        Pose from which the robot starts and to which it returns.
     periods : int, optional
-        How often the path is repeated.
+        Number of times that the path is played.
     smooth : bool
         See `move_along`.
     """
@@ -107,7 +107,7 @@ def proven_move(
     Parameters
     ----------
     proof : PathProof
-        Of this path.
+        Proof of this path.
     played : Playing
         From where, how often, and how smoothly.
     seed : int

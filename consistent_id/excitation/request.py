@@ -1,4 +1,4 @@
-"""What the ``[excitation]`` table of a problem requests, as values of a design.
+"""The request of a problem's ``[excitation]`` table, as values of a design.
 
 The scene is the one that the file requests, or the robot's own shapes without one.
 """
@@ -232,7 +232,7 @@ def _apart_at(scene: Scene, pose: dict[str, float]) -> Scene:
             continue
         if distance < pair.wanted:
             seen = f"{distance * 1e3:.1f} mm apart in the start pose"
-            notes.append(PairNote(*names, True, f"{seen}; so they only must not touch"))
+            notes.append(PairNote(*names, True, f"{seen}; so only contact is excluded"))
             pair = replace(pair, wanted=0.0)
         pairs.append(pair)
     return replace(scene, pairs=tuple(pairs), notes=tuple(notes))
@@ -280,7 +280,7 @@ class DesignRequest:
 
 
 def design_request(problem: Problem) -> DesignRequest:
-    """Return what the ``[excitation]`` table of a problem requests.
+    """Return the design that the ``[excitation]`` table of a problem requests.
 
     Raises
     ------

@@ -113,7 +113,7 @@ def search_costs(
     entries : int
         Entries of the base regressor: torque joints x samples x base parameters.
     nonzeros : int
-        Of the linear limits' rows.
+        Number of nonzeros of the linear limits' rows.
     samples : int
         Samples times joints, at which the linear limits are measured.
     measure, row : float
@@ -136,8 +136,7 @@ _RANGE = 0.8  # share of the joints' ranges in which these poses are
 _WIDEST = 0.95  # the same of poses that are moved because all others violate a guard
 _SWINGS = (0.25, 0.1, 0.03, 0.01)  # shares of the swing to begin with, tried in order
 _GROWTH = 1.6  # of one joint's swing at a time
-_COARSE = 6  # every sixth of the times is looked at first
-_LEAST = 1.02  # growth that ends the iteration
+_LEAST = 1.05  # growth that ends the iteration
 
 
 class Information(NamedTuple):
@@ -157,7 +156,7 @@ class PathInformation:
     base : BaseParameters
     basis : FourierBasis
     samples : int
-        Of a path at which the regressor is taken.
+        Number of samples of a path at which the regressor is computed.
     recorded : float
         Number of samples that will be recorded, represented by the sampled ones.
     noise : ndarray, shape (torque joints,), [N m or N]
@@ -187,7 +186,7 @@ class SearchProblem:
     Parameters
     ----------
     information : PathInformation
-        Of a path's variables, shape ``shape``.
+        Information of a path's variables, shape ``shape``.
     limits : LimitRows
     guards : tuple of Guard
         Limits that are not linear in the variables.
@@ -195,13 +194,13 @@ class SearchProblem:
         Times at which guards measure.
     objective : Objective
     scaling : {"none", "unit columns"}
-        Of the regressor's columns in condition numbers.
+        Scaling of the regressor's columns in condition numbers.
     gram : ndarray, shape (base, base), optional
         Gram matrix of the task whose torque is to be predicted.
     spread_bound : float
         Bound on the logarithm of the condition number.
     seed : int
-        Of the random paths that searches begin with.
+        Seed of the random paths that searches begin with.
     interest : tuple of int
         Indices of the base parameters whose errors matter; empty for all.
     """
@@ -426,11 +425,8 @@ def clear_start(
     def clear(candidate: Matrix) -> bool:
         if limits.largest(candidate).max() > 1.0:
             return False
-        return all(  # few times first: most candidates fail there
-            guard.measure(basis.motion(candidate, some)).max() <= 0.0
-            for some in (time[::_COARSE], time)
-            for guard in guards
-        )
+        motion = basis.motion(candidate, time)
+        return all(guard.kept(motion) for guard in guards)
 
     if clear(path):
         return path
@@ -456,15 +452,25 @@ def _grown(
     clear: Callable[[Matrix], bool],
     rng: np.random.Generator,
 ) -> Matrix:
-    """Enlarge the swing of each joint separately, up to that of the given path."""
+    """Enlarge the swing of all joints, then of each, up to that of the given path."""
     share = np.abs(start[1:]).max(axis=0) / np.abs(path[1:]).max(axis=0)
-    growth = np.full(path.shape[1], _GROWTH)
+
+    def widened(wider: Vector) -> bool:
+        return clear(np.vstack([start[0], wider * path[1:]]))
+
+    together = _GROWTH
+    while together > _LEAST and (share < 1.0).any():
+        wider = np.minimum(together * share, 1.0)
+        if widened(wider):
+            share = wider
+        else:
+            together = np.sqrt(together)
+    growth = np.where(share < 1.0, _GROWTH, 1.0)
     while (growth > _LEAST).any():
         for j in rng.permutation(np.flatnonzero(growth > _LEAST)):
             wider = share.copy()
             wider[j] = min(share[j] * growth[j], 1.0)
-            candidate = np.vstack([start[0], wider * path[1:]])
-            if clear(candidate):
+            if widened(wider):
                 share = wider
             else:
                 growth[j] = np.sqrt(growth[j])

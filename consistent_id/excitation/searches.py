@@ -21,7 +21,7 @@ import numpy as np
 from consistent_id._support.executors import Executor
 from consistent_id._support.progress import counted
 from consistent_id._support.run import Interrupted
-from consistent_id.excitation.path_search import FoundPath, search
+from consistent_id.excitation.path_search import FoundPath, searched_path
 from consistent_id.excitation.search_problem import SearchProblem
 
 _TRIES = 3  # tries of a start after a process was killed; the executor has one more
@@ -135,7 +135,7 @@ def run_lane(
         if one is None:
             if times_begun(folder, start.number) > _TRIES:
                 continue
-            one = search(
+            one = searched_path(
                 problem,
                 start,
                 work=left,

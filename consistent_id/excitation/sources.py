@@ -59,11 +59,11 @@ def problem_to_excite(
     Parameters
     ----------
     path : Path
-        Of a problem file or its folder, or of a URDF or MJCF file.
+        A problem file or its folder, or a URDF or MJCF file.
     changes : mapping of str to value
         Keys of ``[excitation]``, of its limits and its scene; None changes nothing.
     stated : Statement, optional
-        Of the robot.
+        Statement about the robot.
     """
     stated = Statement() if stated is None else stated
     if is_robot(path):

@@ -91,23 +91,38 @@ def compared_paths(problem: SearchProblem, starts: int) -> list[FoundPath]:
 
 def best_form(
     problems: Sequence[SearchProblem], means: Means, meter: Meter
-) -> SearchProblem:
-    """Return the problem with the most promising form, by a short search of each."""
+) -> tuple[SearchProblem, tuple[FoundPath, ...]]:
+    """Return the problem with the most promising form, and what its short search found.
+
+    Each form has a short search, if there are several.
+    """
     if len(problems) == 1:
-        return problems[0]
+        return problems[0], ()
     starts = [FoundPath(number) for number in range(min(means.starts, means.lanes))]
-    scores = []
+    tried = []
     for problem in problems:
         found = means.run(problem, starts, _TRIAL * means.work)
         meter.spent += means.spent(found, starts)
-        scores.append(min((one.score for one in found), default=np.inf))
-    return problems[int(np.argmin(scores))]
+        tried.append(found)
+    scores = [min((one.score for one in found), default=np.inf) for found in tried]
+    k = int(np.argmin(scores))
+    return problems[k], tuple(one for one in tried[k] if one.variables is not None)
 
 
 def design_stages(
-    problem: SearchProblem, demands: Demands, aim: Aim, means: Means, meter: Meter
+    problem: SearchProblem,
+    demands: Demands,
+    aim: Aim,
+    means: Means,
+    meter: Meter,
+    begun: Sequence[FoundPath] = (),
 ) -> tuple[Stage, ...]:
     """Search for the aim's objectives one after another, each from the best so far.
+
+    Parameters
+    ----------
+    begun : sequence of FoundPath
+        Searches from random paths that go on.
 
     Raises
     ------
@@ -120,7 +135,8 @@ def design_stages(
     prove = _proving_once(demands)
     objectives = aim.objectives
     search = _DesignSearch(aim, means, meter, prove)
-    random = [FoundPath(number) for number in range(means.starts)]
+    going_on = {one.number: one for one in begun}
+    random = [going_on.get(k, FoundPath(k)) for k in range(means.starts)]
     last = len(objectives) == 1
     problem = replace(problem, objective=objectives[0])
     known = compared_paths(problem, means.starts)

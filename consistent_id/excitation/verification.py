@@ -50,7 +50,7 @@ class Demands:
     notes : tuple of str
         Notes on limits that are not checked, with reasons.
     torque_of : str
-        Whose torque is compared with the limits.
+        Model whose torque is compared with the limits.
     """
 
     limits: MotionLimits
@@ -165,11 +165,12 @@ def demands(
     Parameters
     ----------
     limits : MotionLimits
-        Of the robot's joints, in any order; the demands have them in the robot's.
+        Limits of the robot's joints, in any order; the demands have them in the
+        robot's.
     parameters : array_like, shape (parameters,) or (members, parameters), optional
         By default the nominal robot without friction, if torque has limits.
     scene : Scene, optional
-        Of the model's robot.
+        Scene of the model's robot.
     friction_share : float
         Share of the torque limits that is left for friction, if no parameters include
         it.

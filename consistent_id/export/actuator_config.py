@@ -95,7 +95,7 @@ def to_isaac_lab(
         Gains of the joints' drives; without them, stiffness and damping must be filled
         in.
     delay : float, [s]
-        Of commands.
+        Delay of commands.
     allow_refused : bool
         Export refused estimates, too.
 

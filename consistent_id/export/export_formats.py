@@ -184,9 +184,9 @@ def exported(
     copy_files : bool
         Whether these files are to be copied there.
     gains : PDGains, optional
-        Of PD-controlled joints.
+        Gains of PD-controlled joints.
     delay : float, [s]
-        Of their commands.
+        Delay of their commands.
 
     Raises
     ------
@@ -218,8 +218,8 @@ def exported(
 def without_doubtful(estimate: "Estimate") -> tuple["Estimate", tuple[str, ...]]:
     """Return an estimate without offsets and springs that may be zero, and notes.
 
-    They are those within their standard error: a file is simpler without them, and no
-    worse as far as the data tell.
+    They are those within their standard error: a file is simpler without them, and
+    fits the data as well.
     """
     errors, layout = estimate.parameter_errors, estimate.model.layout
     if errors is None:

@@ -1,4 +1,4 @@
-"""What files hold: inertias, friction and drive coefficients, and what a format cannot.
+"""Values in files: inertias, friction, drives, and terms that a format cannot express.
 
 An inertia in a file is about the centre of mass, and divided among fixed links.  Only
 the inertia of a whole moving link is identifiable: its division among parts that never

@@ -6,7 +6,7 @@ from the joint's axis and opposite to each other at ``q = e``, has the moment ar
 ``r sin((q - e) / 2)``.  Friction of the tendon is a torque that grows with it, nearly
 linearly up to a few radians.
 
-Of coupled gears, the tendon's length is the sum of both positions.  What two joints
+For coupled gears, the tendon's length is the sum of both positions.  What two joints
 share of viscous friction, ``[[d1, b], [b, d2]]``, is a damper ``b`` on the sum of both
 rates and dampers ``d1 - b`` and ``d2 - b`` on each; rotor inertias likewise, and
 Coulomb friction of the sum is the tendon's own.
@@ -51,15 +51,16 @@ from consistent_id.robot.loaders.mjcf import quaternion_matrix
 from consistent_id.robot.model import Joint, Mimic
 
 RADIUS = 0.05
-"""Of the tendon's ends around the joint [m]; the torque does not depend on it."""
+"""Distance of the tendon's ends from the joint [m]; the torque does not depend on it.
+"""
 
 SIZE = 1e-3
-"""Of the sites that are its ends [m]; for looking at."""
+"""Size of the sites that are its ends [m]; only for display."""
 
 _WIDEST = np.pi  # rad between limits, up to which the moment arm grows
 _GRID = 65  # positions between the limits at which the levels are made alike
 
-_ROUNDING = 1e-8  # of what is shared; so far may a joint's own fall short of it
+_ROUNDING = 1e-8  # relative; so much less than the shared value may a joint's own be
 _SHARED = {
     "coupling_viscous": "damping",
     "coupling_coulomb": "frictionloss",
@@ -107,8 +108,8 @@ def add_slopes(
         worst = max(worst, level.error)
     names = ", ".join(drive.joint for drive, _ in sloped)
     note = (
-        f"friction of {names} varies with position: tendons with friction say so, off "
-        f"by at most {worst:.2g} N m between the limits"
+        f"friction of {names} varies with position: tendons with friction do so, with "
+        f"an error of at most {worst:.2g} N m between the limits"
     )
     return expressed, [note]
 

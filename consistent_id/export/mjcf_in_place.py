@@ -109,7 +109,7 @@ def _set(document: XmlText, element: Element, **values: Iterable[float]) -> list
     return document.set(element, text)
 
 
-_CLOSE = 1e-9  # of the largest; what is read back, beside what was to be written
+_CLOSE = 1e-9  # of the largest; difference of values that are read back
 _READ_BACK = (
     "dof_damping",
     "dof_armature",
@@ -202,7 +202,7 @@ def _rewritten(
     folder: Path,
     files: tuple[tuple[Path, Path], ...],
 ) -> InPlace:
-    """Return what MuJoCo writes, for files whose elements are not the model's."""
+    """Return MuJoCo's own output, for files whose elements are not the model's."""
     fresh = require_mujoco().MjSpec.from_file(str(source))
     gone = stand_in(fresh, source, require_mujoco())
     if gone:
@@ -261,7 +261,7 @@ class Places(NamedTuple):
 
 
 def places_in(root: Element, model: Any) -> Places | None:
-    """Return where a model's bodies and joints stand; None if that is not in the file.
+    """Return the places of a model's bodies and joints; None if the file has none.
 
     Included files, replicated and attached bodies have no place of their own.
     """
@@ -366,7 +366,7 @@ def _is_site(model: Any, wrap: int) -> bool:
 
 
 def _end(model: Any, wrap: int) -> str:
-    """Return what a tendon passes: a joint, or a site."""
+    """Return the elements that a tendon passes: joints or sites."""
     place = int(model.wrap_objid[wrap])
     if _is_site(model, wrap):
         return f'<site site="{model.site(place).name}"/>'
@@ -406,7 +406,7 @@ def _joint(
     change: _CompiledPair,
     j: int,
 ) -> list[Edit]:
-    """Return edits of what a joint has of drives and springs, where it changed."""
+    """Return edits of a joint's drive and spring values that changed."""
     after = change.after
     found, wanted = _drive(change.before, j), _drive(after, j)
     changed = {name: value for name, value in wanted.items() if value != found[name]}

@@ -70,8 +70,8 @@ def _require_no_followers(robot: RobotModel) -> None:
     followers = [joint.name for joint in robot.joints if joint.mimic is not None]
     if followers:
         raise ProblemError(
-            f"{', '.join(followers)} follow other joints, which a model that is made "
-            "here cannot say. Export a URDF, and read it with "
+            f"{', '.join(followers)} follow other joints, which this model cannot "
+            "express. Export a URDF, and read it with "
             "pinocchio.buildModelFromUrdf(path, mimic=True)"
         )
 

@@ -9,6 +9,7 @@ import numpy as np
 from consistent_id._support.arrays import Vector
 from consistent_id.errors import ProblemError
 from consistent_id.regression.drive.drive_terms import DriveTerms
+from consistent_id.regression.drive.laws import AsymmetricCoulomb, Coulomb, Offset
 from consistent_id.regression.drive.term import DriveTerm
 from consistent_id.regression.regressor import TorqueModel
 
@@ -25,20 +26,32 @@ class SmoothFriction(NamedTuple):
     Parameters
     ----------
     model : TorqueModel
-        With the same columns.
+        With the same columns, but those of `AsymmetricCoulomb`, which become a
+        symmetric level and an offset.
     left_out : tuple of str
         Parameters of friction laws that are not smooth and have no stand-in: they count
         as zero, so this friction is not compensated.
+    names : tuple of str
+        Of the parameters of the model that was identified.
     """
 
     model: TorqueModel
     left_out: tuple[str, ...]
+    names: tuple[str, ...]
 
     def parameters(self, x: Vector) -> Vector:
         """Return parameters without those that are left out."""
+        given = dict(zip(self.names, np.asarray(x).tolist(), strict=True))
+        for name in self.names:
+            joint, _, term = name.rpartition(".")
+            if term == "coulomb_positive":
+                levels = given[name], given[f"{joint}.coulomb_negative"]
+                given[f"{joint}.coulomb"] = 0.5 * (levels[0] + levels[1])
+                given[f"{joint}.offset"] = 0.5 * (levels[0] - levels[1])
         names = self.model.layout.names
-        kept = [name not in self.left_out for name in names]
-        return np.asarray(np.where(kept, x, 0.0))
+        return np.array(
+            [0.0 if name in self.left_out else given[name] for name in names]
+        )
 
 
 def with_smooth_friction(
@@ -50,7 +63,9 @@ def with_smooth_friction(
     the term's own scale.  ``|tanh(dq / w)|`` is at most the size of the identified
     direction, and has its sign: compensation that is computed with this model takes
     from dry friction less than there is, at every velocity, and nothing at rest. So it
-    cannot drive a joint that has the identified friction.
+    cannot drive a joint that has the identified friction.  Where its level differs by
+    direction, dry friction balances any torque between the two levels at rest: their
+    middle is an offset of the joint.
 
     Parameters
     ----------
@@ -73,7 +88,7 @@ def with_smooth_friction(
     """
     widths = _widths(velocity, len(model.robot))
     drive = tuple(
-        DriveTerms(terms=[_smooth(term, width) for term in terms.terms])
+        DriveTerms(terms=[_smooth(term, width) for term in _about_middle(terms)])
         for terms, width in zip(model.terms, widths.tolist(), strict=True)
     )
     couplings = tuple(
@@ -98,7 +113,18 @@ def with_smooth_friction(
         if _is_rough(term)
     ]
     smooth = replace(model, drive=drive, couplings=couplings)
-    return SmoothFriction(smooth, tuple(left_out))
+    return SmoothFriction(smooth, tuple(left_out), model.layout.names)
+
+
+def _about_middle(terms: DriveTerms) -> tuple[DriveTerm, ...]:
+    """Return terms with one level and an offset in place of two levels."""
+    found: list[DriveTerm] = []
+    for term in terms.terms:
+        if isinstance(term, AsymmetricCoulomb):
+            found += [Coulomb(term.velocity_scale), Offset()]
+        else:
+            found.append(term)
+    return tuple(found)
 
 
 def _is_rough(term: DriveTerm) -> bool:

@@ -57,7 +57,7 @@ from consistent_id.robot.parameters import did_you_mean
 _SUFFIX = ".drives.json"
 _EXPRESSED = ("damping", "friction")
 
-_UNLIMITED = 1e9  # URDF asks for numbers, and has no infinity
+_UNLIMITED = 1e9  # URDF needs numbers, and has no infinity
 
 
 @exporter("urdf")
@@ -69,7 +69,7 @@ def to_urdf(
     comment: bool = True,
     allow_refused: bool = False,
 ) -> Export:
-    """Return the URDF that a model was loaded from, with what was identified.
+    """Return the URDF that a model was loaded from, with the identified parameters.
 
     Masses, centres of mass and inertias of the model's links; ``<dynamics>`` of joints
     that have drive terms, and zeros in that of joints that follow them.  All else keeps
@@ -126,7 +126,7 @@ def to_urdf(
     side, line = None, provenance(estimate)
     if lacking:
         side = SideFile(_SUFFIX, json_text(drive_record(estimate)))
-        line += f"; what URDF lacks is in the {_SUFFIX} file beside this one"
+        line += f"; terms that URDF lacks are in the {_SUFFIX} file beside this one"
     if source is None:
         if limits:
             raise ProblemError("limits are for a source; give the model its own ones")
@@ -229,7 +229,7 @@ def _require_carried(file: _File, joint: Element, link: str) -> None:
 
 
 def _dynamics_edits(file: _File, drive: JointDrive) -> list[Edit]:
-    """Return edits of a joint's friction: what it has, and zero for what it has not."""
+    """Return edits of a joint's friction: its own terms, and zero for missing ones."""
     joint = file.joint(drive.joint)
     stated = joint.child("dynamics")
     has = {} if stated is None else stated.attributes
@@ -271,7 +271,7 @@ def _set_or_insert(
 
 
 def _left_out(file: _File, robot: RobotModel) -> list[str]:
-    """Name links with mass that the model knows nothing of."""
+    """Name links with mass that the model lacks."""
     known = {frame.name for frame in robot.ground}
     for link in robot.links:
         known |= {link.name, *(frame.name for frame in link.merged)}

@@ -41,7 +41,7 @@ class FleetModel:
     Parameters
     ----------
     whole : TorqueModel
-        Of one robot.
+        Model of one robot.
     shared : TorqueModel
         Without own terms.
     common : ndarray of int
@@ -49,7 +49,7 @@ class FleetModel:
     own : tuple of ndarray of int
         Parameters of `whole` that are a robot's own, by torque joint.
     base : BaseParameters
-        Of `whole`.
+        Base parameters of `whole`.
     """
 
     whole: TorqueModel
@@ -188,7 +188,7 @@ class RobotShare:
     Parameters
     ----------
     shared : Regression
-        Of the shared parameters, its `sigma` the robot's own noise.
+        Regression of the shared parameters, its `sigma` the robot's own noise.
     own : tuple of ndarray, each shape (rank, own + shared + 1)
         ``[A B t]``: the own parameters ``y`` add ``||A y + B x - t||^2`` to the squared
         misfit, joint by joint, [N m or N].
@@ -343,7 +343,7 @@ def write_share(path: Path, share: RobotShare) -> None:
         arrays |= {f"scores{j}": N for j, N in enumerate(noise.scores)}
         arrays["effective"] = noise.effective
         arrays["freedom"] = noise.freedom
-        arrays["blocks"] = np.array(noise.blocks)
+        arrays["blocks"] = np.array(noise.beyond)
     np.savez(
         path,
         counts=np.array(regression.counts),

@@ -40,7 +40,7 @@ class FleetRobot:
     p_value : float
         Probability of such a value among robots that scatter as this fleet does.
     outlier : bool
-        Whether it was left out of what is shared.
+        Whether it was left out of the shared estimate.
     payload : FoundPayload, optional
         Its payload, if one was stated.
     """
@@ -68,7 +68,7 @@ class Fleet:
     Parameters
     ----------
     model : TorqueModel
-        Of one robot.
+        Model of one robot.
     bodies : Estimate
         The shared estimate, without outliers; a model without friction.
     robots : tuple of FleetRobot
@@ -117,7 +117,7 @@ class Fleet:
             "error: RMS residual over RMS torque, with the fleet's bodies, and of "
             "least squares of the robot alone",
             f"chi^2: rise of the squared misfit by sharing; a typical robot's is "
-            f"{self.spread:.3g} times that of equal robots, and p is among such",
+            f"{self.spread:.3g} times that of equal robots; p is for such robots",
             f"outliers: {', '.join(self.outliers) or 'none'} (nominal probability of "
             f"a false one: {LEVEL:g})",
         ]
@@ -126,7 +126,7 @@ class Fleet:
         if len(order) > _SHOWN:
             notes.append(f"the first {_SHOWN} of {len(order)} robots")
         if not self.settled:
-            notes.append("bounds of friction still changed when it was ended")
+            notes.append("bounds of friction still changed in the last round")
         return Table(
             f"Fleet of {len(self.robots)} robots {self.model.robot.name}",
             ("robot", "samples", "error", "alone", "chi^2", "expected", "p", "bodies"),

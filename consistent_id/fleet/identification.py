@@ -79,7 +79,7 @@ def identify_fleet(
     Parameters
     ----------
     problems : sequence of Problem
-        Of the same model, constraints and prior, with different names.
+        Problems of the same model, constraints and prior, with different names.
     executor : str or Executor
         Where the recordings are compressed, a robot at a time; the result does not
         depend on it.
@@ -149,7 +149,7 @@ def fleet_estimate(
 
 
 def carried_body(problem: Problem) -> CarriedBody | None:
-    """Return what a problem's robot carries, if its file says so."""
+    """Return the load that a problem's file states for its robot, if any."""
     table = problem.table.payload
     if table is None:
         return None
@@ -223,7 +223,7 @@ def _stored(
     base: BaseParameters,
     places: Mapping[str, PlacedBody],
 ) -> tuple[list[StoredRobot], list[Matrix]]:
-    """Write the robots' parts to a folder; return what memory holds of them.
+    """Write the robots' parts to a folder; return the parts that stay in memory.
 
     Beside the robots these are the factors by which outliers are found.
     """
@@ -249,7 +249,7 @@ def _robot(
     outliers: Outliers,
     number: int,
 ) -> FleetRobot:
-    """Return what was found of one robot."""
+    """Return the result for one robot."""
     x, payload = bodies.parameters, None
     if robot.place is not None:
         held = held_rows(fleet, robot, robot.place, x, limits)

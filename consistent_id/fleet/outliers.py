@@ -74,7 +74,7 @@ def find_outliers(factors: Sequence[Matrix]) -> Outliers:
     Parameters
     ----------
     factors : sequence of ndarray, each shape (rows, parameters + 1)
-        Of the shared base parameters and torque, rows divided by the noise.
+        Factors of the shared base parameters and torque, rows divided by the noise.
     """
     robots = len(factors)
     named = np.zeros(robots, dtype=np.bool_)

@@ -47,7 +47,7 @@ _LEAST = 1e-14  # slack, relative to the largest, that is rounding
 _TINY = float(np.finfo(float).tiny)
 
 
-_OPEN = 1e-6  # part of a unit vector that is not told, beyond rounding
+_OPEN = 1e-6  # part of a unit vector that is not determined, beyond rounding
 _TOLD = ("data", "loose", "constraint")
 
 
@@ -114,7 +114,7 @@ class PlacedBody:
 
 
 def placed(fleet: FleetModel, carried: CarriedBody, robot: str) -> PlacedBody:
-    """Return what a robot carries, its place looked up.
+    """Return the load of a robot with the number of the link that carries it.
 
     Raises
     ------
@@ -184,7 +184,7 @@ class LoadProblem:
 def load_problem(
     regression: Regression, place: PlacedBody, shared: Vector
 ) -> LoadProblem:
-    """Return what remains to be found of a robot, the shared parameters being given."""
+    """Return the problem of a robot's own parameters for given shared ones."""
     model = load_model(regression.joints, None)
     factors = tuple(
         triangle(np.asfortranarray(np.column_stack([F[:, place.columns], F @ z])))
@@ -276,10 +276,11 @@ class FoundPayload:
     link : str
         That carries it, in whose frame it is.
     estimate : Estimate
-        Of its ten parameters beside the fleet's bodies, certified.
+        Estimate of the load's ten parameters beside the fleet's bodies, certified.
     standard_errors : array_like, shape (10,)
-        Of least squares, by the noise of this robot and by the errors of the bodies
-        that all share; infinite where the data do not tell a parameter by itself.
+        Standard errors of least squares, by the noise of this robot and by the errors
+        of the bodies that all share; infinite where the data do not determine a
+        parameter by itself.
     """
 
     link: str
@@ -315,9 +316,10 @@ class SharedErrors:
     Parameters
     ----------
     root : ndarray, shape (parameters, rank)
-        Times its transpose their covariance, as far as data and equalities tell.
+        Times its transpose, it is their covariance in directions that data and
+        equalities determine.
     open : ndarray, shape (parameters, any)
-        Directions that neither tells.
+        Directions that neither determines.
     """
 
     root: Matrix
@@ -332,12 +334,12 @@ class SharedErrors:
 
 
 def shared_errors(shared: Regression, bodies: Estimate, known: Matrix) -> SharedErrors:
-    """Return the errors of what robots share.
+    """Return the errors of the shared parameters.
 
     Parameters
     ----------
     shared : Regression
-        Of all robots.
+        Regression of all robots.
     known : ndarray, shape (rows, parameters)
         Rows of the equalities.
     """
@@ -358,16 +360,16 @@ def found_payload(
     bodies: Estimate,
     errors: SharedErrors,
 ) -> FoundPayload:
-    """Return what a robot carries beside the fleet's bodies.
+    """Return the load that a robot carries beside the fleet's bodies.
 
     Parameters
     ----------
     regression : Regression
-        Of this robot, link and load as one body.
+        Regression of this robot, link and load as one body.
     bodies : Estimate
         The estimate that all robots share.
     errors : SharedErrors
-        Of the bodies.
+        Errors of the bodies.
 
     Raises
     ------
@@ -394,7 +396,7 @@ def found_payload(
 
 
 def _own_errors(own: LoadProblem, estimate: Estimate) -> Vector:
-    """Return errors by the robot's own noise; infinite where its data do not tell."""
+    """Return errors by the robot's own noise; infinite for undetermined parameters."""
     model = own.model
     known = np.vstack([c.lower(model).A_eq for c in own.constraints])
     noise = unconstrained_fit(own.regression, own.base).noise

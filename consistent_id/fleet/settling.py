@@ -47,7 +47,7 @@ class StoredRobot:
     Parameters
     ----------
     file : Path
-        Of its share; see `share_files`.
+        File of its share; see `share_files`.
     own : tuple of ndarray
         See `RobotShare.own`.
     sigma : ndarray, shape (joints,), [N m or N]
@@ -55,7 +55,7 @@ class StoredRobot:
     torque, alone : float, [N m or N]
         See `RobotShare`.
     place : PlacedBody, optional
-        Of what it carries.
+        Body that it carries.
     """
 
     name: str
@@ -70,12 +70,12 @@ class StoredRobot:
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """The shared estimate, and what it was found from.
+    """The shared estimate, and the data that it was found from.
 
     Parameters
     ----------
     shared : Regression
-        Of the shared parameters, what is robots' own taken out.
+        Regression of the shared parameters, without the robots' own.
     settled : bool
         Whether the iteration converged.
     """
@@ -89,8 +89,8 @@ class Settled:
 class _Own:
     """A robot's own parameters, beside given shared ones.
 
-    `surprise` is by how much its squared misfit, relatively, is not what it was thought
-    to be when the shared parameters were found.
+    `surprise` is the relative difference of its squared misfit from that which was
+    assumed when the shared parameters were found.
     """
 
     fits: tuple[OwnFit, ...]
@@ -114,7 +114,7 @@ def settle(
     Parameters
     ----------
     robots : sequence of StoredRobot
-        Whose bodies are alike.
+        Robots whose bodies are alike.
     limits : sequence of OwnSet
         On own parameters, by joint.
     solved : callable
@@ -193,7 +193,7 @@ def _with_held(
     own: Sequence[_Own],
     limits: Sequence[OwnSet],
 ) -> Regression:
-    """Return a regression with the rows that robots' held parameters do not explain."""
+    """Return a regression with the rows that robots' fixed parameters leave."""
     factors = []
     for j, limit in enumerate(limits):
         extra = [
@@ -214,7 +214,7 @@ def held_rows(
     shared: Vector,
     limits: Sequence[OwnSet],
 ) -> Regression:
-    """Return a robot's regression with what friction at its bounds does not explain.
+    """Return a robot's regression with the rows that friction at bounds leaves.
 
     Beside given shared parameters, whatever it carries fitting best.
     """
@@ -232,7 +232,7 @@ def held_rows(
 def _held(
     fleet: FleetModel, robot: StoredRobot, own: _Own, limits: Sequence[OwnSet]
 ) -> Regression:
-    """Return a robot's own regression, with what its held parameters do not explain."""
+    """Return a robot's own regression, with the rows that fixed parameters leave."""
     return _with_held(read_share(robot.file, fleet), [robot], [own], limits)
 
 
@@ -244,7 +244,7 @@ def _loaded(
     shared: Vector,
     limits: Sequence[OwnSet],
 ) -> _Own:
-    """Return what is the own of a robot that carries something."""
+    """Return the own part of a robot that carries something."""
     thought = without_load(held, place, own.load)
     rows = thought.residual_rms(shared) / thought.sigma
     expected = float(np.sum(rows**2 * thought.counts))

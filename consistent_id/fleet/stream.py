@@ -45,11 +45,13 @@ from consistent_id.recordings.readers.recording_file import (
 )
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters
-from consistent_id.regression.correlated_noise import SHOWN, NoisyRows
+from consistent_id.regression.correlated_noise import SHOWN
+from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.motion_arrays import Motion, motion_of, whole_counts
 from consistent_id.regression.regression import Regression, build_regression, with_noise
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import joint_noise
+from consistent_id.regression.row_structure import NoisyRows
 
 _WHOLE_METHODS = ("smoother", "fourier")
 
@@ -100,7 +102,7 @@ def stream_regression(
     Raises
     ------
     ProblemError
-        If the file asks for what takes all recordings together: gains or a
+        If the file states settings that need all recordings together: gains or a
         ``least_joint_speed`` that are estimated.
     RecordingError
         If a log cannot be read, or its clock has gaps; if it has to be read as a whole,
@@ -169,11 +171,12 @@ class Compressed:
     ----------
     regression : Regression, optional
     counts : tuple of int
-        Of each window; of a log that was read as a whole, of each of its recordings.
+        Counts of each window; of a log that was read as a whole, of each of its
+        recordings.
     middles : tuple of Recording
-        Of the latter, see `with_noise_of`.
+        Middles of the latter, see `with_noise_of`.
     stood_for : ndarray, shape (joints,), optional
-        Of windows, see `Motion.stood_for`.
+        Samples that the windows' rows stand for, see `Motion.stood_for`.
     """
 
     regression: Regression | None
@@ -267,7 +270,7 @@ def _parts(
 def _rows_of(
     problem: Problem, data: DataTable, entry: RecordingTable, spool: Path
 ) -> RowSource:
-    """Return what rows of a log are read from; bags are decoded into a file."""
+    """Return the source of a log's rows; bags are decoded into a file."""
     path, joints = problem.log_file(entry.file), problem.model.robot.joint_names
     columns, gain = columns_of(data, path), data.torque_gain
     if log_format(path).holds == "joint states":
@@ -337,6 +340,11 @@ class RowsInTurn:
         return np.concatenate([motion.q for motion in self.motions])
 
     @property
+    def dq(self) -> Matrix:
+        """Velocities, shape (rows, joints)."""
+        return np.concatenate([motion.dq for motion in self.motions])
+
+    @property
     def mixed(self) -> bool:
         """See `Motion.mixed`."""
         return any(motion.mixed for motion in self.motions)
@@ -368,6 +376,10 @@ class RowsInTurn:
             for part, blocks in motion.rows(model, kept):
                 yield slice(first + part.start, first + part.stop), blocks
             first += len(motion.q)
+
+    def drive_columns(self, terms: DriveTerms, joint: int, row: int) -> Matrix:
+        """See `Motion.drive_columns`."""
+        return np.vstack([m.drive_columns(terms, joint, row) for m in self.motions])
 
 
 @single_threaded

@@ -73,9 +73,9 @@ class Stretch:
     begin, end : float, [s]
         Times of the first and the last row.
     rate : float, [Hz]
-        Of the clock on which it is prepared.
+        Rate of the clock on which it is prepared.
     samples : int
-        Of that clock.
+        Number of samples of that clock.
     marks : ndarray, shape (any, 2), optional
         Row and time [s] of some rows, of a stretch that is resampled.
     """
@@ -108,7 +108,7 @@ class Stretch:
         return self.first + max(first, 0), self.first + min(last, self.rows)
 
     def rows_between(self, first: int, last: int) -> int:
-        """Return how many of its rows lie from one row of the log to another."""
+        """Return the number of its rows from one row of the log to another."""
         return min(last + 1, self.first + self.rows) - max(first, self.first)
 
     def sample_at(self, row: int, time: float, *, after: bool) -> int:
@@ -117,9 +117,9 @@ class Stretch:
         Parameters
         ----------
         row : int
-            Of the log.
+            Row of the log.
         time : float, [s]
-            Of that row.
+            Time of that row.
         after : bool
         """
         if self.marks is None:
@@ -140,7 +140,7 @@ class ClockSurvey:
     ----------
     stretches : tuple of Stretch
     rows : int
-        Of the log.
+        Number of rows of the log.
     times : dict of int to float, [s]
         By row.
     """
@@ -166,7 +166,7 @@ def survey(
     ------
     RecordingError
         If a time is not finite, time does not increase, or a clock does not fit what
-        the table asks for.
+        the table states.
     """
     name = log.path.name
     cut = np.inf if table.max_gap is None else table.max_gap
@@ -243,7 +243,7 @@ def _long_enough(
     kept = [s for s in found if s.rows >= 2 and s.end - s.begin >= shortest]
     if not kept:
         raise RecordingError(
-            f"{name}: of {len(found)} parts none has two samples and lasts "
+            f"{name}: none of {len(found)} parts has two samples and lasts "
             f"{shortest:g} s"
         )
     return [(f"{name} (part {k})", part) for k, part in enumerate(kept, 1)]
@@ -288,7 +288,7 @@ class PreparedStretch:
     log : LogRows
     stretch : Stretch
     table : PreparationTable
-        Of whose steps those to the standstill are done here.
+        Preparation, whose steps up to the standstill are done here.
     lead : int
         Samples that delays take from the beginning.
     """
@@ -348,7 +348,7 @@ class PreparedStretch:
         return onto_clock(replace(raw, name=self.stretch.name), clock)
 
     def samples_of(self, part: Recording) -> IntArray:
-        """Return which samples of the clock those of a part are."""
+        """Return the numbers of a part's samples on the clock."""
         places = (part.time - self.stretch.begin) * self.stretch.rate
         return np.asarray(np.rint(places), dtype=np.intp)
 
@@ -411,7 +411,7 @@ class KeptRows:
         return self.whole.cuts(self.first, self.last)
 
     def counted(self, part: Recording, own: IntArray) -> BoolArray:
-        """Return which samples of a prepared window count.
+        """Return whether each sample of a prepared window counts.
 
         Parameters
         ----------

@@ -64,7 +64,7 @@ class Controller:
     damping : float
         ``D = 2 damping (2 pi bandwidth) m``.
     rate_cutoff : float, [Hz]
-        Of the low-pass.
+        Cut-off of the low-pass.
     """
 
     model: TorqueModel
@@ -230,7 +230,7 @@ class Loop(NamedTuple):
     torque : ndarray, shape (samples, joints), [N m or N]
         The same torque.
     readings : ndarray, shape (samples, joints), [rad or m]
-        Of the encoders.
+        Readings of the encoders.
     """
 
     motion: Recording
@@ -267,7 +267,8 @@ def controlled(
     dynamics = robot.forward_dynamics()
     poses = wanted.position[:: max(len(wanted) // _FRICTION_POSES, 1)]
     _require_stable(robot, dynamics, poses, tick, substeps)
-    step = _tick(robot, controller, encoders, wanted, dynamics, tick, substeps)
+    gains = controller.gains(wanted)
+    step = _tick(robot, gains, encoders, dynamics, tick, substeps)
     feedforward = controller.feedforward(wanted)
     inputs = np.hstack([wanted.position, feedforward]).T
     q0 = wanted.position[0]
@@ -298,9 +299,8 @@ def _read(q: Vector, encoders: Encoders) -> Vector:
 
 def _tick(
     robot: SimulatedRobot,
-    controller: Controller,
+    gains: ControllerGains,
     encoders: Encoders,
-    wanted: Recording,
     dynamics: Any,
     tick: float,
     substeps: int,
@@ -313,7 +313,6 @@ def _tick(
     import casadi as ca
 
     n = len(robot.joints)
-    gains = controller.gains(wanted)
     state, inputs = ca.MX.sym("state", 5 * n), ca.MX.sym("inputs", 2 * n)
     q, dq, last, slope, before = ca.vertsplit(state, n)
     q_wanted, feedforward = ca.vertsplit(inputs, n)

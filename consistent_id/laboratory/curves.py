@@ -40,7 +40,7 @@ class HarmonicCurve:
     Parameters
     ----------
     rates : array_like, shape (terms,), [rad]
-        Of each term's angle over the whole curve.
+        Rates of each term's angle over the whole curve.
     sine, cosine : array_like, shape (terms, 3), [m]
     offset, slope : array_like, shape (3,), [m]
     """

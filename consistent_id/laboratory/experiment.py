@@ -189,7 +189,7 @@ class SynchronisedLog:
     recording : Recording
         Position, velocity, acceleration and torque, at the slower of the two rates.
     delay : Delay
-        Of the cameras, as estimated.
+        Delay of the cameras, as estimated.
     """
 
     recording: Recording
@@ -208,7 +208,7 @@ def synchronised(
     Parameters
     ----------
     cutoff : float, [Hz]
-        Of a low-pass without phase, below the slower clock's Nyquist frequency.
+        Cut-off of a zero-phase low-pass, below the slower clock's Nyquist frequency.
     trim : float, [s]
         Cut off at either end, where filters see one side only.
     longest : float, [s]

@@ -18,7 +18,7 @@ class Encoders:
     Parameters
     ----------
     step : array_like, shape () or (joints,), [rad or m]
-        Of a reading; zero for an encoder without steps.
+        Step of a reading; zero for an encoder without steps.
     """
 
     step: Vector = array_default(0.0)
@@ -48,7 +48,7 @@ class LoadCell:
         freeze(self, offset=offset)
 
     def reads(self, torque: Array, rng: np.random.Generator) -> Array:
-        """Return what it says of torques, shape (samples, joints)."""
+        """Return its readings of torques, shape (samples, joints)."""
         return torque + self.offset + self.noise * rng.normal(size=torque.shape)
 
 

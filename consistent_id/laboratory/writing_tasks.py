@@ -1,4 +1,4 @@
-"""Writing tasks: a curve in space, when the robot is where on it, and what writes.
+"""Writing tasks: a curve in space, its timing, and the tool that writes it.
 
 Newton's method finds where the joints must be.  With the joints' pose exact, velocity
 and acceleration follow from the Jacobian, not from differences: ``dq = J^+ v``,
@@ -46,7 +46,7 @@ _POLYNOMIALS = {
 _ORTHONORMAL = 1e-9
 
 EXACT = 1e-11
-"""Error over reach with which a point counts as met."""
+"""Error over reach below which a point counts as reached."""
 
 
 def time_law(law: TimeLaw, s: ArrayLike, derivatives: int = 2) -> Array:
@@ -97,7 +97,7 @@ def _law(law: TimeLaw, s: Vector, order: int) -> Vector:
 @brief
 @dataclass(frozen=True, slots=True, eq=False)
 class Orientation:
-    """How a tool is held while it writes: still, or turning about one axis.
+    """The orientation of a tool while it writes: constant, or turning about one axis.
 
     ``R(u) = exp(angle u [axis]) start``, so ``w = axis angle du``.
 
@@ -108,7 +108,7 @@ class Orientation:
     axis : array_like, shape (3,)
         In the base; made a unit vector.
     angle : float, [rad]
-        By which it has turned where the curve ends.
+        Angle by which the frame has turned at the end of the curve.
     """
 
     start: Matrix
@@ -194,7 +194,7 @@ class WritingTask:
         return np.array([c, v, ddc * du[:, None] ** 2 + dc * ddu[:, None]])
 
     def time_at(self, u: float) -> float:
-        """Return when the curve's parameter is `u`, [s]."""
+        """Return the time at which the curve's parameter is `u`, [s]."""
         from scipy.optimize import brentq
 
         if not 0.0 < u < 1.0:
@@ -250,7 +250,7 @@ class Writer:
 
     @property
     def reach(self) -> float:
-        """A length that the point stays within [m]; it scales rotations."""
+        """Bound of the point's distance [m]; it scales rotations."""
         return reach(self.robot, self.frame, self.point)
 
     def motion(self, q: Array, dq: Array | None = None) -> FrameMotion:
@@ -259,14 +259,15 @@ class Writer:
 
 
 class Solution(NamedTuple):
-    """Joint motion along a task, and how well the task determines it.
+    """Joint motion along a task, with the task's singular values.
 
     Attributes
     ----------
     motion : ndarray, shape (3, samples, joints)
         Position, velocity, acceleration of all of the robot's joints.
     singular_values : ndarray, shape (samples, moving joints), [m/rad or 1]
-        Of the Jacobian, rows of rotation times `Writer.reach`; the largest first.
+        Singular values of the Jacobian, rows of rotation times `Writer.reach`; the
+        largest first.
     error : ndarray, shape (samples,), [m]
         Distance that is left, rotations times `Writer.reach` included.
     """
@@ -286,7 +287,7 @@ class Solution(NamedTuple):
 def task_error(
     writer: Writer, task: WritingTask, u: Vector, motion: FrameMotion
 ) -> tuple[Array, Array]:
-    """Return what is missing, shape (samples, 3 or 6), and the Jacobian to match."""
+    """Return the error of the pose, shape (samples, 3 or 6), and its Jacobian."""
     missing = task.curve.evaluate(u, 0)[0] - motion.position
     J = motion.jacobian[:, :3, writer.places]
     if task.orientation is None:
@@ -352,7 +353,7 @@ def curve_slope(writer: Writer, task: WritingTask, u: float, q: Vector) -> Vecto
 
 
 def _tangents(writer: Writer, task: WritingTask, u: Vector) -> tuple[Array, Array]:
-    """Return what the task fixes, derived once and twice by its parameter."""
+    """Return the first two derivatives of the pose by the task's parameter."""
     _, slope, bend = task.curve.evaluate(u)
     if task.orientation is None:
         return slope, bend

@@ -5,7 +5,10 @@ from consistent_id.problems.loading import load_problem
 from consistent_id.problems.opening import identify_log
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.problem_estimates import identify
-from consistent_id.problems.selection.select import ModelSelection, select_model
+from consistent_id.problems.selection.model_selection import (
+    ModelSelection,
+    select_model,
+)
 from consistent_id.problems.statement import Statement
 from consistent_id.problems.study import Study, run_study
 

@@ -24,7 +24,7 @@ from consistent_id.problems.loading import problem_of
 from consistent_id.problems.log_entries import gains_table
 from consistent_id.problems.parameter_tables import ConstraintsTable
 from consistent_id.problems.problem import Problem
-from consistent_id.problems.selection.select import ModelSelection
+from consistent_id.problems.selection.model_selection import ModelSelection
 from consistent_id.problems.stated_model import (
     DEFAULT_DRIVE,
     excitation_table,
@@ -69,7 +69,7 @@ class Draft:
     joints : tuple of str
         Joints that move.
     held : dict of str to float
-        Other joints between base and tip, and their locked positions [rad or m].
+        Locked joints between base and tip, and their positions [rad or m].
     columns : Columns
     rate : float, [Hz]
         The sampling rate of the log.
@@ -93,7 +93,7 @@ class Draft:
     standing : StandingDraft, optional
         Assumptions for a robot whose base floats.
     early : float, [s]
-        By which the position comes before velocity and torque.
+        Time by which the position is ahead of velocity and torque.
     """
 
     model: Path
@@ -139,7 +139,7 @@ class Draft:
 
     @property
     def validation(self) -> tuple[int, int]:
-        """The validation rows of the first log that has some."""
+        """The validation rows of the first log with such rows."""
         return next(r.rows for r in self.recordings if r.role == "validation")
 
     @property
@@ -153,7 +153,7 @@ class Draft:
         return plain if self.selection is None else self.selection.applied(plain)
 
     def _plain(self, folder: Path) -> ProblemTable:
-        """Return the content without a model that was selected."""
+        """Return the content without the selected model."""
         return ProblemTable(
             name=self.name,
             model=model_table(self.model, folder, self.stated, locked=self.held),
@@ -238,7 +238,7 @@ class Draft:
         ----------
         folder : Path
         accepted : sequence of str
-            Kinds of findings that the user accepted; a comment says so.
+            Kinds of findings that the user accepted; a comment lists them.
         """
         names = f"{self.model.name} and {self.log_names}"
         head = (
@@ -307,7 +307,7 @@ def _of_constraints(draft: "Draft") -> dict[str, str]:
 
 
 def _of_roles(draft: "Draft") -> str:
-    """Return how one log is divided into training and validation, in words."""
+    """Return the division of one log into training and validation, in words."""
     if len({entry.log for entry in draft.recordings}) == len(draft.recordings):
         return ""
     return "The first 70 % of the motion are for training, the rest for validation."

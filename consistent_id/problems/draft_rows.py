@@ -22,7 +22,7 @@ SHARE = 0.2
 """Share of the sampling rate up to which a cut-off is tried."""
 
 _TRAINING = 0.7  # of the motion; the rest is for validation
-_PERIOD = 0.02  # of the motion: shorter periods need no whole ones
+_PERIOD = 0.02  # of the motion: with shorter periods, training may end within one
 _GAP = 10.0  # steps without a sample
 _ALIKE = 1.25  # ratio of rates up to which one resampled rate suffices for both
 
@@ -36,7 +36,7 @@ class Clock(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Split:
-    """Logs divided into rows for training and for validation.
+    """Logs, divided into rows for training and for validation.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Split:
 def split_logs(
     logs: Mapping[Path, Recording], clock: Clock, stated: Statement, *, whole: bool
 ) -> Split:
-    """Divide logs; if each is wholly for training, keep its motion.
+    """Divide logs; if a log is for training only, keep all its motion.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def _kept(raw: Recording, file: Path, stated: Statement) -> Recording:
 def _entry(
     file: Path, role: Role, stated: Statement, rows: tuple[int, int] | None
 ) -> RecordingTable:
-    """Return the table of a recording, for what reads its rows."""
+    """Return the table of a recording, for functions that read its rows."""
     omit = list(stated.omitted_of(file))
     kept = None if rows is None else list(rows)
     return RecordingTable(file=str(file), role=role, rows=kept, omit=omit)
@@ -115,14 +115,14 @@ def _rows(raw: Recording, start: float, stop: float) -> tuple[int, int]:
 
 
 def _row(row: int, omitted: Sequence[int]) -> int:
-    """Return the file's number of a row that was counted without the omitted ones."""
+    """Return the number of a row in its file, where omitted rows count, too."""
     for other in sorted(set(omitted)):
         row += other <= row
     return row
 
 
 def _training(raw: Recording, duration: float) -> float:
-    """Return how long the training lasts [s]: whole periods, where motion repeats."""
+    """Return the duration of the training [s]: whole periods, if the motion repeats."""
     share = _TRAINING * duration
     try:
         period = estimated_period(raw, shortest=_PERIOD * duration)
@@ -135,7 +135,7 @@ def _training(raw: Recording, duration: float) -> float:
 
 
 def clock_of(raws: Sequence[Recording], longest: float | None = None) -> Clock:
-    """Return the settings for uniform clocks; the longest gap, if it is stated.
+    """Return the settings for uniform clocks, with the longest gap if it is stated.
 
     Raises
     ------

@@ -30,7 +30,7 @@ from consistent_id.problems.robot_logs import (
     with_options,
     with_remedies,
 )
-from consistent_id.problems.selection.select import select_model
+from consistent_id.problems.selection.model_selection import select_model
 from consistent_id.problems.selection.setup import DRIVE, KINDS
 from consistent_id.problems.stated_model import DEFAULT_DRIVE
 from consistent_id.problems.statement import (
@@ -75,7 +75,7 @@ _SAMPLES = 1.0  # sampling periods; less is below the resolution of the stamps
 
 @dataclass(frozen=True, slots=True)
 class DraftCutoff:
-    """A cut-off [Hz], and why it is that."""
+    """A cut-off [Hz], and the reason for it."""
 
     frequency: float
     reason: str
@@ -125,7 +125,7 @@ def draft_problem(
     --------
     >>> import consistent_id as ci
     >>> folder = "problems/kuka_kr300"
-    >>> log = f"{folder}/FF_A.parquet"
+    >>> log = f"{folder}/FF_A.csv"
     >>> draft = ci.draft_problem(f"{folder}/robot.urdf", log, select=False)
     >>> draft.problem().model.robot.joint_names[0]
     'joint_1'
@@ -140,7 +140,7 @@ def drafted(
     *,
     progress: bool = False,
 ) -> Draft:
-    """Draft the problem of a robot and its logs, as far as it is stated."""
+    """Draft the problem of a robot and its logs from what is stated."""
     given = given_logs(log, stated.validation)
     stated.require_logs([*given.training, *given.validation])
     _require_kinds(stated.keep)
@@ -168,7 +168,7 @@ def drafted(
 
 
 def _logs_of(model: Path, given: GivenLogs, stated: Statement) -> RobotLogs:
-    """Find how to read the logs; say if several files are one recording."""
+    """Find how to read the logs; the error names files that are one recording."""
     files = given.training
     try:
         return robot_logs(model, files[0], stated, tables=given.tables)
@@ -304,7 +304,7 @@ def _of_one_scale(log: Recording, clock: Clock) -> bool:
 
 
 def _torque_as_late(draft: Draft, velocity: Delay) -> bool:
-    """Return whether the torque is as late as a velocity, to the position."""
+    """Return whether torque and velocity have the same delay to the position."""
     if draft.selection is None:
         return False
     least, most = _AS_LATE
@@ -313,10 +313,10 @@ def _torque_as_late(draft: Draft, velocity: Delay) -> bool:
 
 
 class _Reading(NamedTuple):
-    """Training logs by file, as recorded and with torque; what moves of them.
+    """Training logs by file: as recorded, with torque, and their rows in motion.
 
-    `late` is the delay of a velocity that is not read for it, and `early` the time [s]
-    by which the position comes before the other channels.
+    `late` is the delay of a velocity that is not read for that reason, and `early` the
+    time [s] by which the position is ahead of the other channels.
     """
 
     logs: RobotLogs
@@ -329,9 +329,9 @@ class _Reading(NamedTuple):
 
 
 def _reading(logs: RobotLogs, given: GivenLogs, *, early: float = 0.0) -> _Reading:
-    """Read logs, without delayed velocities unless their columns are given.
+    """Read logs; delayed velocities are read only if their columns are given.
 
-    Where the position is stated to be early, the velocity is not late.
+    If the position is stated to be early, the velocity is not late.
     """
     read = {file: logs.read(file) for file in given.training}
     late = None
@@ -400,7 +400,7 @@ def _plain_cutoff(
 def _with_validation(
     draft: Draft, held_out: Sequence[Path], reading: _Reading
 ) -> Draft:
-    """Return a draft with logs for validation, read when its model is fixed."""
+    """Return a draft with logs for validation, read after its model is chosen."""
     logs, raws, entries = reading.logs, dict(draft.raw), list(draft.recordings)
     for file in held_out:
         raws[file] = logs.read(file)
@@ -413,8 +413,8 @@ def _with_validation(
 def _with_delay(draft: Draft) -> Draft:
     """Return a draft with the delay of commands from its training rows.
 
-    The delay with the best torque fit also compensates for errors of the model; but a
-    command reaches its drive before the next is sent.
+    The delay with the best torque fit also compensates for errors of the model.  It is
+    limited to one period, because a command reaches its drive before the next is sent.
     """
     try:
         found = replace(draft, delay="estimated").problem().delay_of_commands

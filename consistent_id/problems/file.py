@@ -153,8 +153,8 @@ class TrackTable(FileTable, frozen=True, kw_only=True):
 class RecordingTable(FileTable, frozen=True, kw_only=True):
     """One recording and its part in the study.
 
-    Rows are counted from 1, as the file has them; the first and the last are kept,
-    those to omit are not.
+    Rows are counted from 1, in the order of the file.  The first and the last are
+    included; omitted rows are not.
     """
 
     file: str
@@ -169,9 +169,9 @@ class GainsTable(FileTable, frozen=True, kw_only=True):
 
     With them torque is computed from the joints' commands, delayed by `delay` [s].  The
     real torque is `scale` times this torque, and encoders read the position plus
-    `encoder_bias` [rad or m]: numbers, or estimated from the training data. Between
-    motors, where encoders are, and links there are springs of a `stiffness` [N m/rad or
-    N/m], if it is given.
+    `encoder_bias` [rad or m]; both are numbers, or estimated from the training data.
+    If a `stiffness` [N m/rad or N/m] is given, there are springs between the motors,
+    where the encoders are, and the links.
     """
 
     kp: NonNegative | list[NonNegative]
@@ -221,7 +221,7 @@ class MotionTable(FileTable, frozen=True, kw_only=True):
 
 
 class SimulationTable(FileTable, frozen=True, kw_only=True):
-    """A simulated experiment; its truth: the consistent robot nearest the published."""
+    """A simulated experiment with the consistent robot nearest to the published one."""
 
     training: str
     validation: str
@@ -308,7 +308,7 @@ def read_problem_table(path: Path) -> ProblemTable:
 
 
 def _key(line: bytes) -> bytes:
-    """Return what may be a line's key, or the name of a table."""
+    """Return the key or the table's name in a line, if there is one."""
     key, equals, _ = line.partition(b"=")
     return key if equals or b"," not in line else b""  # numbers have commas
 

@@ -23,21 +23,21 @@ Place = tuple[str, ...]
 
 
 def fault_of(cause: str, text: str, table: type[msgspec.Struct]) -> str:
-    """Return what is wrong, where, and what could stand there instead.
+    """Return the fault, its place, and what could stand there instead.
 
     Parameters
     ----------
     cause : str
-        As the decoder says it, with the path of the key.
+        The decoder's message, with the path of the key.
     text : str
         The text of the file.
     table : type
-        The struct that the text was to fit.
+        The struct that the text does not fit.
 
     Returns
     -------
     str
-        Begins with ``line N:``, or with the fault if no line is to blame.
+        Begins with ``line N:``, or with the fault if its line is unknown.
     """
     found = _PATH.search(cause)
     place = () if found is None else _place(found["path"])
@@ -78,7 +78,7 @@ def _shown(place: Place) -> str:
 
 
 def _line(text: str, place: Place, value: str = "") -> str:
-    """Return ``line N: `` of the line that fits a place best, and has a value."""
+    """Return ``line N: `` for the line with a value that fits a place best."""
     best, number = 0, 0
     for k, (here, line) in enumerate(_places(text), start=1):
         common = _common(here, place)
@@ -90,7 +90,7 @@ def _line(text: str, place: Place, value: str = "") -> str:
 
 
 def _common(here: Place, place: Place) -> int:
-    """Return how many parts agree from the left; none if the line is of elsewhere."""
+    """Return the number of equal parts from the left; 0 for other tables' lines."""
     agree = 0
     for mine, asked in zip(here, place, strict=False):
         if asked not in (mine, _ANY):
@@ -161,7 +161,7 @@ def _at(table: type[msgspec.Struct], place: Place) -> list[Any]:
 
 
 def _inside(kind: Any, part: str) -> list[Any]:
-    """Return the types of what a key or an index leads to."""
+    """Return the types at a key or an index."""
     inspect = msgspec.inspect
     if isinstance(kind, inspect.StructType):
         return [f.type for f in kind.fields if f.encode_name == part]

@@ -5,7 +5,7 @@ from pathlib import Path
 from consistent_id.errors import ProblemError
 
 RESULTS = "results.json"
-"""The file that makes a folder one of results."""
+"""The file that marks a folder of results."""
 
 _OWN = "problem.toml"
 _OTHERS = ("pyproject.toml",)  # TOML files that are not problem files
@@ -44,7 +44,7 @@ def is_results(path: Path) -> bool:
 
 
 def results_or_file(file: Path) -> Path:
-    """Return the folder of results whose problem file it is, else the file itself."""
+    """Return a problem file's folder of results if it is in one, else the file."""
     is_theirs = file.name == _OWN and is_results(file.parent)
     return file.parent if is_theirs else file
 

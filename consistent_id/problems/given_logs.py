@@ -25,12 +25,12 @@ _BESIDE = ("base", "wrenches", "contacts", "torque_known")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GivenLogs:
-    """Logs by path: of a file its own, of a table in memory one that stands for it.
+    """Logs by path; a table in memory has a made-up path.
 
     Parameters
     ----------
     tables : mapping of Path to ColumnTable
-        Those in memory.
+        Tables in memory.
     """
 
     training: tuple[Path, ...]
@@ -48,7 +48,7 @@ def given_logs(
     ProblemError
         If there is none to learn from, or one is given twice.
     RecordingError
-        If a recording has what a table of joints does not.
+        If a recording has signals that a table of joints does not have.
     """
     roles = [_several(training), _several(validation)]
     if not roles[0]:

@@ -44,7 +44,7 @@ def rewritten(
     fresh : str
         The whole file written anew.
     changed : sequence of str
-        Tables that the fresh text has otherwise, such as ``"data.preparation"``.
+        Tables that differ in the fresh text, such as ``"data.preparation"``.
     expected : ProblemTable
         The content that the file must have.  If tables cannot be replaced one by one,
         or the file is very long, the fresh text is returned.
@@ -61,7 +61,7 @@ def rewritten(
     }
 
     def comment(path: str) -> str | None:
-        """Return the new comment above a table, or None where the old one stays."""
+        """Return the new comment above a table, or None to keep the old one."""
         known = [p for p in changed if path == p or path.startswith(f"{p}.")]
         return comments.get(path, "") or ("" if known else None)
 
@@ -72,7 +72,7 @@ def rewritten(
             _replace(written, anew, path.split("."))
         kept = _TURNED.sub(_turned_back, written.as_string())
         kept = kept.replace(f"[{_END}]\n", "").strip() + "\n"
-        if "\n\n\n" not in text:  # a table taken out leaves its blank line
+        if "\n\n\n" not in text:  # a removed table leaves its blank line
             kept = re.sub(r"\n{3,}", "\n\n", kept)
         said = problem_table(kept, Path("problem.toml"))
     except (TOMLKitError, ProblemError):
@@ -81,7 +81,7 @@ def rewritten(
 
 
 def _turned(text: str, comment: Callable[[str], str | None]) -> str:
-    """Put what is above a header below it, with other comments for some tables."""
+    """Move comments from above a header to below it; some tables get other ones."""
 
     def turned(found: re.Match[str]) -> str:
         above, header = found.groups()
@@ -98,7 +98,7 @@ def _turned_back(found: re.Match[str]) -> str:
 
 
 def _path(header: str) -> str:
-    """Return a header's name as it is written here, whatever its author's spaces."""
+    """Return a header's name without spaces."""
     try:
         inner: Any = tomllib.loads(header)
     except tomllib.TOMLDecodeError:  # a line of an array or of a text
@@ -125,7 +125,7 @@ def _replace(written: Any, anew: Any, path: Sequence[str]) -> None:
 
 
 def _update(written: Any, name: str, anew: Any) -> None:
-    """Give a key its new value; of a table, to each key that has another one."""
+    """Give a key its new value; in a table, each key whose value differs."""
     old, fresh = written[name], anew.item(name)  # a bool has its comment as an item
     if isinstance(old, Mapping) and isinstance(fresh, Mapping):
         for key in [*fresh, *(key for key in list(old) if key not in fresh)]:
@@ -156,7 +156,7 @@ def _insert(written: Any, name: str, anew: Any) -> None:
 def changed_tables(
     old: ProblemTable, new: ProblemTable, paths: Sequence[str]
 ) -> list[str]:
-    """Return which tables of a problem file differ.
+    """Return the tables of a problem file that differ.
 
     Parameters
     ----------
@@ -180,8 +180,8 @@ _WIDTH = 86  # characters of a comment's line, behind its mark
 def write_problem(text: str, file: Path) -> Path:
     """Write a problem file of this user's own, and return its path.
 
-    It opens without ``trust`` wherever its inputs lie (see `record_own`), and may be
-    written again as long as nobody edits it (see `marked`).
+    It opens without ``trust``, whatever folders its inputs are in (see `record_own`),
+    and may be written again as long as nobody edits it (see `marked`).
 
     Raises
     ------
@@ -200,9 +200,9 @@ def toml_text(table: FileTable, comments: Mapping[str, str]) -> str:
     Parameters
     ----------
     comments : mapping of str to str
-        By the path of a key, such as ``"drive.viscous"``: beside a value, or above a
-        table.  A key with its default value is left out if it has none; ``""`` is
-        enough.
+        Comments by the path of a key, such as ``"drive.viscous"``.  They are written
+        beside a value or above a table.  A key with its default value is written only
+        if it has a comment; ``""`` is enough.
     """
     return "\n".join(_lines(table, "", comments)).strip() + "\n"
 

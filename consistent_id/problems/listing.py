@@ -1,4 +1,4 @@
-"""Problems of a folder: every one of them, a line each, or one in detail."""
+"""Problems of a folder: all with one line each, or one in detail."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -49,7 +49,7 @@ def require_distinct(names: Sequence[str]) -> None:
 
 
 def list_problems(folder: Path, files: Sequence[Path]) -> Table:
-    """Return a line on each problem of a folder; notes name missing files."""
+    """Return a line for each problem of a folder; notes name missing files."""
     rows: list[tuple[str, ...]] = []
     notes = []
     for file in files:
@@ -81,7 +81,7 @@ def _row(problem: Problem, missing: Sequence[str]) -> tuple[str, ...]:
 
 
 def _data_of(problem: Problem) -> str:
-    """Return how many training and validation recordings there are."""
+    """Return the numbers of training and validation recordings."""
     table = problem.table
     if table.data is not None:
         roles = [entry.role for entry in table.data.recordings]

@@ -39,8 +39,8 @@ def load_problem(path: str | Path, *, trust: bool = False, **stated: Any) -> Pro
     ----------
     path : str or Path
     trust : bool
-        Whether the file may name files outside of its folder and of that of the data
-        (``CONSISTENT_ID_DATASETS``), and other environment variables.
+        Whether the file may name other environment variables, and files that are
+        neither in its folder nor in that of the data (``CONSISTENT_ID_DATASETS``).
     stated
         Statements that replace the file's content: the fields of `Statement`, such as
         ``cutoff=8.0``.
@@ -109,9 +109,9 @@ def problem_of(
     ----------
     table : ProblemTable
     file : Path
-        Files are named relative to its folder; it need not be there itself.
+        Files are named relative to its folder; it need not exist.
     read : mapping of str to Recording, optional
-        Logs that have been read already, by the file's names of them.
+        Logs that have been read already, by their names in the file.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """The check of a problem's recordings for faults."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import msgspec
@@ -22,7 +22,7 @@ _OF_DELAYS = (
 )
 
 
-# What a filter of the drives looks like where its delay is corrected.
+# Findings about a drives' filter whose delay is corrected.
 _EFFECTS = ("clock", "masses or gain", "offset zero", "gravity", "lag")
 
 
@@ -33,12 +33,11 @@ def check_problem(problem: Problem) -> Diagnosis:
     hides it, so for a long delay the uncorrected recordings are checked, too.
     """
     found = _checked(problem, problem.prepare)
-    if not found.faults and abs(delay_of_torque(problem)) >= LONG:
+    sure = [f for f in found.faults if f.kind not in _EFFECTS]
+    if not sure and abs(delay_of_torque(problem)) >= LONG:
         late = _checked(problem, _without_delay(problem).prepare)
         hidden = _hidden(problem, late)
-        kept = found.findings
-        if any(f.severity == "fault" for f in hidden):
-            kept = tuple(f for f in kept if f.kind not in _EFFECTS)
+        kept = _beside(found.findings, hidden)
         found = replace(found, findings=(*kept, *hidden))
     more = *_late_torque(problem), *_assumed_gains(problem)
     found = replace(found, findings=(*found.findings, *more))
@@ -51,10 +50,29 @@ def check_problem(problem: Problem) -> Diagnosis:
     return replace(found, findings=tuple(findings))
 
 
+def _beside(
+    found: Sequence[LogFinding], hidden: Sequence[LogFinding]
+) -> tuple[LogFinding, ...]:
+    """Return findings, with those that a correction of the delay hides.
+
+    A filter that explains the log replaces the findings that it causes. Where the
+    filter is uncertain, they are uncertain, too.
+    """
+    if any(f.severity == "fault" for f in hidden):
+        return tuple(f for f in found if f.kind not in _EFFECTS)
+    return tuple(
+        replace(f, severity="warning")
+        if hidden and f.kind in _EFFECTS and f.severity == "fault"
+        else f
+        for f in found
+    )
+
+
 def _late_torque(problem: Problem) -> tuple[LogFinding, ...]:
     """Return the delay of a floating robot's torque, if its interval excludes zero.
 
-    It is corrected, and part of the intervals: a note, no warning.
+    This is a note and no warning: the fit corrects the delay, and the intervals contain
+    its error.
     """
     data = problem.table.data
     if data is None or data.preparation.delays.get("torque") != "estimated":
@@ -111,7 +129,7 @@ def _checked(problem: Problem, prepare: Callable[[Recording], Recording]) -> Dia
 
 
 def named_logs(problem: Problem) -> tuple[list[Recording], list[Recording]]:
-    """Return training and validation logs, with names by which findings call them."""
+    """Return training and validation logs, with their names in findings."""
     roles = [problem.logs(role) for role in ("training", "validation")]
     names = [log.name for logs in roles for log in logs]
     training, validation = ([_distinct(log, names) for log in logs] for logs in roles)
@@ -137,7 +155,7 @@ def _without_delay(problem: Problem) -> Problem:
 
 
 def _hidden(problem: Problem, late: Diagnosis) -> tuple[LogFinding, ...]:
-    """Return the finding behind a delay: a filter of the drives, or their lag."""
+    """Return the finding that causes a delay: a filter of the drives, or their lag."""
     if filters := late.of("drive filter"):
         return filters
     undone = (

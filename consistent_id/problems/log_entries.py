@@ -70,7 +70,7 @@ def require_rows(name: str, entry: RecordingTable, left: int) -> None:
     Raises
     ------
     ProblemError
-        With the rows.
+        The message states the rows.
     """
     rows = left + len(set(entry.omit))
     if entry.rows is None:
@@ -83,7 +83,7 @@ def require_rows(name: str, entry: RecordingTable, left: int) -> None:
 def gains_table(
     gains: PDGains, delay: float | Literal["estimated"] = 0.0
 ) -> GainsTable:
-    """Return gains, and by how much commands are late [s], as a file has them."""
+    """Return gains, and the delay of commands [s], of a file."""
     limit = gains.torque_limit
     return GainsTable(
         kp=gains.kp.tolist(),
@@ -142,7 +142,7 @@ def with_torque(
     Parameters
     ----------
     gains : PDGains, optional
-        As they are stated.
+        Stated gains.
     """
     if gains is None:
         return raw
@@ -151,7 +151,7 @@ def with_torque(
 
 
 def columns_of(data: DataTable, file: Path) -> Columns:
-    """Return how a recording names its columns; by default as its format does."""
+    """Return the names of a recording's columns; by default those of its format."""
     usual = JOINT_STATE if log_format(file).holds == "joint states" else Columns()
     named = {} if data.columns is None else msgspec.structs.asdict(data.columns)
     return replace(

@@ -1,4 +1,4 @@
-"""Gains between currents and torque that a model's bodies imply.
+"""Gains between currents and torque, and joints, that a model's bodies imply.
 
 No log contains the torque per ampere.  A model with masses implies it, although its
 bodies are not quite the robot's.  With the regressor ``Y_j`` of a joint, its current
@@ -11,17 +11,22 @@ residual of least squares with bodies free, times the root of the number of samp
 which it is correlated, and ``w`` are the usual errors of nominal bodies ``b0``
 (`USUAL_WIDTHS`).  The links couple the joints, so the motion determines the ratios of
 the gains, and the nominal bodies little more than their common scale.
+
+A log may have fewer joints than the robot's file, which has a gripper, a rail, a second
+arm or a torso.  Of all rows of joints with the log's number, those come first whose
+nominal torque, with the other joints at rest, explains most of the log's.
 """
 
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
-from consistent_id._support.tables import Table
 from consistent_id.errors import ConsistentIdError
-from consistent_id.estimation.uncertainties.beyond_noise import NORMAL
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import (
     differentiated,
@@ -41,10 +46,12 @@ from consistent_id.robot.scaling import (
     reference_bodies,
 )
 
-FORMAT = "consistent_id model gains 1"
-"""Key ``format`` of the JSON record."""
+_MOST = 12  # rows of joints that are compared
+_ALIKE = 0.02  # share of the torque within which rows explain a log equally well
 
-_ASSUMED = ("masses", "centres_of_mass", "second_moments")
+Row = tuple[str, ...]
+"""Names of joints that follow one another from a link of the robot on."""
+
 _CUTOFF = 3.0  # Hz; most of gravity is below, most noise of accelerations above
 _KEPT = 5.0  # samples kept per period of the cut-off
 _CREEP = 0.05  # rad/s, width of the sign change of friction
@@ -99,7 +106,7 @@ class NominalGains:
 
     @property
     def sentence(self) -> str:
-        """What is assumed, and how well the gains are known."""
+        """The assumption behind the gains, and their standard errors."""
         errors = ", ".join(
             f"{j} {100 * e / abs(v):.0f} %"
             for j, v, e, k in zip(
@@ -119,41 +126,6 @@ class NominalGains:
             f"and second moments to {moment} of the links' size, which this log cannot "
             f"show, it implies these gains (standard errors {errors}{rest}{sign})"
         )
-
-    def table(self) -> Table:
-        """Return gains with 95 % intervals, and the option that states them."""
-        rows = [
-            (joint, f"{value:.4g}", f"{NORMAL * error:.2g}")
-            if known
-            else (joint, "unknown", "-")
-            for joint, value, error, known in zip(
-                self.joints, self.values, self.errors, self.known, strict=True
-            )
-        ]
-        notes = (self.sentence, self.option)
-        title = "Gains that the model's bodies imply: an assumption"
-        return Table(title, ("joint", "gain", "95 % +-"), tuple(rows), notes)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return gains with half of their 95 % intervals; None where unknown."""
-        return {
-            "format": FORMAT,
-            "gains": {
-                joint: {
-                    "gain": value if known else None,
-                    "half_interval": NORMAL * error if known else None,
-                }
-                for joint, value, error, known in zip(
-                    self.joints,
-                    self.values.tolist(),
-                    self.errors.tolist(),
-                    self.known,
-                    strict=True,
-                )
-            },
-            "assumed": dict(zip(_ASSUMED, USUAL_WIDTHS, strict=True)),
-            "option": self.option,
-        }
 
 
 def nominal_gains(robot: RobotModel, *logs: Recording) -> NominalGains | None:
@@ -349,3 +321,85 @@ def _start(fits: list[_GainRows], nominal: Vector) -> tuple[Vector, Vector]:
     gains = found[width:] / scale[width:]
     inverse = 1.0 / np.where(gains == 0.0, np.inf, gains)
     return found[:width] / scale[:width], inverse
+
+
+@contextmanager
+def _without_notes() -> Iterator[None]:
+    """Do not repeat notes on the robot's file for each robot that is tried."""
+    logger = logging.getLogger("consistent_id")
+    before = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)
+
+
+def joint_rows(robot: RobotModel, number: int) -> tuple[Row, ...]:
+    """Return the rows of so many joints, those that begin near the base first.
+
+    Examples
+    --------
+    >>> from consistent_id import DHRow, from_modified_dh
+    >>> arm = from_modified_dh("arm", [DHRow(0, 0), DHRow(0, 1), DHRow(0, 1)])
+    >>> joint_rows(arm, 2)
+    (('joint1', 'joint2'), ('joint2', 'joint3'))
+    """
+    driven = set(robot.joint_names)
+    paths = list[Row]()
+    for joint in robot.joints:
+        before = paths[joint.parent] if joint.parent >= 0 else ()
+        paths.append((*before, joint.name) if joint.name in driven else before)
+    ends = [path for path in dict.fromkeys(paths) if len(path) >= number > 0]
+    found = [(len(path) - number, path[len(path) - number :]) for path in ends]
+    return tuple(dict.fromkeys(row for _, row in sorted(found, key=lambda at: at[0])))
+
+
+@dataclass(frozen=True)
+class LogRowsOfJoints(Mapping[int, Sequence[Row]]):
+    """By number of joints, the rows that may be a log's, the likeliest first.
+
+    All others explain the log as well as the first.
+
+    Parameters
+    ----------
+    robot : RobotModel
+    read : callable
+        From joints at rest to the robot without them and the log, as they are read.
+    """
+
+    robot: RobotModel
+    read: Callable[[Sequence[str]], tuple[RobotModel, Recording]]
+    _found: dict[int, tuple[Row, ...]] = field(default_factory=dict, repr=False)
+
+    def __len__(self) -> int:
+        return len(self.robot.joint_names) - 1
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(range(1, len(self.robot.joint_names)))
+
+    def __getitem__(self, number: int) -> tuple[Row, ...]:
+        if number not in self._found:
+            rows = joint_rows(self.robot, number)
+            if not rows:
+                raise KeyError(number)
+            self._found[number] = rows[:1] if len(rows) == 1 else self._compared(rows)
+        return self._found[number]
+
+    def _compared(self, rows: Sequence[Row]) -> tuple[Row, ...]:
+        shares = np.array([self._share(row) for row in rows[:_MOST]])
+        if not (shares > 0.0).any():
+            return tuple(rows[:1])
+        order = np.argsort(-shares, kind="stable")
+        alike = shares[order] >= shares[order[0]] - _ALIKE
+        return tuple(rows[k] for k in order[alike])
+
+    def _share(self, row: Row) -> float:
+        """Return the share of the torque that the nominal robot explains."""
+        rest = [name for name in self.robot.joint_names if name not in row]
+        try:
+            with _without_notes():
+                shares = torque_shares(*self.read(rest))
+        except ConsistentIdError:
+            return 0.0
+        return 0.0 if shares is None else float(np.mean(shares))

@@ -39,7 +39,7 @@ class Opened:
     notes: tuple[str, ...] = ()
 
     def tables(self) -> list[Table]:
-        """Return how logs were read, and which model was chosen."""
+        """Return the way in which logs were read, and the model that was chosen."""
         if self.draft is None:
             return []
         from consistent_id.problems.draft import draft_table
@@ -64,7 +64,7 @@ class Opened:
         Parameters
         ----------
         accepted : sequence of str
-            Kinds of findings that the user overlooked; a comment says so.
+            Kinds of findings that the user accepted; a comment lists them.
         """
         if self.draft is not None:
             return self.draft.text(folder, accepted=accepted)
@@ -90,7 +90,7 @@ def open_problem(
     path : Path
         A problem file or its folder; with logs, a robot's URDF or MJCF file.
     logs : sequence of Path
-        To learn from.
+        Training logs.
     stated : Statement, optional
         The user's statement; it replaces settings of a problem file.
     progress : bool
@@ -153,7 +153,7 @@ def identify_log(
     --------
     >>> import consistent_id as ci
     >>> folder = "problems/kuka_kr300"
-    >>> log = f"{folder}/FF_A.parquet"
+    >>> log = f"{folder}/FF_A.csv"
     >>> study = ci.identify_log(f"{folder}/robot.urdf", log, select=False)
     >>> study.verdict.word
     'use with care'

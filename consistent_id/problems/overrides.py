@@ -62,8 +62,8 @@ def stated_drive(
     Parameters
     ----------
     words : sequence of str
-        Terms of all joints, such as ``viscous``, and those of one joint in their
-        place: ``wrist=viscous,coulomb``, or ``wrist=`` for none.
+        Terms of all joints, such as ``viscous``, and terms that replace these for one
+        joint: ``wrist=viscous,coulomb``, or ``wrist=`` for none.
     joints : sequence of str
         The robot's.
     width : float, optional, [rad/s or m/s]
@@ -95,7 +95,7 @@ def stated_drive(
 
 
 def drive_table(names: Sequence[str], width: float | None = None) -> DriveTable:
-    """Return the drive terms of these names; those with shapes have usual ones.
+    """Return the drive terms of these names; shapes have their usual values.
 
     Raises
     ------
@@ -126,12 +126,12 @@ class Stated(NamedTuple):
 
 
 def overridden(table: ProblemTable, stated: Statement, file: Path) -> Stated:
-    """Return a problem file's content with statements in place of its own.
+    """Return a problem file's content with a user's statements.
 
     Parameters
     ----------
     file : Path
-        File whose folder relative names refer to.
+        The file whose folder is the base of relative names.
 
     Raises
     ------
@@ -163,7 +163,7 @@ def overridden(table: ProblemTable, stated: Statement, file: Path) -> Stated:
 
 
 def _refusal(name: str, stated: Statement, file: Path) -> str:
-    """Return why something cannot be stated beside a problem file, with advice."""
+    """Return why a setting cannot be stated beside a problem file, with advice."""
     declared = declarations()[name]
     if name == "imu":
         return (
@@ -193,7 +193,7 @@ def _put(table: Any, path: list[str], value: object) -> Any:
 
 
 def _shown(table: Any, key: str) -> str:
-    """Return what stands at a key, for people; nothing where it is missing."""
+    """Return the value of a key, for people; empty if it is missing."""
     while key:
         if isinstance(table, list):
             return "; ".join(filter(None, (_shown(member, key) for member in table)))
@@ -210,7 +210,7 @@ def _shown(table: Any, key: str) -> str:
 
 
 def _value(name: str, table: ProblemTable, stated: Statement, file: Path) -> object:
-    """Return what is stated, as the file has it."""
+    """Return a stated value in the form of the file."""
     value: Any = getattr(stated, name)
     data, folder = table.data, file.parent
     if data is not None and name in _OF_DATA:
@@ -235,7 +235,7 @@ def _units(value: Any, data: DataTable, folder: Path) -> object:
 
 
 def _gains(value: Any, data: DataTable, folder: Path) -> object:
-    """Return gains beside the delay and the calibration that the file states."""
+    """Return gains, with the delay and the calibration that the file states."""
     given = gains_table(value)
     keys = ("kp", "kd", "torque_limit")
     own = given if data.gains is None else data.gains
@@ -243,7 +243,7 @@ def _gains(value: Any, data: DataTable, folder: Path) -> object:
 
 
 def _validation(value: Any, data: DataTable, folder: Path) -> object:
-    """Return the recordings with others to judge by, of which all rows count."""
+    """Return the recordings with other validation logs, all rows of which are used."""
     where = folder / data.folder
     others = [
         RecordingTable(file=relative_path(Path(log), where), role="validation")
@@ -261,7 +261,7 @@ _OF_DATA: dict[str, Callable[[Any, DataTable, Path], object]] = {
 
 
 def _rows(table: ProblemTable, stated: Statement, file: Path) -> ProblemTable:
-    """State the rows that count, and those to leave out, of logs by their names."""
+    """State which rows of the named logs are used, and which are omitted."""
     data = table.data
     entries = []
     recordings = () if data is None else data.recordings
@@ -287,7 +287,7 @@ def _rows(table: ProblemTable, stated: Statement, file: Path) -> ProblemTable:
 
 
 def _column(name: str) -> "_Put":
-    """Return what names a column; a log's format says how others are called."""
+    """Return stated names of columns; other names are those of the log's format."""
 
     def put(table: ProblemTable, stated: Statement, file: Path) -> ProblemTable:
         data = table.data
@@ -306,7 +306,7 @@ def _column(name: str) -> "_Put":
 
 
 def _drive(table: ProblemTable, stated: Statement, file: Path) -> ProblemTable:
-    """State drive terms; what a datasheet says of a motor stays."""
+    """State drive terms; the datasheets of motors stay."""
     joints = robot_of(table, file.parent).joint_names
     width = stated.friction_velocity or table.drive.velocity_scale
     drive = stated_drive(stated.drive or (), joints, width=width)
@@ -321,7 +321,7 @@ def _drive(table: ProblemTable, stated: Statement, file: Path) -> ProblemTable:
 
 
 def _width(table: ProblemTable, stated: Statement, file: Path) -> ProblemTable:
-    """State the width of friction's change of sign, of joints that have one."""
+    """State the width of friction's change of sign, for joints that have one."""
     width = stated.friction_velocity
     own = {
         joint: msgspec.structs.replace(each, velocity_scale=width)

@@ -111,12 +111,12 @@ class DriveTable(_DriveTable, frozen=True, kw_only=True):  # type: ignore[misc, 
 
     @property
     def terms(self) -> DriveTerms:
-        """The terms that the keys choose."""
+        """The drive terms of the keys."""
         return DriveTerms(**{name: getattr(self, name) for name in DEFAULTS})
 
 
-# A joint's key may be missing: then that of all joints is used.  TOML has no null: zero
-# stands for it.
+# If a joint has no value for a key, that of all joints is used.  TOML has no null, so
+# zero stands for it.
 _NONE = {float | None: NonNegative | None}
 _JointDrive: Any = msgspec.defstruct(
     "_JointDrive",
@@ -148,7 +148,7 @@ class JointTable(_JointDrive, frozen=True, kw_only=True):  # type: ignore[misc, 
         return {k: v for k, v in found.items() if v is not msgspec.UNSET}
 
     def over(self, drive: DriveTable) -> DriveTable:
-        """Return the drive of the joint: its own keys, those of all for the others.
+        """Return the drive of the joint: its own keys, else those of all joints.
 
         Settings for all joints that contradict the joint's own are ignored: the width
         of a sign change or the friction of a direction that it does not have, and an

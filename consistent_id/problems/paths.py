@@ -66,12 +66,12 @@ class _Name:
         return set(string.Template(self.pattern).get_identifiers())
 
     def place(self, folder: Path) -> Path:
-        """Return where it leads, from the problem file's folder."""
+        """Return the place that it names, from the problem file's folder."""
         found = string.Template(self.pattern).safe_substitute(os.environ)
         return folder / found / self.literal
 
     def digest(self, file: Path) -> str | None:
-        """Return what the record has of it, if it leads anywhere.
+        """Return its entry in the record, if it names anything.
 
         Links are resolved: another place is another digest, and so is the same problem
         file in another place.

@@ -1,4 +1,4 @@
-"""What a problem file asks to be done to its recordings, done."""
+"""Preparation of recordings: the steps that a problem file states."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.recordings.signals.filters import anti_aliased
 from consistent_id.recordings.signals.fourier import on_series, require_repeating
 
-# Keys that belong to one method alone; those marked must be given with it.
+# Keys of a single method; True: the method needs the key.
 _KEYS = {
     "butterworth": {"motion_cutoff": False},
     "savitzky-golay": {"window": True, "degree": False},
@@ -51,12 +51,12 @@ _KEYS = {
 
 
 def check_data(data: DataTable, *, floating: bool) -> None:
-    """Refuse recordings that cannot be prepared as the file asks.
+    """Refuse recordings that cannot be prepared as the file states.
 
     Raises
     ------
     ProblemError
-        With the key.
+        The message names the key.
     """
     check_preparation(data.preparation, data.columns or ColumnsTable())
     tracks = [track for entry in data.recordings for track in entry.tracks]
@@ -65,12 +65,12 @@ def check_data(data: DataTable, *, floating: bool) -> None:
 
 
 def check_tracks(tracks: Iterable[TrackTable], table: PreparationTable) -> None:
-    """Refuse channels of their own that would go unused, or a delay unheard of.
+    """Refuse channels with files of their own that are unused, or unknown delays.
 
     Raises
     ------
     ProblemError
-        With the channel.
+        The message names the channel.
     """
     for entry in tracks:
         where = f"[[data.recordings.tracks]]: {entry.channel} of {entry.file}"
@@ -87,12 +87,12 @@ def check_tracks(tracks: Iterable[TrackTable], table: PreparationTable) -> None:
 
 
 def check_preparation(table: PreparationTable, columns: ColumnsTable) -> None:
-    """Refuse keys that contradict each other or would go unused.
+    """Refuse keys that contradict each other or have no effect.
 
     Raises
     ------
     ProblemError
-        With the keys' names.
+        The message names the keys.
     """
     where = "[data.preparation]"
     for method, keys in _KEYS.items():
@@ -137,7 +137,7 @@ def check_base(data: DataTable, *, floating: bool) -> None:
     Raises
     ------
     ProblemError
-        With the key.
+        The message names the key.
     """
     if floating and data.base is None:
         raise ProblemError(
@@ -172,7 +172,7 @@ def check_base(data: DataTable, *, floating: bool) -> None:
 def joined(
     recording: Recording, late: Track, delay: float | Literal["estimated"]
 ) -> Recording:
-    """Bring a channel that was written on another clock to a recording.
+    """Add a channel that was logged with another clock to a recording.
 
     Raises
     ------
@@ -188,16 +188,16 @@ def joined(
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """A recording as it was read, and how it is to be prepared.
+    """A recording as it was read, with the steps of its preparation.
 
-    However many parts are cut from it, it is filtered and differentiated once.
+    It is filtered and differentiated once, even if several parts are cut from it.
 
     Parameters
     ----------
     raw : Recording
     table : PreparationTable
     then : callable, optional
-        What is done to each part when it is prepared.
+        Function that is applied to each prepared part.
     """
 
     raw: Recording
@@ -211,7 +211,7 @@ class Log:
     def prepared(
         self, start: float = -np.inf, stop: float = np.inf
     ) -> tuple[Recording, ...]:
-        """Return what is prepared of ``start <= time <= stop`` [s]; see `prepared`."""
+        """Return prepared parts of ``start <= time <= stop`` [s]; see `prepared`."""
         parts = self._parts
         inside = [p for p in parts if _samples(p.raw, start, stop) >= 2]
         # If there is none, trimming the first part raises the error.
@@ -236,9 +236,9 @@ def prepared(
 ) -> tuple[Recording, ...]:
     """Prepare a recording and cut it to ``start <= time <= stop`` [s].
 
-    Cut at gaps, resample, take out delays, filter, differentiate, decimate, cut off
-    standstill.  Times are kept to last: filters and differences need the samples on
-    either side.
+    The steps are: cut at gaps, resample, remove delays, filter, differentiate,
+    decimate, cut off standstill.  The cut to `start` and `stop` comes last, because
+    filters and differences need samples on either side.
 
     Parameters
     ----------
@@ -261,7 +261,7 @@ def prepared(
 
 
 def filtered(part: Recording, table: PreparationTable) -> Recording:
-    """Take out delays and filter, as a table asks."""
+    """Remove delays and filter, as a table states."""
     for channel, delay in table.delays.items():
         if channel == "torque" and delay == "estimated":  # which takes the robot
             continue
@@ -279,16 +279,16 @@ def filtered(part: Recording, table: PreparationTable) -> Recording:
 
 
 def rest_reach(table: PreparationTable) -> float:
-    """Return for how long before and after a rest torque is not known, [s].
+    """Return the time before and after a rest for which torque is unknown, [s].
 
-    The filter of the motion spreads stops and starts to either side; that of the torque
-    is one of rows, from which samples at rest are taken out before.
+    The filter of the motion spreads stops and starts to either side.  The filter of the
+    torque filters rows, from which samples at rest were removed before.
     """
     return 0.0 if table.motion_cutoff is None else rest_guard(table.motion_cutoff)
 
 
 def moving(part: Recording, table: PreparationTable) -> Recording:
-    """Return what was filtered with velocity and acceleration, as a table asks."""
+    """Return a filtered recording with velocity and acceleration, as a table states."""
     if table.method == "savitzky-golay" and table.window is not None:
         degree = 4 if table.degree is None else table.degree
         return savitzky_golay_differentiated(part, table.window, degree=degree)
@@ -299,7 +299,7 @@ def moving(part: Recording, table: PreparationTable) -> Recording:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """What lies between two gaps of a log."""
+    """The part of a log between two gaps."""
 
     raw: Recording
     table: PreparationTable
@@ -319,12 +319,12 @@ class _Part:
         slowest = table.least_joint_speed
         if slowest is not None and slowest != "estimated":  # which takes the robot
             part = without_rests(part, slowest, reach=rest_reach(table))
-        # Without torque it was thinned before.
+        # Without torque it was decimated before.
         thin = part.torque_filter is None
         return part if thin else decimated(part, table.decimate)
 
     def _thinnable(self, whole: Recording) -> Recording:
-        """Return it filtered against aliasing, while no sample is left out."""
+        """Return it filtered against aliasing, with all samples."""
         factor = self.table.decimate
         if factor == 1:
             return whole
@@ -345,9 +345,9 @@ class _Part:
         return self._thinnable(moving(self._filtered, self.table))
 
     def _as_series(self, start: float, stop: float) -> Recording:
-        """Return it with the motion of a Fourier series, fitted to what is kept."""
+        """Return it with the motion of a Fourier series, fitted to the kept samples."""
         part, period = self._filtered, self.table.period
-        # The way to the start of a periodic motion is not part of it.
+        # The run-in of a periodic motion is not part of it.
         kept = trimmed(part, start, stop)
         if period is None or period == "estimated":
             period = estimated_period(kept)

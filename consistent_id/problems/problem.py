@@ -76,7 +76,7 @@ class Problem:
     constraints : tuple of Constraint
     prior : PointToSet or Penalty
     source : Path, optional
-        File that it was read from; a draft was read from none.
+        The file of the problem; None for a draft.
     arm : RobotModel, optional
         The arm that carries a wrench sensor, if the model is that of its tool.
 
@@ -132,7 +132,7 @@ class Problem:
 
     @property
     def model_files(self) -> dict[str, Path | None]:
-        """Files that the robot was loaded from, by format: ``urdf``, ``mjcf``."""
+        """Files of the robot, by format: ``urdf``, ``mjcf``."""
         model = self.table.model
         return {
             form: None if name is None else self.file(name)
@@ -150,7 +150,7 @@ class Problem:
         return self.moving.joint_names
 
     def file(self, path: str) -> Path:
-        """Return a path of the file: from its folder, with ``${NAME}`` replaced."""
+        """Return a path of the file, from its folder and with ``${NAME}`` replaced."""
         return self.folder / expanded(path, self.table)
 
     @cached_property
@@ -193,7 +193,7 @@ class Problem:
 
     @property
     def files(self) -> dict[str, Path]:
-        """All files that the problem consists of, by the names it gives them."""
+        """All files of the problem, by their names in it."""
         found = {} if self.source is None else {self.source.name: self.source}
         found |= {p.name: p for p in self.model_files.values() if p is not None}
         return found | {file: self._path(file) for file in self._log_files}
@@ -212,7 +212,7 @@ class Problem:
         Parameters
         ----------
         file : str or Path
-            In the folder of the recordings, unless it is absolute.
+            The log; relative paths start in the folder of the recordings.
         omit : sequence of int
             Broken rows to leave out, counted from 1.
         """
@@ -237,7 +237,7 @@ class Problem:
         return self._read[path, *omit]
 
     def keep(self, read: Mapping[str, Recording]) -> None:
-        """Keep logs that have been read already, by the file's names of them."""
+        """Keep logs that have been read already, by their names in the file."""
         self._read.update({(self._path(name),): raw for name, raw in read.items()})
 
     @cached_property
@@ -263,7 +263,7 @@ class Problem:
         return self.drives.calibration.delay
 
     def prepare(self, recording: Recording) -> Recording:
-        """Prepare a recording as the file asks; the longest part if it has gaps."""
+        """Prepare a recording as the file states; the longest part if it has gaps."""
         from consistent_id.problems.preparation import Log
 
         data = self._data()
@@ -282,7 +282,7 @@ class Problem:
         )
 
     def log_file(self, file: str | Path) -> Path:
-        """Return where a log of the problem is.
+        """Return the path of a log of the problem.
 
         Raises
         ------
@@ -316,7 +316,7 @@ class Problem:
         return FoundInTraining.of(self.table, self.model, self._parts, self.constraints)
 
     def _logged(self, role: str) -> Iterator[tuple["Log", tuple[float, float]]]:
-        """Yield logs, and the times between which they count."""
+        """Yield logs, and the times between which they are used."""
         for entry in self._data().recordings:
             if entry.role == role:
                 yield self._shared_log(entry), span_of(self._raw(entry), entry)
@@ -338,7 +338,7 @@ class Problem:
     def _then(
         self, calibration: "DriveCalibration | None" = None
     ) -> Callable[[Recording], Recording] | None:
-        """Return what is done to a prepared part that takes the robot."""
+        """Return the function that completes a prepared part and needs the robot."""
         from consistent_id.problems.robot_preparation import with_robot
 
         robot, soft = self.model.robot, None

@@ -46,20 +46,20 @@ def identify(
     path: RegularisationPath,
     slacks: Mapping[Method, SlackChoice],
 ) -> tuple[Estimate, ...]:
-    """Estimate a problem's parameters by every method there is.
+    """Estimate a problem's parameters by every method.
 
-    Least squares and the constrained estimate come with equal weights for all joints,
-    and both again weighted by each joint's noise, so that each constrained estimate has
-    a twin without constraints.  Besides come robust least squares;
-    ``"box-constrained QP"``: the quadratic programme with every constraint except
+    Least squares and the constrained estimate are computed with equal weights for all
+    joints, and again weighted by each joint's noise, so that each constrained estimate
+    has a counterpart without constraints.  Other methods are robust least squares;
+    ``"box-constrained QP"``, the quadratic programme with every constraint except
     physical consistency, which shows the effect of masses, bounds and signs alone; and
-    ``"cross-validated"``: the constrained estimate with a `Penalty` whose weight is
-    chosen from the training data.  They also determine the slack of the constrained
-    estimates, unless the problem states it; the quadratic programme has that of the
-    constrained estimate.
+    ``"cross-validated"``, the constrained estimate with a `Penalty` whose weight is
+    chosen from the training data.  The training data also determine the slack of the
+    constrained estimates, unless the problem states it; the quadratic programme has
+    that of the constrained estimate.
 
-    A `Study` makes the values that this takes, each once.  To estimate from recordings
-    other than the problem's own: ``Study(problem, recordings=...).estimates``.
+    A `Study` computes each of the arguments once.  To estimate from other recordings,
+    use ``Study(problem, recordings=...).estimates``.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def slack_choices(
 
 
 def slack_notes(slacks: Mapping[Method, SlackChoice], method: str) -> tuple[str, ...]:
-    """Return why an estimate has its slack; nothing where none was chosen for it."""
+    """Return notes on how an estimate's slack was chosen; none if it was stated."""
     said = (found.statement for name, found in slacks.items() if name == method)
     return tuple(filter(None, said))
 
@@ -159,7 +159,7 @@ def regularisation_path(
 
 
 def refitted(
-    problem: Problem, judged: Estimate, recordings: Sequence[Recording], prior: Prior
+    problem: Problem, estimate: Estimate, recordings: Sequence[Recording], prior: Prior
 ) -> Estimate:
     """Fit a constrained estimate again, to more data than it was judged with.
 
@@ -168,35 +168,35 @@ def refitted(
 
     Parameters
     ----------
-    judged : Estimate
-        By a constrained method, with its verdict.
+    estimate : Estimate
+        The estimate of a constrained method, with its verdict.
     recordings : sequence of Recording
-        All of them: training and validation.
+        All recordings: training and validation.
     prior : PointToSet or Penalty
-        As of the estimate that was judged.
+        The prior of the judged estimate.
     """
-    model, base = problem.model, judged.base
+    model, base = problem.model, estimate.base
     regression = regression_of(problem.table, model, recordings)
-    if judged.method == Method.WEIGHTED_CONSTRAINED:
+    if estimate.method == Method.WEIGHTED_CONSTRAINED:
         regression = regression.weighted(noise_levels(regression, base))
-    estimate = constrained_least_squares(
+    again = constrained_least_squares(
         model,
         regression,
         constraints=problem.constraints,
         prior=prior,
         base=base,
-        method=judged.method,
+        method=estimate.method,
     )
     names = ", ".join(dict.fromkeys(recording.name for recording in recordings))
     note = (
-        f"fitted again, after it was judged, to all recordings ({names}); verdict and "
+        f"fitted again, after its verdict, to all recordings ({names}); verdict and "
         "held-out error are those of the estimate from the training data alone"
     )
     return replace(
-        estimate,
-        notes=(note, *estimate.notes),
-        accepted=judged.accepted,
-        judged=judged.verdict,
+        again,
+        notes=(note, *again.notes),
+        accepted=estimate.accepted,
+        judged=estimate.verdict,
         fitted_to=fitted_spans(recordings),
     )
 
@@ -241,9 +241,9 @@ def recordings_of(
 def variant_regressions(
     problem: Problem, training: Sequence[Recording]
 ) -> list[Regression]:
-    """Return the training data with each value found changed by its standard error.
+    """Return training data with each estimated setting changed by its standard error.
 
-    See `uncertainty`, which takes them.
+    They are the `variants` of `uncertainty`.
     """
     if problem.table.data is None:
         return []

@@ -43,7 +43,9 @@ from consistent_id.regression.residual_noise import residual_sigma, unconstraine
 from consistent_id.regression.torque_along import simulate_torque
 from consistent_id.robot.inertia import InertialParameters
 
-_NEAREST = PointToSet(slack=1e-4)  # exact torque: fit first, nominal hardly at all
+_NEAREST = PointToSet(
+    slack=1e-4
+)  # exact torque: the fit has priority over the nominal parameters
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,9 +55,9 @@ class RankReport:
     Parameters
     ----------
     singular_values : ndarray
-        Those of the regressor with unit columns, relative to the largest.
+        Singular values of the regressor with unit columns, relative to the largest.
     null_directions : tuple of str
-        Combinations that can be changed without changing any torque of the motion.
+        Combinations without effect on the torque of the motion.
     """
 
     columns: tuple[str, ...]
@@ -72,7 +74,7 @@ class PublishedVector:
     Parameters
     ----------
     feasibility : BaseFeasibility
-        With the datasheet's masses and centres of mass.
+        The feasibility, with the datasheet's masses and centres of mass.
     nearest : Estimate
         The consistent robot whose torque along the motion differs least.
     torque_change : ndarray, shape (joints,), [N m or N]
@@ -93,11 +95,11 @@ class PublishedReport:
     Parameters
     ----------
     all_columns, free_columns : RankReport
-        With all combinations, and without those fixed from the datasheet.
+        Ranks with all combinations, and without those fixed from the datasheet.
     mean, standard_deviation : ndarray
-        Over the experiments, recomputed.
+        Mean and standard deviation over the experiments, recomputed.
     largest_differences : dict of str to float
-        Between recomputed and printed tables.
+        Largest differences between recomputed and printed tables.
     mean_links : dict of str to ndarray
         Inertial parameters of each link, from the mean and the datasheet.
     central_inertia : dict of str to ndarray
@@ -129,7 +131,7 @@ def parametrisation_of(problem: Problem) -> Parametrisation:
 
 
 def published_table(problem: Problem) -> PublishedTable:
-    """Return what a problem's paper printed; without a paper, that is an error."""
+    """Return the printed results of a problem's paper; an error without a paper."""
     if problem.table.published is None:
         raise ProblemError(f"problem {problem.name!r} has no [published] table")
     return problem.table.published
@@ -181,7 +183,7 @@ def check_published(problem: Problem) -> PublishedReport:
 
 
 def _require_lengths(table: PublishedTable, mine: Parametrisation) -> None:
-    """Refuse a printed row that has not one value for each of its names."""
+    """Refuse a printed row whose number of values is not that of its names."""
     for name in ("mean", "standard_deviation"):
         length = len(getattr(table, name))
         if length not in (0, len(mine)):
@@ -219,7 +221,7 @@ def _rank(R: Matrix, mine: Parametrisation, columns: list[int]) -> RankReport:
 def _differences(
     table: PublishedTable, mean: Vector, deviation: Vector, inertia: dict[str, Array]
 ) -> dict[str, float]:
-    """Return by how much what is printed differs at most from what was recomputed."""
+    """Return the largest difference between printed and recomputed values."""
     pairs: dict[str, tuple[Array, Sequence[float]]] = {
         "mean": (mean, table.mean),
         "standard deviation": (deviation, table.standard_deviation),
@@ -236,12 +238,12 @@ def _differences(
 def central_inertia_of(model: TorqueModel, x: Vector) -> dict[str, Array]:
     """Return A, B, C, D, E, F of each link; products are ``-Iyz, -Ixz, -Ixy``.
 
-    About the centre of mass; of a link without a known mass, about its origin.
+    They are about the centre of mass, or about the origin if the mass is unknown.
     """
     tables = {}
     for k, name in enumerate(model.layout.links):
         body = InertialParameters(x[10 * k : 10 * k + 10])
-        # A link without a known mass enters with its inertia about the origin.
+        # For a link without a known mass, the inertia about the origin is used.
         matrix = body.central_inertia if body.mass > 0.0 else body.inertia
         A, B, C = np.diag(matrix)
         tables[name] = np.array([A, B, C, -matrix[1, 2], -matrix[0, 2], -matrix[0, 1]])
@@ -286,15 +288,15 @@ def published_least_squares(
     base: BaseParameters | None = None,
     drive: DriveTerms | None = None,
 ) -> Estimate:
-    """Identify as the paper did: its parameters, some fixed from the datasheet.
+    """Identify as in the paper: its parameters, some fixed from the datasheet.
 
-    The smallest of all vectors that fit best, where the paper's ``Y^T Y`` is singular;
-    the estimate names the combinations that are not identifiable.
+    Where the paper's ``Y^T Y`` is singular, the result is the smallest of all vectors
+    that fit best, and the estimate names the combinations that are not identifiable.
 
     Parameters
     ----------
     base : BaseParameters, optional
-        Those of the problem's model, or of the one with `drive`.
+        Base parameters of the problem's model, or of the model with `drive`.
     drive : DriveTerms, optional
         Friction and drive terms of each joint that the paper left out.
     """
@@ -338,7 +340,7 @@ def published_least_squares(
 
 
 def _with_drive(mine: Parametrisation, drive: DriveTerms) -> Parametrisation:
-    """Return a parametrisation with each drive parameter as one more combination."""
+    """Return a parametrisation with all drive parameters as further combinations."""
     model = TorqueModel(mine.model.robot, drive)
     layout, start = model.layout, model.layout.inertial_size
     added = tuple(

@@ -23,10 +23,10 @@ from consistent_id.problems.task_tables import ExcitationTable
 from consistent_id.robot.loaders import load_robot
 
 ROBOT_ENDINGS = (".urdf", ".xml", ".mjcf")
-"""Suffixes of files that hold a robot."""
+"""Suffixes of robots' files."""
 
 _DRIVE = msgspec.structs.replace(DEFAULT_DRIVE, rotor_inertia=True)
-"""Drive terms that a motion is to excite: which of them matter, the log will say."""
+"""Drive terms that a motion must excite; the log will show which of them matter."""
 
 _COMMENTS = {
     **DRIVE_COMMENTS,

@@ -16,8 +16,7 @@ from consistent_id.problems.floating.floating_draft import (
     base_in_log,
     floating_columns,
 )
-from consistent_id.problems.limbs import LogRowsOfJoints
-from consistent_id.problems.nominal_gains import NominalGains, nominal_gains
+from consistent_id.problems.nominal_gains import LogRowsOfJoints, nominal_gains
 from consistent_id.problems.statement import (
     Statement,
     declarations,
@@ -26,6 +25,7 @@ from consistent_id.problems.statement import (
 from consistent_id.recordings.column_guess import (
     GAINS,
     ColumnGuess,
+    KnownColumns,
     guess_columns,
     require_torque,
 )
@@ -67,12 +67,12 @@ class RobotLogs:
     Parameters
     ----------
     robot : RobotModel
-        With the joints that the logs have.
+        The robot with the joints that the logs have.
     columns : Columns
     locked : dict of str to float
         Joints that do not move, and their positions [rad or m].
     stated : Statement
-        With the topic of a bag, if the logs are bags.
+        The user's statement, with the topic if the logs are bags.
     notes : tuple of str
         Notes on guesses.
     floating : FloatingColumns, optional
@@ -139,14 +139,14 @@ def robot_logs(
         return _found(model, log, stated, tables)
     except (ModelError, RecordingError) as cause:
         if cause.option_names <= {declarations()[n].option for n in stated.given}:
-            raise  # nothing is proposed, or what is stated already
+            raise  # the error proposes nothing, or only stated options
         raise with_remedies(cause, model, log, stated, tables) from None
 
 
 def _found(
     model: Path, log: Path, stated: Statement, tables: Mapping[Path, ColumnTable]
 ) -> RobotLogs:
-    """Find how to read logs with what is stated."""
+    """Find how to read logs under the stated options."""
     if log not in tables:
         _require_order(model, log)
     robot = _loaded(model, stated)
@@ -160,11 +160,7 @@ def _found(
     wrenches = wrenches_in_log(log, in_memory)
     felt = wrench_note(wrenches, robot)
     others = () if floating is None else floating.taken
-    guessed = partial(
-        _guessed,
-        felt,
-        _names_in_log(stated, robot),
-        log,
+    known = KnownColumns(
         robot.joint_names,
         {c: name for c in _CHANNELS if (name := getattr(stated, c)) is not None},
         names=in_memory,
@@ -172,20 +168,23 @@ def _found(
         arrays=_arrays(floating),
         torque_joints=stated.torque_joints,
         units=stated.units,
+        currents=len(stated.torque_gain) > 0,
         commands=stated.gains is not None,
-        held=_every_joint(model, stated),
+        all_joints=_every_joint(model, stated),
         rows=_rows_of_joints(model, log, robot, stated, tables),
         topic=stated.topic,
     )
+    guessed = partial(_guessed, log, renamed=_names_in_log(stated, robot), felt=felt)
     try:
-        guess = guessed(currents=len(stated.torque_gain) > 0)
+        guess = guessed(known)
         require_torque(guess.columns.torque, stated.torque_gain)
         if not len(stated.torque_gain):
             require_gain(guess.columns.units, log.name)
     except RecordingError as cause:
         if len(stated.torque_gain) or cause.options or log in tables:
             raise
-        raise _with_gains(cause, guessed, robot, log) from None
+        currents = replace(known, currents=True)
+        raise _with_gains(cause, lambda: guessed(currents), robot, log) from None
     stated = replace(stated, topic=guess.topic)
     if log not in tables and "position" not in guess.columns.units:
         _require_usual_units(log, guess)
@@ -210,7 +209,7 @@ def with_remedies(
     stated: Statement,
     tables: Mapping[Path, ColumnTable],
 ) -> ModelError | RecordingError:
-    """Return an error that proposes all that the log needs, not only the first."""
+    """Return an error that proposes all needed options, not only the first."""
     said, options, error = [str(cause)], list[str](), cause
     while error.options and len(options) < _MOST_REMEDIES:
         if error.option_names & set(" ".join(options).split()):
@@ -231,7 +230,7 @@ def with_remedies(
         except (ModelError, RecordingError) as following:
             said.append(f"Then {following}")
             error = following
-        except ProblemError:  # such as a value that the user has to know
+        except ProblemError:  # such as a value that only the user knows
             break
     kind = ModelError if isinstance(cause, ModelError) else RecordingError
     return kind("\n".join(said), options=" ".join(options), replaces=cause.replaces)
@@ -290,7 +289,7 @@ def _stated_with(stated: Statement, words: Sequence[str]) -> Statement:
 
 def _with_gains(
     cause: RecordingError,
-    guessed: Callable[..., ColumnGuess],
+    guessed: Callable[[], ColumnGuess],
     robot: RobotModel,
     log: Path,
 ) -> RecordingError:
@@ -299,7 +298,7 @@ def _with_gains(
     With a gain of one if they imply none; without, if there are no currents.
     """
     try:
-        guess = guessed(currents=True)
+        guess = guessed()
         if guess.joints != robot.joint_names or guess.columns.torque is None:
             return cause
         plain = [1.0] * len(guess.joints)  # which a current's unit needs, too
@@ -359,7 +358,7 @@ def selection_of(stated: Statement) -> Selection:
 
 
 def _names_in_log(stated: Statement, robot: RobotModel) -> dict[str, str]:
-    """Return the joints' names in the log by the robot's, where they differ."""
+    """Return names of joints in the log by those of the robot, where they differ."""
     for joint in (stated.names or {}).values():
         if joint not in robot.joint_names:
             near = did_you_mean(joint, robot.joint_names)
@@ -368,12 +367,7 @@ def _names_in_log(stated: Statement, robot: RobotModel) -> dict[str, str]:
 
 
 def _guessed(
-    felt: str,
-    renamed: Mapping[str, str],
-    log: Path,
-    joints: Sequence[str],
-    known: Mapping[str, str],
-    **more: Any,
+    log: Path, known: KnownColumns, *, renamed: Mapping[str, str], felt: str
 ) -> ColumnGuess:
     """Guess columns; if this fails, name the log's other columns.
 
@@ -381,14 +375,11 @@ def _guessed(
     ----------
     renamed : mapping of str to str
         The log's names of joints, where they are not the robot's.
+    felt : str
+        A sentence on columns of a force/torque sensor, or nothing.
     """
-
-    def in_log(names: Iterable[str]) -> tuple[str, ...]:
-        return tuple(renamed.get(name, name) for name in names)
-
-    more |= {key: in_log(more[key]) for key in ("torque_joints", "held")}
     try:
-        guess = guess_columns(log, in_log(joints), known, **more)
+        guess = guess_columns(log, known.renamed(renamed))
     except RecordingError as cause:
         said = f"{cause} {felt}".strip()
         raise RecordingError(
@@ -470,28 +461,6 @@ def _every_joint(model: Path, stated: Statement) -> tuple[str, ...]:
     return _loaded(model, replace(stated, locked=None)).joint_names
 
 
-def model_gains(model: Path, logs: Sequence[Path], stated: Statement) -> NominalGains:
-    """Return the gains of logs that the bodies of a robot's file imply.
-
-    Raises
-    ------
-    ModelError, RecordingError, ProblemError
-        See `robot_logs`; also if they imply none.
-    """
-    if not len(stated.torque_gain):
-        number = len(_loaded(model, stated).joint_names)
-        stated = replace(stated, torque_gain=(1.0,) * number)
-    read = robot_logs(model, logs[0], stated)
-    found = nominal_gains(read.robot, *map(read.read, logs))
-    if found is None:
-        raise RecordingError(
-            f"{model} implies no gains for {', '.join(log.name for log in logs)}: "
-            "masses and torques or currents are needed, and joints that move against "
-            "gravity"
-        )
-    return found
-
-
 def gains_of(given: Sequence[float], joints: int) -> list[float] | float:
     """Return gains as `read_recording` takes them: one for all joints, or one each.
 
@@ -569,9 +538,9 @@ def wrenches_in_log(
 
 
 def wrench_note(found: Sequence[WrenchNames], robot: RobotModel) -> str:
-    """Say what columns look like a wrench sensor's, and how they are used; "" of none.
+    """Return a note on columns that look like a wrench sensor's, "" without such.
 
-    The frame is the last that is fixed to the last link: a guess, and called so.
+    The proposed frame is the last one that is fixed to the last link; it is a guess.
     """
     if not found:
         return ""
@@ -586,7 +555,7 @@ def wrench_note(found: Sequence[WrenchNames], robot: RobotModel) -> str:
             f"for a foot with frame {frame}, for example, write {columns}"
         )
     return (
-        f"{seen}: these look like a wrench sensor's; they tell what hangs on it, not "
+        f"{seen}: these look like a wrench sensor's; they show what hangs on it, not "
         f'the robot: [wrist_sensor] frame = "{frame}" (or where it is) and {columns} '
-        "in a problem file (docs/wrist-sensor.md)"
+        "in a problem file (consistent-id help wrist-sensor)"
     )

@@ -91,7 +91,7 @@ class SensorDrift:
 
 
 def drift_of(table: ProblemTable) -> Drift:
-    """Return how the bias of a problem's wrench sensor drifts."""
+    """Return the drift of the bias of a problem's wrench sensor."""
     return "none" if table.wrist_sensor is None else table.wrist_sensor.drift
 
 

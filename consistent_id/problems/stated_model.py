@@ -49,9 +49,9 @@ if TYPE_CHECKING:
 
 
 def drawn_parts(problem: Problem) -> DrawnParts:
-    """Return what the robot's file draws; only the fault where it cannot be read.
+    """Return shapes and drives of the robot's file; a fault if it cannot be read.
 
-    It is evidence beside the robot, which needs neither shapes nor nominal drives.
+    The robot itself needs neither shapes nor nominal drives; they are evidence.
     """
     model, scene = problem.table.model, problem.table.excitation.scene
     packages = [] if scene is None else [problem.file(p) for p in scene.packages]
@@ -81,7 +81,7 @@ def _of_urdf(file: Path, robot: RobotModel, packages: list[Path]) -> DrawnParts:
 
 
 def _number(element: Element, name: str) -> float:
-    """Return a value that is not negative; zero, which is none, if it is no number."""
+    """Return a value that is not negative; zero for none, or if it is no number."""
     try:
         value = float(element.attributes.get(name, "0"))
     except ValueError:
@@ -115,9 +115,9 @@ def _middle(body: "Body") -> Any:
 
 
 def _of_mjcf(file: Path, robot: RobotModel) -> DrawnParts:
-    """Return shapes of bodies that merge no others, and the joints' drives.
+    """Return shapes of bodies without merged links, and the joints' drives.
 
-    Shapes that do not contain the body's own mass are not those of the whole body.
+    Shapes that do not contain the body's own mass do not show the whole body.
     """
     from consistent_id.export.mjcf_bodies import require_mujoco
     from consistent_id.robot.loaders.mjcf_spec import stand_in
@@ -206,7 +206,7 @@ def model_table(
     Parameters
     ----------
     locked : mapping of str to float, optional
-        By default what is stated.
+        Locked joints; by default the stated ones.
     """
     mjcf, path = is_mjcf(model), as_named(model, folder)
     gravity = stated.gravity
@@ -223,7 +223,7 @@ def model_table(
 def excitation_table(
     stated: Statement, folder: Path, table: ExcitationTable | None = None
 ) -> ExcitationTable:
-    """Return a table with the folders of packages that are stated."""
+    """Return a table with the stated folders of packages."""
     table = ExcitationTable() if table is None else table
     if not stated.package_dirs:
         return table
@@ -233,7 +233,7 @@ def excitation_table(
 
 
 def described(robot: RobotModel, table: ProblemTable) -> RobotModel:
-    """Return a robot with the datasheet of a problem file over its own.
+    """Return a robot whose datasheet is completed by that of a problem file.
 
     If a link carries a load, both are one body without a datasheet.
     """
@@ -290,8 +290,8 @@ def assumed(table: ProblemTable, model: TorqueModel) -> ConstraintsTable:
 def _drive(table: ProblemTable, robot: RobotModel) -> tuple[DriveTerms, ...]:
     """Return the terms of each joint.
 
-    A joint without a measured torque has none.  One that carries nothing has no
-    friction that depends on the load, unless its own table says so.
+    A joint without a measured torque has no terms.  A joint that carries nothing has no
+    load friction, unless its own table has it.
     """
     measured = () if table.data is None else table.data.torque_joints
     idle = unloaded_joints(robot) if table.drive.load_friction else ()
@@ -356,13 +356,13 @@ def _dh_row(row: DHTable) -> "DHRow":
 
 
 def _datasheet(robot: RobotModel, name: str, table: LinkTable) -> Datasheet:
-    """Datasheet of the file over that of the model."""
+    """Datasheet of the model, with values replaced by those of the file."""
     known = {link.name: link.datasheet for link in robot.links}.get(name, Datasheet())
     return datasheet_of(table, known)
 
 
 def datasheet_of(table: LinkTable, known: Datasheet = Datasheet()) -> Datasheet:  # noqa: B008  frozen
-    """Return a table's datasheet of a body, over the known values."""
+    """Return the datasheet of a body, updated by the values of a table."""
     bounds = table.mass_bounds
     return Datasheet(
         mass=known.mass if table.mass is None else table.mass,

@@ -23,12 +23,12 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 Part = Literal["robot", "log", "base", "model", "selection"]
-"""Part that a field describes; a selection has no key, as a problem file has its
-result.
+"""Part that a field describes.  A selection has no key, because a problem file contains
+its result.
 """
 
 EVERY = ""
-"""In place of a log's name: all logs."""
+"""Stands for all logs, in place of a log's name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,15 +39,15 @@ class Declaration:
     ----------
     part : {"robot", "log", "base", "model", "selection"}
     usage : str
-        The option, as `Option` has it, such as ``--lock JOINT ...``.
+        The option in the form of `Option`, such as ``--lock JOINT ...``.
     text : str
         One sentence, with the unit and the default.
     key : str
         The key in the problem file, such as ``model.locked``; empty if it has none.
     read : callable
-        From the words of the option to the value.
+        Function from the words of the option to the value.
     choices : tuple of str
-        Words that the option takes, if they are few.
+        Words that the option accepts, if only these.
     """
 
     part: Part
@@ -110,7 +110,7 @@ class Statement:
     gravity: Sequence[float] | None = _said(
         "robot",
         "--gravity X,Y,Z",
-        "in the frame of the root link, m/s^2; or X Y Z (default: the MJCF file's, "
+        "gravity in the root link's frame, m/s^2; or X Y Z (default: the MJCF file's, "
         "or 0,0,-9.81)",
         "model.gravity",
         read=words.vector,
@@ -195,7 +195,7 @@ class Statement:
     gains: "PDGains | None" = _said(
         "log",
         "--gains KP,KD[,LIMIT] ...",
-        "of PD-controlled joints, for all or one each: torque is computed from "
+        "gains of PD-controlled joints, for all or one each: torque is computed from "
         "commands of position, and clipped at the drive's limit (N m, N) if given",
         "data.gains",
         read=words.gains,
@@ -239,7 +239,7 @@ class Statement:
     duplicates: Literal["refuse", "first", "last"] | None = _said(
         "log",
         "--duplicates",
-        "which of several rows with one time stamp is used (default: refuse)",
+        "the row that is used of several with one time stamp (default: refuse)",
         "data.duplicates",
         choices=("refuse", "first", "last"),
     )
@@ -288,7 +288,7 @@ class Statement:
     quaternion: Literal["xyzw", "wxyz"] | None = _said(
         "base",
         "--quaternion",
-        "where its real part stands: last (ROS, Isaac Gym) or first (MuJoCo)",
+        "place of its real part: last (ROS, Isaac Gym) or first (MuJoCo)",
         "data.base.order",
         choices=("xyzw", "wxyz"),
     )
@@ -313,7 +313,7 @@ class Statement:
     masses: Literal["datasheet", "free"] | None = _said(
         "model",
         "--masses",
-        "whether the model's masses are the robot's",
+        "take the masses of the model, or leave them free",
         "constraints.masses",
         read=words.masses,
         choices=("model", "free"),
@@ -358,7 +358,7 @@ class Statement:
     select: bool | None = _said(
         "selection",
         "--no-select",
-        "viscous and Coulomb friction, an offset; only a cut-off is chosen",
+        "use viscous and Coulomb friction and an offset; choose only a cut-off",
         read=words.switched_off,
     )
 
@@ -396,7 +396,7 @@ class Statement:
         return tuple(n for n in self.given if declarations()[n].part in parts)
 
     def rows_of(self, log: Path) -> tuple[int, int] | None:
-        """Return the first and the last row of a log that count, from 1.
+        """Return the first and the last used row of a log, from 1.
 
         Raises
         ------
@@ -423,7 +423,7 @@ class Statement:
         Raises
         ------
         ProblemError
-            With the names of the logs.
+            The message names the logs.
         """
         known = {name: log.name for log in logs for name in _names_of(log)}
         for field_name in ("rows", "omit"):
@@ -436,7 +436,7 @@ class Statement:
                     )
 
     def _of_log(self, stated: Any, log: Path) -> tuple[int, ...] | None:
-        """Return what is stated of a log by its path or name, or of all logs."""
+        """Return the value stated for a log, by its path or name, or for all logs."""
         for name in (*_names_of(log), EVERY):
             if stated is not None and name in stated:
                 return tuple(stated[name])
@@ -449,7 +449,7 @@ def _names_of(log: Path) -> tuple[str, ...]:
 
 
 def _same(value: object, default: object) -> bool:
-    """Return whether a value is the default; what is compared may be an array."""
+    """Return whether a value, which may be an array, is the default."""
     return value is default or (isinstance(value, tuple | list) and list(value) == [])
 
 
@@ -459,7 +459,7 @@ _DECLARED: dict[str, Declaration] = {
 
 
 def declarations() -> Mapping[str, Declaration]:
-    """Return how each field of `Statement` is stated, by its name."""
+    """Return the declaration of each field of `Statement`, by its name."""
     return _DECLARED
 
 

@@ -1,4 +1,4 @@
-"""Words of the shell read as values of a `Statement`, one function a kind."""
+"""Readers from words of the shell to values of a `Statement`, one for each kind."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -127,8 +127,8 @@ def rows(usage: str) -> Callable[[Sequence[str]], dict[str, tuple[int, ...]]]:
 def units(words: Sequence[str]) -> "Units":
     """Return units by channel; with commas between them, one for each joint.
 
-    A unit without a channel is of the channel that has it; an angle or a length is of
-    the position and, per second, of its derivatives.
+    A unit without a channel is for the channels that can have it; an angle or a length
+    is for the position and, per second, for its derivatives.
 
     Examples
     --------

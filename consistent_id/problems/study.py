@@ -1,4 +1,4 @@
-"""From a problem to its answer: estimates, their comparison, and the verdict."""
+"""The study of a problem: estimates, their comparison, and the verdict."""
 
 from collections.abc import Sequence
 from contextlib import nullcontext
@@ -13,12 +13,12 @@ from consistent_id._support.progress import stages
 from consistent_id._support.tables import brief
 from consistent_id.comparison.comparison import Comparison, EstimateReport, compare
 from consistent_id.diagnosis import Diagnosis
-from consistent_id.estimation.body_slopes import Slopes
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.estimate_plot import draw_parameters
 from consistent_id.estimation.influence import confirmed_slopes
 from consistent_id.estimation.judgement import judge
 from consistent_id.estimation.method import Method
+from consistent_id.estimation.torque_error import Slopes
 from consistent_id.estimation.verdict import Verdict, confirmed
 from consistent_id.problems.log_check import check_problem
 from consistent_id.problems.problem import Problem
@@ -28,7 +28,7 @@ from consistent_id.problems.problem_estimates import (
 )
 from consistent_id.problems.stated_model import drawn_parts
 from consistent_id.problems.study_fits import StudyFits
-from consistent_id.problems.weighing import weighed_findings
+from consistent_id.problems.weighed_findings import weighed_findings
 from consistent_id.recordings.recording import LogFinding, Recording
 from consistent_id.robot.solids import DrawnParts
 
@@ -53,7 +53,7 @@ class Study(StudyFits):
     Raises
     ------
     ProblemError, NotExcitedError, InfeasibleError, SolverError
-        By any part that cannot be computed.
+        Raised by any part that cannot be computed.
 
     Examples
     --------
@@ -136,13 +136,13 @@ class Study(StudyFits):
 
     def _refitted(self, report: EstimateReport) -> Estimate:
         """Return a constrained estimate, fitted again to all data."""
-        judged = report.with_verdict
+        before = report.with_verdict
         if not self.validation:
-            return judged
+            return before
         every = (*self.training, *self.validation)
-        prior = self.priors[Method(judged.method)]
-        estimate = refitted(self.problem, judged, every, prior)
-        why = slack_notes(self.slacks, judged.method)
+        prior = self.priors[Method(before.method)]
+        estimate = refitted(self.problem, before, every, prior)
+        why = slack_notes(self.slacks, before.method)
         return replace(estimate, notes=(*estimate.notes, *why))
 
     @property
@@ -208,7 +208,7 @@ class Study(StudyFits):
         Parameters
         ----------
         verdict : Verdict, optional
-            On an estimate that was given; by default on the recommended one.
+            Verdict on a given estimate; by default that on the recommended one.
 
         Returns
         -------
@@ -319,7 +319,7 @@ class Study(StudyFits):
         names : sequence of str, optional
             Parameters, or bodies and joints whose parameters are all drawn.
         axes : matplotlib.axes.Axes or array_like of it, shape (units,), optional
-            By default those of a new figure of `matplotlib.pyplot`.
+            Axes to draw in; by default those of a new figure of `matplotlib.pyplot`.
 
         Returns
         -------
@@ -348,7 +348,7 @@ def _same_parameters(one: Estimate, other: Estimate) -> bool:
 
 
 def _says_more(stated: Verdict | None, found: Verdict) -> bool:
-    """Return whether a stated verdict is the found one, with more worth knowing.
+    """Return whether a stated verdict is the computed one, perhaps with more notes.
 
     Further findings of a comparison of all estimates are not computed again.
     """
@@ -382,7 +382,7 @@ def run_study(
     accepted: Sequence[str] = (),
     costs: bool = True,
 ) -> Study:
-    """Work a problem through: its paper if it has one, estimates, comparison.
+    """Compute the study of a problem: its paper if it has one, estimates, comparison.
 
     Parameters
     ----------
@@ -390,7 +390,7 @@ def run_study(
     seed : int
         Seed of the bootstrap, if the study's `uncertainty` is needed.
     progress : bool
-        Show how far it is, on the standard error.
+        Whether to show the progress on the standard error.
     accepted : sequence of str
         Kinds of findings and reasons that verdicts ignore.
     costs : bool
@@ -399,7 +399,7 @@ def run_study(
     Returns
     -------
     Study
-        With everything else computed but its `uncertainty`.
+        The study, in which everything but `uncertainty` is computed.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a study computes from the training data: estimates, costs, uncertainty."""
+"""The parts of a study that use the training data: estimates, costs, uncertainty."""
 
 from collections import Counter
 from dataclasses import dataclass, replace
@@ -68,7 +68,7 @@ from consistent_id.regression.segments import (
 
 @dataclass(frozen=True, eq=False)
 class StudyFits:
-    """What a study computes from the training data: estimates, and which is advised.
+    """The fits of a study to the training data, and the recommended one.
 
     Each part is computed once, when first needed.  See `Study` for the parameters.
     """
@@ -134,7 +134,7 @@ class StudyFits:
 
     @cached_property
     def slacks(self) -> dict[Method, SlackChoice]:
-        """How the slack of the constrained estimates was chosen."""
+        """Choices of the slacks of the constrained estimates."""
         return slack_choices(self.problem, self.folds, base=self.base)
 
     @property
@@ -155,7 +155,7 @@ class StudyFits:
         return tuple(replace(e, accepted=self.accepted) for e in own)
 
     def estimate(self, method: str) -> Estimate:
-        """Return the estimate by a method; without a verdict from held-out data."""
+        """Return the estimate by a method, without a verdict from held-out data."""
         return next(e for e in self.estimates if e.method == method)
 
     @property
@@ -208,8 +208,7 @@ class StudyFits:
         Parameters
         ----------
         recording : Recording
-            Prepared: with velocity and acceleration.  Its torque is not used, and need
-            not be there.
+            Prepared, with velocity and acceleration.  Torque is not needed.
         """
         if self.forecast is None:
             return None
@@ -257,9 +256,10 @@ class StudyFits:
     def unseen(self, estimate: Estimate) -> tuple[Recording, ...]:
         """Return the validation recordings that an estimate was not fitted to.
 
-        All, if it does not say what it was fitted to.
+        All of them, if the estimate does not name the recordings of its fit.
         """
-        # Logs of different folders may have one name: training data go by themselves.
+        # Logs of different folders may have one name, so training logs are compared as
+        # objects.
         others = Counter(estimate.fitted_to) - Counter(fitted_spans(self.training))
         spans = zip(self.validation, fitted_spans(self.validation), strict=True)
         return tuple(r for r, own in spans if not any(own.overlaps(o) for o in others))
@@ -278,7 +278,8 @@ class StudyFits:
         # Its own optimum shows whether constraints contradict its data.
         if own is None:
             return fit
-        # So does what its prior may cause: the fit does not show what it pulled to.
+        # Effects of the prior are shown likewise, because the fit does not show its
+        # goal.
         return replace(fit, excess=own.excess, prior_errors=own.prior_errors)
 
     @cached_property

@@ -27,7 +27,7 @@ from consistent_id.recordings.readers.beside_columns import (
 )
 
 ALWAYS = "always"
-"""In place of a contact's column: the robot stands on that foot all the time."""
+"""Word in place of a contact's column: the robot stands on that foot all the time."""
 
 Names = str | list[str]
 Three = tuple[float, float, float]
@@ -49,8 +49,8 @@ class BaseTable(FileTable, frozen=True, kw_only=True):
 class ContactTable(FileTable, frozen=True, kw_only=True):
     """A contact of the robot, and the column of its flag.
 
-    For a foot on which it stands all the time `closed` is true.  Samples closer than
-    the guard [s] to a change are left out.
+    If it stands on the foot all the time, `closed` is true.  Samples closer than the
+    guard [s] to a change are left out.
     """
 
     frame: str
@@ -224,7 +224,7 @@ class FrictionTable(FileTable, frozen=True, kw_only=True):
 
 
 class ControllerTable(FileTable, frozen=True, kw_only=True):
-    """See `laboratory.Controller`; `error` is the share by which its belief is off."""
+    """See `laboratory.Controller`; `error` is the relative error of its model."""
 
     bandwidth: Positive = 5.0
     damping: Positive = 1.0
@@ -256,7 +256,7 @@ class CamerasTable(FileTable, frozen=True, kw_only=True):
 
 
 class LaboratoryTable(FileTable, frozen=True, kw_only=True):
-    """Experiments on a robot of known parameters, and how their logs are prepared."""
+    """Experiments on a robot with known parameters; the preparation of their logs."""
 
     experiments: Annotated[list[str], Meta(min_length=1)]
     cutoff: Positive
@@ -294,7 +294,7 @@ class LimitsTable(FileTable, frozen=True, kw_only=True):
 
 
 class SphereTable(FileTable, frozen=True, kw_only=True):
-    """A ball about the body's position; in m, as all that follow."""
+    """A ball about the body's position; in m, like all shapes below."""
 
     radius: Positive
 
@@ -314,7 +314,7 @@ class RodTable(FileTable, frozen=True, kw_only=True):
 
 
 class BodyTable(FileTable, frozen=True, kw_only=True):
-    """A body of the robot, on a link, or without one an obstacle: one of four shapes.
+    """A body on a link of the robot, or an obstacle if no link is named.
 
     `position` [m] and `rpy_deg` [degrees] place it in the link's or the base's frame.
     """
@@ -352,7 +352,7 @@ class ConeTable(FileTable, frozen=True, kw_only=True):
 
 
 class SceneTable(FileTable, frozen=True, kw_only=True):
-    """Bodies that must not touch: the robot's own, and obstacles."""
+    """Bodies that must not touch: those of the robot, and obstacles."""
 
     robot: Literal["urdf", "bodies"] = "urdf"
     elements: Literal["collision", "visual"] = "collision"

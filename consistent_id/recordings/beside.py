@@ -101,7 +101,7 @@ class BaseMotion:
         Parameters
         ----------
         rotation : array_like, shape (samples, 3, 3)
-            Of the base frame in the world.
+            Rotation of the base frame in the world.
         angular_velocity, angular_acceleration : array_like, shape (samples, 3)
         acceleration : array_like, shape (samples, 3), [m/s^2]
             Acceleration of the base frame's origin, without gravity: zero at rest.
@@ -185,7 +185,7 @@ class ContactFlags:
     closed : array_like of bool, shape (samples,)
         Whether it touches.
     point : array_like, shape (3,), [m]
-        Of the contact, in the frame.
+        Point of the contact, in the frame.
     radius : float, [m]
         Radius of a foot that is a ball about the point and rolls on level ground: the
         contact is below the point.  Needs `BaseMotion.rotation`.

@@ -8,8 +8,8 @@ because no log contains the torque per ampere.
 """
 
 import shlex
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, cast
@@ -56,7 +56,7 @@ _WITHOUT_TORQUE = (
     "Parameters cannot be found without torque or current: record the effort too."
 )
 
-GAINS = "KP,KD"  # in place of values that no log holds
+GAINS = "KP,KD"  # in place of values that no log contains
 _COUNTERS = {"seq", "index", "idx", "frame", "count", "counter", "sample", "samples"}
 _COUNTERS |= {"id", "nr", "no", "row", "unnamed", "episode"}  # rise evenly, too
 _MOST_READ = 50  # columns that may be a clock
@@ -80,7 +80,7 @@ class ColumnGuess:
     notes : tuple of str
         The choices that were made, in words.
     topic : str, optional
-        Of a ROS bag with several: the one with joint states of the robot.
+        The topic with joint states of the robot, if a ROS bag has several.
     """
 
     columns: Columns
@@ -97,32 +97,18 @@ class _NamePattern:
     is_array: bool = False  # of all joints
 
 
-def guess_columns(
-    log: Path,
-    joints: Sequence[str],
-    known: Mapping[str, str] | None = None,
-    *,
-    names: Sequence[str] | None = None,
-    torque_joints: Sequence[str] = (),
-    units: Units | None = None,
-    currents: bool = False,
-    commands: bool = False,
-    held: Sequence[str] = (),
-    rows: Mapping[int, Sequence[Sequence[str]]] | None = None,
-    taken: Collection[str] = (),
-    arrays: Columns | None = None,
-    topic: str | None = None,
-) -> ColumnGuess:
-    """Find a log's columns and their units.
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownColumns:
+    """The facts about a log that are known before its columns are searched.
 
     Parameters
     ----------
-    joints : sequence of str
-        The robot's.
-    known : mapping of str to str, optional
+    joints : tuple of str
+        The robot's joints that move.
+    channels : mapping of str to str
         Columns by channel, as in `Columns`; the others are found in the log.
     names : sequence of str, optional
-        Of the log's columns, if it is a table in memory and no file.
+        Names of the log's columns, if it is a table in memory and no file.
     torque_joints : sequence of str
         Joints whose torque the log has, if that is known.
     units : mapping of str to str or sequence of str, optional
@@ -131,7 +117,7 @@ def guess_columns(
         Whether motor currents may be used if there is no torque: with a gain.
     commands : bool
         Whether commands of position are required instead of torque.
-    held : sequence of str
+    all_joints : tuple of str
         All joints in their order, if some are locked and not among `joints`: numbered
         columns may include them.
     rows : mapping of int to sequence of sequence of str, optional
@@ -143,46 +129,94 @@ def guess_columns(
     arrays : Columns, optional
         Known arrays of all joints, such as parts of ``qpos``.
     topic : str, optional
-        Of a ROS bag, whose fields are those of joint states; by default the topic that
-        names most of the joints.
+        Topic of a ROS bag, whose fields are those of joint states; by default the topic
+        that names most of the joints.
+    """
+
+    joints: tuple[str, ...]
+    channels: Mapping[str, str] = field(default_factory=dict)
+    names: Sequence[str] | None = None
+    torque_joints: Sequence[str] = ()
+    units: Units | None = None
+    currents: bool = False
+    commands: bool = False
+    all_joints: tuple[str, ...] = ()
+    rows: Mapping[int, Sequence[Sequence[str]]] | None = None
+    taken: Collection[str] = ()
+    arrays: Columns | None = None
+    topic: str | None = None
+
+    def __post_init__(self) -> None:
+        known = ("time", "position", "velocity", "torque", *COMMANDS)
+        for name in self.channels:
+            if name not in known:
+                raise ProblemError(
+                    f"columns: no channel {name!r}; {did_you_mean(name, known)}"
+                )
+
+    @property
+    def effort(self) -> str:
+        """The channel that the drives' effort is read from."""
+        return "position_command" if self.commands else "torque"
+
+    def renamed(self, names: Mapping[str, str]) -> "KnownColumns":
+        """Return the same with other names of joints, such as those in the log."""
+
+        def others(joints: Iterable[str]) -> tuple[str, ...]:
+            return tuple(names.get(joint, joint) for joint in joints)
+
+        return replace(
+            self,
+            joints=others(self.joints),
+            torque_joints=others(self.torque_joints),
+            all_joints=others(self.all_joints),
+        )
+
+
+def guess_columns(log: Path, known: KnownColumns) -> ColumnGuess:
+    """Find a log's columns and their units.
 
     Raises
     ------
     RecordingError
         If positions or torques cannot be found; with the log's columns.
     """
-    joints, known = tuple(joints), dict(known or {})
-    _require_channels(known)
-    bag = names is None and log_format(log).holds == "joint states"
+    bag = known.names is None and log_format(log).holds == "joint states"
     usual = replace(
-        JOINT_STATE if bag else arrays or Columns(),
-        torque_joints=torque_joints,
-        units=units or {},
+        JOINT_STATE if bag else known.arrays or Columns(),
+        torque_joints=known.torque_joints,
+        units=known.units or {},
     )
-    found, notes = replace(usual, **cast(dict[str, Any], known)), list[str]()
+    found = replace(usual, **cast(dict[str, Any], dict(known.channels)))
     if bag:
-        return _of_messages(log, found, joints, known, topic, torque_joints)
-    effort = "position_command" if commands else "torque"
-    if {"time", "position", effort} <= set(known):
-        return _in_units(ColumnGuess(found, joints))
-    if arrays is not None:
-        given = ((c, getattr(arrays, c)) for c in CHANNELS)
-        known = {c: name for c, name in given if name is not None} | known
-    in_file = names is None
-    names = column_names(log) if names is None else names
+        return _of_messages(log, found, known)
+    if {"time", "position", known.effort} <= set(known.channels):
+        return _in_units(ColumnGuess(found, known.joints))
+    if known.arrays is not None:
+        given = ((c, getattr(known.arrays, c)) for c in CHANNELS)
+        of_arrays = {c: name for c, name in given if name is not None}
+        known = replace(known, channels=of_arrays | dict(known.channels))
+    return _in_units(_searched(log, found, known))
+
+
+def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
+    """Find the channels that are not known among a log's columns."""
+    joints, notes = known.joints, list[str]()
+    in_file = known.names is None
+    names = column_names(log) if known.names is None else known.names
     if in_file and lacks_names(names):
-        raise without_names(log, names, joints, known, rows)
+        raise without_names(log, names, joints, known.channels, known.rows)
     flat = in_file and len(joints) > 1 and has_no_arrays(log, names)
-    names = [name for name in names if name not in taken]
-    if "time" not in known:
+    names = [name for name in names if name not in known.taken]
+    if "time" not in known.channels:
         found = replace(found, time=_time(log, names, in_file=in_file))
     moved = joints
-    for channel in ("position", "velocity", effort):
-        if channel in known:
+    for channel in ("position", "velocity", known.effort):
+        if channel in known.channels:
             continue
         patterns = [
             pattern
-            for pattern in _candidates(channel, names, moved, held, currents)
+            for pattern in _candidates(channel, names, moved, known)
             if not (flat and pattern.is_array)
         ]
         if in_file:
@@ -191,32 +225,26 @@ def guess_columns(
             if channel == "velocity":
                 continue
             where = joints if channel == "position" else moved
-            raise _not_found(log, channel, names, where, rows, known)
+            raise _not_found(log, channel, names, where, known)
         best, *others = patterns
         if in_file and best.is_array and channel == "position":
-            _require_width(log, best.text, moved, rows)
+            _require_width(log, best.text, moved, known.rows)
         found = _with(found, channel, best)
         if channel == "position":
             moved = best.joints
-        elif channel == "torque" and best.joints != moved and not torque_joints:
+        elif channel == "torque" and best.joints != moved and not known.torque_joints:
             found = replace(found, torque_joints=best.joints)
         if channel == "position" and is_bare(best.text):
             notes.append(f"{best.text} is taken as the position: no other column is")
         if also := _rivals(best, others):
             notes.append(f"{channel} is read from {best.text}, not from {also}")
-    return _in_units(ColumnGuess(found, moved, tuple(notes)))
+    return ColumnGuess(found, moved, tuple(notes))
 
 
-def _of_messages(
-    log: Path,
-    found: Columns,
-    joints: tuple[str, ...],
-    known: Mapping[str, str],
-    topic: str | None,
-    torque_joints: Sequence[str],
-) -> ColumnGuess:
+def _of_messages(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
     """Return the fields and joints that a topic of joint states has."""
-    chosen = reader_of(log).chosen_topic(log, topic, joints)
+    joints = known.joints
+    chosen = reader_of(log).chosen_topic(log, known.topic, joints)
     named = tuple(joint for joint in joints if joint in chosen.joints)
     if not named:
         raise RecordingError(
@@ -228,15 +256,16 @@ def _of_messages(
     if chosen.others:
         others = ", ".join(chosen.others)
         notes.append(f"joint states are read from {chosen.name}, not from {others}")
-    if "torque" not in known and "effort" not in chosen.fields and not torque_joints:
+    without = "torque" not in known.channels and "effort" not in chosen.fields
+    if without and not known.torque_joints:
         raise RecordingError(
             f"{log}: topic {chosen.name} has no effort of {shown(named)}. "
             f"{_WITHOUT_TORQUE} --torque-joints JOINT ... if it has that of some joints"
         )
-    if "velocity" not in known and "velocity" not in chosen.fields:
+    if "velocity" not in known.channels and "velocity" not in chosen.fields:
         found = replace(found, velocity=None)
         notes.append(f"{chosen.name} has no velocity of every joint: it is not read")
-    topic = chosen.name if chosen.others else topic
+    topic = chosen.name if chosen.others else known.topic
     return ColumnGuess(found, named, tuple(notes), topic)
 
 
@@ -282,15 +311,6 @@ def require_torque(pattern: str | None, torque_gain: Sequence[float]) -> None:
             f"gain. Give the N m per ampere of each joint, gear ratio included: "
             "--torque-gain (torque_gain); 1 if these columns are torques in N m"
         )
-
-
-def _require_channels(known: Mapping[str, str]) -> None:
-    channels = ("time", "position", "velocity", "torque", *COMMANDS)
-    for name in known:
-        if name not in channels:
-            raise ProblemError(
-                f"columns: no channel {name!r}; {did_you_mean(name, channels)}"
-            )
 
 
 def _with(columns: Columns, channel: str, pattern: _NamePattern) -> Columns:
@@ -358,7 +378,7 @@ def _with_motion(
 
 
 def _empty_joints(values: np.ndarray, joints: int) -> int:
-    """Return how many joints of an array are zero throughout; more if it lacks some."""
+    """Return the number of an array's joints that are zero throughout, or missing."""
     numbers = np.asarray(values, dtype=np.float64)
     if numbers.ndim != 2 or joints not in numbers.shape:
         return joints + 1
@@ -367,19 +387,22 @@ def _empty_joints(values: np.ndarray, joints: int) -> int:
 
 
 def _patterns(
-    channel: str, names: Sequence[str], joints: Sequence[str], held: Sequence[str] = ()
+    channel: str,
+    names: Sequence[str],
+    joints: Sequence[str],
+    all_joints: tuple[str, ...] = (),
 ) -> list[_NamePattern]:
     """Return all patterns of a channel's columns, the best first."""
-    return list(_patterns_of(channel, tuple(names), tuple(joints), tuple(held)))
+    return list(_patterns_of(channel, tuple(names), tuple(joints), all_joints))
 
 
-# A search asks the same of a log's names several times.
+# Called several times with the same names of a log.
 @lru_cache(maxsize=8)
 def _patterns_of(
     channel: str,
     names: tuple[str, ...],
     joints: tuple[str, ...],
-    held: tuple[str, ...],
+    all_joints: tuple[str, ...],
 ) -> tuple[_NamePattern, ...]:
     observed = states(names)
 
@@ -394,7 +417,7 @@ def _patterns_of(
         for pattern in _by_name(name, known, joints):
             found.setdefault(pattern.text, pattern)
     for run in numbered_columns(names):
-        for every in (joints, held):
+        for every in (joints, all_joints):
             if len(run) == len(every):
                 pattern = _by_number(run, joints, every)
                 found.setdefault(pattern.text, pattern)
@@ -419,13 +442,12 @@ def _candidates(
     channel: str,
     names: Sequence[str],
     moved: tuple[str, ...],
-    held: Sequence[str],
-    currents: bool,
+    known: KnownColumns,
 ) -> list[_NamePattern]:
     """Return candidates for a channel of the moving joints, the best first."""
-    patterns = _patterns(channel, names, moved, held)
-    if channel == "torque" and not patterns and currents:
-        return _patterns("current", names, moved, held)
+    patterns = _patterns(channel, names, moved, known.all_joints)
+    if channel == "torque" and not patterns and known.currents:
+        return _patterns("current", names, moved, known.all_joints)
     if channel in ("velocity", "position_command"):
         return [pattern for pattern in patterns if pattern.joints == moved]
     return patterns
@@ -464,10 +486,10 @@ def _not_found(
     log: Path,
     channel: str,
     names: Sequence[str],
-    joints: Sequence[str],
-    rows: Mapping[int, Sequence[Sequence[str]]] | None,
-    known: Mapping[str, str],
+    joints: tuple[str, ...],
+    known: KnownColumns,
 ) -> RecordingError:
+    """Return the error of a channel without columns, with advice."""
     example = _EXAMPLES[channel]
     runs = numbered_columns(names)
     others = [run for run in runs if channel_of(run.pattern) == channel]
@@ -477,8 +499,10 @@ def _not_found(
         more = mapping_advice(own, joints)
         options = mapping_option(own, joints)
     elif others:
-        options = _locked(len(others[0]), joints, rows)
-        more = _of_another_number(f"{others[0]} are", len(others[0]), joints, rows)
+        options = _locked(len(others[0]), joints, known.rows)
+        more = _of_another_number(
+            f"{others[0]} are", len(others[0]), joints, known.rows
+        )
     elif channel == "torque" and (currents := _patterns("current", names, joints)):
         more = (
             f" {currents[0].text} are motor currents: convert them to torque with "
@@ -488,7 +512,7 @@ def _not_found(
     elif channel == "torque" and _of_controllers(names, joints):
         more = _of_controllers(names, joints)
     elif channel == "torque" and (
-        commands := _candidates("position_command", names, tuple(joints), (), False)
+        commands := _candidates("position_command", names, joints, KnownColumns(joints))
     ):
         more = (
             f" {_WITHOUT_TORQUE} Or let the gains of the drives (N m/rad, N m s/rad) "
@@ -497,10 +521,10 @@ def _not_found(
             "then replays the log and fits the drives"
         )
         options = f"--gains {GAINS} --bodies model"
-    elif channel == "torque" and "position_command" in known:
+    elif channel == "torque" and "position_command" in known.channels:
         more = (
-            f" Of the commands in {known['position_command']} the gains of the drives "
-            "make torque: --gains KP,KD[,LIMIT] ..."
+            f" The gains of the drives make torque of the commands in "
+            f"{known.channels['position_command']}: --gains KP,KD[,LIMIT] ..."
         )
         options = f"--gains {GAINS} --bodies model"
     elif channel == "torque" and (unknown := _unknown(runs, joints)):

@@ -63,7 +63,7 @@ def numbered_columns(names: Sequence[str]) -> tuple[NumberedColumns, ...]:
     return _numbered_columns(tuple(names))
 
 
-# A search asks the same of a log's names several times.
+# Called several times with the same names of a log.
 @lru_cache(maxsize=4)
 def _numbered_columns(names: tuple[str, ...]) -> tuple[NumberedColumns, ...]:
     known = frozenset(names)
@@ -134,7 +134,7 @@ _LETTER = re.compile(r"(?<![A-Za-z0-9])[A-Z](?![A-Za-z0-9])")  # a joint, not a 
 
 
 def own_names(names: Sequence[str], channel: str = "position") -> tuple[str, ...]:
-    """Return what differs between the names of a channel's columns, in their order.
+    """Return the parts in which the names of a channel's columns differ, in order.
 
     None, if these are numbers.
 
@@ -153,7 +153,7 @@ def own_names(names: Sequence[str], channel: str = "position") -> tuple[str, ...
     return _own_names(tuple(names), channel)
 
 
-# A search asks the same of a log's names several times.
+# Called several times with the same names of a log.
 @lru_cache(maxsize=8)
 def _own_names(names: tuple[str, ...], channel: str) -> tuple[str, ...]:
     observed = states(names)
@@ -192,7 +192,7 @@ def mapping_option(own: Sequence[str], joints: Sequence[str]) -> str:
     """Return the option that maps a log's names to the robot's joints, filled in.
 
     A name that equals a joint's, or that alone contains it or is a part of it, is that
-    joint's; the rest are taken in their order, as far as there are such.
+    joint's; the rest are matched in their order.
 
     Examples
     --------

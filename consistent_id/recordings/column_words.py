@@ -136,7 +136,7 @@ def states(names: Iterable[str]) -> tuple[str, ...]:
     return _states(tuple(names))
 
 
-# A search asks the same of a log's names several times.
+# Called several times with the same names of a log.
 @lru_cache(maxsize=4)
 def _states(names: tuple[str, ...]) -> tuple[str, ...]:
     likely = (name for name in names if "state" in name.lower())

@@ -160,7 +160,7 @@ class FourierTrajectory:
     def derivative_bound(self, order: int) -> Vector:
         """Return a bound of each joint's derivative over all time, ``sum_k w^n |c_k|``.
 
-        In absolute value; of order 0, of the position.
+        It bounds the absolute value; order 0 is the position.
         """
         size = np.hypot(self.sine, self.cosine)
         bound = self.rates**order @ size
@@ -249,7 +249,7 @@ def sinusoids(
 ) -> Array:
     """Return ``sum_k sine_k sin(w_k s) + cosine_k cos(w_k s)``, and its derivatives.
 
-    Of shape (derivatives + 1, samples, columns).
+    The shape is (derivatives + 1, samples, columns).
     """
     angles = np.outer(s, rates)
     sines, cosines = np.sin(angles), np.cos(angles)

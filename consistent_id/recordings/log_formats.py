@@ -102,7 +102,9 @@ HDF5 = LogFormat(
     states_units=True,
 )
 
-LEROBOT = LogFormat("LeRobot", (), "lerobot", folders=True)
+_ARROW = ("pyarrow", "parquet")  # the library, and the extra that installs it
+
+LEROBOT = LogFormat("LeRobot", (), "lerobot", *_ARROW, folders=True)
 _LEROBOT_INFO = ("meta", "info.json")  # of its folder
 
 TABLES = LogFormat("folder of tables", (), "table_folder", folders=True)
@@ -124,9 +126,9 @@ LOG_FORMATS = (
     LogFormat(
         "CSV", (".csv", ".tsv", ".txt", ".dat"), "csv", streams=True, is_text=True
     ),
-    LogFormat("Parquet", (".parquet",), "parquet", streams=True),
+    LogFormat("Parquet", (".parquet",), "parquet", *_ARROW, streams=True),
     LEROBOT,
-    LogFormat("Feather", (".feather", ".arrow"), "feather", streams=True),
+    LogFormat("Feather", (".feather", ".arrow"), "feather", *_ARROW, streams=True),
     LogFormat("NPZ", (".npz", ".npy"), "npz"),
     LogFormat("JSON", (".json", ".jsonl", ".ndjson"), "json_records"),
     HDF5,
@@ -192,7 +194,7 @@ def has_no_arrays(path: Path, names: Sequence[str]) -> bool:
 
 
 def tables_in(folder: Path) -> tuple[Path, ...]:
-    """Return the tables in a folder by name; none if it holds a bag."""
+    """Return the tables in a folder by name; none if it contains a bag."""
     files = sorted(file for file in folder.iterdir() if file.is_file())
     if any(file.suffix.lower() in _BAGS for file in files):
         return ()

@@ -59,7 +59,7 @@ def unit_option(time: Vector) -> str:
 
 
 class SampleError(RecordingError):
-    """Samples hold what no robot wrote; who read them knows where they stand."""
+    """Samples have values that no robot wrote; readers add the place in the file."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +75,7 @@ class TorqueFilter:
     cutoff : float, [Hz]
         At which the zero-phase filter attenuates by 6 dB.
     order : int
-        Of the one-way Butterworth filter.
+        Order of the one-way Butterworth filter.
     source : Recording
         All samples on a uniform clock: motion as it is used, torque before the filter.
     kept : ndarray of int, shape (samples,)
@@ -136,8 +136,8 @@ class Recording:
     torque_command : array_like, shape (samples, joints), optional, [N m or N]
         Feed-forward torque; `commanded` computes the torque from commands.
     torque_filter : TorqueFilter, optional
-        If torque and wrenches are low-passed: the filter, and what they were before.
-        Set by `low_passed` and `decimated`; `build_regression` filters its rows alike.
+        If torque and wrenches are low-passed: the filter, and their values before. Set
+        by `low_passed` and `decimated`; `build_regression` filters its rows alike.
 
     Raises
     ------
@@ -410,9 +410,9 @@ class LogFinding:
     where : str
         Joint, pair of joints, or recording; ``"all joints"``.
     statement : str
-        What was found, with figures and units.
+        The finding, with figures and units.
     advice : str
-        What to do.
+        Advice on what to do.
     score : float
         Strength of the evidence: one at the threshold, larger beyond it.
     recording : str

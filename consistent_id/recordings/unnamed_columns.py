@@ -1,4 +1,4 @@
-"""Columns without names: what they may be, by their numbers alone.
+"""Columns without names: their possible channels, by their numbers alone.
 
 A clock rises in steps of about one length.  Columns that follow each other are a block,
 one for each joint; a block is a velocity if it is the rate of change of another, which
@@ -36,7 +36,7 @@ class ColumnLayout:
     Parameters
     ----------
     others : tuple of int
-        Of blocks that may be the torque instead.
+        First columns of blocks that may be the torque instead.
     """
 
     joints: int
@@ -144,7 +144,7 @@ def _likely_layout(
 
 
 def column_layout(values: Matrix, joints: int) -> ColumnLayout:
-    """Return what the columns of a table may be.
+    """Return the channels that the columns of a table may be.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ def layout_options(layout: ColumnLayout, known: Sequence[str] = ()) -> str:
 
 
 def _motion(alike: Matrix) -> tuple[int, ...]:
-    """Return which block is the position, and which the velocity if there is one.
+    """Return the block of the position, and that of the velocity if there is one.
 
     The pair that fits best; if the first of it is itself the rate of change of a block
     before it, the pair is one of velocity and acceleration.
@@ -263,7 +263,8 @@ def _correlations(one: Matrix, other: Matrix, joints: int) -> Matrix:
     Returns
     -------
     ndarray, shape (blocks, blocks)
-        Of each block of one with each of the other; zero if nothing moves in both.
+        Correlation of each block of one with each of the other; zero if nothing moves
+        in both.
     """
     a, b = _normalised(one), _normalised(other)
     found = np.stack([a[:, j::joints].T @ b[:, j::joints] for j in range(joints)])

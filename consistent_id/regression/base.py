@@ -45,7 +45,7 @@ class BaseParameters:
     regrouping : array_like, shape (independent, dependent)
         ``K`` in ``x_base = x_ind + K x_dep``.
     fingerprint : str
-        Of the torque model they are of, if known.
+        Fingerprint of the torque model they are of, if known.
     near : tuple of str
         Sentences on what is regrouped though a small part of it is independent, as
         rounded angles of the robot's file make it.
@@ -108,17 +108,18 @@ def base_parameters(
     """Find the base parameters of a robot from random motions, deterministically.
 
     Columns are taken from left to right: the first of several dependent ones leads the
-    group, as in [Gautier1991]_.  What is independent by a rounded number of the robot's
-    file alone is regrouped too, and `BaseParameters.near` says so.
+    group, as in [Gautier1991]_.  A combination that is independent only because of a
+    rounded number in the robot's file is regrouped too, and `BaseParameters.near` says
+    so.
 
     Parameters
     ----------
     model : TorqueModel or SensorRows
     seed : int
     last : sequence of int
-        Parameters whose columns are taken after all others: those of them that lead
-        are what can be told of them whatever the others are, and their base
-        parameters hold none of the others.
+        Parameters whose columns are taken after all others: those of them that lead are
+        what the data show of them whatever the others are, and their base parameters
+        hold none of the others.
     """
     columns = random_rows(model, seed=seed).stacked()
     kinds = model.layout.kinds
@@ -181,8 +182,8 @@ def _near_sentence(base: BaseParameters, place: int, part: float) -> str:
     alike = linear_combination(base.regrouping[:, place], base.names)
     like = "has no effect" if alike == "0" else f"acts like {alike}"
     return (
-        f"{name} {like} but for {part:.1g} of what such a parameter can do, as a "
-        "rounded number in the robot's geometry makes it; that is taken for zero"
+        f"{name} {like}, except for {part:.1g} of its effect, which comes from a "
+        "rounded number in the robot's geometry and counts as zero"
     )
 
 
@@ -281,7 +282,7 @@ def _part_in_row_space(A: Matrix) -> Vector:
 
 @dataclass(frozen=True, slots=True)
 class ConditionNumber:
-    """A condition number with what it is of; without that it means nothing.
+    """A condition number with its matrix in words; without them it means nothing.
 
     Parameters
     ----------
@@ -289,7 +290,7 @@ class ConditionNumber:
         Largest over smallest singular value; infinite if the rank is deficient, up to
         rounding: the smallest is below ``eps max(shape)`` of the largest.
     basis : str
-        Which columns the matrix has.
+        Columns of the matrix.
     scaling : str
         ``"none"``, or ``"unit columns"``.
     """
@@ -313,7 +314,7 @@ def condition_number(
     ----------
     matrix : ndarray, shape (rows, columns)
     basis : str
-        Which columns the matrix has.
+        Columns of the matrix.
     unit_columns : bool
         Whether columns are divided by their norms first.
 
@@ -337,16 +338,16 @@ def condition_number(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Excitation:
-    """How well the training data excite the robot.
+    """The excitation of the robot by the training data.
 
     Parameters
     ----------
     structural_rank : int
         Number of base parameters, from random motions.
     data_rank : int
-        How many of them the data determine.
+        Number of them that the data determine.
     condition : tuple of ConditionNumber
-        Of the base regressor, unscaled and with unit columns.
+        Condition numbers of the base regressor, unscaled and with unit columns.
     undetermined : tuple of str
         Combinations of base parameters that the data do not determine.
     """

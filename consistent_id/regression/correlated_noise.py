@@ -1,4 +1,4 @@
-"""How noise is correlated along recordings, and what that does to least squares.
+"""Correlation of noise along recordings, and its effect on least squares.
 
 Of noise ``e`` with the spectrum ``P(f)``, the scores ``Y^T e`` of a joint's rows have
 the covariance ``sum_f P(f) y(f) y(f)^H``, ``y(f)`` being the transformed rows: only
@@ -18,20 +18,13 @@ estimated ``rho`` first falls below zero: what comes later is chance [Sokal1997]
 Filtered torque, and friction that is not what the model says, have residuals that go on
 for many samples.
 
-Errors of the model change along the motion.  The fit absorbs much of them, so its
-residuals show less than their effect on parameters.  Therefore a recording is cut into
-`BLOCKS`, ``n``.  A block has the scores ``y_b`` and the share ``L_b`` of the
-information.  Without it, parameters change by ``(1 - L_b)^-1 y_b``; the sum of these
-squares times ``(n - 1) / n`` is the variance of a jackknife [Efron1982]_.  It contains
-shifts of the parameters from block to block [Bell2002]_, and is that of noise where
-blocks have equal information and no other errors.  `CorrelatedNoise.blocks` is its
-ratio to the variance by the spectrum, the median over parameters.
+Errors of the model move parameters farther than noise does: `model_errors` measures
+how much, and `CorrelatedNoise.beyond` is the ratio.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
-from typing import NamedTuple, Protocol
+from itertools import accumulate
 
 import numpy as np
 
@@ -39,8 +32,21 @@ from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.tables import brief
 from consistent_id.regression.linear import DATA_RANK_TOLERANCE, extended, triangle
+from consistent_id.regression.model_errors import (
+    BLOCKS,
+    LEFT,
+    BlockPart,
+    JointFit,
+    LackingTerms,
+    block_part,
+    block_ratio,
+    joint_fit,
+    lacking_factors,
+    lacking_ratio,
+    lacking_terms,
+)
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.row_structure import row_structure
+from consistent_id.regression.row_structure import NoisyRows, joint_rows
 
 SHOWN = 2**14
 """Rows of a recording whose residuals show how noise is correlated."""
@@ -52,20 +58,6 @@ _BAND = 0.5
 """Frequencies over which a spectrum is averaged, in cube roots of the samples: six of a
 thousand.  Wider bands miss that noise is strongest where robots move, at the lowest
 frequencies; narrower ones scatter.  `benchmarks/coverage.py` shows what comes of it."""
-
-_LEFT = 0.05
-"""Least share of the power that a fit is taken to leave at any frequency."""
-
-BLOCKS = 10
-"""Blocks of a recording whose scores show errors of the model: fewer scatter, more are
-as short as the noise's correlation."""
-
-_MEDIAN = 0.927
-"""Median of ``chi^2 / n`` for the ``n = BLOCKS - 1`` freedoms of a variance."""
-
-_RANKED = 1e-20  # variance, over the largest, that counts as none
-_ROUNDS = 3  # of weights and solution; joints' levels settle to a few per cent
-_EXACT = 1e-6  # residual, relative to the torque, that counts as none
 
 _AUTOCOVARIANCE_WINDOW = 2**16
 """Samples whose autocorrelation is found at a time; pairs across windows are left out,
@@ -87,15 +79,15 @@ class CorrelatedNoise:
     freedom : ndarray, shape (joints,)
         Degrees of freedom of the variance in `scores`, on average over parameters; see
         `JointNoise`.
-    blocks : float
-        Variance of parameters that blocks of each recording show, over that by noise
-        of these scores; at least one.
+    beyond : float
+        Variance of parameters with errors of the model over that by noise of these
+        scores, at least one; see `model_errors`.
     """
 
     effective: Vector
     scores: tuple[Matrix, ...]
     freedom: Vector
-    blocks: float = 1.0
+    beyond: float = 1.0
 
     def share(self, part: float) -> "CorrelatedNoise":
         """Return the noise behind a part of the samples, the rest being like it."""
@@ -113,84 +105,8 @@ def joined_noise(parts: Sequence[CorrelatedNoise]) -> CorrelatedNoise:
         np.sum([part.effective for part in parts], axis=0),
         tuple(_compressed(np.vstack(scores)) for scores in of_joints),
         np.sum([part.freedom for part in parts], axis=0),
-        float(np.average([part.blocks for part in parts], weights=samples)),
+        float(np.average([part.beyond for part in parts], weights=samples)),
     )
-
-
-class NoisyRows(Protocol):
-    """Rows along one recording, such as a `Motion`."""
-
-    @property
-    def q(self) -> Matrix:
-        """Positions, shape (rows, joints)."""
-
-    @property
-    def mixed(self) -> bool:
-        """See `Motion.mixed`."""
-
-    def samples(self, start: int, stop: int) -> "NoisyRows":
-        """Return consecutive rows."""
-
-    def counts(self) -> IntArray:
-        """See `Motion.counts`."""
-
-    def noise_lost(self) -> Vector:
-        """See `Motion.noise_lost`."""
-
-    def rows(
-        self, model: TorqueModel, kept: Sequence[IntArray]
-    ) -> Iterator[tuple[slice, Sequence[Matrix]]]:
-        """See `Motion.rows`."""
-
-
-class JointFit(NamedTuple):
-    """A fit whose residuals show each joint's noise.
-
-    Parameters
-    ----------
-    x : ndarray, shape (parameters,)
-        The smallest solution.
-    noise : ndarray, shape (joints,), [N m or N]
-        RMS residual, or a millionth of the torque.
-    weights : ndarray, shape (joints,), [N m or N]
-        By which rows were divided.
-    steps : ndarray, shape (parameters, rank)
-        All rows so divided, times these, are orthonormal.
-    """
-
-    x: Vector
-    noise: Vector
-    weights: Vector
-    steps: Matrix
-
-
-def joint_fit(factors: Sequence[Matrix], counts: Sequence[int]) -> JointFit:
-    """Fit parameters to the triangular factors of joints.
-
-    Weights and solution alternate, from weights of one.  Rank is decided on unit
-    columns.
-    """
-    width = factors[0].shape[1]
-    size = np.sqrt(counts)
-    torque = np.array([np.linalg.norm(F[:, -1]) for F in factors]) / size
-    floor = _EXACT * np.maximum(torque, _EXACT * (torque.max() or 1.0))
-    noise = np.ones(len(factors))
-    for _ in range(_ROUNDS):
-        weights = noise
-        rows = np.vstack([F / s for F, s in zip(factors, weights, strict=True)])
-        norms = np.linalg.norm(rows[:, :-1], axis=0)
-        # LAPACK's fast SVD may not converge where columns are zero: they are left out.
-        kept = np.flatnonzero(norms > DATA_RANK_TOLERANCE * norms.max())
-        R = triangle(np.asfortranarray(rows[:, [*kept, -1]]))
-        U, s, Vt = np.linalg.svd(R[:, :-1] / norms[kept], full_matrices=False)
-        rank = int((s > DATA_RANK_TOLERANCE * s.max(initial=1e-300)).sum())
-        steps = np.zeros((width - 1, rank))
-        steps[kept] = (Vt[:rank].T / s[:rank]) / norms[kept, None]
-        x = steps @ (U[:, :rank].T @ R[:, -1])
-        z = np.append(x, -1.0).reshape(width)
-        rest = np.array([np.linalg.norm(F @ z) for F in factors]) / size
-        noise = np.maximum(rest, floor)
-    return JointFit(x, noise, weights, steps)
 
 
 @single_threaded
@@ -209,31 +125,47 @@ def recorded_noise(
     counts : sequence of int
         The triangular factor of each joint, and the samples behind it.
     motions : sequence of NoisyRows
-        Of its recordings, or of `SHOWN` samples in the middle of each.
+        Rows of the recordings, or of `SHOWN` samples in the middle of each.
     samples : sequence of int, optional
-        Of each whole recording, where of some the middle alone is left.
+        Number of samples of each whole recording, if only the middle of some is given.
     """
     fit = joint_fit(factors, counts)
-    parts = []
+    lacking, parts, rows = lacking_terms(model, motions), [], []
     for k, motion in enumerate(motions):
-        rows = len(motion.q)
-        surplus = max(rows - SHOWN, 0)
-        shown = motion.samples(surplus // 2, rows - (surplus - surplus // 2))
-        total = rows if samples is None else samples[k]
-        noise = _noise_along(model, fit, shown)
+        surplus = max(len(motion.q) - SHOWN, 0)
+        last = len(motion.q) - (surplus - surplus // 2)
+        shown = motion.samples(surplus // 2, last)
+        total = len(motion.q) if samples is None else samples[k]
+        noise, beside = _noise_along(model, fit, shown, lacking)
         parts.append(noise.share(total / len(shown.q)))
-    return joined_noise(parts)
+        rows.append([own * np.sqrt(total / len(shown.q)) for own in beside])
+    joined = joined_noise(parts)
+    if not lacking:
+        return joined
+    level = fit.noise * np.sqrt(np.maximum(np.array(counts) / joined.effective, 1.0))
+    scaled = [own / s for each in rows for own, s in zip(each, level, strict=True)]
+    ratio = lacking_ratio(fit, np.vstack(scaled))
+    return replace(joined, beyond=max(joined.beyond, ratio))
 
 
 def _noise_along(
-    model: TorqueModel, fit: JointFit, motion: NoisyRows
-) -> CorrelatedNoise:
-    """Return the noise that a fit leaves along a motion."""
-    counts, found = motion.counts(), []
+    model: TorqueModel,
+    fit: JointFit,
+    motion: NoisyRows,
+    lacking: Sequence[LackingTerms],
+) -> tuple[CorrelatedNoise, list[Matrix]]:
+    """Return the noise that a fit leaves along a motion.
+
+    With it come each joint's rows beside terms that the model lacks, see
+    `lacking_factors`.
+    """
+    counts, found, beside = motion.counts(), [], []
     whole = motion.noise_lost()
     size = len(fit.x)
     gradients, normals = np.zeros((BLOCKS, size)), np.zeros((BLOCKS, size, size))
-    for j, (rows, expand) in enumerate(_joint_rows(model, motion)):
+    widths = [len(each.terms.names) for each in lacking]
+    starts = list(accumulate(widths, initial=0))
+    for j, (rows, expand) in enumerate(joint_rows(model, motion)):
         residual = rows[:, -1] - rows[:, :-1] @ (expand @ fit.x)
         steps = expand @ fit.steps / fit.weights[j]
         if np.linalg.norm(residual) <= _NO_SPECTRUM * np.linalg.norm(rows[:, -1]):
@@ -246,87 +178,17 @@ def _noise_along(
         part, E = block_part(rows[:, :-1], residual), expand[:, used] / fit.weights[j]
         gradients[:, used] += part.gradients @ E / fit.weights[j]
         normals[:, used[:, None], used] += E.T @ part.normals @ E
+        own = [k for k, each in enumerate(lacking) if each.row == j]
+        terms = [motion.drive_columns(*lacking[k]) for k in own]
+        place = starts[own[0]] if own else 0, starts[-1]
+        if lacking:
+            beside.append(lacking_factors(fit, rows, expand, terms, place))
     of_joints, effective, freedom = zip(*found, strict=True)
-    # Where contact forces are taken out, rows share their noise: `whole` gives the
-    # scores of single rows what the others hold of it.  Sums over rows hold it already.
+    # Where contact forces are taken out, rows share their noise: `whole` adds the other
+    # rows' part of it to the scores of single rows.  Sums over rows contain it already.
     ratio = block_ratio(fit, BlockPart(gradients, normals), of_joints)
-    return CorrelatedNoise(np.array(effective), of_joints, np.array(freedom), ratio)
-
-
-class BlockPart(NamedTuple):
-    """Scores and information in `BLOCKS` of a recording.
-
-    Parameters
-    ----------
-    gradients : ndarray, shape (blocks, columns)
-        Scores ``Y^T r`` of each block's residuals.
-    normals : ndarray, shape (blocks, columns, columns)
-        ``Y^T Y`` of each block.
-    """
-
-    gradients: Matrix
-    normals: Array
-
-
-def block_part(rows: Matrix, residual: Vector) -> BlockPart:
-    """Return the scores of one joint's rows, block by block.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (samples, columns)
-    residual : ndarray, shape (samples,), [N m or N]
-    """
-    ends = np.linspace(0, len(rows), BLOCKS + 1).astype(int)
-    runs = [slice(first, last) for first, last in pairwise(ends)]
-    return BlockPart(
-        np.array([rows[run].T @ residual[run] for run in runs]),
-        np.array([rows[run].T @ rows[run] for run in runs]),
-    )
-
-
-def block_ratio(fit: JointFit, sums: BlockPart, scores: Sequence[Matrix]) -> float:
-    """Return the parameters' variance between blocks over that of noise, at least one.
-
-    Parameters
-    ----------
-    fit : JointFit
-    sums : BlockPart
-        Of all joints, each divided by its weight.
-    scores : sequence of ndarray, each shape (rows, parameters)
-        See `CorrelatedNoise`.
-    """
-    steps = fit.steps
-    y = (sums.gradients - sums.gradients.mean(axis=0)) @ steps
-    rest = np.eye(steps.shape[1]) - (1.0 - _LEFT) * (steps.T @ sums.normals @ steps)
-    left = np.linalg.solve(rest, y[:, :, None])[:, :, 0]
-    rows = [N @ steps / s**2 for N, s in zip(scores, fit.weights, strict=True)]
-    by_noise, between = (
-        np.sum(np.square(part @ steps.T), axis=0) for part in (np.vstack(rows), left)
-    )
-    between *= (BLOCKS - 1) / BLOCKS
-    known = by_noise > _RANKED * by_noise.max(initial=0.0)
-    if not known.any():
-        return 1.0
-    return max(float(np.median(between[known] / by_noise[known])) / _MEDIAN, 1.0)
-
-
-def _joint_rows(
-    model: TorqueModel, motion: NoisyRows
-) -> Iterator[tuple[Matrix, Matrix]]:
-    """Yield each joint's rows with torque, and how all parameters act on them.
-
-    Rows have the columns that are kept of the joint; times ``expand @ x``, they are the
-    torque of parameters ``x``.
-    """
-    structure = row_structure(model, mixed=motion.mixed)
-    columns = [kept for kept, _ in structure]
-    n = len(motion.q)
-    of_joints = [np.empty((n, len(kept) + 1), order="F") for kept in columns]
-    for part, blocks in motion.rows(model, columns):
-        for rows, block in zip(of_joints, blocks, strict=True):
-            rows[part] = block
-    for rows, (_, expand) in zip(of_joints, structure, strict=True):
-        yield rows, expand
+    along = CorrelatedNoise(np.array(effective), of_joints, np.array(freedom), ratio)
+    return along, beside
 
 
 def scores_along(
@@ -347,7 +209,7 @@ def scores_along(
     residuals : sequence of ndarray, each shape (rows, joints)
         One for each motion.
     columns : ndarray of int
-        Of the regressor.
+        Columns of the regressor.
     steps : sequence of ndarray, each shape (columns, rank)
         Rows of each joint, times these, are the joint's rows of an orthonormal basis
         of the fit.
@@ -364,7 +226,7 @@ def scores_along(
         shown = motion.samples(first, min(first + SHOWN, total))
         n = len(shown.q)
         whole = shown.noise_lost() * np.sqrt(total / n)
-        for j, (rows, expand) in enumerate(_joint_rows(model, shown)):
+        for j, (rows, expand) in enumerate(joint_rows(model, shown)):
             places = expand[:, columns]
             r = np.asarray(residual[first : first + n, j])
             noise = spectral_noise(rows[:, :-1], r, places @ steps[j])
@@ -416,7 +278,7 @@ def spectral_noise(rows: Matrix, residual: Vector, steps: Matrix) -> JointNoise:
     fitted = y @ triangle(np.array(steps.T, order="F")).T
     leverage = np.einsum("fr,fr->f", fitted, fitted).reshape(2, -1).sum(axis=0)
     width = int(_BAND * np.cbrt(n)) + 1
-    left = np.maximum(_smoothed(1.0 - leverage, width), _LEFT)
+    left = np.maximum(_smoothed(1.0 - leverage, width), LEFT)
     power = _smoothed(abs(r) ** 2, width) / left
     mean = float(np.average(power, weights=twice))
     spent = float(twice @ leverage)
@@ -433,6 +295,39 @@ def spectral_noise(rows: Matrix, residual: Vector, steps: Matrix) -> JointNoise:
         length=felt / (spent * mean) if spent * mean > 0.0 else 1.0,
         freedom=max(2.0 * expected**2 / variance, 1.0) if variance > 0.0 else float(n),
     )
+
+
+def spectral_errors(parts: Sequence[Matrix], prior: Matrix | None = None) -> Vector:
+    """Return standard errors of least squares, noise being as correlated as residuals.
+
+    Parameters
+    ----------
+    parts : sequence of ndarray, each shape (samples, columns + 1)
+        Rows of one joint along one recording, divided by its noise, torque last.
+    prior : ndarray, shape (rows, columns + 1), optional
+        Rows whose errors are independent, of unit variance.
+
+    Returns
+    -------
+    ndarray, shape (columns,)
+        Those of the smallest solution where the rows do not determine all columns.
+    """
+    width = parts[0].shape[1] - 1
+    known = np.zeros((0, width + 1)) if prior is None else prior
+    R = np.zeros((0, width + 1))
+    for rows in (known, *parts):
+        R = extended(R, np.array(rows, order="F"))
+    sizes = np.linalg.norm(R[:, :-1], axis=0)
+    sizes = np.where(sizes > 0.0, sizes, 1.0)
+    U, s, Vt = np.linalg.svd(R[:, :-1] / sizes, full_matrices=False)
+    kept = s > DATA_RANK_TOLERANCE * s.max(initial=0.0)
+    steps = Vt[kept].T / s[kept] / sizes[:, None]
+    x = steps @ (U[:, kept].T @ R[:, -1])
+    found = [known[:, :-1] @ steps @ steps.T]
+    for rows in parts:
+        A, residual = rows[:, :-1], rows[:, -1] - rows[:, :-1] @ x
+        found.append(spectral_noise(A, residual, steps).scores @ steps @ steps.T)
+    return np.asarray(np.linalg.norm(np.vstack(found), axis=0))
 
 
 def _spectra(rows: Matrix) -> Matrix:
@@ -476,7 +371,7 @@ def _compressed(rows: Matrix) -> Matrix:
 
 
 def correlation_length(residuals: Sequence[Vector], sigma: Vector) -> float:
-    """Return how many samples carry as much information as one independent sample.
+    """Return the number of samples with the information of one independent sample.
 
     The mean over joints of `correlation_lengths`, by their share of the misfit, each
     `residuals` being one joint's.

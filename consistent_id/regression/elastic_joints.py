@@ -5,14 +5,14 @@ The encoder sits at the motor, which is at ``theta``; the link is off by ``delta
 ``tau = drive(theta) + body(theta + delta)``,
 ``body(theta + delta) + d delta' + k delta = 0``.
 
-Rotor and friction of the drive move with the motor, bodies with the link.  What it
-takes to move bodies as the links do, less what it would take as the motors do, is no
-part of a rigid robot's torque.  Taken out of the recorded torque, it leaves that of the
-same robot without springs, which all else is about.
+Rotor and friction of the drive move with the motor, bodies with the link.  The torque
+that moves bodies as the links do, less the torque that would move them as the motors
+do, is no part of a rigid robot's torque.  Without it, the recorded torque is that of
+the same robot without springs, which all other rooms assume.
 
 Bodies vibrate on their springs, so ``delta`` follows from the motion of motors by a
 differential equation: linear, with the mass matrix of the mean position, solved mode by
-mode; what bodies' torque has besides stands on its other side, from the round before.
+mode; all other torque of the bodies is on its right-hand side, from the round before.
 """
 
 from dataclasses import replace
@@ -30,11 +30,14 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
 
 DAMPING = 0.03
-"""Of a link on its spring, over the critical one: gears and belts have 1 to 10 %."""
+"""Damping of a link on its spring over the critical one; gears and belts have 1 to 10
+%.
+"""
 
 _ROUNDS = 3
-"""Of deflections from torque and torque from deflections: each leaves what the mass
-matrix changes over the motion of what was left."""
+"""Rounds of computing deflections from torque and torque from deflections.  The error
+falls in each round by the relative change of the mass matrix over the deflection.
+"""
 
 
 def as_rigid(robot: RobotModel, recording: Recording, compliance: Vector) -> Recording:
@@ -72,7 +75,7 @@ def _as_rigid(robot: RobotModel, recording: Recording, compliance: Vector) -> Re
 def deflection_torque(
     robot: RobotModel, recording: Recording, compliance: Vector
 ) -> Matrix:
-    """Return what springs add to joint torques, shape (samples, joints), [N m or N].
+    """Return the effect of springs on joint torques, (samples, joints), [N m or N].
 
     Parameters and errors are those of `as_rigid`.
     """
@@ -80,8 +83,8 @@ def deflection_torque(
     q, dq, ddq = motors.position, motors.velocity, motors.acceleration
     if dq is None or ddq is None:
         raise RecordingError(
-            f"{motors.name}: what springs carry needs velocity and acceleration; call "
-            "signals.differentiated(recording) first"
+            f"{motors.name}: the torque of springs needs velocity and acceleration; "
+            "call signals.differentiated(recording) first"
         )
     bodies, x = TorqueModel(robot, DriveTerms()), _nominal(robot)
     soft = np.flatnonzero(compliance)
@@ -97,7 +100,7 @@ def deflection_torque(
 
 
 def link_inertias(robot: RobotModel, q: Vector) -> Vector:
-    """Return what each joint's spring carries if only it moves, [kg m^2 or kg].
+    """Return the inertia that each joint's spring moves alone, [kg m^2 or kg].
 
     Parameters
     ----------
@@ -130,20 +133,22 @@ def _vibration(M: Matrix, stiffness: Vector, force: Matrix, step: float) -> Matr
         Deflection, its velocity and acceleration.
     """
     from scipy.linalg import eigh
-    from scipy.signal import lsim
+    from scipy.signal import lfilter
 
     squares, modes = eigh(np.diag(stiffness), M)
-    time = step * np.arange(len(force))
     found = np.zeros((3, *force.shape))
     for square, mode in zip(squares.tolist(), modes.T, strict=True):
-        row = [-square, -2.0 * DAMPING * np.sqrt(square)]
+        rate, damping = np.sqrt(square), DAMPING
+        s = rate * complex(-damping, np.sqrt(1.0 - damping**2))
+        # y = 2 Re z of z' = s z + g u, with u linear between samples
+        g, grown = 1.0 / (2.0j * s.imag), np.exp(s * step)
+        whole = g * (grown - 1.0) / s
+        later = g * (grown - 1.0 - s * step) / (s * s * step)
         push = force @ mode
-        system = (
-            [[0.0, 1.0], row],
-            [[0.0], [1.0]],
-            [[1, 0], [0, 1], row],
-            [[0], [0], [1]],
-        )
-        _, motion, _ = lsim(system, push, time, X0=[push[0] / square, 0.0])
-        found += motion.T[:, :, None] * mode
+        begin = -g * push[0] / s - later * push[0]
+        numerator, denominator = [later, whole - later], [1.0, -grown]
+        z, _ = lfilter(numerator, denominator, push, zi=np.array([begin]))
+        y, dy = 2.0 * z.real, 2.0 * (s * z).real
+        motion = np.array([y, dy, push - square * y - 2.0 * damping * rate * dy])
+        found += motion[:, :, None] * mode
     return found

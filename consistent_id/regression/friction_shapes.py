@@ -149,9 +149,9 @@ class ShapeRegression:
     rows : tuple
         Factors of each torque joint.
     motions : tuple of Motion
-        Of the recordings.
+        Motions of the recordings.
     loads : tuple of dict of int to ndarray
-        Of each motion, the torque transmitted by joints whose friction depends on it.
+        Torque transmitted in each motion by joints whose friction depends on it.
     """
 
     model: TorqueModel

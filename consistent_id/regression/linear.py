@@ -93,7 +93,7 @@ class LinearSolution:
     row_space : ndarray, shape (rank, columns)
         Combinations that the rows determine.
     singular_values : ndarray
-        Of the matrix with unit columns.
+        Singular values of the matrix with unit columns.
     """
 
     x: Vector
@@ -164,7 +164,7 @@ def smallest_solution(A: Matrix, b: Array, tolerance: float | None = None) -> Ar
     ----------
     b : ndarray, shape (rows,) or (rows, right-hand sides)
     tolerance : float, optional
-        Of rank, relative to the largest singular value; by default numpy's.
+        Tolerance of rank, relative to the largest singular value; by default numpy's.
     """
     sizes = column_sizes(A)
     y = np.linalg.lstsq(A / sizes, b, rcond=tolerance)[0]
@@ -185,7 +185,7 @@ def pulled_solution(A: Matrix, point: Vector, weight: float) -> Vector:
 
 
 def null_space(rows: Matrix, tolerance: float) -> Matrix:
-    """Return an orthonormal basis of what rows, made of unit size, do not see."""
+    """Return an orthonormal basis of the null space of rows, made of unit size."""
     if not rows.any():
         return np.eye(rows.shape[1])
     _, s, Vt = np.linalg.svd(rows / column_sizes(rows.T)[:, None])
@@ -216,7 +216,7 @@ def _readable(null: Matrix) -> Matrix:
 
 
 def _shortest_sum(v: Vector, w: Vector) -> Vector:
-    """Of ``v`` less a multiple of ``w``, the one with the fewest entries."""
+    """Return ``v`` less the multiple of ``w`` that leaves the fewest entries."""
     both = np.flatnonzero((v != 0.0) & (w != 0.0))
     sums = [_cleaned(v - v[e] / w[e] * w) for e in both]
     return min(sums, key=np.count_nonzero, default=v)
@@ -245,6 +245,13 @@ GAP = 100.0
 
 Chosen by ``python benchmarks/rank.py``, on arms whose angles are rounded to 2 to 7
 digits, and on random robots, none of which loses a column.
+"""
+
+_ROUNDED = 10.0
+"""Largest own effect of a rounded number, over which an entry that it makes is not.
+
+The gap's level would be too high: it may be far above all that is rounded, and then
+takes short lengths, whose squares are entries, for zero.
 """
 
 _ROUND = 1e-10  # entries of K below this are rounding errors
@@ -280,7 +287,7 @@ class NearSplit(NamedTuple):
 
 
 def split_at_gap(W: Matrix, kinds: Sequence[str]) -> NearSplit:
-    """Split columns from left to right; what only rounding tells apart is dependent.
+    """Split columns from left to right; columns that differ by rounding are dependent.
 
     A column's own effect is its distance from the span of those before it, relative to
     the largest column of its kind.  Sorted, own effects have a gap where structure ends
@@ -291,7 +298,7 @@ def split_at_gap(W: Matrix, kinds: Sequence[str]) -> NearSplit:
     ----------
     W : ndarray, shape (rows, columns)
     kinds : sequence of str
-        Of the columns: parameters of one kind have one unit.
+        Kinds of the columns: parameters of one kind have one unit.
     """
     norms, unit = _unit(_shortened(W), STRUCTURAL_TOLERANCE)
     largest: dict[str, float] = {}
@@ -305,7 +312,8 @@ def split_at_gap(W: Matrix, kinds: Sequence[str]) -> NearSplit:
     split = _split(norms, unit, np.maximum(tolerance, STRUCTURAL_TOLERANCE))
     near = {c: e for c, e in effects.items() if c in set(split.dependent)}
     if near:
-        split = split._replace(regrouping=_without_rounding(split, share, level))
+        rounded = min(level, _ROUNDED * max(near.values()))
+        split = split._replace(regrouping=_without_rounding(split, share, rounded))
     return NearSplit(split, near)
 
 

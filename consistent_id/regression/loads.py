@@ -28,7 +28,7 @@ def checked_reference(
     Parameters
     ----------
     drive : sequence of DriveTerms
-        Of each joint.
+        Drive terms of each joint.
     given : array_like, shape (10 links,), optional
         By default the nominal robot's.
 
@@ -88,7 +88,7 @@ def unloaded_joints(
 
 @lru_cache(maxsize=16)
 def _rigid_probe(robot: RobotModel) -> Array:
-    """Return what each body's parameters bring to each joint at some random states."""
+    """Return each joint's torque by each body's parameters at some random states."""
     states = [*np.random.default_rng(0).uniform(-2.0, 2.0, (3, len(robot), 8))]
     base = BaseMotion.at_rest(8).stacked.T if robot.floating else None
     motion = link_motions(robot, states, lambda x: (np.sin(x), np.cos(x)), base)

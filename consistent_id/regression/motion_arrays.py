@@ -34,6 +34,7 @@ from consistent_id.recordings.signals.filtered_rows import (
     require_unchanged,
     row_filter,
 )
+from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.regressor import CHUNK, TorqueModel
 from consistent_id.regression.row_structure import row_structure
 from consistent_id.regression.rows.contact_maps import ContactMixing, contact_mixing
@@ -52,7 +53,9 @@ _ALL_KEPT = 3 * _KEPT
 
 _WORKERS = 2
 _FILLING = Lock()
-"""Of what is kept: workers that want the same rows at once would all compute them."""
+"""Lock of the kept rows; otherwise workers that need the same rows would all compute
+them.
+"""
 
 _LITTLE = 0.05
 """Share of a filtered row's weight that must come from samples that count."""
@@ -98,7 +101,7 @@ class Motion(NamedTuple):
         return self.along.mixing is not None
 
     def through(self, values: Array, row: int | None = None) -> Array:
-        """Return what the filter makes of values along `along`, of these rows.
+        """Return these rows of values along `along`, filtered.
 
         Samples that do not count are set to zero first.
 
@@ -136,11 +139,11 @@ class Motion(NamedTuple):
         )
 
     def counts(self) -> IntArray:
-        """Return how many samples of each joint's torque the rows stand for."""
+        """Return the number of samples of each torque that the rows stand for."""
         return whole_counts(self.stood_for())
 
     def stood_for(self) -> Vector:
-        """Return how many samples of each joint's torque the rows stand for, unrounded.
+        """Return the unrounded number of samples of torque that the rows stand for.
 
         It adds over runs of rows.
         """
@@ -199,7 +202,7 @@ class Motion(NamedTuple):
         Parameters
         ----------
         kept : sequence of ndarray
-            Of each torque joint the columns wanted.
+            Wanted columns of each torque joint.
         size : int
             Samples in a piece.
 
@@ -220,6 +223,26 @@ class Motion(NamedTuple):
                 if self.weights is not None:
                     block *= self.weights[part, j, None]
             yield part, blocks
+
+    def drive_columns(self, terms: DriveTerms, joint: int, row: int) -> Matrix:
+        """Return the columns that drive terms would add to a joint's row of `rows`.
+
+        Parameters
+        ----------
+        terms : DriveTerms
+            Terms that need no load.
+        joint, row : int
+            Places of the joint among the robot's, and of its torque among the rows.
+
+        Returns
+        -------
+        ndarray, shape (samples, coefficients)
+        """
+        along = self.along
+        q, dq, ddq = (part[:, joint] for part in (along.q, along.dq, along.ddq))
+        columns = [np.broadcast_to(c, q.shape) for c in terms.columns(q, dq, ddq)]
+        found = self.through(np.column_stack(columns), row)
+        return found if self.weights is None else found * self.weights[:, row, None]
 
     def regressor(self, model: TorqueModel) -> Array:
         """Return all columns, shape (rows of the model, parameters, samples).
@@ -490,10 +513,10 @@ def every_sample(
 
 @kept_with(1, most=4)
 def mixing_of(model: TorqueModel, recording: Recording) -> ContactMixing | None:
-    """Return how a recording's rows are mixed, with its maps held.
+    """Return the mixing of a recording's rows, with its maps kept in memory.
 
     A study goes along the same few recordings again and again, and finding maps takes
-    longer than all else that is done with them.
+    longer than all other work with them.
     """
     unknown = unknown_rows(model, recording)
     found = contact_mixing(model.robot, model.torque_joints, recording, unknown)
@@ -501,7 +524,7 @@ def mixing_of(model: TorqueModel, recording: Recording) -> ContactMixing | None:
 
 
 def unknown_rows(model: TorqueModel, recording: Recording) -> BoolArray | None:
-    """Return where a row holds what the model does not say, shape (samples, rows)."""
+    """Return where a row contains unknown torque, shape (samples, rows)."""
     known, joints = recording.torque_known, recording.joints
     if known is None or known.all():
         return None

@@ -30,7 +30,7 @@ _NONE: Vec = (0.0, 0.0, 0.0)
 
 
 class JointGeometry(NamedTuple):
-    """What the recursion knows of a joint, in plain Python numbers.
+    """The geometry of a joint for the recursion, in plain Python numbers.
 
     The joint turns about (or slides along) the third column of `align`, an
     orthonormal basis given in the joint frame; `rotation` and `translation` place the
@@ -107,7 +107,7 @@ def torque_parts(
     motion: Sequence[JointMotion | FreeMotion],
     bodies: Sequence[Sequence[Scalar]],
 ) -> Iterator[tuple[int, int, Scalar]]:
-    """Yield ``(coordinate, link, torque)``: what each link asks of what moves it.
+    """Yield ``(coordinate, link, torque)``: the torque to move each link.
 
     `bodies` holds the ten inertial parameters of each link.  The sum over links is the
     torque; with parameters known, that costs a fraction of `regressor_entries`.
@@ -228,7 +228,7 @@ def arm_of(joint: JointGeometry, moves: JointMotion) -> Vec:
 
 
 def along_axis(joint: JointGeometry, moves: JointMotion, f: Vec, n: Vec) -> Scalar:
-    """Return what a wrench on a link asks of the coordinate that moves its joint."""
+    """Return the torque of a joint's coordinate that balances a wrench on its link."""
     return mul(moves.ratio, dot(axis_of(joint), f if joint.slides else n))
 
 
@@ -374,7 +374,7 @@ def matvec_transposed(m: Matrix, x: Vec) -> Vec:
 
 
 def joint_geometry(robot: RobotModel) -> tuple[JointGeometry, ...]:
-    """Return what the recursion needs of each joint, in plain Python numbers."""
+    """Return the data of each joint for the recursion, in plain Python numbers."""
     return tuple(
         JointGeometry(
             parent=joint.parent,
@@ -428,8 +428,8 @@ def link_motions(
     """
     if not robot.connected:
         raise ProblemError(
-            f"robot {robot.name!r}: how its bodies are connected is not known, so a "
-            "motion does not tell their regressor; give the regressor (given_rows)"
+            f"robot {robot.name!r}: the connections of its bodies are not known, so "
+            "their regressor does not follow from a motion; give it (given_rows)"
         )
     if not robot.floating or base is None:
         return joint_motions(robot, state, sine_and_cosine)

@@ -1,11 +1,11 @@
-"""How torque changes with the positions of joints: the exact derivative.
+"""The derivative of the torque by the positions of joints, exact.
 
 A joint that turns leaves the motion behind it as the link before sees it.  In the axes
 of its own link, with the joint's axis ``e``, the motion ``(w, dw, a)`` then changes by
 ``(w x e, dw x e, a x e)``.  A joint that slides changes ``a`` alone, by ``W e``.
 Changes are carried outwards like the motion itself, and change the wrenches ``f`` and
-``n`` of links.  Changes of wrenches are carried inwards; beyond the joint, what it
-passes on turns or moves as well.  Links that it does not carry take no part.
+``n`` of links.  Changes of wrenches are carried inwards; beyond the joint, the wrench
+that it passes on turns or moves as well.  Links that it does not carry take no part.
 """
 
 from collections.abc import Sequence
@@ -154,7 +154,7 @@ def _of_joint(tree: _CarriedLinks, k: int) -> dict[int, Scalar]:
 
 
 def _own(joint: JointGeometry, link: MovingLink) -> _MotionSlope:
-    """Return how a link's motion changes with the position of its own joint."""
+    """Return the derivative of a link's motion by the position of its own joint."""
     axis = axis_of(joint)
     if joint.slides:
         return _MotionSlope(_NONE, _NONE, matvec(link.W, axis), (_NONE, _NONE, _NONE))
@@ -221,7 +221,7 @@ def _beyond(
     passed: tuple[Vec, Vec],
     change: tuple[Vec, Vec],
 ) -> tuple[Vec, Vec]:
-    """Return the slope of what a joint passes on, over its own position."""
+    """Return the derivative of a joint's passed-on wrench by its own position."""
     axis = axis_of(joint)
     if not joint.slides:
         f, n = (

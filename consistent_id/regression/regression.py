@@ -28,7 +28,6 @@ from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.correlated_noise import (
     CorrelatedNoise,
-    NoisyRows,
     joined_noise,
     recorded_noise,
 )
@@ -36,7 +35,7 @@ from consistent_id.regression.linear import extended
 from consistent_id.regression.linear import triangle as triangle
 from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.row_structure import row_structure
+from consistent_id.regression.row_structure import NoisyRows, row_structure
 from consistent_id.robot.parameters import ParameterLayout
 
 _WORKERS = 2
@@ -59,7 +58,7 @@ class Regression:
         Noise standard deviation by which each joint's rows are divided in `stacked`;
         by default ones.
     fingerprint : str
-        Of the torque model it was built with, if known.
+        Fingerprint of the torque model it was built with, if known.
     noise : CorrelatedNoise, optional
         How noise behind the factors is correlated, from the residuals of least squares.
         None where no residuals were at hand: noise is then taken to be white.

@@ -48,9 +48,9 @@ class _RegressionRecord(msgspec.Struct, forbid_unknown_fields=True):
 def save_regression(regression: Regression, path: str | Path) -> Path:
     """Write a regression to a JSON file, and return its path.
 
-    Numbers come back to the last bit.  What was loaded can be added to others of the
-    same torque model, weighted anew, and estimated from; the recordings are not needed
-    any more.
+    Numbers come back to the last bit.  A loaded regression can be added to others of
+    the same torque model, weighted anew, and estimated from; the recordings are not
+    needed any more.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def save_regression(regression: Regression, path: str | Path) -> Path:
         else _NoiseRecord(
             noise.effective.tolist(),
             [N.tolist() for N in noise.scores],
-            noise.blocks,
+            noise.beyond,
             noise.freedom.tolist(),
         ),
     )

@@ -63,7 +63,7 @@ of two apart share few places there.
 class _KeptColumns:
     """Some columns of each row, written to like an array (rows, parameters, samples).
 
-    What is written to other columns is dropped.
+    Values written to other columns are dropped.
 
     Parameters
     ----------
@@ -135,8 +135,8 @@ class TorqueModel:
         Places of each coupling's two joints.
     layout : ParameterLayout
     fingerprint : str
-        Of geometry, gravity, drive terms, couplings and rows: what belongs together
-        has the same.
+        Fingerprint of geometry, gravity, drive terms, couplings and rows: what belongs
+        together has the same.
 
     Examples
     --------
@@ -223,7 +223,7 @@ class TorqueModel:
         """
         if self.torque_joints == (CONTACT_FREE,):
             raise ProblemError(
-                "rows free of contact forces mix all rows, as the contacts are; give "
+                "rows without contact forces combine all rows, by the contacts; give "
                 "their base parameters (contact_free_base) and regression "
                 "(contact_free_rows)"
             )
@@ -233,7 +233,7 @@ class TorqueModel:
 
     @property
     def forces(self) -> BoolArray:
-        """Which rows are forces, in N; the others are torques, in N m."""
+        """True for rows that are forces, in N; the others are torques, in N m."""
         names = self.torque_joints
         return np.array([in_newton(self.robot, name) for name in names], dtype=bool)
 
@@ -244,8 +244,9 @@ class TorqueModel:
             return ()
         if not set(BASE_ROWS) <= set(self.torque_joints):
             raise ProblemError(
-                "wrench_bias is of the sensor of the base wrench, but the model has no "
-                "rows of it; load the robot with base='floating', or leave the bias out"
+                "wrench_bias belongs to the sensor of the base's wrench, but the model "
+                "has no such rows; load the robot with base='floating', or leave the "
+                "bias out"
             )
         return BASE_ROWS
 
@@ -253,7 +254,7 @@ class TorqueModel:
     def load_references(self) -> dict[int, Vector]:
         """Inertial parameters that the load is computed from.
 
-        Of each joint that has a row, and friction that depends on the load.
+        Joints without a row, or without friction that depends on the load, have none.
         """
         if self.load_reference is None:
             return {}
@@ -324,7 +325,7 @@ class TorqueModel:
         Parameters
         ----------
         kept : sequence of ndarray
-            Of each torque joint the columns wanted, none of them zero for all motions.
+            Wanted columns of each torque joint, none of them zero for all motions.
         q, dq, ddq, size, base
             See `chunks`.
 
@@ -408,7 +409,7 @@ class TorqueModel:
         q, dq, ddq : array_like, shape (samples, joints)
             Position [rad or m], velocity and acceleration.
         base : BaseMotion, optional
-            Of a robot whose base floats.
+            Motion of a floating base.
         """
         x = frozen(x, (len(self.layout),), "parameters")
         state, moves = self._checked(q, dq, ddq, base)
@@ -436,8 +437,8 @@ class TorqueModel:
     ) -> Array:
         """Return torques of bodies alone, shape (samples, torque joints), [N m or N].
 
-        With bodies known, Newton and Euler's forces take a fraction of what the
-        coefficients of all parameters do.
+        With known bodies, Newton and Euler's forces take a fraction of the time that
+        the coefficients of all parameters take.
 
         Parameters
         ----------

@@ -15,19 +15,19 @@ from consistent_id._support.executors import single_threaded
 from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.regression.base import BaseParameters, base_parameters, require_match
-from consistent_id.regression.correlated_noise import BLOCKS
 from consistent_id.regression.linear import (
     DATA_RANK_TOLERANCE,
     LinearSolution,
     solve_linear,
     triangle,
 )
+from consistent_id.regression.model_errors import BLOCKS
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
 
 _EXACT = 1e-6  # residual, relative to the torque, that counts as none
 _FEW = 3.0  # spare effective samples for each parameter, below which errors are rough
-_SHOWN = 1.1  # ratio of variances from which scatter between blocks is stated
+_SHOWN = 1.1  # ratio of variances from which errors of the model are stated
 WHITE = 1.5  # samples of correlation up to which noise is called white
 
 
@@ -96,7 +96,7 @@ def base_solution(regression: Regression, base: BaseParameters) -> LinearSolutio
 def residual_sigma(regression: Regression, x: Vector, rank: int) -> Vector:
     """Residual standard deviation of each joint, less the degrees of freedom spent.
 
-    Of correlated noise a fit takes more: `rank` of the effective samples.
+    A fit absorbs more of correlated noise: `rank` of the effective samples.
     """
     return _less_freedom(regression.residual_rms(x), rank, _effective(regression))
 
@@ -153,14 +153,14 @@ class ResidualNoise:
     root : ndarray, shape (rank, rank)
         Triangular, ``root^T root = inflation``: keeps eigenvalues that squares lose.
     between : tuple of Scatter
-        What scatter adds to the covariance of ``y``: between blocks of one recording,
-        see `CorrelatedNoise`, or between recordings, by kind of parameter, see
+        Covariance of ``y`` that is added: by errors of the model, see
+        `CorrelatedNoise`, or by scatter between recordings, by kind of parameter, see
         `RecordingScatter`.
     level_freedom : ndarray, shape (joints,)
         Degrees of freedom of `level`; see `CorrelatedNoise.freedom`.
-    blocks : float
-        Variance between blocks of one recording over that by noise; see
-        `CorrelatedNoise`.  One where scatter between recordings contains it.
+    beyond : float
+        Variance with errors of the model over that by noise; see `CorrelatedNoise`.
+        One where scatter between recordings contains it.
     """
 
     sigma: Vector
@@ -172,11 +172,11 @@ class ResidualNoise:
     root: Matrix
     level_freedom: Vector
     between: tuple[Scatter, ...] = ()
-    blocks: float = 1.0
+    beyond: float = 1.0
 
     @property
     def rank(self) -> int:
-        """How many combinations of base parameters the data determine."""
+        """Number of combinations of base parameters that the data determine."""
         return len(self.inflation)
 
     @cached_property
@@ -260,7 +260,7 @@ class ResidualNoise:
 
     @property
     def sentence(self) -> str:
-        """What standard errors rest on, in words."""
+        """The basis of the standard errors, in words."""
         if not self.measured:
             return (
                 "standard errors are for white noise: no residuals were at hand; on "
@@ -268,9 +268,9 @@ class ResidualNoise:
             )
         least, most = float(self.length.min()), float(self.length.max())
         more = (
-            f"; they are {np.sqrt(self.blocks):.1f} times as large again, because "
-            "blocks of the recording differ by more than noise"
-            if self.blocks > _SHOWN
+            f"; they are {np.sqrt(self.beyond):.1f} times as large again, because "
+            "errors of the model move parameters by more than noise"
+            if self.beyond > _SHOWN
             else ""
         )
         if most <= WHITE:
@@ -343,11 +343,11 @@ def unconstrained_fit(regression: Regression, base: BaseParameters) -> Unconstra
             scores = _product(own, steps) / weight**2
         parts += [scores, floor[j] * rows]
     root = triangle(np.asfortranarray(np.vstack(parts)))
-    inflation, between, blocks = root.T @ root, tuple[Scatter, ...](), 1.0
-    if regression.noise is not None and regression.noise.blocks > 1.0:
-        added = (regression.noise.blocks - 1.0) * inflation
+    inflation, between, beyond = root.T @ root, tuple[Scatter, ...](), 1.0
+    if regression.noise is not None and regression.noise.beyond > 1.0:
+        added = (regression.noise.beyond - 1.0) * inflation
         between = (Scatter(added, BLOCKS - 1.0),)
-        blocks = regression.noise.blocks
+        beyond = regression.noise.beyond
     effective = float(np.sum(regression.effective))
     white = np.maximum(regression.effective * (1.0 - solution.rank / effective), 1.0)
     noise = ResidualNoise(
@@ -360,7 +360,7 @@ def unconstrained_fit(regression: Regression, base: BaseParameters) -> Unconstra
         root=root,
         level_freedom=white if regression.noise is None else regression.noise.freedom,
         between=between,
-        blocks=blocks,
+        beyond=beyond,
     )
     return UnconstrainedFit(regression, base, solution, parameters, sigma, noise)
 

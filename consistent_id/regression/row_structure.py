@@ -31,23 +31,23 @@ class RowModel(Protocol):
     Attributes
     ----------
     robot : RobotModel
-        Whose joints move.
+        The robot whose joints move.
     terms : tuple of DriveTerms
-        Of each of its joints.
+        Drive terms of each of its joints.
     layout : ParameterLayout
-        Of ``x``.
+        Layout of ``x``.
     torque_joints : tuple of str
         Names of the rows.
     fingerprint : str
-        What belongs together has the same.
+        Equal for models whose rows can be combined.
     """
 
     def __hash__(self) -> int:
-        """Tell one from another: a `RowModel` is a value that never changes."""
+        """Return the hash; a `RowModel` is a value that never changes."""
 
     @property
     def robot(self) -> RobotModel:
-        """Whose joints move."""
+        """The robot whose joints move."""
 
     @property
     def terms(self) -> tuple[DriveTerms, ...]:
@@ -55,7 +55,7 @@ class RowModel(Protocol):
 
     @property
     def layout(self) -> ParameterLayout:
-        """Of the parameters."""
+        """Layout of the parameters."""
 
     @property
     def torque_joints(self) -> tuple[str, ...]:
@@ -63,7 +63,7 @@ class RowModel(Protocol):
 
     @property
     def fingerprint(self) -> str:
-        """What belongs together has the same."""
+        """Equal for models whose rows can be combined."""
 
     def regressor(
         self,
@@ -97,6 +97,39 @@ class RowModel(Protocol):
         base: BaseMotion | None = None,
     ) -> Iterator[tuple[slice, Sequence[Matrix]]]:
         """Yield ``(samples, rows)`` of some columns, piece by piece."""
+
+
+class NoisyRows(Protocol):
+    """Rows along one recording, such as a `Motion`."""
+
+    @property
+    def q(self) -> Matrix:
+        """Positions, shape (rows, joints)."""
+
+    @property
+    def dq(self) -> Matrix:
+        """Velocities, shape (rows, joints)."""
+
+    @property
+    def mixed(self) -> bool:
+        """See `Motion.mixed`."""
+
+    def samples(self, start: int, stop: int) -> "NoisyRows":
+        """Return consecutive rows."""
+
+    def counts(self) -> IntArray:
+        """See `Motion.counts`."""
+
+    def noise_lost(self) -> Vector:
+        """See `Motion.noise_lost`."""
+
+    def rows(
+        self, model: TorqueModel, kept: Sequence[IntArray]
+    ) -> Iterator[tuple[slice, Sequence[Matrix]]]:
+        """See `Motion.rows`."""
+
+    def drive_columns(self, terms: DriveTerms, joint: int, row: int) -> Matrix:
+        """See `Motion.drive_columns`."""
 
 
 class RandomStates(NamedTuple):
@@ -142,7 +175,7 @@ def _random_base(model: RowModel, samples: int, rng: np.random.Generator) -> Bas
 
 
 def _slow(terms: DriveTerms) -> float:
-    """Return what slows a joint's random velocity, so that fading friction shows."""
+    """Return the factor of a joint's random velocity at which fading friction shows."""
     fading = (term.fading_velocity for term in terms.terms)
     return min((v for v in fading if v is not None), default=1.0)
 
@@ -157,7 +190,7 @@ class RandomRows:
         Parameters.
     samples : int
     columns : tuple of ndarray of int
-        Of each row those that are not zero for every motion.
+        Columns of each row that are not zero for every motion.
     factors : tuple of ndarray
         Triangular, of these columns.
     """
@@ -235,6 +268,25 @@ def row_structure(
         expand[range(len(kept), len(expand)), drive] = 1.0
         structure.append((np.array([*kept, *drive], dtype=np.intp), expand))
     return tuple(structure * count if mixed else structure)
+
+
+def joint_rows(
+    model: TorqueModel, motion: NoisyRows
+) -> Iterator[tuple[Matrix, Matrix]]:
+    """Yield each joint's rows with torque, and how all parameters act on them.
+
+    Rows have the columns that are kept of the joint; times ``expand @ x``, they are the
+    torque of parameters ``x``.
+    """
+    structure = row_structure(model, mixed=motion.mixed)
+    columns = [kept for kept, _ in structure]
+    n = len(motion.q)
+    of_joints = [np.empty((n, len(kept) + 1), order="F") for kept in columns]
+    for part, blocks in motion.rows(model, columns):
+        for rows, block in zip(of_joints, blocks, strict=True):
+            rows[part] = block
+    for rows, (_, expand) in zip(of_joints, structure, strict=True):
+        yield rows, expand
 
 
 def _pivoted_columns(W: Matrix) -> tuple[list[int], Matrix]:

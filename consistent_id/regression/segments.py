@@ -18,7 +18,7 @@ from consistent_id.regression.regression import Regression, compressed_pieces
 from consistent_id.regression.regressor import TorqueModel
 
 SEGMENTS = 24
-"""Segments made of the data, if nothing else is asked for."""
+"""Default number of segments of the data."""
 
 
 def segment_regressions(
@@ -36,8 +36,8 @@ def segment_regressions(
     recordings : Recording or sequence of Recording
         With velocity, acceleration and torque.
     count : int
-        Of segments in all; each recording is at least one, each segment at least two
-        samples.  Neighbours are one where one of them has no row of a joint.
+        Number of segments in all; each recording is at least one, each segment at least
+        two samples.  Neighbours are one where one of them has no row of a joint.
     sigma : array_like, shape (joints,), optional, [N m or N]
         Noise levels by which joints are weighted; see `joint_noise`.
 
@@ -49,7 +49,7 @@ def segment_regressions(
     Raises
     ------
     ProblemError
-        If fewer than two segments are asked for.
+        If fewer than two segments are requested.
     NotExcitedError
         If there is too little to cut.
     """
@@ -97,7 +97,7 @@ def lengthened(
 ) -> tuple[tuple[Regression, ...], tuple[int, ...]]:
     """Join neighbours of one recording until each joint has its least samples.
 
-    What is left over at a recording's end joins the last segment.
+    Samples left over at a recording's end join the last segment.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def _runs(recordings: Sequence[Recording], count: int) -> Iterator[tuple[int, sl
 def _spans(recording: Recording, length: float) -> list[tuple[int, int]]:
     """Return where segments begin and end, each with rows of every joint.
 
-    What is left over at the end joins the last.
+    Samples left over at the end join the last.
     """
     cuts = segment_cuts(len(recording), length)
     if recording.torque_known is None and not recording.contacts:

@@ -195,7 +195,7 @@ def ranked_causes(
 ) -> tuple[Ranked, ...]:
     """Return what a link may have been meant to be, the likeliest first.
 
-    What is stated is among it if it is physically consistent, and the nearest
+    The stated inertial is among them if it is physically consistent, and the nearest
     consistent inertia if it is not; so both have to be beaten.
 
     Parameters
@@ -205,7 +205,7 @@ def ranked_causes(
     others : sequence of LinkBody
         The file's other links with mass.
     solid : LinkSolid, optional
-        What its shapes fill.
+        The body that fills its shapes.
     """
     known = [o for o in others if is_consistent(o.inertia) and o.inertia.any()]
     hypotheses = [
@@ -302,7 +302,7 @@ def candidates(
     com : ndarray, shape (3,), [m]
         In the link's frame.
     axes : ndarray, shape (3, 3)
-        Of the inertial, as columns in the link's frame.
+        Axes of the inertial, as columns in the link's frame.
     inertia : ndarray, shape (3, 3), [kg m^2]
         As stated, in those axes.
 

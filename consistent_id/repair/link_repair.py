@@ -43,7 +43,7 @@ class LinkRepair:
     Parameters
     ----------
     line : int
-        Of its ``<inertial>``.
+        Line of its ``<inertial>``.
     status : {"consistent", "repaired", "doubtful", "refused"}
         Refused: it cannot be repaired without inventing values, or has several likely
         causes.  Doubtful: it is consistent, and not changed, but far from the link's
@@ -142,7 +142,7 @@ class RepairOptions:
     thickness : float, [m]
         Least standard deviation of mass along each axis of a link with mass.
     choices : mapping of str to int
-        Which suggestion a link gets, counted from 1; 0 is the nearest inertia.
+        The number of a link's suggestion, counted from 1; 0 is the nearest inertia.
     """
 
     masses: Mapping[str, float]

@@ -40,7 +40,7 @@ from consistent_id.robot.loaders.xml import Element
 from consistent_id.robot.parameters import did_you_mean
 
 _NOISE = 1e-14  # relative
-_UNTOUCHED = 1e-9  # of the largest entry; what moves less keeps the file's digits
+_UNTOUCHED = 1e-9  # of the largest entry; entries that move less keep the file's digits
 
 
 def repair_urdf(
@@ -81,7 +81,7 @@ def repair_urdf(
         masses and plates are on the boundary of the consistency cone; a thickness makes
         them links that simulators take.
     choices : mapping of str to int, optional
-        Which of a link's suggestions it gets, counted from 1; 0 is the nearest
+        The number of the suggestion for a link, counted from 1; 0 is the nearest
         consistent inertia.
 
     Returns

@@ -24,7 +24,7 @@ class Advice:
     verdict : Verdict
         On the estimate that is recommended.
     method : str
-        Of the estimate to use; empty for none.
+        Method of the estimate to use; empty for none.
     headline : str
         The verdict in one line, with the held-out error.
     expected : tuple of str
@@ -68,7 +68,7 @@ def advise(
     ----------
     comparison : Comparison
     diagnosis : Diagnosis, optional
-        Of the recordings, if the comparison was made without.
+        Diagnosis of the recordings, if the comparison was made without.
     recommendation : Recommendation, optional
         Chosen from the training data.
     """

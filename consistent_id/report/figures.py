@@ -3,11 +3,14 @@
 A picture of Matplotlib, such as that of a designed motion, is written as PNG.
 """
 
-from collections.abc import Sequence
+import logging
+from collections.abc import Callable, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from consistent_id._support.arrays import Vector
+from consistent_id._support.run import kept_going
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.row_names import in_newton
@@ -24,6 +27,7 @@ from consistent_id.report.plot import (
 )
 from consistent_id.robot.model import RobotModel
 
+_log = logging.getLogger(__name__)
 _POINTS = 900  # drawn per curve; more would not be visible
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 _MEASURED = "#999"
@@ -80,21 +84,32 @@ def write_figure(figure: Html, path: Path) -> Path:
     return write_atomically(path, _MARK + figure + "\n")
 
 
-def save_figure(figure: Any, path: Path) -> Path:
-    """Write a figure of Matplotlib as PNG, whole or not at all."""
+def draw_figure(draw: Callable[[], Any], path: Path) -> list[Path]:
+    """Write a figure of Matplotlib as PNG; return the file, if it could be drawn.
+
+    Other results do not depend on it.  Without Matplotlib, the log says how to get it.
+    """
     import io
 
     from consistent_id._support.files import write_atomically
 
-    buffer = io.BytesIO()
-    figure.savefig(
-        buffer,
-        format="png",
-        dpi=110,
-        metadata={"Software": "consistent-id: figure"},
-        pil_kwargs={"compress_level": 1},
-    )
-    return write_atomically(path, buffer.getvalue())
+    if find_spec("matplotlib") is None:
+        _log.warning(
+            "%s is not drawn; it needs matplotlib: pip install 'consistent-id[plots]'",
+            path.name,
+        )
+        return []
+    with kept_going(f"figure {path.name}"):
+        buffer = io.BytesIO()
+        draw().savefig(
+            buffer,
+            format="png",
+            dpi=110,
+            metadata={"Software": "consistent-id: figure"},
+            pil_kwargs={"compress_level": 1},
+        )
+        return [write_atomically(path, buffer.getvalue())]
+    return []
 
 
 def _panel(time: Vector, curves: Sequence[tuple[str, Vector]], label: str) -> Html:

@@ -368,7 +368,7 @@ def _impossible(report: EstimateReport) -> Html:
 
 
 def costs_section(content: ReportContent) -> Section | None:
-    """Return costs, shadow prices and the weight of the prior, as far as known."""
+    """Return costs, shadow prices and the weight of the prior that are known."""
     if not content.costs and not content.prices and content.path is None:
         return None
     parts = [

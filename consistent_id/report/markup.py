@@ -106,7 +106,7 @@ def _cell(cell: object, side: str | None) -> Html:
 
 
 def _is_number(cell: object) -> bool:
-    """Return whether a cell holds a number, several, or a dash for none."""
+    """Return whether a cell is a number, several, or a dash for none."""
     start = str(cell).lstrip("+-< ")
     marked = isinstance(cell, Html) and not start.startswith("<strong>")
     return not marked and (start[:1].isdigit() or start[:3] in ("", "inf", "nan"))

@@ -145,7 +145,7 @@ def report_html(
     ----------
     study : Study
     uncertainty : Uncertainty, optional
-        Of its constrained estimate.
+        Uncertainty of its constrained estimate.
     further : sequence of Section
         Additional sections, such as that of rollouts.
     command : str
@@ -235,7 +235,7 @@ def comparison_html(
     ----------
     comparison : Comparison
     training, validation : sequence of Recording
-        Of which torque and residuals are drawn.
+        Recordings whose torque and residuals are drawn.
     diagnosis, uncertainty
         See `report_html`.
     """

@@ -124,7 +124,7 @@ def _ends(ends: tuple[float, float]) -> str:
 
 
 def _drawn(p: ParameterUncertainty) -> Html:
-    """Draw the intervals on a line that holds zero and all finite ends."""
+    """Draw the intervals on a line that contains zero and all finite ends."""
     ends = [0.0, p.value, *p.resampled, *p.consistent]
     finite = [e for e in ends if np.isfinite(e)]
     low, high = min(finite), max(finite)

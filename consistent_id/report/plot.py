@@ -49,7 +49,7 @@ class Frame:
 
 
 def spanning(values: Iterable[Vector], margin: float = 0.05) -> tuple[float, float]:
-    """Return a range that holds all values, with some margin."""
+    """Return a range that contains all values, with some margin."""
     arrays = [np.ravel(v) for v in values]
     low = min((float(a.min()) for a in arrays if a.size), default=0.0)
     high = max((float(a.max()) for a in arrays if a.size), default=1.0)
@@ -112,7 +112,7 @@ def plot(
 
 
 def axes_with(frame: Frame, *marks: Html, across: str = "", down: str = "") -> Html:
-    """Return what stands in a plot: axes with ticks and labels, and the marks."""
+    """Return the elements of a plot: axes with ticks and labels, and the marks."""
     middle = _LEFT + (frame.width - _LEFT - _RIGHT) / 2
     centre = (frame.height - frame.bottom) / 2 + 4
     label = (

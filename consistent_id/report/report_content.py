@@ -28,13 +28,13 @@ class ReportContent:
     Parameters
     ----------
     uncertainty : Uncertainty, optional
-        Of the constrained estimate.
+        Uncertainty of the constrained estimate.
     delivered : Estimate, optional
         The recommended estimate, fitted again to all data.
     further : tuple of Section
         Additional sections, such as that of rollouts.
     seed : int, optional
-        Of the bootstrap.
+        Seed of the bootstrap.
     command : str
         Command that reproduces the report.
     """
@@ -110,7 +110,7 @@ class Row(NamedTuple):
     ----------
     column : int
     name : str
-        Of the joint, or of the component of a base's wrench.
+        Name of the joint, or of the component of a base's wrench.
     unit : str
     joint : Joint or None
     """

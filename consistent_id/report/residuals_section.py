@@ -86,7 +86,7 @@ def residual_statistics(
     residual : ndarray, shape (samples,), [N m or N]
     time : ndarray, shape (samples,), [s]
     position, velocity : ndarray, shape (samples,)
-        Of the same joint.
+        Motion of the same joint.
     """
     n, rms = len(residual), float(np.sqrt(np.mean(residual**2)))
     centred = residual - residual.mean()

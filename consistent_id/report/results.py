@@ -141,7 +141,7 @@ class _Delivered(msgspec.Struct, frozen=True):
 
 
 class _StudyRecord(msgspec.Struct, frozen=True):
-    """What is read of ``comparison.json``; all of it is handed on."""
+    """The parts of ``comparison.json`` that are used; all of it is handed on."""
 
     problem: str
     delivered: _Delivered
@@ -165,7 +165,7 @@ class Index(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class StudyOutcome(Protocol):
-    """What commands print of a study, computed in this run or opened."""
+    """The content of a study that commands print, computed in this run or opened."""
 
     @property
     def name(self) -> str:
@@ -301,9 +301,9 @@ class Results:
         return Estimate.load(self.folder / DELIVERED, model, base_parameters(model))
 
     def changes(self) -> list[str]:
-        """Return what is no longer as the results were computed from, in sentences.
+        """Return the inputs that changed since the results were computed, in sentences.
 
-        Inputs that are not there any more do not matter.
+        Inputs that have been removed do not matter.
         """
         from consistent_id import __version__
 
@@ -364,7 +364,7 @@ def open_results(folder: str | Path) -> Results:
 
 
 def _fault(results: Results) -> str:
-    """Return what the index lacks that commands read, or nothing."""
+    """Return the entries for commands that the index lacks, or nothing."""
     index = results.index
     needed: list[tuple[str, Collection[str], str]]
     needed = [(name, index.tables, "tables of") for name in PRINTED]

@@ -1,4 +1,4 @@
-"""What a study writes to its results folder: files, tables, figures and their index."""
+"""The results folder of a study: files, tables, figures and their index."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -74,12 +74,12 @@ def write_results(
     opened : Opened
         Where the problem comes from.
     study : Study
-        Of it.
+        The study.
     folder : Path
     page : str
         The report.
     tables : mapping of str to list of Table
-        What each command of `PRINTED` prints; see `tables_of`.
+        Tables that each command of `PRINTED` prints; see `tables_of`.
     """
     from consistent_id.problems.kept_text import write_problem
 
@@ -102,7 +102,7 @@ def _index(
     tables: Mapping[str, list[Table]],
     written: Sequence[Path],
 ) -> Index:
-    """Return what ``results.json`` is to hold."""
+    """Return the content of ``results.json``."""
     from consistent_id import __version__
     from consistent_id.diagnosis.findings import diagnosis_record
 
@@ -214,7 +214,7 @@ def _pictures(study: "Study", folder: Path) -> list[Path]:
 
 
 def tables_of(name: str, opened: "Opened", study: "Study") -> list[Table]:
-    """Return what a command prints of a study."""
+    """Return the text that a command prints about a study."""
     from consistent_id.diagnosis.findings import diagnosis_table
     from consistent_id.problems.listing import problem_tables
     from consistent_id.report.parameters_section import uncertainty_table

@@ -168,5 +168,5 @@ def _published_record(report: PublishedReport) -> dict[str, Any]:
 
 
 def _number(value: float) -> float | None:
-    """Return a number that JSON knows, or None."""
+    """Return a number that JSON can represent, or None."""
     return float(value) if np.isfinite(value) else None

@@ -58,7 +58,7 @@ def headline_tables(study: Study) -> list[Table]:
 
 
 def identified_tables(opened: Opened, study: Study) -> list[Table]:
-    """Return what ``identify`` prints: verdict, faults, how logs were read."""
+    """Return the text of ``identify``: verdict, faults, and the reading of logs."""
     found = study.diagnosis
     return [
         *headline_tables(study),
@@ -133,7 +133,7 @@ def excitation_table(excitation: Excitation, training: Sequence[Any]) -> Table:
 
 
 def cost_table(costs: Sequence[ConstraintCost], joints: Sequence[str]) -> Table:
-    """Return what each constraint costs in fit to the training data."""
+    """Return the cost of each constraint in fit to the training data."""
     return Table(
         "What each constraint costs in fit (training data, all others kept)",
         ("constraint", "misfit", *joints, "verdict"),
@@ -198,7 +198,7 @@ def price_table(prices: Sequence[ShadowPrice]) -> Table:
 
 
 def path_table(path: RegularisationPath) -> Table:
-    """Return how the weight of the prior was chosen."""
+    """Return the choice of the prior's weight, in words."""
     shown = sorted({*range(0, len(path.weights), 2), path.best})
     return Table(
         f"Weight of the prior ({path.distance} distance), by cross-validation",
@@ -222,7 +222,7 @@ def path_table(path: RegularisationPath) -> Table:
 
 
 def slack_table(slacks: Mapping[Method, SlackChoice]) -> Table:
-    """Return how the slack of the constrained estimates was chosen."""
+    """Return the choice of the constrained estimates' slack, in words."""
     shown = {method: found for method, found in slacks.items() if found.slacks}
     names = next((found.slacks for found in shown.values()), ())
     return Table(
@@ -249,7 +249,7 @@ def slack_table(slacks: Mapping[Method, SlackChoice]) -> Table:
 
 
 def link_table(comparison: Comparison) -> Table:
-    """Return where each link touches the boundary of the consistency cone."""
+    """Return the links' directions on the boundary of the consistency cone."""
     reports = [r for r in comparison.reports if all(r.consistent_links)]
     return Table(
         "Links on the boundary of the consistency cone",

@@ -218,11 +218,11 @@ def delivery_section(content: ReportContent) -> Section | None:
         return None
     before, optimum = content.main.estimate, delivered.certificate
     text = (
-        f"When it had been judged, the {delivered.method} estimate was fitted again to "
-        "training and validation data. This is what is delivered. All errors and the "
-        "verdict of this page are those of the estimate from the training data alone: "
-        "the delivered one has seen the data that would judge it. Its optimum is "
-        f"{optimum.verdict}."
+        f"After its verdict, the {delivered.method} estimate was fitted again to "
+        "training and validation data; this fit is delivered. All errors and the "
+        "verdict of this page are those of the estimate from the training data alone, "
+        "because the validation data cannot judge a fit to themselves. The optimum of "
+        f"the delivered fit is {optimum.verdict}."
     )
     layout = delivered.model.layout
     rows = [
@@ -246,7 +246,7 @@ def delivery_section(content: ReportContent) -> Section | None:
 
 
 def certificate_section(content: ReportContent) -> Section:
-    """Return what was recomputed of every estimate."""
+    """Return the recomputed properties of every estimate."""
     main = content.main
     others = [r for r in content.comparison.reports if r is not main]
     body = joined(

@@ -31,7 +31,7 @@ _JOINTS = 3  # of a limb: fingers and wheels have fewer
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """Which joints of a robot move; see `load_urdf` for the meaning of each field."""
+    """The joints of a robot that move; see `load_urdf` for the fields."""
 
     base: str | None = None
     tip: str | None = None
@@ -374,7 +374,7 @@ def _every(robot: RobotModel) -> list[str]:
 
 
 def _without_leader(robot: RobotModel, names: list[str]) -> dict[str, float]:
-    """Return where joints stand whose leader, at zero, is not among the named."""
+    """Return the positions of joints whose leader, at zero, is not among the named."""
     return {
         joint.name: joint.mimic.position(0.0)
         for joint in robot.joints

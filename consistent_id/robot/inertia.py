@@ -209,9 +209,9 @@ class InertialParameters:
         Parameters
         ----------
         rotation : array_like, shape (3, 3)
-            Of the present frame in the new one.
+            Rotation of the present frame in the new one.
         translation : array_like, shape (3,), [m]
-            Of the present frame's origin in the new frame.
+            Translation of the present frame's origin in the new frame.
         """
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = rotation, translation

@@ -81,7 +81,7 @@ class LinkPlaces:
 def link_places(
     robot: RobotModel, q: ArrayLike, *, links: Collection[int] | None = None
 ) -> LinkPlaces:
-    """Return where the links are.
+    """Return the places of the links.
 
     Link ``k`` on joint ``k`` with parent ``p``, at ``(R_p, t_p)``:
     ``R_k = R_p R_joint exp([axis x] q)``, ``t_k = t_p + R_p t_joint`` if it turns,

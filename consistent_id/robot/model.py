@@ -209,7 +209,7 @@ class Datasheet:
 @brief
 @dataclass(frozen=True, slots=True, eq=False)
 class FixedFrame:
-    """Where a link without a joint of its own, such as a tool, is fixed.
+    """The place of a link without a joint of its own, such as a tool.
 
     `rotation`, shape (3, 3), and `translation`, shape (3,) [m], place the frame in that
     of the link it is fixed to.
@@ -408,7 +408,7 @@ class RobotModel:
     def carrier(self, name: str) -> int:
         """Return the index of the moving link that `name` is, or is fixed to.
 
-        Of what does not move, it is -1.
+        It is -1 for links that do not move.
 
         Raises
         ------
@@ -444,7 +444,7 @@ def _require_leaders(joints: Sequence[Joint]) -> None:
 
 
 def transmissions(joints: Sequence[Joint]) -> tuple[Transmission, ...]:
-    """Return what moves each joint; joints without `Mimic` are the coordinates.
+    """Return the leader of each joint; joints without `Mimic` are the coordinates.
 
     No coordinate moves a free joint: its ratio is zero.
     """
@@ -464,7 +464,7 @@ def transmissions(joints: Sequence[Joint]) -> tuple[Transmission, ...]:
 def followers_at(
     joints: Sequence[Joint], positions: dict[str, float]
 ) -> dict[str, float]:
-    """Return where joints stand that follow one of those at `positions`."""
+    """Return the places of joints that follow one of those at `positions`."""
     return {
         joint.name: joint.mimic.position(positions[joint.mimic.joint])
         for joint in joints

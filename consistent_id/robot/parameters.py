@@ -10,7 +10,7 @@ from consistent_id.robot.inertia import INERTIAL_NAMES, INERTIAL_UNITS
 
 @dataclass(frozen=True, slots=True)
 class ParameterLayout:
-    """Where each parameter stands: ten per link, then drive terms and couplings.
+    """The place of each parameter: ten per link, then drive terms and couplings.
 
     Parameters
     ----------

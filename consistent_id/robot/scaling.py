@@ -46,7 +46,8 @@ class LinkScales:
         Parameters
         ----------
         relative : array_like, shape (3,)
-            Of masses, centres of mass and second moments; see `USUAL_WIDTHS`.
+            Relative widths of masses, centres of mass and second moments; see
+            `USUAL_WIDTHS`.
         """
         mass, centre, moment = np.asarray(relative)
         of_link = np.array([mass, *[centre] * 3, *[moment] * 6])

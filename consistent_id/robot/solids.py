@@ -3,7 +3,7 @@
 A robot's file draws shapes of links, and may state nominal drives beside them.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
@@ -16,6 +16,7 @@ from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 
 _DISTINCT = 3  # values of joints that differ; placeholders are alike
+_DIGITS = 2  # of a value that was measured; placeholders are 10, 2 or 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +46,7 @@ class DrawnParts:
         Distance from a link's joint to the farthest point of its shapes, or more; only
         of links all of whose shapes are known, and whose masses all have shapes.
     drives : mapping of str to DrawnDrive
-        Of joints for which the file has any.
+        Drives of joints for which the file has any.
     fault : str
         Why the file cannot be read; empty if it can be, or if there is none.
     """
@@ -56,15 +57,25 @@ class DrawnParts:
 
     @property
     def friction_known(self) -> bool:
-        """Whether friction is more than a placeholder: joints differ."""
-        each = {(d.viscous, d.coulomb) for d in self.drives.values()}
-        return len({pair for pair in each if max(pair) > 0.0}) >= _DISTINCT
+        """Whether friction is more than a placeholder."""
+        return _measured([(d.viscous, d.coulomb) for d in self.drives.values()])
 
     @property
     def rotors_known(self) -> bool:
-        """Whether rotor inertia is more than a placeholder: joints differ."""
-        rotors = {d.rotor_inertia for d in self.drives.values()}
-        return len({rotor for rotor in rotors if rotor > 0.0}) >= _DISTINCT
+        """Whether rotor inertia is more than a placeholder."""
+        return _measured([(d.rotor_inertia,) for d in self.drives.values()])
+
+
+def _measured(values: Sequence[tuple[float, ...]]) -> bool:
+    """Return whether values of joints were measured: they differ, and are not round."""
+    stated = [each for each in values if max(each) > 0.0]
+    precise = [each for each in stated if any(_digits(v) >= _DIGITS for v in each)]
+    return len(set(stated)) >= _DISTINCT and 2 * len(precise) >= len(stated)
+
+
+def _digits(value: float) -> int:
+    """Return the number of significant digits with which a value is written."""
+    return len(f"{value:.6e}".partition("e")[0].replace(".", "").rstrip("0"))
 
 
 _STEPS = 20_000  # of the search for the smallest ellipsoid
@@ -103,9 +114,9 @@ class Ellipsoid:
     def around(cls, points: ArrayLike) -> Self:
         """Return the smallest ellipsoid around points, such as a mesh's vertices.
 
-        Of least volume, by Khachiyan's algorithm with steps towards the farthest and
-        away from the nearest weighted point of the hull [Todd2007]_; it contains every
-        point.
+        It has the least volume, by Khachiyan's algorithm with steps towards the
+        farthest and away from the nearest weighted point of the hull [Todd2007]_; it
+        contains every point.
 
         Raises
         ------

@@ -90,7 +90,7 @@ def replay(
     log : Recording
         See `replayable`.
     delay : float, [s]
-        Of the commands.
+        Delay of the commands.
     offsets : ndarray, shape (joints,), optional, [N m or N]
         Additional friction torque, with the sign of the term ``offset``: a positive one
         opposes positive motion.
@@ -137,7 +137,7 @@ def begin(
     Parameters
     ----------
     q, dq, acceleration : ndarray, shape (joints,)
-        Of the motors.
+        Motion of the motors.
     """
     data.qpos[model.positions] = q
     data.qvel[model.velocities] = dq

@@ -31,7 +31,7 @@ _THREADS = 2
 _SPAN = 11  # samples of a cubic through positions, whose slope is where a window begins
 
 _WORKERS = 2
-_PASSES = 4  # of the search of offsets; each leaves a small share of what was left
+_PASSES = 4  # of the search of offsets; each leaves a small share of the rest
 
 
 @brief
@@ -47,7 +47,7 @@ class Rollout:
         The same with torque offsets found for each model on training motion, because
         files cannot state them.  The estimate has its own.
     delay : float, [s]
-        Of the commands, for the estimate and for all.
+        Delay of the commands, for the estimate and for all.
     open_loop : mapping of str to tuple of Replay
         Windows under the torque of the robot's drives, with offsets; see `open_loop`.
         None for a model that diverges in a window.
@@ -67,6 +67,17 @@ class Rollout:
         if model not in self.open_loop:
             return "diverges"
         return f"{1e3 * _over_all([r.errors for r in self.open_loop[model]]):.2f}"
+
+    @property
+    def sentence(self) -> str:
+        """The first model's error, in words."""
+        name, replays = next(iter(self.replays.items()))
+        logs = ", ".join(replay.log.name for replay in replays)
+        return (
+            f"closed-loop replay of {logs}: {1e3 * self.rmse(name):.2f} mrad (mm), "
+            "root mean square of all joints, commands "
+            f"{1e3 * self.delay:.2f} ms late"
+        )
 
     def tables(self) -> list[Table]:
         """Return the errors of all models, and those of their joints, for people."""
@@ -165,14 +176,14 @@ def rollout(
     logs : Recording or sequence of Recording
         With commands, as they were logged: not filtered.
     gains : PDGains
-        Of the robot's joints, in its order.
+        Gains of the robot's joints, in its order.
     against : sequence of str or Path
         MJCF or URDF files of the robot.
     training : sequence of Recording
         Training logs for the torque offsets of these files; without them there are
         none.
     delay : float, [s]
-        Of the commands.
+        Delay of the commands.
     locked : mapping of str to float, optional
         Positions at which other joints of the files are held.
 
@@ -199,19 +210,19 @@ def rollout(
     name = f"identified ({estimate.method})"
     replays = {name: replayed(own, known, delay)}
     offsets = {name: replays[name]} if learnt else {}
-    judged: dict[str, tuple[float, Vector | None]] = {name: (delay, None)}
+    settings: dict[str, tuple[float, Vector | None]] = {name: (delay, None)}
     for file in against:
         model = made(file, gains)
         replays[str(file)] = replayed(model, known, 0.0)
-        judged[str(file)] = (0.0, None)
+        settings[str(file)] = (0.0, None)
         if learnt:
             choices = (found_offsets(model, learnt, late) for late in {0.0, delay})
             _, late, found = min(choices, key=lambda choice: choice[0])
             offsets[str(file)] = replayed(model, known, late, found)
-            judged[str(file)] = (late, found)
+            settings[str(file)] = (late, found)
     free = {}
     for robot, (key, (late, torque)) in zip(
-        (estimate, *against), judged.items(), strict=True
+        (estimate, *against), settings.items(), strict=True
     ):
         model = made(robot, free_gains(gains))
         with suppress(RecordingError):  # a model that diverges has no windows
@@ -280,9 +291,9 @@ def open_loop(
     log : Recording
         See `replayable`.
     gains : PDGains
-        Of the robot's drives.
+        Gains of the robot's drives.
     delay : float, [s]
-        Of commands.
+        Delay of commands.
     offsets : ndarray, shape (joints,), optional, [N m or N]
         See `replay`.
     window : float, [s]

@@ -91,7 +91,7 @@ def found_delay(
 
 
 def _around(tried: dict[float, Vector], best: float) -> list[float]:
-    """Return the best delay and its neighbours, three in all, as far as there are."""
+    """Return the best delay and its neighbours, three in all unless it is at an end."""
     order = sorted(d for d, s in tried.items() if np.isfinite(s).all())
     if best not in order:
         return [best]

@@ -73,7 +73,7 @@ def file_error(
     logs : sequence of Recording
         With commands, as they were logged.
     delay : float, [s]
-        Of commands.
+        Delay of commands.
 
     Raises
     ------

@@ -27,7 +27,7 @@ from consistent_id.problems.study import Study
 from consistent_id.recordings.signals import PDGains
 from consistent_id.regression.residual_noise import joint_noise
 from consistent_id.regression.segments import segment_regressions, segments_of
-from consistent_id.rollout.choice import (
+from consistent_id.rollout.chosen_settings import (
     RidgeChoice,
     SettingsChoice,
     chosen_ridge,
@@ -68,7 +68,7 @@ class FormLoss(NamedTuple):
             f"Friction fitted again in the form of {self.form}: error of rollouts "
             f"{1e3 * self.before:.2f} to {1e3 * self.after:.2f} mrad (mm)"
         )
-        notes = ("before: as the problem states it, less what MuJoCo lacks",)
+        notes = ("before: as the problem states it, without terms that MuJoCo lacks",)
         return Table(title, (), (), notes)
 
 
@@ -80,11 +80,11 @@ class ProblemRollout:
     Parameters
     ----------
     study : Study
-        Of the problem, with the settings that were chosen, if they were.
+        The study of the problem, with the chosen settings, if they were chosen.
     estimate : Estimate
         The one that the study recommends, with its verdict there; or the refined one.
     rollout : Rollout
-        Of the validation logs, or of the training logs if there are no others.
+        Rollout of the validation logs, or of the training logs if there are no others.
     scatter : BlockScatter, optional
         Uncertainty of a torque fit's parameters; None if blocks of the training motion
         do not determine them.
@@ -94,8 +94,8 @@ class ProblemRollout:
     form : FormLoss, optional
         If friction was fitted in the form of a format.
     ridge : RidgeChoice, optional
-        How far to refine, if that was asked; a refinement that predicts worse is not
-        taken.
+        The choice of the refinement, if one was requested; a refinement that predicts
+        worse is not taken.
     notes : tuple of str
         Why settings are as stated, or the estimate is not refined, though that was
         asked.
@@ -118,9 +118,10 @@ class ProblemRollout:
         return self.study.problem
 
     def tables(self) -> list[Table]:
-        """Return what was found, for people."""
+        """Return the results for people."""
         verdict = self.estimate.verdict
-        verdict_table = Table(verdict.sentence, (), (), verdict.lines)
+        lines = (self.rollout.sentence, *verdict.lines)
+        verdict_table = Table(verdict.sentence, (), (), lines)
         tables = [verdict_table, *self.rollout.tables()]
         tables += [Table(note, (), (), ()) for note in self.notes]
         if self.form is not None:
@@ -169,6 +170,11 @@ class ProblemRollout:
             notes.append(f"equal motors of limbs that mirror each other: {groups}")
         if s.simulated:
             notes.append("only drive terms that MuJoCo has")
+        if s.spring is not None:
+            which = "all joints have" if s.spring else "no joint has"
+            notes.append(f"{which} a spring in its torque")
+        if not s.couplings:
+            notes.append("without the problem's coupled gears, which predict worse")
         notes += [f"not tried: {reason}" for reason in choice.skipped]
         title = "Settings chosen on parts of the training motion"
         return Table(title, tuple(cells), (tuple(cells.values()),), tuple(notes))
@@ -200,7 +206,7 @@ class ProblemRollout:
         return named or "none"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what was found by name, for JSON."""
+        """Return the results by name, for JSON."""
         given = None if self.refinement is None else self.estimate.verdict
         record = {
             "format": FORMAT,
@@ -230,6 +236,8 @@ class ProblemRollout:
                 "delay_error": _known(self.settings.delay),
                 "equal_motors": [list(group) for group in s.equal_motors or ()],
                 "simulated_terms_only": s.simulated,
+                "spring": s.spring,
+                "couplings": s.couplings,
                 "skipped": list(self.settings.skipped),
                 "stiffness": {
                     joint: k
@@ -262,7 +270,7 @@ def rollout_of(
     Parameters
     ----------
     study : Study
-        Of a problem with gains of its drives; only its needed parts are computed.
+        Study of a problem with gains of its drives; only its needed parts are computed.
     against : sequence of str or Path
         MJCF or URDF files of the robot.
     refine : bool

@@ -41,8 +41,8 @@ enough to be linear, and large compared with stiction.
 _WORKERS = 2
 
 _DERIVATIVE_STEP = 2.5e-3
-"""Longest time step [s] of rollouts whose differences are derivatives: what it adds to
-damping is in both.
+"""Longest time step [s] of rollouts whose differences are derivatives: the damping that
+it adds is in both.
 """
 
 STEPS = 3
@@ -63,7 +63,7 @@ class RolloutErrors:
     Parameters
     ----------
     errors : ndarray, shape (joints, samples)
-        Of position, all logs one after another, [rad or m].
+        Errors of position, all logs one after another, [rad or m].
     by_parameter : ndarray, shape (joints, samples, parameters)
     """
 
@@ -78,7 +78,7 @@ class Replays:
     Parameters
     ----------
     estimate : Estimate
-        Whose model it is.
+        The estimate whose model it is.
     logs : tuple of Recording
         See `replayable`.
     """
@@ -161,13 +161,13 @@ def refined(
     estimate : Estimate
         Where to begin: the constrained torque fit.
     regression : Regression
-        Of the same training motion.
+        Regression of the same training motion.
     logs : sequence of Recording
         With commands, as they were logged.
     constraints : sequence of Constraint
-        Which every step meets.
+        Constraints that every step meets.
     delay : float, [s]
-        Of commands.  It is fixed: on one motion it is correlated with damping and
+        Delay of commands.  It is fixed: on one motion it is correlated with damping and
         inertia, and a step would give a value that faster motion does not confirm.
     ridge : float
         Weight of the torque fit.
@@ -197,13 +197,13 @@ def refined(
             break
     after = _size(begin.replays.errors(x, delay))
     seconds = perf_counter() - started
-    done = _estimate(estimate, regression, x, delay, seconds, begin.before, after)
+    done = _estimate(begin, x, after, seconds)
     return Refined(done, begin.before, after)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RefinementStart:
-    """Where a refinement begins: a torque fit, its rollouts and their derivatives.
+    """The start of a refinement: a torque fit, its rollouts and their derivatives.
 
     Parameters
     ----------
@@ -252,7 +252,7 @@ def refinement_start(
     constraints: Sequence[Constraint],
     delay: float = 0.0,
 ) -> RefinementStart:
-    """Return where `refined` begins; see there.
+    """Return the start of `refined`; see there.
 
     Raises
     ------
@@ -348,14 +348,10 @@ def _size(errors: Matrix, level: Vector | None = None) -> float:
 
 
 def _estimate(
-    estimate: Estimate,
-    regression: Regression,
-    x: Vector,
-    delay: float,
-    seconds: float,
-    before: float,
-    after: float,
+    start: RefinementStart, x: Vector, after: float, seconds: float
 ) -> Estimate:
+    """Return the refined estimate; `after` is the error of its rollouts."""
+    estimate, before, delay = start.estimate, start.before, start.delay
     reason = (
         "refined by rollout: every step met the constraints, but the error of rollouts "
         "is not convex, so no optimum is proven"
@@ -369,10 +365,10 @@ def _estimate(
         "rollout error after": after,
         "delay of commands": delay,
     }
-    free = unconstrained_fit(regression, estimate.base)
+    free = unconstrained_fit(start.regression, estimate.base)
     fit = fit_of(estimate.model, free, x)
     if estimate.fit is not None:
-        # Whether constraints contradict the torque, its own optimum says.
+        # The torque's own optimum shows whether constraints contradict the torque.
         fit = replace(fit, excess=estimate.fit.excess)
     return replace(
         estimate,

@@ -30,11 +30,14 @@ from consistent_id.robot.parameters import require_known
 SUFFIX = " spring"  # of the second joint's name
 
 _STEP_OF_VIBRATION = 0.5
-"""Of the fastest vibration's radian: the longest time step.  Semi-implicit steps are
-stable up to 2; at this one its frequency is right to 1 %."""
+"""Longest time step, in radians of the fastest vibration.  Semi-implicit steps are
+stable up to 2; at this one its frequency is right to 1 %.
+"""
 
 _LEAST_ROTOR = 0.01
-"""Of the link's inertia: geared motors have more, and a spring needs two masses."""
+"""Least rotor inertia over the link's.  Geared motors have more, and a spring needs two
+masses.
+"""
 
 _MOST_STEPS = 20  # time steps, at most, in place of one
 
@@ -84,7 +87,7 @@ def replay_model(
     locked : mapping of str to float, optional, [rad or m]
         Positions of other joints of a file; zero where none is given.
     period : float, [s]
-        Of the commands; the time step is a whole fraction of it.
+        Period of the commands; the time step is a whole fraction of it.
     step : float, [s]
         The longest time step.
 
@@ -173,7 +176,7 @@ def _hold(
     name: str,
     mujoco: Any,
 ) -> None:
-    """Take out the joints that do not move; bodies stay where the joints held them."""
+    """Take out the joints that do not move; their bodies stay where they were."""
     found = spec_tree(spec).joints
     require_known(joints, found, f"{name} has no joint", ModelError)
     followers = {e.name1 for e in spec.equalities if e.type == _joint_equality(mujoco)}
@@ -239,7 +242,7 @@ def add_springs(
     Parameters
     ----------
     compiled : mujoco.MjModel
-        Of it, without springs.
+        The compiled model, without springs.
     stiffness : ndarray, shape (joints,), [N m/rad or N/m]
 
     Raises
@@ -313,7 +316,7 @@ def deflect(compiled: Any, data: Any, acceleration: Vector) -> None:
     data : mujoco.MjData
         With positions and velocities of the motors; those of springs are zero.
     acceleration : ndarray, shape (degrees of freedom,), [rad/s^2 or m/s^2]
-        Of the motors.
+        Acceleration of the motors.
     """
     springs = spring_joints(compiled)
     if not len(springs):

@@ -33,7 +33,7 @@ UNITS: Mapping[str, str] = {
     "delay": "s",
     "zero": "rad",
 }
-"""Of parameters."""
+"""Units of parameters."""
 
 _WARM = 5.0  # K: least difference of temperature from which its effect is fitted
 _BORDER = 0.02  # of the box: nearer, the search ended at its border
@@ -44,7 +44,7 @@ _MIDDLE = {"zero": 0.5, "heat": 0.5} | dict.fromkeys(_SCALES, 0.5)
 
 @dataclass(frozen=True, slots=True)
 class SearchBox:
-    """Where parameters are searched, as a unit cube.
+    """Ranges in which parameters are searched, mapped to a unit cube.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class SearchBox:
     limits: Mapping[str, tuple[float, float]]
 
     def start(self, names: Sequence[str]) -> Vector:
-        """Return where the search begins, of the unit cube."""
+        """Return the start of the search in the unit cube."""
         return np.array([_MIDDLE.get(name, 0.25) for name in names])
 
     def values(self, names: Sequence[str], sets: Matrix) -> dict[str, Vector]:
@@ -96,7 +96,7 @@ def names_shown(logs: Sequence[ServoLog], joint: int) -> tuple[str, ...]:
 
 
 def box_of(logs: Sequence[ServoLog], joint: int, pieces: Pieces) -> SearchBox:
-    """Return where parameters are searched, by the size of torque and speed."""
+    """Return the ranges of a search, by the size of torque and speed."""
     speeds, carried, duties = [], [], []
     for log in logs:
         change = abs(np.diff(log.position[:, joint])) / np.diff(log.time)

@@ -39,7 +39,8 @@ def servo_spec(
     robot : str or Path
         URDF or MJCF file.
     gains : sequence of float, [1/rad]
-        Of the firmware: share of full duty over position error, one for each joint.
+        Gains of the firmware: share of full duty over position error, one for each
+        joint.
     held : mapping of str to float, optional, [rad] or [m]
         Where joints without an identified servo are; by default those that did not move
         where the fit says, others at zero.
@@ -173,7 +174,7 @@ def replayed_in_mujoco(
     Returns
     -------
     ndarray, shape (joints,)
-        Of the joints with an identified servo.
+        Values of the joints with an identified servo.
     """
     mujoco = require_mujoco()
     spec = servo_spec(robot, fit, gains, held)

@@ -9,6 +9,7 @@ gives the intervals.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -47,7 +48,8 @@ class Evolved(NamedTuple):
     best : ndarray, shape (parameters,)
         Point of least error.
     mean : ndarray, shape (parameters,)
-        Of the last distribution, `width` its size and `spread` its covariance's shape.
+        Mean of the last distribution, `width` its size and `spread` its covariance's
+        shape.
     """
 
     best: Vector
@@ -174,11 +176,11 @@ def identify_servos(
         To learn from, and to be simulated only; of the latter only the duty's gain
         and deadband are used, where they are measured, and for themselves alone.
     forms : sequence of str
-        Of `FORMS`.
+        Some of `FORMS`.
     gain : float, optional, [1/rad]
         Share of full duty over position error, of logs without a duty.
     seed : int
-        Of the search.
+        Seed of the search.
 
     Raises
     ------
@@ -208,16 +210,55 @@ def identify_servos(
             "servo that moves two joints is not supported. Lock the joints, or remove "
             "them from the file"
         )
-    _require_names([log.name for log in (*training, *validation)])
+    data = _ServoData(robot, tuple(training), tuple(validation), gain)
+    _require_names([log.name for log in data.logs])
     still = _not_moved(robot, training)
-    known = [log.volts for log in training if log.volts is not None]
-    volts = float(np.median(known)) if known else None
     joints = tuple(
-        _identified(robot, place, training, validation, volts, forms, gain, seed)
+        _identified(data, place, forms, seed)
         for place, name in enumerate(robot.joint_names)
         if name not in still
     )
-    return ServoFit(robot.name, joints, volts, still)
+    return ServoFit(robot.name, joints, data.volts, still)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _ServoData:
+    """A robot and its logs; `gain` is that of logs without a duty."""
+
+    robot: RobotModel
+    training: tuple[ServoLog, ...]
+    validation: tuple[ServoLog, ...]
+    gain: float | None
+
+    @property
+    def logs(self) -> tuple[ServoLog, ...]:
+        """All logs, those for training first."""
+        return (*self.training, *self.validation)
+
+    @property
+    def volts(self) -> float | None:
+        """Median voltage of the training logs that state theirs."""
+        known = [log.volts for log in self.training if log.volts is not None]
+        return float(np.median(known)) if known else None
+
+    def laws(self, joint: int) -> list[DutyLaw]:
+        """Return the law of each log's duty."""
+        return [_law(log, joint, self.gain) for log in self.logs]
+
+    def pieces(
+        self,
+        joint: int,
+        laws: Sequence[DutyLaw],
+        window: float | None,
+        *,
+        validation: bool = False,
+    ) -> Pieces:
+        """Return the training logs, or those for validation, in windows or whole."""
+        count = len(self.training)
+        mine = self.validation if validation else self.training
+        of = laws[count:] if validation else laws[:count]
+        pairs = [(law.gain, law.deadband) for law in of]
+        return cut_pieces(self.robot, mine, joint, pairs, self.volts, window)
 
 
 def _require_names(names: Sequence[str]) -> None:
@@ -247,45 +288,33 @@ def _not_moved(robot: RobotModel, logs: Sequence[ServoLog]) -> dict[str, float]:
 
 
 def _identified(
-    robot: RobotModel,
-    joint: int,
-    training: Sequence[ServoLog],
-    validation: Sequence[ServoLog],
-    volts: float | None,
-    forms: Sequence[str],
-    gain: float | None,
-    seed: int,
+    data: _ServoData, joint: int, forms: Sequence[str], seed: int
 ) -> JointServo:
-    laws = [_law(log, joint, gain) for log in (*training, *validation)]
-    pairs = [(law.gain, law.deadband) for law in laws]
-    count = len(training)
-    deadband = float(np.median([law.deadband for law in laws[:count]]))
-
-    def cut(logs: Sequence[ServoLog], of: slice, window: float | None) -> Pieces:
-        return cut_pieces(robot, logs, joint, pairs[of], volts, window)
-
-    short = cut(training, slice(count), _window(training))
-    whole = cut(training, slice(count), None)
+    """Fit each form of friction to one joint's servo."""
+    training, laws = data.training, data.laws(joint)
+    deadband = float(np.median([law.deadband for law in laws[: len(training)]]))
+    short = data.pieces(joint, laws, _window(training))
+    whole = data.pieces(joint, laws, None)
     box = box_of(training, joint, short)
     found, named = [], dict[str, dict[str, float]]()
-    judged = cut(validation, slice(count, None), None) if validation else None
+    unseen = None
+    if data.validation:
+        unseen = data.pieces(joint, laws, None, validation=True)
     for name in forms:
         names = (*names_shown(training, joint), *FORMS[name])
         found.append(_fitted(name, names, box, short, whole, seed))
-        if judged is not None:
-            errors = _finite_errors(_sets(found[-1].values), judged).tolist()
-            logs = [log.name for log in validation]
+        if unseen is not None:
+            errors = _finite_errors(_sets(found[-1].values), unseen).tolist()
+            logs = [log.name for log in data.validation]
             named[name] = dict(zip(logs, errors, strict=True))
-    gains = {
-        log.name: law.gain
-        for log, law in zip((*training, *validation), laws, strict=True)
-    }
+    pairs = list(zip(data.logs, laws, strict=True))
+    gains = {log.name: law.gain for log, law in pairs}
     followed = {
         log.name: float(np.mean(abs(log.goal[:, joint] - log.position[:, joint])))
-        for log in (*training, *validation)
+        for log in data.logs
     }
     return JointServo(
-        robot.joint_names[joint], tuple(found), gains, deadband, named, followed
+        data.robot.joint_names[joint], tuple(found), gains, deadband, named, followed
     )
 
 

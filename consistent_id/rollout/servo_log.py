@@ -179,14 +179,14 @@ def read_servo_logs(
     Parameters
     ----------
     joints : sequence of str
-        Of the robot.  With several, a column's name has the joint's name, or its
+        Joints of the robot.  With several, a column's name has the joint's name, or its
         number from 1; one supply or temperature may be that of all.
     columns : mapping of str to str, optional
         Columns of ``time``, ``position``, ``goal``, ``duty``, ``volts``,
         ``temperature``, ``enabled``; ``{joint}`` stands for a joint's name.  By default
         they are found by their words.
     units : {"rad", "deg", "ticks"}
-        Of positions and goals.
+        Units of positions and goals.
     full_duty : float, optional
         The number that stands for full duty; by default the largest one if it
         stays while the position error grows, else the next of 1, 100, 885, 1000 and

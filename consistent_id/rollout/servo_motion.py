@@ -48,7 +48,7 @@ class Pieces:
     start, speed : ndarray, shape (pieces,), [rad, rad/s]
         Measured at the beginning.
     gain, deadband : ndarray, shape (pieces,)
-        Of the firmware, [1/rad, rad].
+        Gain and deadband of the firmware, [1/rad, rad].
     supply : ndarray, shape (pieces,)
         Voltage over the nominal one.
     warmth : ndarray, shape (pieces,), [K]
@@ -64,7 +64,7 @@ class Pieces:
         Fourier coefficients of the bodies' torque at rest, and of the part that is
         proportional to the speed.
     times : tuple of ndarray, [s]
-        Of the samples of each piece, and `measured` positions [rad].
+        Times of the samples of each piece, and `measured` positions [rad].
     """
 
     source: IntArray

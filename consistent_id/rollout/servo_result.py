@@ -1,4 +1,4 @@
-"""What was found of servos: parameters, errors, and the verdict on them."""
+"""The result of identified servos: parameters, errors, and the verdict on them."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -58,7 +58,7 @@ class JointServo:
         Errors by form, of each log that was not learnt from.
     goal_error : dict of str to float, [rad]
         Mean distance between goal and position in each log: the error of a servo that
-        is taken to be where it is told to be.
+        is assumed to be at its commanded position.
     """
 
     joint: str
@@ -83,7 +83,7 @@ class JointServo:
 
     @property
     def reasons(self) -> tuple[Reason, ...]:
-        """What speaks against its use, the worst first."""
+        """Reasons against its use, the worst first."""
         return tuple(_reasons(self))
 
     @property
@@ -170,7 +170,7 @@ class ServoFit:
         return float(np.mean(found)) if found else float("nan")
 
     def tables(self) -> list[Table]:
-        """Return what was found, for people."""
+        """Return the results for people."""
         shown, verdict = self.validation_error(), self.verdict
         kinds = ", ".join(dict.fromkeys(reason.kind for reason in verdict.grounds))
         said = f"{verdict.word}: servo" + (f"; {kinds}" if kinds else "")
@@ -201,7 +201,7 @@ class ServoFit:
         ]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what was found by name, for JSON."""
+        """Return the results by name, for JSON."""
         return {
             "format": "consistent_id servo 1",
             "robot": self.robot,

@@ -42,7 +42,7 @@ OF_OBSERVER = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactState:
-    """What the detector knows after a sample.
+    """The detector's state after a sample.
 
     Attributes
     ----------
@@ -50,8 +50,8 @@ class ContactState:
     contact : bool
         Whether a contact begins, changes or ends: the distance is above 1.
     distance : float
-        Of the torque from its mean, over the threshold; the least of the samples in a
-        row that have to exceed it.
+        Distance of the torque from its mean, over the threshold; the least of the
+        samples in a row that have to exceed it.
     change : ndarray, shape (joints,), [N m or N]
         The torque less its mean.
     begun : float, [s]
@@ -77,7 +77,7 @@ class ContactState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contacts:
-    """What a detector says of a log.
+    """The result of a detector for a log.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ class ContactDetector:
     memory : tuple of float, [s]
         Ages of the newest and the oldest sample of the mean.
     hours : float
-        Of the logs that it was fitted to.
+        Duration in hours of the logs that it was fitted to.
     in_a_row : int
         Samples that have to be beyond the threshold, one after the other.
     """
@@ -153,7 +153,7 @@ class ContactDetector:
         memory: tuple[float, float] = MEMORY,
         in_a_row: int | None = None,
     ) -> "ContactDetector":
-        """Return the detector that is right for these logs.
+        """Return the detector whose thresholds are learned from these logs.
 
         Values that a log repeats, because the robot was read faster than it answers,
         change nothing: means and alarms go by time.
@@ -166,7 +166,7 @@ class ContactDetector:
             model's torque (`torque_command`) make the threshold depend on the motion;
             each is used if all logs have it.
         free : sequence of array_like of bool, shape (samples,), optional
-            Of each log, samples at which nothing touched the arm; by default all.
+            Samples of each log at which nothing touched the arm; by default all.
         false_alarms : float, [1/h]
             Rate to state.  If logs are shorter than an hour, it is extrapolated: the
             distances' largest values are taken to fall off exponentially.
@@ -187,7 +187,7 @@ class ContactDetector:
         newest, oldest = memory
         if not 0.0 <= newest < oldest:
             raise ProblemError(
-                f"the memory is {memory} s, expected ages as 0.05 and 0.3"
+                f"the memory is {memory} s, expected two ages such as 0.05, 0.3"
             )
         if not 0.0 < false_alarms < np.inf:
             raise ProblemError(

@@ -69,8 +69,9 @@ int {name}_step({name}_contacts *state, double time, const double *torque,
 """
 
 _SOURCE = """#include <math.h>
-#include "{name}.h"
 
+/* As in the header, so that the file's name does not matter. */
+{header}
 enum {{ N = {n}, M = {most}, W = {width}, K = {in_a_row} }};
 {tables}
 /* Take a sample's distance: a contact is K in a row above 1. */
@@ -267,7 +268,16 @@ def detector_c(detector: DetectorValues, name: str, rate: float) -> Export:
         "levels": spread.levels,
         "weights": spread.weights,
     }
+    header = _HEADER.format(
+        guard=name.upper(),
+        name=name,
+        n=n,
+        most=most,
+        width=6 * n,
+        in_a_row=detector.in_a_row,
+    )
     source = _SOURCE.format(
+        header=header,
         name=name,
         n=n,
         most=most,
@@ -282,14 +292,6 @@ def detector_c(detector: DetectorValues, name: str, rate: float) -> Export:
         slow=repr(SLOW),
         in_a_row=detector.in_a_row,
         limit=repr(float(detector.limit)),
-    )
-    header = _HEADER.format(
-        guard=name.upper(),
-        name=name,
-        n=n,
-        most=most,
-        width=6 * n,
-        in_a_row=detector.in_a_row,
     )
     return Export(
         "c", (head + source).encode(), side=SideFile(".h", (head + header).encode())

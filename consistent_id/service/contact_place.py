@@ -1,7 +1,7 @@
 """Where an arm is touched and how hard, from the torque that the force causes.
 
 A force `F` at a point of link `k` causes ``tau = J_k(q)^T F``, on that link's joint and
-those before it.  Of points along the links, the one that explains the torque best is
+those before it.  Among points along the links, the one that explains the torque best is
 found, with the force there [Haddadin2017]_.
 """
 
@@ -26,6 +26,8 @@ RADIUS = 0.05  # m, of the links
 _CLOSE = 3.84  # 95 % of chi-squared with one degree of freedom: the place on the arm
 _SHORT = 1e-6  # m; a shorter line is its first point
 _ROUNDS = 3  # in which the torque of the force's unknown lever settles
+_SHORT_STEP = 1e-3  # m of line that a single point stands for
+_DRAWN = 4000  # forces from which the interval of their size is taken
 _OPEN = 1e-8  # of the largest eigenvalue: a direction that the torque does not show
 
 
@@ -44,7 +46,10 @@ class ContactPlace:
     force : ndarray, shape (3,), [N]
         In the base frame.
     covariance : ndarray, shape (3, 3), [N^2]
-        Of the force: by the torque's covariance, and by the points that are possible.
+        Covariance of the force: by the torque's covariance, and by the points that are
+        possible.
+    strengths : tuple of float, [N]
+        95 % interval of `strength`: from zero to infinity if no direction is known.
     open_directions : ndarray, shape (directions, 3)
         Unit vectors along which a force at the point causes no torque; the force along
         them is not known and given as zero.
@@ -59,6 +64,7 @@ class ContactPlace:
     point: Vector
     force: Vector
     covariance: Matrix
+    strengths: tuple[float, float]
     open_directions: Matrix
     misfit: float
     freedom: int
@@ -70,9 +76,10 @@ class ContactPlace:
 
     @property
     def strength_error(self) -> float:
-        """Standard error of `strength` [N].
+        """Standard error of `strength` [N], as if it were normally distributed.
 
-        Infinite if no direction of the force is known.  With open directions,
+        Several possible places make it too small: `strengths` counts them all.  It is
+        infinite if no direction of the force is known.  With open directions,
         `strength` is the size of the known part.
         """
         if len(self.open_directions) == 3:
@@ -156,10 +163,43 @@ def contact_place(
         point=points.place[best],
         force=force[best],
         covariance=inverse[best] + between,
+        strengths=_strengths(force, inverse, known, score, points.steps),
         open_directions=vectors[:, : 3 - known[best]].T,
         misfit=float(misfit[best]),
         freedom=n - int(known[best]),
     )
+
+
+def _strengths(
+    force: Array, inverse: Array, known: IntArray, score: Vector, steps: Vector
+) -> tuple[float, float]:
+    """Return the 95 % interval of the force's size, over all points.
+
+    A point counts by its length of line and by the likelihood of all forces there;
+    before the torque is seen, all sizes and all directions are as likely.
+    """
+    if not known.any():
+        return 0.0, np.inf
+    values, axes = np.linalg.eigh(inverse)
+    values = np.maximum(values, 0.0)
+    shown = np.arange(3) >= 3 - known[:, None]
+    volume = np.log(np.where(shown, values, 1.0)).sum(axis=1)
+    chance = np.maximum(steps, _SHORT_STEP) * np.exp(
+        0.5 * ((volume - score) - (volume - score).max())
+    )
+    rng = np.random.default_rng(0)  # the same interval for the same torque
+    drawn = rng.choice(len(chance), _DRAWN, p=chance / chance.sum())
+    normal = np.sqrt(values[drawn]) * rng.normal(size=(_DRAWN, 3))
+    sizes = np.linalg.norm(
+        force[drawn] + np.einsum("nij,nj->ni", axes[drawn], normal), axis=1
+    )
+    order = np.argsort(sizes)
+    # All sizes are as likely: of forces in a plane or in space, a shell has its radius,
+    # or the square of it.
+    shell = np.maximum(sizes, 1e-12) ** (1.0 - known[drawn])
+    share = np.cumsum(shell[order])
+    low, high = np.interp([0.025, 0.975], share / share[-1], sizes[order])
+    return float(low), float(high)
 
 
 def _points(robot: RobotModel, pose: Vector) -> _Points:

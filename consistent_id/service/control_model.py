@@ -19,6 +19,7 @@ from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.casadi_functions import Functions, to_c, to_casadi
 from consistent_id.export.export_formats import Export, require_exportable
+from consistent_id.export.pinocchio_model import to_pinocchio
 from consistent_id.export.smooth_friction import (
     FRICTION_VELOCITY,
     with_smooth_friction,
@@ -87,7 +88,7 @@ class ControlModel:
         return self.model.robot.joint_names
 
     def gravity(self, q: ArrayLike) -> Array:
-        """Return the torque that holds the bodies at rest."""
+        """Return the torque that balances the bodies' weight at rest."""
         return self._bodies(self.parameters, q)
 
     def bias(self, q: ArrayLike, dq: ArrayLike) -> Array:
@@ -101,8 +102,8 @@ class ControlModel:
     def friction(self, dq: ArrayLike, q: ArrayLike | None = None) -> Array:
         """Return friction: smooth at rest, and at most what was identified.
 
-        Friction by load takes the load at rest; while the arm accelerates, the load's
-        part may be more than the friction there is.
+        Friction that depends on the load is computed for the load at rest; while the
+        arm accelerates, it may exceed the real friction.
 
         Parameters
         ----------
@@ -149,6 +150,14 @@ class ControlModel:
             friction_velocity=self.friction_velocity,
             allow_refused=self.allow_refused,
         )
+
+    def pinocchio(self) -> Any:
+        """Return a ``pinocchio.Model`` of the bodies and the drives.
+
+        Its damping and dry friction are those of the estimate, not smooth, and it has
+        neither springs nor offsets; see `to_pinocchio`.
+        """
+        return to_pinocchio(self.estimate, allow_refused=self.allow_refused)
 
     def c(self, *, name: str | None = None) -> Export:
         """Return the same torques as C without allocation: a source and a header.

@@ -60,7 +60,7 @@ class ControllerLoad:
     Parameters
     ----------
     name : str
-        Of the load; letters, digits and underscores.
+        Name of the load; letters, digits and underscores.
     body : InertialParameters
         Physically consistent, in the frame of the flange.
     flange : FixedFrame
@@ -118,7 +118,7 @@ class ControllerLoad:
 
 
 def require_load_name(name: str) -> None:
-    """Refuse a name of a load that a controller's file cannot hold.
+    """Refuse a name of a load that a controller's file cannot contain.
 
     Raises
     ------
@@ -149,8 +149,8 @@ class PrincipalInertia(NamedTuple):
 def principal_inertia(inertia: Matrix) -> PrincipalInertia:
     """Return principal moments and axes, the axes as near those of the frame as can be.
 
-    Of the 24 right-handed orders and signs of the axes, the one of the least rotation
-    is taken, so that angles are small and never singular.
+    Among the 24 right-handed orders and signs of the axes, the one with the least
+    rotation is taken, so that angles are small and never singular.
 
     Parameters
     ----------
@@ -227,6 +227,20 @@ def franka_set_load(load: ControllerLoad) -> str:
     return (
         f"// {load.mark}\n"
         f"robot.setLoad({_text(load.body.mass)}, {{{{{com}}}}}, {{{{{entries}}}}});\n"
+    )
+
+
+def franka_ros2_call(load: ControllerLoad) -> str:
+    """Return a shell script that calls the ROS 2 service ``franka_msgs/srv/SetLoad``.
+
+    Quantities are those of `franka_set_load`.  Source: [FrankaMsgs]_.
+    """
+    com, entries = _list(load.body.com), _list(load.inertia.T.ravel())
+    return (
+        f"#!/bin/sh\n# {load.mark}\nset -e\n"
+        "ros2 service call /service_server/set_load franka_msgs/srv/SetLoad \\\n"
+        f'  "{{mass: {_text(load.body.mass)}, center_of_mass: {com}, '
+        f'load_inertia: {entries}}}"\n'
     )
 
 
@@ -386,6 +400,7 @@ CONTROLLER_FORMATS = (
     ControllerFormat("ur", "payload.script", ur_script),
     ControllerFormat("ur-ros2", "set_payload.sh", ros2_call),
     ControllerFormat("franka", "set_load.cpp", franka_set_load),
+    ControllerFormat("franka-ros2", "set_load.sh", franka_ros2_call),
     ControllerFormat(
         "franka-end-effector", "endeffector-config.json", franka_end_effector
     ),

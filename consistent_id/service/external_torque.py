@@ -24,13 +24,13 @@ GAIN = 20.0  # 1/s; after 50 ms 63 % of a step are seen
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObserverState:
-    """What the observer knows after a sample.
+    """The observer's state after a sample.
 
     Attributes
     ----------
     time : float, [s]
     position, velocity, torque : ndarray, shape (joints,)
-        Of the sample.
+        Values at the sample.
     external : ndarray, shape (joints,), [N m or N]
         Torque on the joints from outside.
     acceleration : ndarray, shape (joints,), [rad/s^2 or m/s^2]
@@ -65,7 +65,7 @@ class MomentumObserver:
         Its `friction_velocity` is that of the friction here: 0.01 rad/s follows
         measured torque better near rest than a value that is safe for compensation.
     gain : float or sequence of float, [1/s]
-        Of all joints, or of each.
+        Gain of all joints, or of each.
 
     Raises
     ------
@@ -109,7 +109,7 @@ class MomentumObserver:
         Parameters
         ----------
         state : ObserverState
-            Of the sample before.
+            State of the sample before.
         time : float, [s]
             Later than that one's.
         q, dq, torque : array_like, shape (joints,)
@@ -169,7 +169,7 @@ class MomentumObserver:
         if log.velocity is None or log.torque is None:
             raise ProblemError(
                 f"{log.name} has {', '.join(log.channels)}; the observer needs "
-                "velocity and torque, too. Of positions, take differences that do not "
+                "velocity and torque, too. For positions, take differences that do not "
                 "look ahead"
             )
         dt = np.diff(log.time)[:, None]
@@ -215,7 +215,7 @@ class MomentumObserver:
         external : array_like, shape (joints,), [N m or N]
             Torque from outside, less its mean before the contact.
         covariance : array_like, shape (joints, joints), [(N m)^2]
-            Of `external`.
+            Covariance of `external`.
         radius : float, [m]
 
         Raises

@@ -1,4 +1,4 @@
-"""Gains between currents and torque, tested with a load of known mass."""
+"""Gains between currents and torque, by a load of known mass or the file's bodies."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -15,6 +15,7 @@ from consistent_id.estimation.gains import DriveGains, identify_gains
 from consistent_id.estimation.uncertainties.beyond_noise import NORMAL
 from consistent_id.estimation.verdict import Reason, Verdict, percent, weighed
 from consistent_id.problems.problem import Problem
+from consistent_id.robot.inertia import INERTIAL_NAMES
 from consistent_id.robot.model import Link
 from consistent_id.service.loaded_runs import (
     LoadedRuns,
@@ -35,7 +36,7 @@ LEAST_OFF = 0.02
 @brief
 @dataclass(frozen=True, slots=True, eq=False)
 class GainCheck:
-    """Gains that a load of known mass asks for, beside those that a problem states.
+    """Gains that a load of known mass implies, beside those that a problem states.
 
     Parameters
     ----------
@@ -97,7 +98,16 @@ class GainCheck:
         notes = self.verdict.brief
         if not self.unknown.any():
             listed = ", ".join(f"{gain:.5g}" for gain in self.gains)
-            notes = (*notes, f"torque_gain = [{listed}]")
+            words = " ".join(f"{gain:.5g}" for gain in self.gains)
+            errors = " ".join(
+                f"{100.0 * error:.2g}" for error in self.factors.relative_errors
+            )
+            notes = (
+                *notes,
+                f"torque_gain = [{listed}]",
+                f"in a shell: --torque-gain {words}",
+                f"for payload also: --gain-errors {errors}",
+            )
         return Table(self.verdict.sentence, header, tuple(rows), notes)
 
     def to_dict(self) -> dict[str, Any]:
@@ -129,9 +139,9 @@ class GainCheck:
 
 def check_gains(
     problem: Problem,
-    loaded: str | Path | Sequence[str | Path],
+    loaded: str | Path | Sequence[str | Path] | None = None,
     *,
-    known_mass: float,
+    known_mass: float | None = None,
     rows: Sequence[int] | None = None,
     omit: Sequence[int] = (),
     link: str | None = None,
@@ -140,14 +150,17 @@ def check_gains(
 ) -> GainCheck:
     """Identify gains between currents and torque, from logs with a load and without.
 
+    Without a load, the gains are those with which the bodies of the robot's file are
+    right: no log shows whether they are, so the verdict is `use with care` at best.
+
     Parameters
     ----------
     problem : Problem
         The robot without the load; see `weigh_load`.
-    loaded : str, Path or sequence of them
+    loaded : str, Path or sequence of them, optional
         Logs with the load.
-    known_mass : float, [kg]
-        Of the load, from a scale.
+    known_mass : float, optional, [kg]
+        Mass of the load, from a scale; stated with `loaded`, and not without.
     rows, omit, link
         See `weigh_load`.
     accuracy : float
@@ -158,8 +171,9 @@ def check_gains(
     Raises
     ------
     ProblemError
-        See `weigh_load`; also if the torques come from commands and PD gains, or
-        there is a wrist sensor in place of torques.
+        See `weigh_load`; also if the torques come from commands and PD gains,
+        there is a wrist sensor in place of torques, or only one of `loaded` and
+        `known_mass` is stated.
     ModelError
         See `weigh_load`.
     NotExcitedError, RecordingError, SolverError
@@ -167,21 +181,57 @@ def check_gains(
     """
     require_arm(problem, known_mass)
     _require_currents(problem)
+    if (loaded is None) != (known_mass is None):
+        raise ProblemError(
+            "gains: expected logs with a load and its mass, or neither of both: state "
+            f"{'the mass (--known-mass)' if known_mass is None else 'logs (--loaded)'}"
+            " too"
+        )
     flange = flange_of(problem, link)
     load = _unused(problem.model.robot.link_names)
-    runs = LoadedRuns(problem, loaded_files(loaded, rows), rows, tuple(omit))
+    files = () if loaded is None else loaded_files(loaded, rows)
+    runs = LoadedRuns(problem, files, rows, tuple(omit))
+    known = {} if known_mass is None else {f"{load}.m": known_mass}
     factors = identify_gains(
-        problem.model,
+        runs.model,
         *runs.read({}),
-        known={f"{load}.m": known_mass},
+        known=known or _nominal_bodies(problem),
         load=Link(load),
         carrier=problem.model.robot.link_names[flange.carrier],
         accuracy=accuracy,
     )
     stated = [runs.stated_gains[joint] for joint in factors.joints]
-    reasons = _reasons(factors)
+    reasons = [*_reasons(factors), *(() if known else (_ASSUMED,))]
     verdict = weighed(METHOD, reasons, tuple(accepted), None, ())
     return GainCheck(factors, np.array(stated), verdict)
+
+
+_ASSUMED = Reason(
+    "assumed gains",
+    "use with care",
+    "the gains are those with which the bodies of the robot's file are right, which no "
+    "log of the robot alone shows; the intervals do not contain errors of the file",
+    "weigh a known load: --loaded LOG --known-mass KG",
+)
+
+
+def _nominal_bodies(problem: Problem) -> dict[str, float]:
+    """Return the inertial parameters of the robot's file, by name."""
+    robot = problem.model.robot
+    masses = [
+        0.0 if link.nominal is None else link.nominal.mass for link in robot.links
+    ]
+    if not any(masses) or any(link.nominal is None for link in robot.links):
+        raise ProblemError(
+            f"the file of {robot.name!r} has no masses: gains need a load of known "
+            "mass (--loaded LOG --known-mass KG)"
+        )
+    return {
+        f"{name}.{parameter}": float(value)
+        for name, link in zip(robot.link_names, robot.links, strict=True)
+        if link.nominal is not None
+        for parameter, value in zip(INERTIAL_NAMES, link.nominal.vector, strict=True)
+    }
 
 
 def _require_currents(problem: Problem) -> None:
@@ -231,9 +281,9 @@ def _reasons(factors: DriveGains) -> Iterator[Reason]:
             "do not use" if every else "use with care",
             f"gains of {', '.join(poor)} have standard errors above "
             f"{percent(factors.accuracy)}",
-            "check that the loaded logs have the load, and the others have not"
+            "check that loaded logs have the load, and the others have not"
             if every
-            else "use a heavier load, or motions in which it changes these torques",
+            else "use a heavier known load, or motions that change these torques",
         )
     wrong = int(gains_off(factors).sum())
     if wrong:
@@ -243,3 +293,52 @@ def _reasons(factors: DriveGains) -> Iterator[Reason]:
             f"stated gains of {wrong} of {len(factors.joints)} joints are off by "
             f"{percent(LEAST_OFF)} or more (95 %, all joints together)",
         )
+
+
+def reasons_of_gains(gains: DriveGains, applied: tuple[str, ...]) -> Iterator[Reason]:
+    """Return the reasons for a load's verdict that its known mass gives.
+
+    Parameters
+    ----------
+    applied : tuple of str
+        Joints whose torques were multiplied by their factors.
+    """
+    if gains.scale_open:
+        yield Reason("gains not tested", "use with care", gains.verdict)
+        return
+    known = zip(gains.joints, gains.identified, strict=True)
+    if poor := [joint for joint, good in known if not good]:
+        yield Reason(
+            "gains not tested",
+            "use with care",
+            f"the known mass does not show the gains of {', '.join(poor)} to "
+            f"{percent(gains.accuracy)}",
+            "use a heavier load, or motions in which it changes these torques",
+        )
+    wrong = np.flatnonzero(gains_off(gains))
+    if not len(wrong):
+        return
+    worst = wrong[np.argmax(abs(np.log(gains.gains[wrong])))]
+    change, error = gains.gains[worst] - 1.0, NORMAL * gains.standard_errors[worst]
+    done = f"; those of {', '.join(applied)} are changed here" if applied else ""
+    every = {gains.joints[place] for place in wrong} <= set(applied)
+    yield Reason(
+        "gains are off",
+        "use with care" if every else "do not use",
+        f"by the mass, the torque of {gains.joints[worst]} differs by "
+        f"{100.0 * change:+.0f} % (+- {100.0 * error:.0f} %), and the gains of "
+        f"{len(wrong)} of {len(gains.joints)} joints are others{done}",
+        "multiply torque_gain by the factors, and identify the robot again",
+    )
+
+
+def factors_table(gains: DriveGains) -> Table:
+    """Return the factors that a known mass shows, with 95 % intervals."""
+    rows = tuple(
+        (joint, f"{factor:.4f}", f"{NORMAL * error:.4f}")
+        for joint, factor, error in zip(
+            gains.joints, gains.gains, gains.standard_errors, strict=True
+        )
+    )
+    title = "Factors of the gains, by the mass that was stated"
+    return Table(title, ("joint", "factor", "95 % +-"), rows)

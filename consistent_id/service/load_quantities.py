@@ -12,7 +12,6 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector, freeze_arrays
 from consistent_id._support.tables import Table, brief
-from consistent_id.estimation.determination import KNOWN
 from consistent_id.estimation.payload import Payload
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.model import FixedFrame
@@ -114,21 +113,30 @@ def _shown(value: float, low: float, high: float) -> tuple[str, ...]:
     return f"{value:.4g}", f"{low:.4g}", f"{high:.4g}"
 
 
-def inertia_is_open(payload: Payload) -> bool:
-    """Return whether the data leave the inertia about the centre of mass open.
+def inertia_width(payload: Payload) -> float:
+    """Return how well the data show the inertia about the centre of mass.
 
-    They do if the 95 % interval of its trace is wider than `KNOWN` of its value, as for
-    every parameter: after static poses, or if the load is too small for the motion.
+    The width of the 95 % interval of its trace, over its value; infinite where it is
+    not identifiable.
     """
     free = payload.free.vector
     if free[0] <= 0.0:
-        return True
+        return np.inf
     weights = np.zeros(10)
     weights[[4, 6, 9]] = 1.0
     slopes = weights @ _slopes(free)
     error = _errors(slopes[None, :], payload.covariance)[0]
-    width = 2.0 * payload.quantile * error
-    return bool(width > KNOWN * (weights @ _central(free)))
+    trace = float(weights @ _central(free))
+    return float(2.0 * payload.quantile * error / trace) if trace > 0.0 else np.inf
+
+
+def inertia_is_open(payload: Payload) -> bool:
+    """Return whether a point mass may be nearer the truth than the estimated inertia.
+
+    It may be if the 95 % interval of the trace reaches down to half of its value: after
+    static poses, or if the load is too small for the motion.
+    """
+    return not inertia_width(payload) < 1.0
 
 
 def _change(frame: FixedFrame) -> Matrix:

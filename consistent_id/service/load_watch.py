@@ -1,10 +1,10 @@
-"""Whether a load came or went: half a second of what an estimate does not explain.
+"""Changes of the load, found in half a second of unexplained torque.
 
 A load adds the torque of one body to the link that carries it.  Its static part is
-linear in its mass and first moment, ``r = Y_c (m, h)``.  The window's mean of
-``Y_c^T W Y_c`` and ``Y_c^T W r`` says how much better the residual is explained by a
-plausible load than by none.  How large that number becomes while nothing changes is
-learned from logs without a change, with the same estimate that follows.
+linear in its mass and first moment, ``r = Y_c (m, h)``.  The window's mean of ``Y_c^T W
+Y_c`` and ``Y_c^T W r`` show how much better the residual is explained by a plausible
+load than by none.  The size of that number while nothing changes is learned from logs
+without a change, with the same estimate that follows.
 
 Dry friction of a joint that rests has any value up to its level.  So the covariance of
 the residual, ``W^-1``, has this level's square in addition where a joint is near rest.
@@ -35,7 +35,7 @@ _FULL = 0.8  # share of the window that samples have to cover
 
 
 class WatchedBlock(NamedTuple):
-    """What a block says of a change of load.
+    """The evidence of a block for a change of load.
 
     Attributes
     ----------
@@ -65,9 +65,9 @@ class LoadWatch:
     Parameters
     ----------
     covariance : ndarray, shape (torque joints, torque joints), [(N m)^2]
-        Of what the estimate does not explain while joints move.
+        Covariance of the residuals while joints move.
     held : ndarray, shape (torque joints,), [N m or N]
-        Friction that may hold a joint at rest.
+        Friction that may balance a joint at rest.
     widths : ndarray, shape (4,)
         Mass [kg] and first moments [kg m] of a usual load.
     limit : float
@@ -75,7 +75,7 @@ class LoadWatch:
     false_alarms : float, [1/h]
         Stated rate.
     hours : float
-        Of the logs that it was learned from.
+        Duration in hours of the logs that it was learned from.
     window : float, [s]
     """
 
@@ -101,13 +101,13 @@ class LoadWatch:
         )
 
     def block(self, rows: "WatchedRows", free: Matrix | None = None) -> WatchedBlock:
-        """Return what a block's residuals say.
+        """Return the evidence of a block's residuals.
 
         Parameters
         ----------
         rows : WatchedRows
         free : ndarray, shape (samples, torque joints), [N m or N], optional
-            What the robot without a load does not explain; by default the residual.
+            Residual of the robot without a load; by default the residual.
         """
         near = 1.0 - np.tanh(rows.velocity / SLOW) ** 2
         covariance = self.covariance + _diagonals(near * self.held**2)
@@ -137,7 +137,7 @@ class LoadWatch:
         Parameters
         ----------
         covariance : ndarray, shape (4, 4)
-            Of the carried mass and first moment as they are known.
+            Covariance of the carried mass and first moment as they are known.
         """
         if not blocks or blocks[-1].last - blocks[0].first < _FULL * self.window:
             return 0.0
@@ -148,7 +148,7 @@ class LoadWatch:
         return self._better(information, residual, covariance)
 
     def is_free(self, block: WatchedBlock, covariance: Matrix) -> bool:
-        """Return whether a block is rather without a load than with the known one."""
+        """Return whether a block fits better without a load than with the known one."""
         information, n = block.information / block.samples, block.samples
         none = np.zeros((PARTS, PARTS))
         as_free = self._better(information, block.of_free / n, none)
@@ -176,7 +176,7 @@ class WatchedRows(NamedTuple):
     columns : ndarray, shape (samples, torque joints, 4)
         Torque per mass and first moment of the link that carries loads.
     residual : ndarray, shape (samples, torque joints), [N m or N]
-        What the estimate does not explain.
+        The residual of the estimate.
     velocity : ndarray, shape (samples, torque joints), [rad/s or m/s]
     """
 
@@ -264,8 +264,8 @@ def scores_along(
 def _moving_covariance(logs: Sequence[Quiet]) -> Matrix:
     """Return the residual's covariance in samples in which joints move.
 
-    A sample counts as far as its slowest joint moves; all of them a little, so that
-    joints which never move together have a covariance, too.
+    A sample is weighted by the speed of its slowest joint; all have a least weight, so
+    that joints which never move together have a covariance, too.
     """
     total, count = 0.0, 0.0
     for rows in (rows for log in logs for rows in log.blocks):

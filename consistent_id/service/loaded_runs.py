@@ -8,9 +8,13 @@ import msgspec
 import numpy as np
 
 from consistent_id.errors import ProblemError
-from consistent_id.problems.file import RecordingTable
+from consistent_id.problems.draft_rows import clock_of
+from consistent_id.problems.file import PreparationTable, RecordingTable
 from consistent_id.problems.problem import Problem
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.clocks import own_rate
+from consistent_id.regression.drive.drive_terms import DriveTerms
+from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.kinematics import fixed_place
 from consistent_id.robot.loaders.urdf_in_place import rotation_of
 from consistent_id.robot.model import FixedFrame, RobotModel
@@ -61,6 +65,34 @@ class LoadedRuns:
         each = [stated] * len(joints) if isinstance(stated, float | int) else stated
         return dict(zip(joints, each, strict=True))
 
+    @property
+    def model(self) -> TorqueModel:
+        """The problem's model, with offsets in place of asymmetric dry friction.
+
+        In motion they are equal.  At rest dry friction has any value between its two
+        levels: an offset is their middle, where `AsymmetricCoulomb` is zero, so that
+        poses would show a load that is not there.  A model whose constraints name the
+        two levels stays as it is, and so does one of terms that keywords cannot choose.
+        """
+        model = self.problem.model
+        if not any(terms.asymmetric for terms in model.terms):
+            return model
+        try:
+            changed = replace(
+                model,
+                drive=tuple(
+                    DriveTerms(terms=terms.terms, asymmetric=False, offset=True)
+                    if terms.asymmetric
+                    else terms
+                    for terms in model.terms
+                ),
+            )
+            for constraint in self.problem.constraints:
+                constraint.lower(changed)
+        except ProblemError:
+            return model
+        return changed
+
     def read(self, factors: Mapping[str, float]) -> tuple[Recordings, Recordings]:
         """Return the prepared recordings with the load, and without it.
 
@@ -70,7 +102,7 @@ class LoadedRuns:
         Parameters
         ----------
         factors : mapping of str to float
-            Of the gains of joints; others keep theirs.
+            Factors of the gains of joints; others keep theirs.
         """
         problem, data = self.problem, self.problem.table.data
         if data is None:
@@ -90,8 +122,19 @@ class LoadedRuns:
         gains = [g * factors.get(j, 1.0) for j, g in self.stated_gains.items()]
         # They are added to the validation recordings, so that they are prepared with
         # what was found in the training recordings.
+        preparation = data.preparation
+        raws = [self._cut(problem.read(one.file, omit=self.omit)) for one in added]
+        _require_samples(raws, preparation)
+        if raws:
+            # Poses that were recorded one after another have gaps between them.
+            clock = clock_of(raws, preparation.max_gap)
+            resample = preparation.resample or clock.resample
+            preparation = msgspec.structs.replace(
+                preparation, max_gap=clock.max_gap, resample=resample
+            )
         changed = msgspec.structs.replace(
             data,
+            preparation=preparation,
             recordings=[*data.recordings, *added],
             torque_gain=gains if factors else data.torque_gain,
         )
@@ -100,6 +143,30 @@ class LoadedRuns:
         )
         first = len(problem.validation)
         return both.validation[first:], (*both.training, *both.validation[:first])
+
+    def _cut(self, raw: Recording) -> Recording:
+        """Return the rows of a log that count."""
+        if self.rows is None:
+            return raw
+        first, last = (
+            row - sum(omitted < row for omitted in self.omit) for row in self.rows
+        )
+        span = slice(max(first - 1, 0), last)
+        # Rows that are not there are refused where the logs are prepared.
+        return raw.samples(span) if len(raw.time[span]) > 1 else raw
+
+
+def _require_samples(raws: Sequence[Recording], table: PreparationTable) -> None:
+    """Refuse tables with a row for each pose, which no filter can take."""
+    cutoffs = (table.motion_cutoff or 0.0, table.torque_cutoff or 0.0)
+    for raw in raws:
+        if (rate := own_rate(raw)) <= 2.0 * max(cutoffs):
+            raise ProblemError(
+                f"{raw.name} has {rate:.3g} samples a second, and logs without the "
+                f"load are filtered at {max(cutoffs):g} Hz; expected more than twice "
+                "that. A row for each pose is not enough: record each pose for a "
+                "second or more"
+            )
 
 
 def require_arm(problem: Problem, known_mass: float | None) -> None:

@@ -144,7 +144,7 @@ def local_motion(
 
 
 def _polynomials(ages: Matrix, degree: int) -> Array:
-    """Return what takes samples to coefficients: (windows, degree + 1, samples)."""
+    """Return matrices from samples to coefficients: (windows, degree + 1, samples)."""
     scale = abs(ages).max()
     powers = (ages / scale)[..., None] ** np.arange(degree + 1)
     return np.asarray(np.linalg.pinv(powers) / scale ** np.arange(degree + 1)[:, None])

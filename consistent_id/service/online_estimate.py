@@ -1,10 +1,10 @@
 """An estimate that follows the robot in service: warmth, wear, loads on and off.
 
-Each block of samples extends a triangular factor, whose older rows fade:
-``R <- QR of [exp(-dt / 2 memory) R; rows of the block]``.  The parameters are those of
-the least misfit within the constraints, with an anchor at the estimate that they began
-from, for what the last minutes do not determine.  All is a function of state and block:
-no thread, no clock, the same state again for the same blocks.
+Each block of samples extends a triangular factor, whose older rows fade: ``R <- QR of
+[exp(-dt / 2 memory) R; rows of the block]``.  The parameters are those of the least
+misfit within the constraints, with an anchor at the estimate that they began from, for
+parameters that the last minutes do not determine.  The result is a function of state
+and block: there is no thread and no clock, and the same blocks give the same state.
 """
 
 from collections.abc import Iterator, Sequence
@@ -332,7 +332,7 @@ class OnlineEstimate:
         return self._solved(state) if due or state.relearned == state.time else state
 
     def _learned(self, state: OnlineState, rows: FadedRows) -> OnlineState:
-        """Return the state with the rows of a block, and with what the watch says."""
+        """Return the state with the rows of a block, and with the watch's answer."""
         now = float(rows.time[-1])
         new = rows.faded(self.memory, self.sigma, self.held)
         passed = now - (state.time if state.time > -np.inf else rows.time[0])
@@ -424,7 +424,7 @@ class OnlineEstimate:
 
 
 def _require_settings(online: OnlineEstimate) -> None:
-    """Refuse numbers with which an estimate would not follow, or wrongly."""
+    """Refuse numbers with which an estimate would follow wrongly or not at all."""
     for name in ("memory", "bodies", "capacity", "period"):
         value = getattr(online, name)
         endless = name in ("memory", "period")

@@ -100,7 +100,7 @@ class FadedRows:
             )
 
     def less(self, x: Vector) -> Matrix:
-        """Return what parameters do not explain, [N m or N]."""
+        """Return the torque that parameters do not explain, [N m or N]."""
         rest = self.torque - self.regressor @ x
         return rest if self.known is None else rest * self.known
 
@@ -131,7 +131,7 @@ def extended_by(factor: Matrix, rows: Matrix) -> Matrix:
 
 
 def without_body(factor: Matrix, own: slice) -> Matrix:
-    """Return a factor that knows nothing of a link's body, and all else as before.
+    """Return a factor without information on a link's body, and otherwise unchanged.
 
     The least misfit over the body's parameters: rows that contain them, after they were
     eliminated first, are left out.

@@ -1,4 +1,4 @@
-"""What an estimate that follows assumes, and what it knows after a block of samples.
+"""The assumptions of a following estimate, and its state after a block of samples.
 
 It assumes noise, typical sizes, an anchor and constraints; it knows an estimate with
 its verdict.
@@ -42,7 +42,7 @@ class LoadPlace(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Regime:
-    """What is assumed of the robot, with a load or without it.
+    """The assumptions about the robot, with or without a load.
 
     Parameters
     ----------
@@ -56,14 +56,14 @@ class Regime:
 
 
 def noise_of(estimate: Estimate) -> Vector:
-    """Return each joint's noise, times the root of how much samples are alike."""
+    """Return each joint's noise, times the root of the correlation in samples."""
     fit = estimate.fit
     alike = 1.0 if fit is None or np.isnan(fit.correlation) else fit.correlation
     return np.asarray(estimate.sigma * np.sqrt(max(alike, 1.0)))
 
 
 def held_of(estimate: Estimate) -> Vector:
-    """Return the friction that may hold each joint at rest, [N m or N]."""
+    """Return the friction that may balance each joint at rest, [N m or N]."""
     joints = len(estimate.sigma)
     held = holding(estimate.model, estimate.parameters, np.full(joints, np.nan))
     return np.asarray(np.where(np.isfinite(held), held, 0.0))
@@ -122,7 +122,7 @@ def regimes_of(
 
 
 def _without_link(known: ConicSet, own: slice, consistent: str) -> ConicSet:
-    """Return a set without what is stated of a link's body.
+    """Return a set without the constraints on a link's body.
 
     Rows and blocks that contain its parameters, such as its shape, are not of a link
     with a load; its physical consistency, the block of that label, is.
@@ -157,7 +157,7 @@ class LoadChange:
     Parameters
     ----------
     time : float, [s]
-        Of the announcement.
+        Time of the announcement.
     loaded : bool
         Whether the robot carries a load since then.
     score : float
@@ -172,12 +172,12 @@ class LoadChange:
 @brief
 @dataclass(frozen=True, slots=True, eq=False)
 class OnlineState:
-    """What is known after a block.
+    """The state after a block.
 
     Parameters
     ----------
     time, solved : float, [s]
-        Of the last sample, and of the one at the last solution.
+        Times of the last sample, and of the sample at the last solution.
     factor : ndarray, shape (parameters + 1, parameters + 1)
         ``||factor [x, -1]||^2`` is the weighted squared misfit of all samples so far,
         each faded by its age.
@@ -193,7 +193,7 @@ class OnlineState:
     change : LoadChange, optional
         The last announcement.
     score : float
-        Of the watch, over its limit: 1 or more announces a change.
+        Score of the watch, over its limit: 1 or more announces a change.
     relearned : float, [s]
         Time at which the carrying link's body was last forgotten.
     verdict : Verdict
@@ -222,7 +222,7 @@ class OnlineState:
 
     @property
     def loaded(self) -> bool:
-        """Whether the robot carries a load, as far as was announced."""
+        """Whether a load was announced that the robot carries."""
         return self.change is not None and self.change.loaded
 
     @property
@@ -240,8 +240,8 @@ def verdict_of(
     Parameters
     ----------
     links : sequence of LinkCondition
-        Of the followed parameters: constraints of one's own may allow bodies that no
-        matter has.
+        Conditions of the followed parameters: constraints of one's own may allow bodies
+        that no matter has.
     start : Verdict
         On the estimate that it began from, to which the anchor holds all that the
         samples do not determine.

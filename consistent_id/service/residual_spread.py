@@ -39,7 +39,7 @@ _FLOOR = 1e-12  # of the largest variance, which no joint's falls below
 
 @dataclass(frozen=True, slots=True)
 class Signals:
-    """Which channels describe the motion.
+    """The channels that describe the motion.
 
     A row of signals has, for all joints: torque, direction ``s = tanh(dq / SLOW)``,
     nearness to rest ``1 - s^2``, velocity, acceleration, and the model's torque.
@@ -143,7 +143,7 @@ class ResidualSpread:
     ----------
     signals : Signals
     coefficients : ndarray, shape (joints, 9)
-        Of the squared changes, see `_squares`; not negative.
+        Coefficients of the squared changes, see `_squares`; not negative.
     largest : ndarray, shape (joints, 9)
         Values above which squared changes count no more: a push that moves the arm must
         not hide itself.
@@ -338,7 +338,7 @@ def _rows(
 
 
 def _squares(rows: Matrix, means: Matrix, states: IntArray) -> Array:
-    """Return squared changes of what causes errors, shape (samples, joints, 9).
+    """Return squared changes of the causes of errors, shape (samples, joints, 9).
 
     A joint that rests has none: a push that moves it a little must not hide itself.
     """

@@ -65,7 +65,7 @@ class ConeCoordinates:
     rows, bounds : ndarray
         ``rows v <= bounds``; `moving` are their numbers in the set.
     blocks : tuple
-        Of each order.
+        Blocks of each order.
     inner : ndarray, shape (free,)
         The innermost point.
     """
@@ -99,7 +99,7 @@ class WarmFit:
     path : tuple of PathPoint
         From the largest weight to the smallest; empty if another solver was used.
     steps : int
-        Of Newton's method.
+        Number of steps of Newton's method.
     """
 
     u: Vector
@@ -171,7 +171,7 @@ def warm_fit(
     centre : ndarray, shape (parameters,)
         Centre of the ball in which the proof is valid.
     start : sequence of PathPoint
-        Of the last fit.
+        Start of the last fit.
 
     Raises
     ------

@@ -6,25 +6,28 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Vector
 from consistent_id._support.tables import Table, brief
 from consistent_id.errors import ModelError, ProblemError
 from consistent_id.estimation.determination import KNOWN
 from consistent_id.estimation.gains import DriveGains, identify_gains
 from consistent_id.estimation.judgement import MISFIT_CARE, MISFIT_REFUSED
 from consistent_id.estimation.payload import Payload, identify_payload
-from consistent_id.estimation.uncertainties.beyond_noise import NORMAL
 from consistent_id.estimation.verdict import Reason, Verdict, percent, weighed
 from consistent_id.problems.problem import Problem
-from consistent_id.recordings.recording import Recording
 from consistent_id.regression.torque_along import measured_torque
 from consistent_id.robot.model import Datasheet, FixedFrame, Link
 from consistent_id.service.controller_formats import ControllerLoad, require_load_name
-from consistent_id.service.gain_check import gains_off
+from consistent_id.service.gain_check import (
+    factors_table,
+    gains_off,
+    reasons_of_gains,
+)
 from consistent_id.service.load_quantities import (
     LoadQuantities,
     inertia_is_open,
+    inertia_width,
     load_quantities,
 )
 from consistent_id.service.loaded_runs import (
@@ -40,6 +43,14 @@ FORMAT = "consistent_id payload 1"
 """Key ``format`` of the JSON record."""
 
 METHOD = "payload"
+
+MISPLACED = 0.001
+"""Chance at most that a load is said to be on another link, although it is on its own.
+
+For a misfit that is as correlated as the residuals.
+"""
+
+_VANISHING = 1e-6  # least misfit of a joint, over its torque
 
 NEVER_SENT = (
     "mass not identifiable",
@@ -173,7 +184,7 @@ class WeighedLoad:
         if self.tool.name != self.flange.name:
             tables.append(self.in_tool.table())
         if self.gains is not None:
-            tables.append(_gains_table(self.gains))
+            tables.append(factors_table(self.gains))
         return tables
 
     def to_dict(self) -> dict[str, Any]:
@@ -221,7 +232,7 @@ def weigh_load(
     tool: str | Sequence[float] | None = None,
     name: str = "payload",
     known_mass: float | None = None,
-    gain_errors: float | Sequence[float] = 0.0,
+    gain_errors: ArrayLike = 0.0,
     accepted: Sequence[str] = (),
 ) -> WeighedLoad:
     """Estimate what a robot carries, from a log with the load and those without.
@@ -249,13 +260,14 @@ def weigh_load(
         The tool's frame: a fixed frame of the same link, or ``x, y, z`` [m] and
         optionally ``roll, pitch, yaw`` [rad] in the frame of `link`.
     name : str
-        Of the load; none of the robot's links has it.
+        Name of the load; none of the robot's links has it.
     known_mass : float, optional, [kg]
         If the load was weighed on a scale.  The load then has this mass, and the mass
         that the torques show is compared with it.  The gains that convert currents to
         torque are tested, and corrected where they are identified and wrong.
-    gain_errors : float or sequence of float
-        Relative standard errors of these gains; see `identify_payload`.
+    gain_errors : float or array_like
+        Relative standard errors of these gains, or their covariance; see
+        `identify_payload`.
     accepted : sequence of str
         Kinds of reasons for the verdict that are overlooked.
 
@@ -296,10 +308,13 @@ def weigh_load(
 
 
 class _Estimated(NamedTuple):
-    """A load, factors of the gains if a mass was stated, and whether they apply."""
+    """A load and its logs; factors of gains if a mass was stated, and of which joints.
+
+    Logs are those with the load, and those without it.
+    """
 
     payload: Payload
-    residual: float
+    logs: tuple[Recordings, Recordings]
     gains: DriveGains | None = None
     applied: tuple[str, ...] = ()
 
@@ -307,22 +322,32 @@ class _Estimated(NamedTuple):
     def corrected(self) -> bool:
         return bool(self.applied)
 
+    @property
+    def residual(self) -> float:
+        """Error of the torques of the loaded logs over the torques, all joints."""
+        error, size = 0.0, 0.0
+        for log in self.logs[0]:
+            torque = measured_torque(self.payload.robot.bare, log)
+            error += float(np.sum((self.payload.predict(log) - torque) ** 2))
+            size += float(np.sum(torque**2))
+        return float(np.sqrt(error / size)) if size > 0.0 else np.inf
+
 
 def _estimated(
     runs: LoadedRuns,
     load: Link,
     carrier: str,
     known_mass: float | None,
-    gain_errors: float | Sequence[float],
+    gain_errors: ArrayLike,
 ) -> _Estimated:
     """Return the load; with corrected gains if its known mass shows them to be off."""
     problem, logs = runs.problem, runs.read({})
-    model, constraints = problem.model, problem.constraints
+    model, constraints = runs.model, problem.constraints
 
     def of(
         logs: tuple[Recordings, Recordings],
         load: Link,
-        errors: float | Sequence[float] | Vector,
+        errors: ArrayLike,
     ) -> _Estimated:
         payload = identify_payload(
             model,
@@ -332,7 +357,7 @@ def _estimated(
             constraints=constraints,
             gain_errors=errors,
         )
-        return _Estimated(payload, _residual(payload, logs[0]))
+        return _Estimated(payload, logs)
 
     if known_mass is None:
         return of(logs, load, gain_errors)
@@ -346,21 +371,12 @@ def _estimated(
     if gains.scale_open or stated or not change.any():
         return of(logs, of_scale, gain_errors)._replace(gains=gains)
     factors = np.where(change, gains.gains, 1.0)
-    errors = np.where(change, gains.relative_errors, gain_errors)
+    errors = np.diag(np.broadcast_to(gain_errors, change.shape) ** 2)
+    errors[np.ix_(change, change)] = gains.covariance[np.ix_(change, change)]
     changed = dict(zip(gains.joints, factors.tolist(), strict=True))
     better = of(runs.read(changed), of_scale, errors)
     applied = tuple(j for j, one in zip(gains.joints, change, strict=True) if one)
     return better._replace(gains=gains, applied=applied)
-
-
-def _residual(payload: Payload, logs: Sequence[Recording]) -> float:
-    """Return the error of the loaded torques over the torques, all joints."""
-    error, size = 0.0, 0.0
-    for log in logs:
-        torque = measured_torque(payload.robot.bare, log)
-        error += float(np.sum((payload.predict(log) - torque) ** 2))
-        size += float(np.sum(torque**2))
-    return float(np.sqrt(error / size)) if size > 0.0 else np.inf
 
 
 def _reasons(
@@ -370,22 +386,35 @@ def _reasons(
     yield from _of_mass(payload, known_mass)
     if payload.free.mass > 0.0:
         yield from _of_centre(load_quantities(payload, flange))
+    yield from _of_place(payload, *found.logs)
     yield from _of_residual(found.residual)
     if found.gains is not None:
-        yield from _of_gains(found.gains, found.applied)
+        yield from reasons_of_gains(found.gains, found.applied)
     if payload.estimate.certificate.verdict != "certified":
         yield Reason(
             "optimum not proven",
             "use with care",
             payload.estimate.certificate.reason,
         )
+    yield from _of_inertia(payload)
+
+
+def _of_inertia(payload: Payload) -> Iterator[Reason]:
+    advice = "accelerate the last joints quickly, with the load and without it"
     if inertia_is_open(payload):
         yield Reason(
             "inertia is open",
             "use with care",
-            "the data do not show the inertia about the centre of mass to a quarter; "
+            "the data do not show the inertia about the centre of mass to a half; "
             "controllers get a point mass",
-            "accelerate the last joints quickly, with the load and without it",
+            advice,
+        )
+    elif (width := inertia_width(payload)) > KNOWN:
+        yield Reason(
+            "inertia is uncertain",
+            "use with care",
+            f"the interval of the inertia's trace is {percent(width)} wide",
+            advice,
         )
 
 
@@ -438,6 +467,37 @@ def _of_centre(quantities: LoadQuantities) -> Iterator[Reason]:
         )
 
 
+def _of_place(
+    payload: Payload, loaded: Recordings, unloaded: Recordings
+) -> Iterator[Reason]:
+    """Yield a reason if a load on another link explains the torques better."""
+    from scipy.special import chdtri
+
+    robot = payload.robot
+    links = robot.bare.robot.link_names
+    if len(links) < 2:
+        return
+    residuals = robot.residuals(payload.least_squares.parameters, unloaded, loaded)
+    torque = np.vstack([measured_torque(robot.bare, log) for log in loaded])
+    floor = _VANISHING * np.sqrt(np.mean(torque**2, axis=0))
+    sigma = np.maximum(np.sqrt(np.mean(residuals**2, axis=1)), floor)
+    misfits = robot.misfits(unloaded, loaded, sigma)
+    best, own = int(np.argmin(misfits)), misfits[robot.carrier]
+    independent = residuals.size / payload.correlation
+    # Twice the logarithm of the ratio of likelihoods, for ten parameters on either side
+    gain = independent * np.log(own / misfits[best])
+    if gain > chdtri(10, MISPLACED / len(links)):
+        yield Reason(
+            "not attached to this link",
+            "do not use",
+            f"with the load on {links[best]} instead of {links[robot.carrier]}, the "
+            f"misfit of robot and load is {percent(np.sqrt(misfits[best] / own))} of "
+            "this one",
+            f"name the link that carries it, such as --link {links[best]}; check that "
+            "the logs differ by this load alone",
+        )
+
+
 def _of_residual(residual: float) -> Iterator[Reason]:
     if residual <= MISFIT_CARE:
         return
@@ -448,44 +508,3 @@ def _of_residual(residual: float) -> Iterator[Reason]:
         "check the logs with consistent-id check, and that the load is fixed to this "
         "link",
     )
-
-
-def _of_gains(gains: DriveGains, applied: tuple[str, ...]) -> Iterator[Reason]:
-    if gains.scale_open:
-        yield Reason("gains not tested", "use with care", gains.verdict)
-        return
-    known = zip(gains.joints, gains.identified, strict=True)
-    if poor := [joint for joint, good in known if not good]:
-        yield Reason(
-            "gains not tested",
-            "use with care",
-            f"the known mass does not show the gains of {', '.join(poor)} to "
-            f"{percent(gains.accuracy)}",
-            "use a heavier load, or motions in which it changes these torques",
-        )
-    wrong = np.flatnonzero(gains_off(gains))
-    if not len(wrong):
-        return
-    worst = wrong[np.argmax(abs(np.log(gains.gains[wrong])))]
-    change, error = gains.gains[worst] - 1.0, NORMAL * gains.standard_errors[worst]
-    done = f"; those of {', '.join(applied)} are changed here" if applied else ""
-    every = {gains.joints[place] for place in wrong} <= set(applied)
-    yield Reason(
-        "gains are off",
-        "use with care" if every else "do not use",
-        f"the mass asks for torque of {gains.joints[worst]} that differs by "
-        f"{100.0 * change:+.0f} % (+- {100.0 * error:.0f} %), and for other gains in "
-        f"{len(wrong)} of {len(gains.joints)} joints{done}",
-        "multiply torque_gain by the factors, and identify the robot again",
-    )
-
-
-def _gains_table(gains: DriveGains) -> Table:
-    rows = tuple(
-        (joint, f"{factor:.4f}", f"{NORMAL * error:.4f}")
-        for joint, factor, error in zip(
-            gains.joints, gains.gains, gains.standard_errors, strict=True
-        )
-    )
-    title = "Factors of the gains, by the mass that was stated"
-    return Table(title, ("joint", "factor", "95 % +-"), rows)

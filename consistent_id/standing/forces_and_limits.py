@@ -53,7 +53,7 @@ class GroundForces(NamedTuple):
         On the robot, in the world's axes, z upwards, at each point of each foot.
     torque : ndarray, shape (samples, joints), [N m or N]
     share : float, [N]
-        Of the robot's weight, for each point.
+        Share of the robot's weight, for each point.
     """
 
     forces: Array
@@ -74,7 +74,7 @@ def ground_forces(
     Parameters
     ----------
     model : TorqueModel
-        Of all rows.
+        Model of all rows.
     parameters : ndarray, shape (parameters,)
     base : BaseMotion
         With its rotation.
@@ -218,10 +218,11 @@ class StandingLimits:
     least_press : float
         Of its share of the weight, with how much each foot is pressed at least.
     effort_share : float
-        Of the effort limits: the rest is for friction in the joints and for the
+        Share of the effort limits: the rest is for friction in the joints and for the
         controller.
     velocity, effort : float or mapping of str to float, optional
-        Of all joints or by name [rad/s or m/s], [N m or N], over the file's.
+        Limits of all joints or by name [rad/s or m/s], [N m or N], in place of the
+        file's.
     """
 
     friction: float = 0.6
@@ -333,7 +334,7 @@ def standing_motion(
     path: TrunkPath,
     time: Vector,
 ) -> StandingMotion:
-    """Return what a trunk's path asks of joints and ground.
+    """Return the demands of a trunk's path on joints and ground.
 
     Parameters
     ----------

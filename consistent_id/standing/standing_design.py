@@ -12,7 +12,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.files import together, write_atomically
-from consistent_id._support.run import kept_going, noted_interrupts
+from consistent_id._support.run import noted_interrupts
 from consistent_id._support.tables import Table, brief
 from consistent_id.errors import InfeasibleError, NotExcitedError, ProblemError
 from consistent_id.motion.files.ros import message_of
@@ -23,7 +23,7 @@ from consistent_id.regression.rows.contact_free import (
     contact_free_model,
     contact_free_regression,
 )
-from consistent_id.report.figures import save_figure
+from consistent_id.report.figures import draw_figure
 from consistent_id.robot.inertia import INERTIAL_NAMES, InertialParameters
 from consistent_id.robot.parameters import did_you_mean
 from consistent_id.standing.forces_and_limits import (
@@ -87,9 +87,9 @@ class StandingDesign:
     candidates : int
         Paths that were tried.
     seconds : float
-        Of the processor.
+        Processor time.
     cut_short : str
-        What ended the search before all candidates were tried; empty if nothing did.
+        The reason why the search ended before all candidates were tried; empty without.
     """
 
     stance: Stance
@@ -139,7 +139,7 @@ def design_standing(
     ----------
     stance : Stance
     model : TorqueModel
-        Whose drive terms are unknown beside the trunk.
+        Model whose drive terms are unknown beside the trunk.
     limits : StandingLimits, optional
     link : str, optional
         The body that is not known, such as a torso above the base; by default the base.
@@ -148,7 +148,7 @@ def design_standing(
         How many paths are tried.
     seed : int
     time_limit : float, [s]
-        Of the processor, after which the search ends with the best path so far; without
+        Processor time after which the search ends with the best path so far; without
         any, it goes on for as long again.  An interrupt and a SIGTERM end it in the
         same way, at once.
     tell : callable, optional
@@ -299,7 +299,7 @@ def trunk_errors(
     Raises
     ------
     NotExcitedError
-        If the motion does not tell all ten.
+        If the motion does not determine all ten.
     """
     factor = trunk_factor(stance, model, motion, link_number(stance, link))
     share = len(motion.time) / (rate * (motion.time[-1] - motion.time[0]))
@@ -354,7 +354,7 @@ def trunk_factor(
     triangle = np.asarray(np.linalg.qr(columns, mode="r"))[-10:, -10:]
     sizes = abs(np.diagonal(triangle))
     if len(triangle) < 10 or not sizes.min() > 1e-9 * sizes.max():
-        raise NotExcitedError("the trunk's path does not tell its ten parameters")
+        raise NotExcitedError("the trunk's path does not show its ten parameters")
     return np.asarray(triangle)
 
 
@@ -364,10 +364,10 @@ def standing_tables(design: StandingDesign) -> list[Table]:
     trunk = design.link
     samples = len(checked.time)
     how = (
-        f"looked at {samples} times, {CHECK_RATE:g} a second; between them nothing is "
+        f"checked at {samples} times, {CHECK_RATE:g} a second; between them nothing is "
         "proven, and bodies are not kept apart",
-        "of forces on the ground some that keep their limits; a controller may share "
-        "the weight otherwise",
+        "forces on the ground: one choice that keeps their limits; a controller may "
+        "distribute the weight otherwise",
         f"joints that stand still: {', '.join(_still(design)) or 'none'}",
     )
     uses = tuple(
@@ -451,7 +451,7 @@ def write_standing(design: StandingDesign, folder: Path, rate: float) -> list[Pa
     design : StandingDesign
     folder : Path
     rate : float, [Hz]
-        Of the samples.
+        Rate of the samples.
     """
     samples = design.recording(rate)
     table, message, picture, record = (folder / name for name in NAMES)
@@ -462,8 +462,7 @@ def write_standing(design: StandingDesign, folder: Path, rate: float) -> list[Pa
             write_atomically(message, message_of(samples)),
             write_atomically(record, text + "\n"),
         ]
-        with kept_going(f"figure {picture.name}"):
-            written.insert(2, save_figure(standing_figure(design), picture))
+        written[2:2] = draw_figure(lambda: standing_figure(design), picture)
     return written
 
 

@@ -2,12 +2,16 @@
 
 import argparse
 import os
+import re
 import shlex
 import subprocess
 import sys
 
 import pytest
+from logged import HEAD, write_arm
+from schemas import FOLDER, parsed
 
+from consistent_id.cli import main
 from consistent_id.cli.answers import Answer, show
 
 
@@ -77,3 +81,47 @@ def test_control_characters_of_files_do_not_reach_the_terminal(capsys):
 
     print_text(Namespace(quiet=False), "a\x1b[2Jb\tc\nd\x7f")
     assert capsys.readouterr().out == "a?[2Jb\tc\nd?\n"
+
+
+SOURCE = ("arm.urdf", "log.csv", "--no-select")
+KEPT = {  # what each prints that has no test of its own with its schema
+    "demo": ("demo-1", ["--dry-run"]),
+    "help": ("help-1", ["misfit"]),
+    "completion": ("completion-1", ["bash"]),
+    "init": ("draft-1", [*SOURCE, "--dry-run"]),
+    "info": ("tables-1", SOURCE),
+    "report": ("report-1", SOURCE),
+    "export": ("export-1", [*SOURCE, "--format", "urdf", "--output", "o.urdf"]),
+    "compress": ("compression-1", ["problem.toml", "--output", "r.json", "--dry-run"]),
+    "identify": ("streamed-1", ["problem.toml", "--streamed"]),
+    "select": ("selection-1", ["problem.toml", "--dry-run"]),
+}
+LONG = ("identify", "select")
+DATA = """columns = { torque = "tau_{joint}" }
+recordings = [{ file = "log.csv", role = "training" }]
+preparation = { motion_cutoff = 10.0, torque_cutoff = 10.0 }
+"""
+
+
+@pytest.mark.parametrize(
+    "command",
+    [pytest.param(c, marks=[pytest.mark.slow] if c in LONG else []) for c in KEPT],
+)
+def test_json_is_of_the_schema_that_agents_read(command, tmp_path, capsys, monkeypatch):
+    write_arm(tmp_path)
+    (tmp_path / "problem.toml").write_text(HEAD + DATA)
+    monkeypatch.chdir(tmp_path)
+    schema, words = KEPT[command]
+    assert main([command, *words, "--json", "--quiet"]) == 0
+    record = parsed(capsys.readouterr().out, schema)
+    if command not in ("info", "export"):
+        assert record["format"] == f"consistent_id {schema.replace('-', ' ')}"
+
+
+def test_every_command_has_a_schema_and_every_schema_is_on_the_page():
+    page = (FOLDER.parent / "for-agents.md").read_text()
+    table = page.split("| command | `format` | exit code 1 if |")[1].split("\n\n")[0]
+    rows = table.strip().splitlines()[1:]
+    assert all("](schemas/" in row for row in rows)
+    named = set(re.findall(r"\(schemas/([\w-]+)\.json\)", page))
+    assert named == {file.stem for file in FOLDER.glob("*.json")}

@@ -210,7 +210,7 @@ def test_what_is_exported_is_what_identify_delivers(identified, tmp_path, capsys
     delivered = json.loads(file.read_text())["parameters"]
     arguments = ["export", RX60, "--format", "json", "--output"]
     assert main([*arguments, str(tmp_path / "robot.json")]) == 0
-    assert "fitted again, after it was judged" in capsys.readouterr().out
+    assert "fitted again, after its verdict" in capsys.readouterr().out
     links = json.loads((tmp_path / "robot.json").read_text())["links"]
     for link in links:
         assert link["mass"] == delivered[f"{link['name']}.m"]["value"]

@@ -105,7 +105,9 @@ def test_a_choice_of_the_model_heeds_what_is_stated_of_it(monkeypatch, capsys):
         chosen.update(options)
         raise Seen("seen")
 
-    monkeypatch.setattr("consistent_id.problems.selection.select.select_model", seen)
+    monkeypatch.setattr(
+        "consistent_id.problems.selection.model_selection.select_model", seen
+    )
     kuka = "problems/kuka_kr300"
     words = ["--band", "9", "--keep", "coupling", "--dry-run"]
     assert main(["select", kuka, *words]) == 2
@@ -149,7 +151,7 @@ def test_a_command_has_every_option_that_is_declared(command):
 def test_the_walk_knows_every_command_that_reads_a_problem():
     (commands,) = tool_parser()._subparsers._group_actions
     others = {"lint", "repair", "reproduce", "compress", "fleet", "completion", "demo"}
-    others |= {"servo"}
+    others |= {"servo", "help"}
     assert set(commands.choices) == {*COMMANDS, *ROBOT, *others}
     for command in others - {"completion"}:  # none of what is stated is theirs
         declared = {each.option for each in declarations().values()}

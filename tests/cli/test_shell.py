@@ -13,7 +13,7 @@ import pytest
 from logged import write_arm
 from shared_studies import no_study_shared, shared_within
 
-from consistent_id import load_problem, uncertainty
+from consistent_id import __version__, load_problem, uncertainty
 from consistent_id._support.ownership import marked
 from consistent_id.cli import main
 from consistent_id.cli.answers import coloured, wants_colour, warnings_unless
@@ -164,7 +164,7 @@ def test_a_faulty_log_is_told_with_the_verdict(arm, tmp_path, capsys):
     head = capsys.readouterr().out.split("\n\n")[0]
     assert head.startswith("do not use: ")
     assert "torque sign" in head
-    assert "docs/bad-result.md" in head
+    assert "consistent-id help bad-result" in head
     kinds = ["--accept", "torque sign", "--accept", "held-out error"]
     out = tmp_path / "out"
     arguments = ["identify", arm[0], str(log), *kinds, "--output", str(out), "--json"]
@@ -241,7 +241,7 @@ def test_the_package_runs_as_a_module_and_says_its_version():
         capture_output=True,
         text=True,
     )
-    assert done.stdout.strip() == "0.1.0"
+    assert done.stdout.strip() == __version__
 
 
 def test_work_that_takes_too_long_is_given_up_with_3(arm, capsys, monkeypatch):
@@ -323,7 +323,7 @@ def test_demo_copies_the_problems_once_and_keeps_what_was_edited(
     assert main(["demo", "--dry-run"]) == 0 and not (tmp_path / "problems").exists()
     assert main(["demo", "--json"]) == 0
     source = Path(__file__).parents[2] / "problems"
-    for name in ("rx60/problem.toml", "kuka_kr300/FF_A.parquet", "README.md"):
+    for name in ("rx60/problem.toml", "kuka_kr300/FF_A.csv", "README.md"):
         copy = tmp_path / "problems" / name
         assert copy.read_bytes() == (source / name).read_bytes()
     assert main(["demo", "--output", "a b", "--dry-run"]) == 0
@@ -334,3 +334,41 @@ def test_demo_copies_the_problems_once_and_keeps_what_was_edited(
     assert main(["demo"]) == 2
     assert "is there already" in capsys.readouterr().err
     assert main(["demo", "--force"]) == 0 and "edited" not in copy.read_text()
+
+
+def test_help_says_what_a_reason_means(capsys):
+    rules = Path(__file__).parents[2] / "consistent_id/estimation/judgement.py"
+    text = rules.read_text()
+    every = re.findall(r'Reason\(\s*"([^"]+)",\s*"([^"]+)"', text)
+    kinds = {kind for kind, word in every if word != "use"}
+    assert len(kinds) > 10
+    for kind in kinds:
+        assert main(["help", kind]) == 0
+        name, *lines = capsys.readouterr().out.splitlines()
+        assert name == kind
+        assert lines[0].startswith("  means: ") and any("  to do: " in n for n in lines)
+
+
+def test_help_prints_pages_and_the_help_of_commands(capsys):
+    assert main(["help"]) == 0
+    assert "bad-result" in capsys.readouterr().out
+    for topic in ("bad-result", "docs/bad-result.md"):
+        assert main(["help", topic]) == 0
+        assert capsys.readouterr().out.startswith("# My result is bad, what now?\n")
+    with pytest.raises(SystemExit):
+        main(["demo", "--help"])
+    shown = capsys.readouterr().out
+    assert main(["help", "demo"]) == 0 and capsys.readouterr().out == shown
+    assert main(["help", "bad-reslt"]) == 2
+    assert "known: bad-result" in capsys.readouterr().err
+
+
+def test_pages_that_messages_name_are_printed_by_help(capsys):
+    package = Path(__file__).parents[2] / "consistent_id"
+    source = "".join(file.read_text() for file in package.rglob("*.py"))
+    strings = re.findall(r'"[^"\n]*"', source)
+    assert [s for s in strings if re.search(r"docs/[\w-]+\.md", s)] == []
+    topics = set(re.findall(r"consistent-id help ([a-z-]+)", "".join(strings)))
+    assert {"bad-result", "wrist-sensor"} <= topics
+    for topic in topics:
+        assert main(["help", topic]) == 0

@@ -21,8 +21,9 @@ from consistent_id import (
 )
 from consistent_id._support.tables import Table
 from consistent_id.comparison.comparison import verdict_table
-from consistent_id.comparison.feasibility import in_words
+from consistent_id.comparison.feasibility import base_feasibility, in_words
 from consistent_id.estimation.estimate import torque_errors
+from consistent_id.regression import base_parameters
 from consistent_id.report.summary import comparison_tables
 from consistent_id.robot.inertia import InertialParameters
 
@@ -142,6 +143,22 @@ def test_comparing_nothing_or_different_models_is_refused():
 )
 def test_violations_are_said_in_words(vector, words):
     assert words in in_words(np.array(vector, dtype=float))
+
+
+def test_the_link_that_cannot_be_consistent_is_named_and_no_other():
+    # Two pendulums, one on the other: Izz of the second is a base parameter itself.
+    robot = from_modified_dh("arm", [DHRow(-np.pi / 2, 0.0), DHRow(0.0, 0.5)])
+    model = TorqueModel(robot)
+    base = base_parameters(model)
+    ball = InertialParameters.from_central(2.0, [0.3, 0.0, 0.0], 0.01 * np.eye(3))
+    values = base.projection @ np.tile(ball.vector, 2)
+    assert base_feasibility(model, base, values).answer == "consistent"
+    values[base.names.index("link2.Izz")] = -0.1
+    found = base_feasibility(model, base, values)
+    assert found.answer == "impossible"
+    (violation,) = found.violations
+    assert violation.link == "link2" and violation.margin < 0.0
+    assert "link2: the least moment of inertia, " in found.summary
 
 
 def test_tables_align_numbers_and_escape_bars_in_markdown():

@@ -52,7 +52,7 @@ def test_of_a_half_space_the_p_value_is_half_that_of_chi_square(errors):
 @pytest.mark.parametrize("errors", some_fast([3.0, 1.5]))
 def test_an_estimated_noise_level_makes_it_that_of_an_f_distribution(errors):
     model, _, regression = noisy_pendulum(1)
-    few = replace(regression.noise, freedom=np.array([5.0]), blocks=1.0)
+    few = replace(regression.noise, freedom=np.array([5.0]), beyond=1.0)
     regression = replace(regression, noise=few)
     # The test weights by the level of all parameters, not by the error of this one.
     weighted = regression.weighted(joint_noise(model, regression))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from consistent_id.constraints.cones import certificate
+from consistent_id.constraints.cones import certificate, least_norm
 from consistent_id.constraints.cones.certificate import certify, solve_certified
 from consistent_id.constraints.cones.least_norm import (
     LeastNorm,
@@ -25,8 +25,11 @@ def equal(A, b):
     return ConicSet.equal(A, b, [f"row {i}" for i in range(len(b))])
 
 
+@pytest.mark.parametrize("together", [5, 0])
 @pytest.mark.parametrize("seed", range(20))
-def test_optima_in_a_box_are_those_of_scipy(seed):
+def test_optima_in_a_box_are_those_of_scipy(seed, together, monkeypatch):
+    # Rows change sides one at a time at last, and from the first change on.
+    monkeypatch.setattr(least_norm, "_TOGETHER", together)
     rng = np.random.default_rng(seed)
     G, g = rng.normal(size=(9, N)), rng.normal(size=9)
     low, high = -rng.uniform(0.0, 0.4, N), rng.uniform(0.0, 0.4, N)

@@ -26,7 +26,7 @@ from consistent_id.diagnosis.all_logs import (
 )
 from consistent_id.diagnosis.alternatives import gravity_in
 from consistent_id.diagnosis.channel_factors import channel_factors
-from consistent_id.diagnosis.contact import joint_residuals
+from consistent_id.diagnosis.contact_stretches import joint_residuals
 from consistent_id.diagnosis.explain import (
     RUBS,
     datasheet_constraints,
@@ -241,7 +241,8 @@ def test_bodies_that_friction_hides_show_no_wrong_clock(times, named):
     rates = {"velocity": log.velocity / 2, "acceleration": log.acceleration / 4}
     as_is = _fitted(model, low_passed(replace(log, **rates), torque_cutoff=5.0))
     assert (as_is.friction < RUBS) == named
-    assert [f.kind for f in _of_whole_robot([as_is])] == ["clock"] * named
+    found = [f.kind for f in _of_whole_robot([as_is]) if f.severity != "note"]
+    assert found == ["clock"] * named
 
 
 def test_what_is_kept_of_a_log_goes_with_it():

@@ -7,7 +7,7 @@ import pytest
 from faulty_logs import arm, at_samples, clean_log
 
 from consistent_id import Recording, differentiated
-from consistent_id.diagnosis.contact import (
+from consistent_id.diagnosis.contact_stretches import (
     JointResidual,
     contact,
     joint_residuals,

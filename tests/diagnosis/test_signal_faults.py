@@ -16,6 +16,7 @@ from consistent_id.diagnosis.signal_faults import (
     noise_share,
     resolution_findings,
     spike_findings,
+    standing_findings,
 )
 from consistent_id.recordings.signals import unwrapped
 
@@ -35,7 +36,7 @@ def _stopped(values):
 def test_clean_signals_are_not_accused():
     log = clean_log(0)
     found = [*frozen_findings(log), *spike_findings(log), *jump_findings(log)]
-    found += [*noise_findings(log), *hold_findings(log)]
+    found += [*noise_findings(log), *hold_findings(log), *standing_findings(log)]
     assert found + resolution_findings(log, log) == []
 
 
@@ -156,6 +157,57 @@ def test_a_torque_that_is_held_is_neither_coarse_nor_at_its_limit():
     assert saturation_findings(log) == resolution_findings(log, log) == []
     few = log.samples(slice(0, 800))  # 40 values
     assert resolution_findings(few, few) == []
+
+
+@pytest.mark.parametrize(("frequency", "severity"), [(0.5, "warning"), (1.5, "fault")])
+def test_what_a_torque_loses_between_updates_decides_on_a_fault(frequency, severity):
+    """Of a sine, neighbours a time T apart differ by 2 sin(w T / 2) of its size."""
+    log = clean_log(0)
+    wave = np.sin(2.0 * np.pi * frequency * log.time)
+    held = _held(replace(log, torque=np.column_stack([wave] * len(log.joints))), 20)
+    (finding,) = hold_findings(held)
+    lost = 2.0 * np.sin(np.pi * frequency * 0.1) / np.sqrt(12.0)
+    assert f"{lost:.0%} of it is lost" in finding.statement
+    assert finding.severity == severity
+
+
+def _standing(samples, *, brakes=False):
+    """Return a log that repeats a row, or of a robot that brakes and rests."""
+    log = clean_log(0)
+    rows = np.arange(len(log))
+    if brakes:  # along the same path, slower and slower, and back to speed
+        pace = np.clip(abs(rows - 2000) / 300.0 - 0.2, 0.0, 1.0)
+        path = np.cumsum(pace)
+        position = np.column_stack([np.interp(path, rows, q) for q in log.position.T])
+        still = np.concatenate(
+            [[False], (np.diff(position, axis=0) == 0.0).all(axis=1)]
+        )
+        last = np.maximum.accumulate(np.where(still, 0, rows))
+        return replace(log, position=position, velocity=None, torque=log.torque[last])
+    kept = np.where(rows < 2000, rows, np.maximum(rows - samples, 2000))
+    return replace(log, position=log.position[kept], torque=log.torque[kept])
+
+
+@pytest.mark.parametrize(
+    ("samples", "severities"), [(400, ["fault"]), (60, ["warning"]), (30, [])]
+)
+def test_a_log_that_repeats_a_row_stood_still_and_no_robot_did(samples, severities):
+    found = standing_findings(_standing(samples))
+    assert [f.severity for f in found] == severities
+    assert all("(10 to 12 s)" in f.statement for f in found if f.severity == "fault")
+
+
+def test_a_robot_that_brakes_and_rests_is_no_log_that_stood_still():
+    log = _standing(0, brakes=True)
+    rests = (np.diff(log.position, axis=0) == 0.0).all(axis=1)
+    assert rests.sum() > 100  # half a second
+    assert standing_findings(log) == []
+    brief = log.samples(
+        slice(1930, 2070)
+    )  # nearly all rest: too little to compare with
+    assert standing_findings(brief) == []
+    coarse = replace(log, position=np.round(log.position / 1e-4) * 1e-4)
+    assert standing_findings(coarse) == []
 
 
 def test_a_torque_that_is_held_for_less_than_a_filter_takes_is_not_worth_a_word():

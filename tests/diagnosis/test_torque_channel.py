@@ -75,6 +75,14 @@ def test_rotors_that_differ_are_no_clock():
     assert _said(lambda g, i, f: g + i * [3.0, 2.0, 5.0, 4.0] + f) == []
 
 
+@pytest.mark.parametrize(("share", "severity"), [(0.7, "warning"), (3.0, "fault")])
+def test_rotors_that_are_alike_may_be_what_a_clock_seems_to_be(share, severity):
+    (found,) = _said(lambda g, i, f: g + i * (1.0 + share) + f)
+    assert (found.kind, found.severity) == ("clock", severity)
+    rotors = found.statement.index("rotors") < found.statement.index("clock")
+    assert rotors == (severity == "warning")
+
+
 def test_rotors_that_are_alike_are_no_gain():
     # Level joints carry no weight: equal rotors show in them as a gain would.
     model, motion, _, inertial, friction = _parts()

@@ -1,5 +1,7 @@
 """Scatter between blocks, of blocks whose parameters are known to differ."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from robots import random_robot
@@ -127,3 +129,13 @@ def test_a_block_that_leaves_a_parameter_open_is_refused():
     model, _, blocks, _ = found(0.0, count=2)
     with pytest.raises(NotExcitedError, match="fewer"):
         block_scatter(model, blocks)
+
+
+def test_the_unit_of_a_parameter_does_not_matter():
+    model, bodies, blocks, _ = found(0.05, count=3)
+    unit = np.ones(13)
+    unit[10] = 1e-9  # viscous friction in nano instead of N m s
+    other = [replace(b, factors=tuple(F * unit for F in b.factors)) for b in blocks]
+    one, same = (block_scatter(model, b, constraints=[bodies]) for b in (blocks, other))
+    assert same.values * unit[10:12] == pytest.approx(one.values)
+    assert same.noise * unit[10:12] == pytest.approx(one.noise)

@@ -7,7 +7,13 @@ import pytest
 from robots import random_robot
 from test_command_delay import GAINS, TIME, motion
 
-from consistent_id import DriveTerms, ProblemError, Recording, TorqueModel
+from consistent_id import (
+    DriveTerms,
+    ProblemError,
+    Recording,
+    RecordingError,
+    TorqueModel,
+)
 from consistent_id.constraints import FixedParameters
 from consistent_id.estimation import fit_calibration
 from consistent_id.signals import DriveCalibration, calibrated
@@ -104,9 +110,25 @@ def test_what_is_not_asked_for_stays_as_stated():
         model, recordings(log), ("scale",), start=start, constraints=[bodies]
     )
     assert fit.calibration.scale == pytest.approx(truth.scale, rel=5e-3)
+    assert fit.known[1:3].all()  # known bodies show the drives' scale
     assert fit.calibration.encoder_bias.tolist() == [0.0, 0.0]
     with pytest.raises(ProblemError, match="colour"):
         fit_calibration(model, recordings(log), ("colour",))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"delay": -1e-6}, "delay of commands is -1e-06 s, expected 0 or more"),
+        ({"delay": np.inf}, "delay of commands is inf"),
+        ({"delay": np.nan}, "delay of commands is nan"),
+        ({"scale": [1.0, 0.0]}, "scale is .* expected positive numbers"),
+        ({"compliance": [0.0, -1e-9]}, "compliance is .* expected 0 or more"),
+    ],
+)
+def test_drives_that_cannot_be_are_refused(wrong, message):
+    with pytest.raises(RecordingError, match=message):
+        DriveCalibration(**wrong)
 
 
 def test_a_drive_does_not_feel_its_encoder_s_bias():

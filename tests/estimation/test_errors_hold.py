@@ -1,6 +1,7 @@
 """Standard errors of payloads, delays, instruments, Huber's loss and others hold."""
 
 import importlib.util
+import re
 import sys
 from pathlib import Path
 
@@ -13,9 +14,14 @@ BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 @pytest.fixture(scope="module")
 def methods():
-    path = BENCHMARKS / "coverage_methods.py"
-    spec = importlib.util.spec_from_file_location("coverage_methods", path)
+    return _benchmark("coverage_methods")
+
+
+def _benchmark(name):
+    path = BENCHMARKS / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(name, path)
     module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look there for their module
     sys.path.insert(0, str(BENCHMARKS))
     try:
         spec.loader.exec_module(module)
@@ -42,6 +48,7 @@ def test_intervals_hold_the_truth_neither_too_rarely_nor_too_often(methods, name
 @pytest.mark.parametrize(
     ("name", "kind", "logs"),
     [
+        ("zero of a joint", "white", 20),
         ("blocks of a motion", "white", 30),
         ("blocks of a motion", "pink", 30),
         ("radius of feet", "white", 20),
@@ -60,6 +67,60 @@ def test_they_hold_for_robots_on_feet_blocks_and_designs(methods, name, kind, lo
     alone = chi2.ppf([0.001, 0.999], logs) / logs
     low, high = alone if z.shape[1] == 1 else (0.5, 1.7)
     assert low < np.mean(z**2) < high
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["white", "AR(1) 0.9"])
+def test_they_hold_for_raw_logs_as_drafts_prepare_them(kind):
+    logs = _benchmark("coverage_logs")
+    found = list(logs.errors(logs.case("ur5", 20.0), kind, 12))
+    inside = np.array([np.mean(abs(z) <= 1.96) for z, _ in found])
+    error = inside.std(ddof=1) / np.sqrt(len(inside))
+    assert 0.93 - 3.0 * error < inside.mean() < 0.97 + 3.0 * error
+    # Where constraints are active, errors are too large, and never too small.
+    bound = np.mean([np.mean(abs(z) <= 1.96) for _, z in found])
+    assert bound > 0.93
+
+
+PRINTED = {
+    "diagnosis/factor_findings.py": "clock, gain, lean",
+    "diagnosis/torque_channel.py": "slope on nominal torque",
+    "diagnosis/whole_robot.py": "gain of a joint",
+    "estimation/determination.py": "Raw logs",
+    "estimation/drive_calibration.py": "drive calibration",
+    "estimation/payload.py": "payload",
+    "estimation/transmission_springs.py": "spring of a gear",
+    "estimation/uncertainties/block_scatter.py": "blocks of a motion",
+    "export/export_formats.py": "Raw logs",
+    "fleet/fleet_result.py": "fleet",
+    "problems/log_check.py": "radius of feet",
+    "problems/selection/model_selection.py": "a choice of `select`",
+    "report/residuals_section.py": "drift of a residual",
+    "rollout/problem_rollout.py": "delay in `rollout`",
+    "rollout/servo_result.py": "Parameters of a [servo]",
+    "service/gain_check.py": "drive gains",
+    "service/weighing.py": "payload",
+}
+"""Files that print a figure with its error, and where it is measured or discussed."""
+
+
+def test_every_figure_with_an_error_is_measured_or_its_limits_are_said():
+    package = BENCHMARKS.parent / "consistent_id"
+    # With a value and its error around it, or as the header of a column.
+    printed = re.compile(r"[}%] ?(\+-|±)|(\+-|±) ?[{\"m]|\"[^\"]*(\+-|±) ?\[kg")
+    found = {
+        file.relative_to(package).as_posix()
+        for file in package.rglob("*.py")
+        if any(
+            printed.search(line)
+            for line in file.read_text().splitlines()
+            if "lstrip" not in line and "``" not in line
+        )
+    }
+    assert found == {*PRINTED}
+    page = (BENCHMARKS.parent / "docs" / "coverage.md").read_text()
+    for where in PRINTED.values():
+        assert where in page
 
 
 def test_a_share_counts_what_lies_within_two_standard_errors(methods):

@@ -89,7 +89,9 @@ def test_the_share_moves_what_data_determine_by_a_part_of_a_standard_error(seed)
     covariance = noise.steps @ noise.inflation @ noise.steps.T
     whitened = np.linalg.solve(np.linalg.cholesky(covariance), moved)
     assert np.linalg.norm(whitened) == pytest.approx(found.move, rel=1e-2, abs=1e-4)
-    assert found.move <= MOVE
+    # A bias of this size and the standard error are together 4 % larger at most.
+    assert np.hypot(1.0, found.move) <= 1.04
+    assert np.hypot(1.0, MOVE) <= 1.04
 
 
 def test_a_link_that_the_data_show_to_be_thin_stays_thin():

@@ -1,5 +1,6 @@
 """Instrumental variables: closed forms, recovery in a closed loop, calibrated test."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -68,6 +69,20 @@ def test_a_misread_acceleration_bends_least_squares_but_not_instruments():
     assert iv.certificate.verdict == "certified"
 
 
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_instruments_differ_whatever_the_unit_of_the_motion(unit):
+    log, told = (
+        Recording(r.joints, r.time, r.position, r.velocity, unit * r.acceleration)
+        for r in _slider(n=200)
+    )
+    log = replace(log, torque=2.0 * told.acceleration)
+    found = instrumental_variables(MASS, log, told)
+    a, read = told.acceleration, log.acceleration
+    assert found.base_values[0] == pytest.approx(2.0 * (a * a).sum() / (a * read).sum())
+    with pytest.raises(ProblemError, match="the instruments are the measured motion"):
+        instrumental_variables(MASS, log, log)
+
+
 def test_its_standard_error_is_that_of_the_textbook():
     log, told = _slider(noise=0.0)
     changed = Recording(
@@ -121,6 +136,16 @@ def test_the_test_tells_a_cutoff_that_hurts_from_one_that_does_not():
     good = endogeneity_test(TRUE.model, _log(10.0), told, base=BASE)
     assert good.p_value > 0.01
     assert "agree within noise" in str(good)
+
+
+def test_its_statistic_is_that_of_an_added_regressor():
+    log, right = _slider(n=400, noise=0.2)
+    found = endogeneity_test(MASS, log, right)
+    read, both = log.acceleration, np.hstack([log.acceleration, right.acceleration])
+    alone, more = (np.linalg.lstsq(X, log.torque)[1][0] for X in (read, both))
+    freedom = found.effective_samples - 2
+    assert found.directions == 1
+    assert found.statistic == pytest.approx((alone - more) / (more / freedom))
 
 
 @pytest.mark.slow

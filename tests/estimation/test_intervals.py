@@ -19,8 +19,10 @@ from consistent_id import (
 )
 from consistent_id.constraints import FixedCentresOfMass, ParameterBounds, PointToSet
 from consistent_id.constraints.priors import Distance
+from consistent_id.estimation.uncertainties import intervals
 from consistent_id.estimation.uncertainties.intervals import consistent_intervals
-from consistent_id.regression import joint_noise
+from consistent_id.regression import base_parameters, joint_noise
+from consistent_id.robot.scaling import link_scales
 
 SIGMA = 0.2
 SEEN = ["link1.hx", "link1.hy", "link1.Izz", "joint1.viscous"]
@@ -35,7 +37,7 @@ def noisy_pendulum():
 
 def freedom_of(regression):
     """Freedom of noise, and of ten blocks for the variance that they add."""
-    own, more = float(regression.effective[0]) - 4, regression.noise.blocks - 1.0
+    own, more = float(regression.effective[0]) - 4, regression.noise.beyond - 1.0
     return (1.0 + more) ** 2 / (1.0 / own + more**2 / 9.0)
 
 
@@ -63,6 +65,29 @@ def test_without_constraints_it_is_the_ellipsoid_of_least_squares(slack):
     expected = ellipsoid(model, regression, slack)
     for name, ends in zip(SEEN, expected, strict=True):
         assert interval(found, name) == pytest.approx(ends, abs=1e-5)
+
+
+@pytest.mark.parametrize("tolerance", [1e-8, 1e-4])
+def test_intervals_contain_the_exact_ones_however_early_the_solver_stops(
+    tolerance, monkeypatch
+):
+    # The nominal robot is far from zero, and the ball of the proofs reaches farther.
+    monkeypatch.setattr(intervals, "_TOLERANCES", (tolerance,))
+    model, _, log = experiment(1, joints=3, samples=300, noise=0.1)
+    regression = build_regression(model, log)
+    distance = np.linalg.norm(model.robot.nominal / link_scales(model.robot).units)
+    assert distance > 2.0
+    found = consistent_intervals(model, regression, constraints=(), slack=0.1)
+    base, R = base_parameters(model), regression.stacked()
+    A = R[:, list(base.independent)]
+    x = np.linalg.lstsq(A, R[:, -1], rcond=None)[0]
+    allowed = (1.1**2 - 1.0) * np.sum((A @ x - R[:, -1]) ** 2)
+    half = np.sqrt(allowed * np.diag(np.linalg.inv(A.T @ A)))
+    for name in model.layout.names[-3:]:
+        k = base.names.index(name)
+        ends = x[k] - half[k], x[k] + half[k]
+        low, high = interval(found, name)
+        assert low <= ends[0] and ends[1] <= high
 
 
 @pytest.mark.parametrize("sigma", [SIGMA, 1.0])

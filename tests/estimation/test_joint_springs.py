@@ -8,7 +8,11 @@ from scipy.optimize import brentq
 from some_fast import some_fast
 
 from consistent_id import DriveTerms, Recording, TorqueModel, from_modified_dh
-from consistent_id.estimation.transmission_springs import joint_springs
+from consistent_id.estimation.transmission_springs import (
+    _search,
+    _SpringSearch,
+    joint_springs,
+)
 from consistent_id.regression.elastic_joints import DAMPING, as_rigid
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders import DHRow
@@ -46,6 +50,23 @@ def log_of(compliance, noise, seed=0):
     *states, torque = states_of(compliance)
     shaken = torque + noise * np.random.default_rng(seed).normal(size=torque.shape)
     return Recording(one_joint().robot.joint_names, TIME, *states, shaken)
+
+
+def test_a_unit_of_compliance_lets_the_link_vibrate_at_one_hertz():
+    (unit,) = _search(one_joint(), [log_of(0.0, 0.01)], (), ()).units
+    assert np.sqrt(1.0 / (unit[0] * LINK)) / (2.0 * np.pi) == pytest.approx(1.0)
+
+
+def test_the_error_of_a_compliance_is_that_of_a_chi_square_s_curvature():
+    # The squared misfit over its least value rises by 1 / n one standard error away.
+    best, error, n = 4e-4, 3e-5, 250.0
+    unit = np.array([1e-3])
+
+    def misfit(soft):
+        return 7.0 * (1.0 + ((soft[0] - best) / error) ** 2 / n)
+
+    search = _SpringSearch((unit,), misfit, lambda soft: n)
+    assert search.standard_error(np.array([best]), unit) == pytest.approx(error)
 
 
 @pytest.mark.slow

@@ -27,10 +27,10 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.estimation import judge, weighted_least_squares
-from consistent_id.estimation.body_slopes import Slopes
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of, usual_efforts
 from consistent_id.estimation.slope_reasons import doubtful_joints, slope_reasons
+from consistent_id.estimation.torque_error import Slopes
 from consistent_id.estimation.verdict import WORDS, Verdict, confirmed
 from consistent_id.export import to_json
 from consistent_id.recordings.recording import LogFinding
@@ -85,7 +85,7 @@ def test_a_joint_s_reversed_torque_is_not_used_and_its_sign_is_named_first():
     assert verdict.word == "do not use"
     assert kinds(verdict)[0] == "torque sign"
     assert "shoulder -" in verdict.grounds[0].statement
-    assert verdict.lines[-1].endswith("docs/bad-result.md")
+    assert verdict.lines[-1].endswith("consistent-id help bad-result")
 
 
 def test_all_torque_reversed_is_not_used():

@@ -22,10 +22,10 @@ from consistent_id import (
 )
 from consistent_id.constraints import ParameterBounds, TotalMass
 from consistent_id.estimation import identify_payload
-from consistent_id.estimation.loaded_robot import loaded_robot
+from consistent_id.estimation.loaded_robot import likely_body, loaded_robot
 from consistent_id.estimation.payload import gain_slopes
 from consistent_id.robot import Datasheet, Link
-from consistent_id.robot.inertia import INERTIAL_NAMES
+from consistent_id.robot.inertia import INERTIAL_NAMES, InertialParameters
 from consistent_id.robot.loaders.urdf import from_pinocchio
 
 
@@ -119,6 +119,18 @@ def test_a_known_mass_is_kept_and_sharpens_the_rest():
     assert found.estimate["box.m"] == found.body.mass
     residual = found.predict(loaded) - loaded.torque
     assert np.linalg.norm(residual) < 0.08 * np.linalg.norm(loaded.torque)
+
+
+def test_a_likely_body_is_the_estimate_if_that_is_a_body_and_the_nearest_else():
+    body = InertialParameters.from_central(
+        2.0, np.array([0.1, 0.0, 0.2]), np.diag([0.2, 0.25, 0.3])
+    )
+    np.testing.assert_allclose(likely_body(body.vector).vector, body.vector, atol=1e-12)
+    # A mass of 1 kg, second moments of -0.1, 0.2, 0.3 kg m^2: the first becomes 0.01.
+    impossible = np.array([1.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.2, 0.0, 0.0, 0.1])
+    possible = np.array([1.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.31, 0.0, 0.0, 0.21])
+    np.testing.assert_allclose(likely_body(impossible).vector, possible, atol=1e-12)
+    assert likely_body(np.zeros(10)) is None
 
 
 def test_exchanged_runs_are_noticed_by_the_loads_weight():
@@ -224,6 +236,24 @@ def test_the_load_moves_with_each_gain_as_its_slope_says():
 
 
 @pytest.mark.slow
+def test_errors_that_all_gains_share_are_those_of_the_mass():
+    """A factor of all torques is one of the load; noise and it add by squares."""
+    model, unloaded, loaded = runs(0.02)
+
+    def error(gain_errors):
+        found = identify_payload(model, loaded, unloaded, gain_errors=gain_errors)
+        return found.standard_errors[0], found
+
+    noise, plain = error(0.0)
+    shared, found = error(np.full((4, 4), 0.05**2))
+    assert shared == pytest.approx(np.hypot(noise, 0.05 * plain.free.mass), rel=1e-6)
+    assert found.gain_errors.tolist() == pytest.approx([0.05] * 4)
+    alone, _ = error(0.05)
+    assert error(np.diag(np.full(4, 0.05**2)))[0] == pytest.approx(alone, rel=1e-12)
+    assert alone != pytest.approx(shared, rel=0.01)
+
+
+@pytest.mark.slow
 def test_gains_that_are_all_larger_make_the_load_heavier_by_the_same_factor():
     model, unloaded, loaded = runs(0.02)
     robot = loaded_robot(model, Link("load"))
@@ -231,6 +261,7 @@ def test_gains_that_are_all_larger_make_the_load_heavier_by_the_same_factor():
     free = least_squares(robot.model, regression, base=robot.base)
     slopes = gain_slopes(regression, robot.base)
     np.testing.assert_allclose(slopes.sum(axis=1), free.base_values, rtol=1e-6)
-    for wrong in ([0.1, 0.1], -0.1, [0.1, 0.1, 0.1, np.inf]):
+    indefinite = np.eye(4) - 0.5
+    for wrong in ([0.1, 0.1], -0.1, [0.1, 0.1, 0.1, np.inf], indefinite):
         with pytest.raises(ProblemError, match="expected one share or 4"):
             identify_payload(model, loaded, unloaded, gain_errors=wrong)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from experiments import DRIVE
 from robots import random_body, random_robot, random_states
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 from some_fast import some_fast
 
 from consistent_id import (
@@ -122,7 +122,7 @@ def test_the_entropic_optimum_is_that_of_a_smooth_search_over_bodies(seed, weigh
 
 @pytest.mark.parametrize("heavy", [False, True])
 @pytest.mark.parametrize("seed", range(3))
-def test_of_a_long_newton_step_so_much_is_taken_as_lowers_the_objective_most(
+def test_the_share_of_a_long_newton_step_is_the_one_that_lowers_the_objective_most(
     seed, heavy
 ):
     model, regression = noisy(seed, joints=2)
@@ -151,6 +151,27 @@ def test_of_a_long_newton_step_so_much_is_taken_as_lowers_the_objective_most(
     assert length > 0.25 and least <= taken <= most * (1.0 + 1e-9)
     best = objective(fit, distance, weight, u + taken * step)
     assert best <= min(values) * (1.0 + 1e-12)
+
+
+@pytest.mark.parametrize("seed", [2, 3, 7])
+def test_the_share_is_exact_where_misfit_and_distance_are_alike(seed):
+    model, regression = noisy(seed, joints=2)
+    fit, distance = dimensionless(model, regression)
+    u, weight = distance.nominal.copy(), 100.0
+    u[:20] *= 3.0
+    rows, problem = _near(fit, distance, weight, u)
+    step = solve_least_norm(problem, origin=u).u - u
+    taken = _step_length(
+        fit, distance, weight, u, step, float(np.linalg.norm(rows.G @ step))
+    )
+    best = minimize_scalar(
+        lambda t: objective(fit, distance, weight, u + t * step),
+        bounds=(0.3, 0.75),
+        method="bounded",
+        options={"xatol": 1e-8},
+    )
+    assert best.x < 0.74
+    assert taken == pytest.approx(best.x, abs=5e-5)
 
 
 def test_without_constraints_a_quadratic_distance_has_the_normal_equations_answer():

@@ -6,6 +6,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from experiments import experiment
+from scipy.stats import norm, sem, t
 
 from consistent_id import InertialParameters, ProblemError, SolverError, simulate_torque
 from consistent_id.constraints.priors import Penalty
@@ -40,6 +41,16 @@ def simulated(seed=0, count=24, noise=0.1):
     segments = segment_regressions(model, log, count=count)
     weights = joint_noise(model, merged(segments))
     return model, tuple(s.weighted(weights) for s in segments), sigma
+
+
+@pytest.mark.parametrize("count", [3, 8, 40])
+def test_an_expanded_tail_of_the_bootstrapped_mean_is_students(count):
+    # Means of drawn samples scatter by the standard deviation over n, not n - 1.
+    sample = np.random.default_rng(count).normal(size=count)
+    _, high = t.interval(0.95, count - 1, loc=sample.mean(), scale=sem(sample))
+    tail = parameter_uncertainty._expanded(0.025, count)
+    scatter = sample.std(ddof=0) / np.sqrt(count)
+    assert norm.isf(tail, sample.mean(), scatter) == pytest.approx(high)
 
 
 @pytest.mark.slow

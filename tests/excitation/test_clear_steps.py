@@ -8,7 +8,7 @@ from scipy import optimize
 from consistent_id import TorqueModel
 from consistent_id.excitation.aims import PathForm
 from consistent_id.excitation.guards import ClearanceGuard
-from consistent_id.excitation.path_search import FoundPath, search
+from consistent_id.excitation.path_search import FoundPath, searched_path
 from consistent_id.excitation.programme import LinearRows, Local, best_step
 from consistent_id.excitation.search_problem import clear_start
 from consistent_id.motion import Body, Box, Capsule, build_scene, plane
@@ -59,7 +59,7 @@ def test_a_search_among_bodies_improves_and_stays_clear():
     of = problem()
     gains = []
     for seed in range(3):
-        found = search(of, FoundPath(seed))
+        found = searched_path(of, FoundPath(seed))
         (measure,) = of.measures(found.variables)
         assert measure.max() <= 1e-7
         assert of.limits.largest(found.variables).max() <= 1.0 + 1e-9

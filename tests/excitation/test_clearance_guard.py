@@ -1,6 +1,7 @@
 """Rows of distances: each pose and pair once, with slopes by finite differences."""
 
 import numpy as np
+import pytest
 from excited import arm, arm_limits
 
 from consistent_id.excitation.basis import FourierBasis
@@ -51,7 +52,11 @@ def test_rows_are_the_distances_of_the_pairs_and_their_smooth_maximum():
     motion = basis.motion(variables, time)
     slack = nearest(guard.scene, motion[0], within=0.1).slack
     near = (0.002 - slack) / 0.1  # 2 mm are kept to spare
-    assert np.allclose(guard.measure(motion), near, rtol=1e-12, atol=1e-12)
+    measured = guard.measure(motion)
+    counts = near > -0.5  # five centimetres; of others the distance is only bounded
+    assert counts.any() and not counts.all()
+    assert np.allclose(measured[counts], near[counts], rtol=1e-12, atol=1e-12)
+    assert np.all(measured[~counts] <= -0.5)
     smooth = np.log(np.exp(20.0 * near).sum(axis=1)) / 20.0
     for value, (t, item) in zip(values, places, strict=True):
         expected = smooth[t] if item == EVERY else near[t, item]
@@ -87,3 +92,37 @@ def test_a_pair_at_a_time_is_measured_once_however_many_rows_need_it(monkeypatch
     monkeypatch.setattr("consistent_id.excitation.guards.separation", counted)
     guard_rows(guard, mixed(guard), basis, time, variables)
     assert counts == [len(time) * len(guard.scene.pairs)]
+
+
+def test_distances_along_a_path_are_those_of_each_pose_where_bodies_are_near():
+    """The bodies come near for a moment, between the poses that are computed first."""
+    guard = guarded()
+    basis, time, variables = moving(guard, 241)
+    motion = basis.motion(variables, time)
+    every = nearest(guard.scene, motion[0])
+    within = np.full(len(every.pairs), 0.05)
+    queries = []
+
+    def counted(*given, **options):
+        found = plain(*given, **options)
+        queries.append(len(found.distance))
+        return found
+
+    plain = separations.separation
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(separations, "separation", counted)
+        found = separations.distances_along(guard.scene, motion[0], within)
+    near = every.distance < within
+    assert near.any()
+    assert np.allclose(found[near], every.distance[near], rtol=0.0, atol=1e-12)
+    assert np.all(found <= every.distance + 1e-12)  # elsewhere they are lower bounds
+    assert np.all(found[~near] >= 0.05)
+    assert sum(queries) < 0.6 * every.distance.size  # and cost less
+
+
+def test_a_path_is_clear_if_no_pose_of_it_is_too_near():
+    guard = guarded()
+    basis, time, variables = moving(guard, 241)
+    for share in np.linspace(0.0, 1.0, 9):
+        motion = basis.motion(share * variables, time)
+        assert guard.kept(motion) == bool(guard.measure(motion).max() <= 0.0)

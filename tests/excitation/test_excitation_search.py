@@ -10,7 +10,7 @@ from some_fast import some_fast
 from consistent_id import SolverError, TorqueModel
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.guards import TorqueGuard
-from consistent_id.excitation.path_search import FoundPath, search
+from consistent_id.excitation.path_search import FoundPath, searched_path
 from consistent_id.excitation.searches import run_searches
 
 OBJECTIVES = ("condition", "D", "A", "E", "task")
@@ -24,7 +24,7 @@ def searched(problem, objective="condition", number=0, *, start=None, **how):
     """The result of a search for an objective, from a random path or a given one."""
     bound = how.pop("spread_bound", np.inf)
     problem = replace(problem, objective=objective, spread_bound=bound)
-    return search(problem, FoundPath(number, start), **how)
+    return searched_path(problem, FoundPath(number, start), **how)
 
 
 def largest(problem, variables):

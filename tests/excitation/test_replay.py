@@ -2,6 +2,7 @@
 
 import importlib.util
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -84,7 +85,7 @@ def test_a_robot_with_shapes_is_drawn_by_them_and_locked_joints_stay(tmp_path):
 def test_without_the_viewer_it_is_told_what_to_install_before_a_search(
     tmp_path, monkeypatch, capsys
 ):
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "viser", None)
     with pytest.raises(ProblemError, match=r"needs viser; pip install .*\[viz\]"):
         write_replay(_move(ARM), ARM, tmp_path / "replay.html")
     output = str(tmp_path / "out")

@@ -6,7 +6,11 @@ from published_robots import FOLDER
 
 from consistent_id import TorqueModel, motion_limits
 from consistent_id.excitation.aims import Aim, PathForm
-from consistent_id.excitation.path_search import FoundPath, random_candidate, search
+from consistent_id.excitation.path_search import (
+    FoundPath,
+    random_candidate,
+    searched_path,
+)
 from consistent_id.excitation.search_problem import search_problem
 from consistent_id.excitation.verification import demands
 from consistent_id.regression.base import base_parameters
@@ -35,7 +39,7 @@ def test_little_work_under_torque_limits_beats_the_best_of_200_random_paths(harm
         required.guards,
     )
     random = min(random_candidate(problem, k).score for k in range(200))
-    found = search(problem, FoundPath(0), work=2.2)
+    found = searched_path(problem, FoundPath(0), work=2.2)
     assert found.variables is not None
     assert np.exp(random - found.score) > 1.5  # D of the best random path over its own
     (torque,) = problem.measures(found.variables)

@@ -13,7 +13,7 @@ from excited import arm, arm_limits, arm_problem
 from consistent_id import TorqueModel
 from consistent_id._support.executors import Executor
 from consistent_id.excitation.aims import PathForm
-from consistent_id.excitation.path_search import FoundPath, search
+from consistent_id.excitation.path_search import FoundPath, searched_path
 from consistent_id.excitation.searches import lane_work, run_searches
 
 STARTS = [FoundPath(number) for number in range(6)]
@@ -36,13 +36,13 @@ def assert_same(first, second):
 
 @cache
 def whole_search():
-    return search(problem(), FoundPath(0))
+    return searched_path(problem(), FoundPath(0))
 
 
 @pytest.mark.slow
 def test_a_search_ends_when_its_work_is_done():
     whole = whole_search()
-    part = search(problem(), FoundPath(0), work=0.3 * whole.work)
+    part = searched_path(problem(), FoundPath(0), work=0.3 * whole.work)
     assert whole.complete and not part.complete
     # It ends at the next iteration, which is a small part of it.
     assert 0.3 * whole.work <= part.work < 0.4 * whole.work
@@ -52,7 +52,7 @@ def test_a_search_ends_when_its_work_is_done():
 @pytest.mark.slow
 def test_the_same_work_on_a_busy_machine_finds_the_same():
     work = 0.5 * whole_search().work
-    quiet = search(problem(), FoundPath(0), work=work)
+    quiet = searched_path(problem(), FoundPath(0), work=work)
     stop = threading.Event()
 
     def burn():
@@ -62,7 +62,7 @@ def test_the_same_work_on_a_busy_machine_finds_the_same():
     other = threading.Thread(target=burn)
     other.start()
     try:
-        busy = search(problem(), FoundPath(0), work=work)
+        busy = searched_path(problem(), FoundPath(0), work=work)
     finally:
         stop.set()
         other.join()
@@ -71,7 +71,7 @@ def test_the_same_work_on_a_busy_machine_finds_the_same():
 
 @pytest.mark.slow
 def test_lanes_end_by_their_own_work_however_long_they_take():
-    one = search(problem(), FoundPath(0)).work
+    one = searched_path(problem(), FoundPath(0)).work
     how = {"lanes": 2, "work": 1.5 * one, "interrupted": bool}
     first = run_searches(problem(), STARTS, **how)
     again = run_searches(problem(), STARTS, **how)
@@ -93,7 +93,7 @@ def place(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", EVERYWHERE)
 def test_lanes_find_the_same_wherever_they_are_run(name):
-    one = search(problem(), FoundPath(0)).work
+    one = searched_path(problem(), FoundPath(0)).work
     how = {"lanes": 3, "work": 1.5 * one, "interrupted": bool}
     expected = run_searches(problem(), STARTS, **how)
     found = run_searches(problem(), STARTS, **how, executor=place(name))

@@ -1,6 +1,5 @@
 """Rehearsals: planted truths are recovered, and predictions are compared with them."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +7,7 @@ import pinocchio as pin
 import pytest
 from estimates import estimate_of
 from excited import arm, arm_limits
+from schemas import parsed
 
 from consistent_id import DriveTerms, ModelError, ProblemError, TorqueModel
 from consistent_id.cli import main
@@ -168,7 +168,7 @@ def test_what_an_estimate_left_open_is_rehearsed(tmp_path, capsys):
     call += ["--harmonics", "4", "--starts", "1", "--workers", "1", "--robots", "1"]
     call += ["--for", "open", "--parameters", str(delivered), "--json"]
     code = main(call)
-    record = json.loads(capsys.readouterr().out)
+    record = parsed(capsys.readouterr().out)
     assert code == (0 if record["came_true"] else 1)
     assert record["motions"]["design"]["robots"][0]["covered"] > 0.5
 
@@ -243,7 +243,7 @@ def test_the_command_says_what_came_true(tmp_path, capsys):
     call = ["rehearse", str(file), "--acceleration", "5", "--duration", "6"]
     call += ["--harmonics", "4", "--starts", "4", "--workers", "1", "--robots", "2"]
     code = main([*call, "--rivals", "--json"])
-    record = json.loads(capsys.readouterr().out)
+    record = parsed(capsys.readouterr().out)
     assert code == (0 if record["came_true"] else 1)
     # Friction and control come on top of the proven torque, of each joint.
     true, proven = record["peak_torque_shares"], record["proven_torque_shares"]

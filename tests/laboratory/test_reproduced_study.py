@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 from rx60 import PROBLEM, truth
+from schemas import parsed
 
 from consistent_id import cli, load_problem, low_passed
 from consistent_id.errors import ProblemError
@@ -295,7 +296,7 @@ def test_the_command_writes_page_tables_and_numbers(tmp_path, capsys, monkeypatc
     assert (tmp_path / "reproduction.md").exists()
     assert cli.main([*arguments, "--json"]) == 0
     assert len(record.pop("digest")) == 16  # the file's own, not the study's
-    assert json.loads(capsys.readouterr().out) == record
+    assert parsed(capsys.readouterr().out) == record
 
 
 @pytest.mark.parametrize(

@@ -81,7 +81,7 @@ def test_what_is_flat_or_has_no_size_is_refused():
         Hull(CORNERS[:4])
     with pytest.raises(ProblemError, match=r"capsule: length is -1"):
         Capsule(0.1, -1.0)
-    with pytest.raises(ProblemError, match="rotation is none"):
+    with pytest.raises(ProblemError, match="expected a rotation matrix"):
         Body("mirror", Sphere(1.0), rotation=np.diag([1.0, 1.0, -1.0]))
     with pytest.raises(ProblemError, match="half-space cannot move with 'link1'"):
         Body("floor", HalfSpace(), "link1")

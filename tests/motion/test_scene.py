@@ -109,3 +109,30 @@ def test_names_that_nobody_has_are_refused():
         build_scene(ARM, [_ball("link1")], clearance=-1.0)
     with pytest.raises(ProblemError, match="of 1 bodies"):
         Scene(ARM, (_ball("link1"),), (Pair(0, 1),))
+
+
+def test_a_linkage_that_overlaps_at_every_opening_is_not_checked_as_a_whole():
+    """Two stops, of which the finger touches one at every angle, like a gripper."""
+    finger = Body("finger", Box((0.2, 0.02, 0.02)), "link2", translation=[0.25, 0, 0])
+    ends = [
+        Body(name, Sphere(0.42), "link1", translation=[0.5, side * 0.4, 0.0])
+        for name, side in (("left", 1.0), ("right", -1.0))
+    ]
+    hand = from_modified_dh(
+        "hand",
+        [
+            DHRow(0, 0, limits=JointLimits(-1.0, 1.0)),
+            DHRow(0, 0.5, limits=JointLimits(-2.0, 1.9)),
+        ],
+    )
+    linked = dict(connected=lambda one, other: False)
+    scene = build_scene(hand, [finger, *ends], **linked)
+    (note,) = scene.notes
+    assert "others" in note.reason and len(scene.unchecked) == 1
+    (pair,) = scene.pairs
+    assert {"finger", "left", "right"} == {*scene.names(pair), note.first, note.second}
+    near = nearest(scene, random_poses(hand, 200, 0)).distance
+    assert near.max() > 0.004  # there are poses now that can be left
+    # Where distances were stated, nothing is left out.
+    strict = build_scene(hand, [finger, *ends], relax=False, **linked)
+    assert len(strict.pairs) == 2 and not strict.unchecked

@@ -15,7 +15,7 @@ from consistent_id.problems.file import ModelTable, ProblemTable, problem_table
 from consistent_id.problems.kept_text import toml_text
 from consistent_id.problems.parameter_tables import ConstraintsTable, RelationTable
 from consistent_id.problems.statement import Statement
-from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.column_guess import KnownColumns, guess_columns
 from consistent_id.recordings.readers import recording_file
 from consistent_id.recordings.readers.recording_file import column_names
 from consistent_id.recordings.recording import Recording
@@ -26,7 +26,7 @@ ARM = ("shoulder", "elbow")
 def guessed(folder, header, joints=ARM, **options):
     file = folder / "log.csv"
     file.write_text(header + "\n" + ",".join("0" for _ in header.split(",")) + "\n")
-    return guess_columns(file, joints, **options)
+    return guess_columns(file, KnownColumns(tuple(joints), **options))
 
 
 @pytest.fixture(scope="module")
@@ -287,7 +287,7 @@ def test_commands_and_currents_are_not_taken_for_what_was_measured(tmp_path):
     header = "time,q_cmd_1,q_cmd_2,q1,q2,tau_desired1,tau_desired2,current1,current2"
     with pytest.raises(RecordingError, match=r"torque.*--torque-gain"):
         guessed(tmp_path, header)
-    guess = guessed(tmp_path, header, known={"torque": "current{number}"})
+    guess = guessed(tmp_path, header, channels={"torque": "current{number}"})
     assert guess.columns.position == "q{number}"
 
 
@@ -307,7 +307,7 @@ def test_of_joints_whose_names_begin_alike_the_longer_is_meant(tmp_path):
 
 def test_a_channel_that_there_is_not_is_refused(tmp_path):
     with pytest.raises(ProblemError, match="no channel 'torqe'"):
-        guessed(tmp_path, "time,q1,q2", known={"torqe": "tau{number}"})
+        guessed(tmp_path, "time,q1,q2", channels={"torqe": "tau{number}"})
 
 
 def test_some_joints_may_have_no_torque(tmp_path):

@@ -76,7 +76,20 @@ def test_a_drive_filter_behind_a_delay_replaces_what_it_looks_like(
 def test_a_log_with_a_fault_is_not_examined_without_its_delay(
     monkeypatch, late_by_60_ms
 ):
-    corrected = findings("clock", severity="fault")
+    corrected = findings("torque sign", severity="fault")
     behind = findings("drive filter", severity="fault")
     kinds, times = checked(monkeypatch, late_by_60_ms, corrected, behind)
-    assert (kinds, times) == (["clock"], 1)
+    assert (kinds, times) == (["torque sign"], 1)
+
+
+@pytest.mark.parametrize(
+    ("lag", "said"), [([], ["fault"]), (["lag"], ["warning", "warning"])]
+)
+def test_what_a_filter_may_look_like_is_not_sure_beside_it(
+    monkeypatch, late_by_60_ms, lag, said
+):
+    corrected = findings("gravity", severity="fault")
+    asked = iter([corrected, findings(*lag)])
+    monkeypatch.setattr(log_check, "_checked", lambda *_: next(asked))
+    found = check_problem(late_by_60_ms).findings
+    assert [f.severity for f in found] == said

@@ -1,9 +1,13 @@
 """Problem files: the RX-60's content, and everything that can be wrong in a file."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from consistent_id import ModelError, ProblemError, RecordingError, load_problem
+from consistent_id.problems.file import problem_table
 
 ARM = 'name = "arm"\n[model]\nmodified_dh = [{ alpha_deg = 0, a = 0 }]\n'
 DATA = """
@@ -157,3 +161,29 @@ def test_a_classical_table_is_read_and_its_joints_can_be_locked(tmp_path):
     assert locked.carrier("link2") == locked.carrier("frame2") == 0
     base = _load(tmp_path, text + 'base = "link1"\n' + FREE).model.robot
     assert base.joint_names == ("joint2",)
+
+
+PAGE = (Path(__file__).parents[2] / "docs" / "problem-file.md").read_text()
+SECTIONS = [part for part in re.split(r"\n(?=## )", PAGE)[1:] if "\n|---" in part]
+EXAMPLES = [
+    re.sub("^    ", "", block, flags=re.MULTILINE)
+    for block in re.findall(r"(?:^    .*\n|^\n(?=    ))+", PAGE, re.MULTILINE)
+    if re.search(r"^    \[[^,]*$", block, re.MULTILINE)
+]
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda e: e.split("\n")[0].strip())
+def test_examples_of_the_page_are_problem_files(example):
+    named = example.lstrip().startswith("name = ")
+    text = example if named else f'name = "shown"\n{example}'
+    if "[model]" not in example:
+        text = f'{text}\n[model]\nurdf = "robot.urdf"\n'
+    if "[data" in example and "[[data.recordings]]" not in example:
+        text += '\n[[data.recordings]]\nfile = "log.csv"\nrole = "training"\n'
+    problem_table(text, Path("problem.toml"))
+
+
+def test_every_section_of_the_page_with_keys_has_an_example():
+    assert len(SECTIONS) > 12 and len(EXAMPLES) > 15
+    bare = [s.split("\n")[0] for s in SECTIONS if "\n    " not in s]
+    assert bare == []

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from consistent_id.errors import RecordingError
-from consistent_id.problems.limbs import joint_rows
+from consistent_id.problems.nominal_gains import joint_rows
 from consistent_id.problems.robot_logs import robot_logs
 from consistent_id.robot import load_urdf
 

@@ -10,7 +10,7 @@ from consistent_id import draft_problem, load_problem
 from consistent_id.cli import main
 from consistent_id.problems.log_check import named_logs
 from consistent_id.problems.study import Study
-from consistent_id.problems.weighing import weighed_findings
+from consistent_id.problems.weighed_findings import weighed_findings
 from consistent_id.recordings.recording import LogFinding
 
 HEADER = "time,q_shoulder,q_elbow,tau_shoulder,tau_elbow"

@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from consistent_id import RecordingError, read_recording
-from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.column_guess import KnownColumns, guess_columns
 from consistent_id.recordings.column_words import channel_of
 
 SIX = tuple(f"axis_{letter}" for letter in "abcdef")
@@ -21,7 +21,7 @@ def numbered(*patterns, first=1, count=6):
 def guessed(folder, names, joints=SIX, **options):
     file = folder / "log.csv"
     file.write_text(",".join(names) + "\n" + ",".join("0" for _ in names) + "\n")
-    return guess_columns(file, joints, **options)
+    return guess_columns(file, KnownColumns(tuple(joints), **options))
 
 
 # The names that a log has, and which of them are time, position, velocity and torque of
@@ -197,7 +197,8 @@ def test_arrays_of_all_joints_are_found_by_their_names(tool, tmp_path):
     else:
         file = tmp_path / "log.npz"
         np.savez(file, time=[0.0, 0.1, 0.2, 0.3], **arrays)
-    log = read_recording(file, SIX, guess_columns(file, SIX).columns)
+    found = guess_columns(file, KnownColumns(SIX))
+    log = read_recording(file, SIX, found.columns)
     np.testing.assert_array_equal(log.position, values)
     np.testing.assert_array_equal(log.torque, 2.0 * values)
 
@@ -208,7 +209,8 @@ def test_lists_of_different_lengths_are_refused(tmp_path):
     table = {"timestamp": [0.0, 0.1], "observation.state": state}
     pq.write_table(pa.table(table | {"effort": state}), file)
     with pytest.raises(RecordingError, match="lists of different lengths"):
-        read_recording(file, SIX, guess_columns(file, SIX).columns)
+        found = guess_columns(file, KnownColumns(SIX))
+        read_recording(file, SIX, found.columns)
 
 
 def test_currents_stand_for_torque_where_there_is_a_gain(tmp_path):
@@ -250,7 +252,7 @@ def test_commands_stand_for_torque_where_they_are_wanted(tmp_path, pattern, unit
 def test_commands_in_degrees_are_read_in_radians(tmp_path):
     file = tmp_path / "log.csv"
     file.write_text("time,q_hip,q_cmd_hip [deg]\n0,0,180\n1,0,90\n2,0,-180\n")
-    columns = guess_columns(file, ["hip"], commands=True).columns
+    columns = guess_columns(file, KnownColumns(("hip",), commands=True)).columns
     command = read_recording(file, ["hip"], columns).position_command
     np.testing.assert_allclose(command[:, 0], [np.pi, np.pi / 2, -np.pi])
 
@@ -261,7 +263,8 @@ def test_numbered_columns_may_count_joints_that_are_held(tmp_path):
     rows = [[t, *(10.0 * n + t for n in range(12))] for t in (0.0, 1.0)]
     file.write_text("\n".join(",".join(map(str, row)) for row in (names, *rows)))
     moving = [name for name in SIX if name != SIX[1]]
-    columns = guess_columns(file, moving, held=SIX).columns
+    known = KnownColumns(tuple(moving), all_joints=SIX)
+    columns = guess_columns(file, known).columns
     log = read_recording(file, moving, columns)
     np.testing.assert_array_equal(log.position[0], [0.0, 20.0, 30.0, 40.0, 50.0])
     np.testing.assert_array_equal(log.torque[0], [60.0, 80.0, 90.0, 100.0, 110.0])
@@ -376,7 +379,8 @@ def test_many_columns_are_not_each_compared_with_every_other(other):
         others = [other.format(k) for k in range(count)]
         names = ["time", *numbered("q{}", "tau{}"), *others]
         Watched.looks = 0
-        found = guess_columns(Path("log.csv"), SIX, names=[Watched(n) for n in names])
+        known = KnownColumns(SIX, names=[Watched(n) for n in names])
+        found = guess_columns(Path("log.csv"), known)
         assert found.columns.position == "q{number}"
         return Watched.looks
 

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
+from scipy.stats import norm, t
 from some_fast import some_fast
 
 from consistent_id import signals
@@ -73,6 +75,61 @@ def test_a_delay_is_found_within_a_tenth_of_a_sample(first, second, rates, noise
         scores.append((found.seconds - delay) / found.standard_error)
     # The cut-off with the least standard error is chosen, so it is somewhat too small.
     assert 0.3 < np.sqrt(np.mean(np.square(scores))) < 3.0
+
+
+def error_by_leaving_out_blocks(tracks, found):
+    """A jackknife over blocks of 2.5 periods of the cut-off, each delay found anew."""
+    both = _filtered_pair(
+        *(x.recording() for x in tracks), 0, found.cutoff, 0.5, found.cutoff
+    )
+    y, samples = both.values[:, 0], np.arange(len(both.time))
+    n = int((both.time[-1] - both.time[0]) * found.cutoff / 2.5)
+
+    def without(block):
+        kept = np.setdiff1d(samples, block)
+
+        def misfit(shift):
+            late = both.reference(both.time[kept] - shift)
+            A = np.column_stack([np.ones(len(kept)), late])
+            return np.linalg.lstsq(A, y[kept], rcond=None)[1][0]
+
+        near = found.seconds + np.array([-0.02, 0.02])
+        return minimize_scalar(misfit, bounds=near, options={"xatol": 1e-8}).x
+
+    delays = np.array([without(block) for block in np.array_split(samples, n)])
+    return n, np.sqrt((n - 1) / n * np.sum((delays - delays.mean()) ** 2))
+
+
+def test_the_error_of_a_delay_is_that_of_delays_found_again_without_a_block():
+    ratios, time = [], np.arange(1300) / 200.0
+    for seed in range(4, 9):
+        rng = np.random.default_rng(seed)
+        motion = tones(rng, joints=1)
+        late = motion(time - 0.05) + 0.02 * rng.normal(size=(len(time), 1))
+        tracks = [
+            signals.Track("position", NAMES[:1], time, x) for x in (motion(time), late)
+        ]
+        found = signals.estimate_delay(*tracks, cutoff=5.0)
+        n, error = error_by_leaving_out_blocks(tracks, found)
+        few = t.ppf(0.975, n - 1) / norm.ppf(0.975)  # in units of a normal one
+        ratios.append(found.standard_error / (few * error))
+    # One step of Newton's method from the whole log is off by up to 6 %, either way.
+    assert ratios == pytest.approx(np.ones(5), abs=0.07)
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.03)
+
+
+def test_a_delay_longer_than_the_longest_is_refused():
+    # Slow signals are similar at the longest delay, too: they are still 0.1 s apart.
+    time = np.arange(4000) / 100.0
+    first, late = (
+        signals.Track("position", NAMES[:1], time, np.sin(0.5 * (time - d))[:, None])
+        for d in (0.0, 0.3)
+    )
+    assert signals.estimate_delay(first, late, longest=0.4).seconds == pytest.approx(
+        0.3, abs=1e-3
+    )
+    with pytest.raises(RecordingError, match=r"the longest that was tried; raise"):
+        signals.estimate_delay(first, late, longest=0.2)
 
 
 def test_a_period_of_the_filter_is_left_out_at_each_end_of_the_late_signal():
@@ -272,6 +329,23 @@ def test_a_single_plateau_and_short_ones_are_not_limits():
     for seconds, limited in ((0.02, False), (0.06, True)):
         tau = np.minimum(sawtooth, 1.0 - 0.5 * seconds)[:, None]
         assert signals.saturated(log(time, time, torque=tau)).any() == limited
+
+
+def test_steep_ramps_that_stay_for_twenty_milliseconds_are_not_at_a_limit():
+    time = np.arange(4000) / 1000.0
+    sawtooth = abs((time % 0.5) / 0.25 - 1.0)  # 4 per second
+    for seconds, limited in ((0.02, False), (0.06, True)):
+        tau = np.minimum(sawtooth, 1.0 - 2.0 * seconds)[:, None]
+        assert signals.saturated(log(time, time, torque=tau)).any() == limited
+
+
+def test_a_limit_is_found_beside_more_rests_at_less_than_half_of_it():
+    # Six times at the limit for 0.43 s, and seven times at a fifth of it for 0.5 s.
+    time = np.arange(7700) / 1000.0
+    slow = np.interp(time % 1.2, [0.0, 0.5, 0.7, 1.0, 1.2], [0.2, 0.2, 1.4, 1.4, 0.2])
+    tau = np.minimum(slow, 1.0)[:, None]
+    mask = signals.saturated(log(time, time, torque=tau))
+    assert (mask == (tau == 1.0)).all()
 
 
 def test_a_torque_held_at_rest_is_not_limited():

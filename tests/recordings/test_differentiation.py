@@ -138,11 +138,9 @@ def test_the_smoothed_motion_does_not_depend_on_the_unit_of_time():
     np.testing.assert_allclose(slow**2 * late.acceleration, fast.acceleration, 1e-6)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("order", some_fast([3, 5]))
-def test_noise_levels_of_the_model_itself_are_recovered(order):
-    rng, step, samples, joints = np.random.default_rng(2), 0.01, 1500, 4
-    noise, drive = 1e-3, 4.0
+def drawn(order, samples, joints, noise, drive, step=0.01):
+    """Return readings of the smoother's own model, integrated step by step."""
+    rng = np.random.default_rng(2)
     root = np.sqrt(drive * step ** (2 * order - 1)) * np.linalg.cholesky(
         drive_covariance(order)
     )
@@ -150,7 +148,22 @@ def test_noise_levels_of_the_model_itself_are_recovered(order):
     for k in range(samples):
         z[k] = x[0] + noise * rng.normal(size=joints)
         x = transition(order) @ x + root @ rng.normal(size=(order, joints))
-    found = signals.motion_noise(recording(np.arange(samples) * step, z))
+    return recording(np.arange(samples) * step, z)
+
+
+def test_the_level_of_the_drive_is_recovered_from_few_readings():
+    noise, drive = 1e-3, 4.0
+    found = signals.motion_noise(drawn(3, 300, 4, noise, drive), order=3)
+    np.testing.assert_allclose(found.position, noise, rtol=0.2)
+    # A ratio raised to the power of 1.5 would be wrong by a factor of some thousands.
+    assert abs(np.log(np.median(found.drive) / drive)) < 1.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("order", some_fast([3, 5]))
+def test_noise_levels_of_the_model_itself_are_recovered(order):
+    noise, drive = 1e-3, 4.0
+    found = signals.motion_noise(drawn(order, 1500, 4, noise, drive))
     assert found.order == order
     # 1500 readings tell the noise to 2 %; the drive to its grid, a third.
     np.testing.assert_allclose(found.position, noise, rtol=0.08)

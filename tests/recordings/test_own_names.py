@@ -6,7 +6,7 @@ from time import process_time
 import pytest
 
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.column_guess import KnownColumns, guess_columns
 from consistent_id.recordings.column_names import mapping_option, own_names, pairs_of
 
 ARM = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint")
@@ -56,7 +56,7 @@ def test_the_option_is_one_that_a_shell_takes():
 
 def _refused(names):
     with pytest.raises(RecordingError) as caught:
-        guess_columns(Path("log.csv"), ARM, names=names)
+        guess_columns(Path("log.csv"), KnownColumns(ARM, names=names))
     return str(caught.value)
 
 
@@ -79,7 +79,7 @@ def test_the_message_says_which_joints_would_be_left_out():
 
 def test_a_joint_is_found_by_whole_words():
     names = ["time", *(f"{j}.{c}" for c in ("q", "tau") for j in "ab")]
-    found = guess_columns(Path("log"), ["a", "b"], names=names)
+    found = guess_columns(Path("log"), KnownColumns(("a", "b"), names=names))
     assert found.columns.torque == "{joint}.tau"
     assert found.joints == ("a", "b")
 
@@ -111,5 +111,5 @@ def test_many_names_are_paired_and_guessed_in_seconds():
     before = process_time()
     assert pairs_of([*own, "lift"], ["elbow", "lift"])[-1] == ("lift", "lift")
     with pytest.raises(RecordingError, match="found no column that is the torque"):
-        guess_columns(Path("log.csv"), ("elbow", "lift"), names=names)
+        guess_columns(Path("log.csv"), KnownColumns(("elbow", "lift"), names=names))
     assert process_time() - before < 5.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.column_guess import KnownColumns, guess_columns
 from consistent_id.recordings.readers import read_recording
 
 JOINTS = ("shoulder", "elbow")
@@ -83,9 +83,9 @@ FORMS = {
 def test_joint_states_are_read_by_the_names_in_them(tmp_path, text):
     file = tmp_path / "log.txt"
     file.write_text(text)
-    found = guess_columns(file, JOINTS).columns
+    found = guess_columns(file, KnownColumns(JOINTS)).columns
     if found.time == "field.header.stamp":  # whose unit no name states
-        found = guess_columns(file, JOINTS, units={"time": "ns"}).columns
+        found = guess_columns(file, KnownColumns(JOINTS, units={"time": "ns"})).columns
     log = read_recording(file, JOINTS, found)
     np.testing.assert_allclose(np.diff(log.time), 0.1, rtol=1e-5)
     expected = [values(k) for k in range(SAMPLES)]
@@ -98,7 +98,7 @@ def test_a_message_of_other_joints_is_named(tmp_path):
     file = tmp_path / "log.csv"
     text = csv_of_ros2().replace("elbow,shoulder", "shoulder,elbow")
     file.write_text(csv_of_ros2() + text)
-    columns = guess_columns(file, JOINTS).columns
+    columns = guess_columns(file, KnownColumns(JOINTS)).columns
     with pytest.raises(RecordingError, match="not all rows are of the joints"):
         read_recording(file, JOINTS, columns)
 
@@ -108,11 +108,14 @@ def test_a_grippers_messages_between_those_of_the_arm_are_left_out(tmp_path):
     parts = zip(yaml_of_ros2().split("---\n"), gripper.split("---\n"), strict=True)
     file = tmp_path / "log.txt"
     file.write_text("---\n".join(text for pair in parts for text in pair))
-    log = read_recording(file, JOINTS, guess_columns(file, JOINTS).columns)
+    log = read_recording(
+        file, JOINTS, guess_columns(file, KnownColumns(JOINTS)).columns
+    )
     assert len(log) == SAMPLES
 
 
 def test_kukas_elements_are_columns(tmp_path):
+    joints = ("joint_a1", "joint_a2")
     file = tmp_path / "log.txt"
     file.write_text(
         "".join(
@@ -122,10 +125,10 @@ def test_kukas_elements_are_columns(tmp_path):
         )
     )
     with pytest.raises(RecordingError, match="IPOC: numbers that rise") as refused:
-        guess_columns(file, ("joint_a1", "joint_a2"))
+        guess_columns(file, KnownColumns(joints))
     assert refused.value.options == "--time IPOC --units time=ms"
     known, units = {"time": "IPOC"}, {"time": "ms"}
-    found = guess_columns(file, ("joint_a1", "joint_a2"), known, units=units)
+    found = guess_columns(file, KnownColumns(joints, known, units=units))
     log = read_recording(file, found.joints, found.columns)
     np.testing.assert_allclose(np.diff(log.time), 0.012)
     np.testing.assert_allclose(log.position[:, 0], np.radians(np.arange(SAMPLES) + 0.5))

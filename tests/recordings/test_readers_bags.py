@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from consistent_id.errors import RecordingError
 from consistent_id.problems.loading import load_problem
-from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.column_guess import KnownColumns, guess_columns
 from consistent_id.recordings.readers import JOINT_STATE, Columns, read_recording
 
 TYPES = get_typestore(Stores.ROS2_HUMBLE)
@@ -152,7 +152,7 @@ def test_a_gripper_on_the_same_topic_takes_no_effort_away(save):
     claw = [(stamp + 1, ["claw"], [0.01], [], []) for stamp, *_ in states(5)]
     both = sorted([*states(5), *claw], key=lambda one: one[0])
     path = save({"/joint_states": both})
-    columns = guess_columns(path, JOINTS).columns
+    columns = guess_columns(path, KnownColumns(tuple(JOINTS))).columns
     assert (columns.velocity, columns.torque) == ("velocity", "effort")
 
 

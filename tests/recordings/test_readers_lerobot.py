@@ -8,7 +8,7 @@ import pytest
 from pyarrow import parquet
 
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.column_guess import KnownColumns, guess_columns
 from consistent_id.recordings.log_formats import files_of, log_format
 from consistent_id.recordings.readers import Columns, read_recording
 from consistent_id.recordings.readers.lerobot import array_names, notes, require_units
@@ -122,7 +122,7 @@ def test_names_that_are_not_the_robots_are_proposed_as_an_option(tmp_path):
     with pytest.raises(
         RecordingError, match=r"gripper would not be read.*--names"
     ) as e:
-        guess_columns(tmp_path, ["pan_joint", "lift_joint"])
+        guess_columns(tmp_path, KnownColumns(("pan_joint", "lift_joint")))
     assert str(e.value).endswith("--names pan=pan_joint lift=lift_joint")
 
 
@@ -130,8 +130,9 @@ def test_without_effort_the_message_says_what_can_be_done(tmp_path):
     _data_set(tmp_path, NAMES)
     advice = r"commands in action\.\{joint\}\.pos: --gains .*consistent-id rollout"
     with pytest.raises(RecordingError, match=advice):
-        guess_columns(tmp_path, ["pan", "lift"])
-    found = guess_columns(tmp_path, ["pan", "lift"], commands=True).columns
+        guess_columns(tmp_path, KnownColumns(("pan", "lift")))
+    known = KnownColumns(("pan", "lift"), commands=True)
+    found = guess_columns(tmp_path, known).columns
     assert found.position_command == "action.{joint}.pos"
 
 

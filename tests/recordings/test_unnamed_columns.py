@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from consistent_id import Columns, RecordingError, read_recording
-from consistent_id.recordings.column_guess import guess_columns
+from consistent_id.recordings.column_guess import KnownColumns, guess_columns
 from consistent_id.recordings.readers import csv
 from consistent_id.recordings.unnamed_columns import column_layout, is_clock
 
@@ -70,7 +70,7 @@ def test_columns_without_a_header_are_proposed_quoted_and_read(tmp_path):
     t, q, dq, torque = motion()
     path = written(tmp_path, np.column_stack([t, q, dq, torque]))
     with pytest.raises(RecordingError, match="no header") as refusal:
-        guess_columns(path, JOINTS)
+        guess_columns(path, KnownColumns(JOINTS))
     assert refusal.value.options == (
         "--time column1 --position 'column{2..3}' --velocity 'column{4..5}' "
         "--torque 'column{6..7}'"
@@ -86,7 +86,7 @@ def test_numbers_without_a_clock_are_refused(tmp_path):
     _, q, dq, torque = motion()
     path = written(tmp_path, np.column_stack([q, dq, torque]))
     with pytest.raises(RecordingError, match="none of them rises like a clock"):
-        guess_columns(path, JOINTS)
+        guess_columns(path, KnownColumns(JOINTS))
 
 
 def test_a_header_that_counts_the_columns_is_no_row(tmp_path):
@@ -148,7 +148,7 @@ def in_a_structure(folder, **more):
 
 
 def test_arrays_of_a_matlab_structure_are_found_with_their_clock(tmp_path):
-    found = guess_columns(in_a_structure(tmp_path), JOINTS)
+    found = guess_columns(in_a_structure(tmp_path), KnownColumns(JOINTS))
     assert found.columns.time == "rec.time_cont"
     assert found.columns.position == "rec.act_pos_mot_deg"
     assert found.columns.torque == "rec.act_torque_nm"
@@ -158,7 +158,7 @@ def test_arrays_of_a_matlab_structure_are_found_with_their_clock(tmp_path):
 def test_of_two_clocks_none_is_taken(tmp_path):
     path = in_a_structure(tmp_path, time_ref=motion()[0])
     with pytest.raises(RecordingError, match=r"rec.time_cont, time_ref: numbers that"):
-        guess_columns(path, JOINTS)
+        guess_columns(path, KnownColumns(JOINTS))
 
 
 def test_datasets_of_hdf5_are_found(tmp_path):
@@ -167,7 +167,7 @@ def test_datasets_of_hdf5_are_found(tmp_path):
     t, q, _, torque = motion()
     with h5py.File(tmp_path / "log.h5", "w") as file:
         file["run/time"], file["run/q"], file["run/tau"] = t, q, torque
-    found = guess_columns(tmp_path / "log.h5", JOINTS)
+    found = guess_columns(tmp_path / "log.h5", KnownColumns(JOINTS))
     assert found.columns.position == "run/q"
     assert found.columns.torque == "run/tau"
 
@@ -176,7 +176,7 @@ def test_fewer_joints_than_the_robots_are_found_by_the_columns(tmp_path):
     t, q, dq, torque = motion()
     path = written(tmp_path, np.column_stack([t, q, dq, torque]))
     with pytest.raises(RecordingError) as refused:
-        guess_columns(path, (*JOINTS, "finger"))
+        guess_columns(path, KnownColumns((*JOINTS, "finger")))
     assert refused.value.options == (
         "--lock finger --time column1 --position 'column{2..3}' "
         "--velocity 'column{4..5}' --torque 'column{6..7}'"
@@ -187,10 +187,10 @@ def test_without_a_clock_a_rate_is_asked_for_and_used(tmp_path):
     _, q, dq, torque = motion()
     path = written(tmp_path, np.column_stack([q, dq, torque]))
     with pytest.raises(RecordingError, match="state their rate") as refused:
-        guess_columns(path, JOINTS)
+        guess_columns(path, KnownColumns(JOINTS))
     assert refused.value.options == "--time RATEHz"
     with pytest.raises(RecordingError) as refused:
-        guess_columns(path, JOINTS, {"time": "100Hz"})
+        guess_columns(path, KnownColumns(JOINTS, {"time": "100Hz"}))
     assert refused.value.options == (
         "--position 'column{1..2}' --velocity 'column{3..4}' --torque 'column{5..6}'"
     )

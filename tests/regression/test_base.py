@@ -305,6 +305,23 @@ def test_rotor_inertias_stay_of_their_size_where_an_angle_is_rounded():
     assert abs(estimate.base_values - base_parameters(model).projection @ x).max() < 1.0
 
 
+def test_short_lengths_are_kept_where_angles_are_rounded():
+    """Lengths of 5 to 8 cm of a published arm: their squares are a few thousandths."""
+    turn = round(np.pi / 2, 4)
+    turns = (0.0, -turn, turn, turn, turn, turn, -turn)
+    lengths = (0.0, 0.0, 0.0, 0.0525, 0.0775, 0.0, 0.076)
+    offsets = (0.267, 0.0, 0.293, 0.0, 0.3425, 0.0, 0.097)
+    rows = [DHRow(*row) for row in zip(turns, lengths, offsets, strict=True)]
+    drive = DriveTerms(rotor_inertia=True, viscous=True)
+    model = TorqueModel(from_modified_dh("arm", rows), drive)
+    base = base_parameters(model)
+    assert base.near
+    W = np.concatenate(list(model.regressor(*_states(model))), axis=1).T
+    left = W - W[:, base.independent] @ base.projection
+    angle = abs(np.pi / 2 - turn)
+    assert abs(left).max() < 10.0 * angle * abs(W).max()
+
+
 def test_exact_angles_leave_nothing_to_say():
     assert base_of(UR10).near == base_of(PANDA).near == ()
 

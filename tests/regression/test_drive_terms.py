@@ -103,6 +103,18 @@ def test_a_joint_that_carries_nothing_is_refused_friction_of_the_load():
     TorqueModel(replace(robot, links=links), (loaded, DriveTerms(coulomb="sign")))
 
 
+def test_a_joint_is_loaded_even_if_it_undoes_the_motion_of_the_one_before():
+    # At equal accelerations the flywheel does not turn, and needs no torque.
+    rows = [DHRow(0.0, 0.0), DHRow(np.pi, 0.0)]
+    wheel = InertialParameters.from_central(1.0, np.zeros(3), np.diag([0.1, 0.1, 0.2]))
+    arm = from_modified_dh("arm", rows)
+    arm = replace(arm, links=tuple(replace(x, nominal=wheel) for x in arm.links))
+    still = TorqueModel(arm, DriveTerms()).regressor(*np.full((3, 1, 2), 2.0))
+    assert abs(still.reshape(2, 20) @ arm.nominal)[1] < 1e-12
+    model = TorqueModel(arm, DriveTerms(coulomb="sign", load_friction=True))
+    assert model.layout.index("joint2.load_friction") > 0
+
+
 def test_the_load_may_be_that_of_an_estimate():
     rng = np.random.default_rng(4)
     states = random_states(rng, 3, 5)

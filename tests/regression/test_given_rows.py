@@ -46,7 +46,7 @@ def test_known_bodies_are_recovered_with_errors_of_the_rows_noise():
 def test_a_motion_does_not_tell_the_regressor_of_free_bodies():
     robot = free_bodies("pair", BODIES)
     rows = given_rows(robot, ("fz",), np.ones((4, 1, 20)), np.ones((4, 1)))
-    with pytest.raises(ProblemError, match="how its bodies are connected"):
+    with pytest.raises(ProblemError, match="the connections of its bodies"):
         rows.model.regressor(*np.zeros((3, 2, 0)))
 
 

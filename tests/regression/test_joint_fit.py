@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from consistent_id.regression.correlated_noise import joint_fit
+from consistent_id.regression.model_errors import joint_fit
 
 
 @pytest.fixture

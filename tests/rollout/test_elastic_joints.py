@@ -21,7 +21,7 @@ from consistent_id.signals import PDGains
 mujoco = pytest.importorskip("mujoco")
 
 from consistent_id.rollout import replay, replay_model  # noqa: E402
-from consistent_id.rollout.choice import with_springs  # noqa: E402
+from consistent_id.rollout.chosen_settings import with_springs  # noqa: E402
 from consistent_id.rollout.settings import (  # noqa: E402
     Settings,
     error_of_parts,

@@ -181,7 +181,7 @@ def test_what_cannot_be_learned_is_refused(detector):
     mirrored = log.torque[:, [0, 1, 1]] * [1.0, 1.0, -1.0]
     with pytest.raises(ProblemError, match="a sum of those of other joints"):
         ContactDetector.fit([replace(log, torque=mirrored)])
-    with pytest.raises(ProblemError, match="expected ages"):
+    with pytest.raises(ProblemError, match="expected two ages"):
         ContactDetector.fit([log], memory=(0.3, 0.05))
     fast = ContactDetector.fit([moving(60.0, 15)])
     with pytest.raises(ProblemError, match="no velocity"):

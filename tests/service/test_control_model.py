@@ -14,6 +14,7 @@ from robots import random_robot, random_states
 from consistent_id import DriveTerms, ProblemError, TorqueModel
 from consistent_id.estimation.verdict import Reason, Verdict
 from consistent_id.regression import DriveTerm
+from consistent_id.regression.drive.laws import AsymmetricCoulomb
 from consistent_id.service import ControlModel, control_model
 
 JOINTS = len(EVERY_TERM)
@@ -70,6 +71,21 @@ def test_numpy_agrees_with_pinocchio(seed):
     assert_near(control.mass_matrix(states[0]), mass)
 
 
+def test_pinocchio_gets_the_same_bodies_and_friction():
+    _, estimate = bare(0, 2)
+    terms = DriveTerms(viscous=True, coulomb="sign", rotor_inertia=True)
+    model = TorqueModel(estimate.model.robot, terms)
+    bodies = [link.nominal for link in model.robot.links]
+    levels = np.array([[1.0, 0.5, 0.1], [2.0, 0.7, 0.2]])  # viscous, Coulomb, rotor
+    control = control_model(estimate_of(model, bodies, levels.ravel()))
+    found = control.pinocchio()
+    q, dq, ddq = (state[0] for state in random_states(np.random.default_rng(1), 2, 1))
+    dq = dq + 9.0 * np.sign(dq)  # dry friction has its level there
+    tau = pin.rnea(found, found.createData(), q, dq, ddq)
+    tau += found.damping * dq + found.upperDryFrictionLimit * np.sign(dq)
+    assert_near(control.torque(q, dq, ddq), tau)
+
+
 def test_shapes_are_those_of_the_state():
     control = control_model(driven())
     q, dq, ddq = random_states(np.random.default_rng(0), JOINTS, 6)
@@ -102,24 +118,43 @@ def test_torque_is_the_sum_of_its_parts():
 def test_friction_is_smooth_at_rest_and_at_most_what_was_identified(velocity):
     estimate = driven(2)
     control = control_model(estimate, friction_velocity=velocity)
-    model, x = estimate.model, estimate.parameters
+    x = estimate.parameters
+    # Friction that differs by direction is dry: it has its level as soon as it moves.
+    drive = [
+        DriveTerms(terms=[AsymmetricCoulomb(None)]) if terms.asymmetric else terms
+        for terms in estimate.model.terms
+    ]
+    model = replace(estimate.model, drive=tuple(drive))
     q = np.tile(random_states(np.random.default_rng(0), JOINTS, 1)[0], (401, 1))
     for j in range(JOINTS):  # one joint moves: friction of coupled gears is apart
         dq = np.zeros_like(q)
         dq[:, j] = np.linspace(-2.0, 2.0, 401)
         found = control.friction(dq, q)[:, j]
-        still = np.zeros_like(q)
-        identified = model.predict(x, q, dq, still) - model.predict(x, q, still, still)
-        bodies = control.bias(q, dq) - control.bias(q, still)
-        known = identified[:, j] - bodies[:, j]
+        # Springs and offsets are in both: they have the middle of two levels.
+        identified = model.predict(x, q, dq, np.zeros_like(q))[:, j]
+        sent = (control.bias(q, dq) + control.springs(q))[:, j] + found
         if not model.terms[j].needs_load:  # its load is that at rest
-            assert (found * np.sign(dq[:, j]) <= known * np.sign(dq[:, j]) + 1e-9).all()
+            sign = np.sign(dq[:, j])
+            assert (sent * sign <= identified * sign + 1e-9).all()
         assert (found * dq[:, j] >= -1e-12).all()
         assert found[200] == 0.0
         # Per step of 0.01 rad/s: the slope of tanh at most, and viscous coefficients
         # of up to 2. Stribeck friction may have a level at rest that no rate shows.
         slope = 1.5 * abs(found).max() / velocity + 4.0
         assert abs(np.diff(found)).max() < 0.01 * slope
+
+
+def test_friction_that_differs_by_direction_has_its_middle_at_rest():
+    _, estimate = bare(0, 2)
+    terms = DriveTerms(coulomb="sign", asymmetric=True)
+    model = TorqueModel(estimate.model.robot, terms)
+    bodies = [link.nominal for link in model.robot.links]
+    found = estimate_of(model, bodies, [3.0, 1.0, 2.0, 2.0])  # positive, negative
+    control = control_model(found, friction_velocity=0.1)
+    q, dq = np.zeros((3, 2)), np.array([[-9.0, -9.0], [0.0, 0.0], [9.0, 9.0]])
+    sent = control.springs(q) + control.friction(dq)
+    np.testing.assert_allclose(sent[:, 0], [-1.0, 1.0, 3.0], atol=1e-12)
+    np.testing.assert_allclose(sent[:, 1], [-2.0, 0.0, 2.0], atol=1e-12)
 
 
 def test_compensated_friction_has_no_jump_where_the_identified_one_has():

@@ -70,22 +70,38 @@ FORMS = {  # what ``ros2 interface show`` prints: the request
 }
 
 
-@pytest.mark.parametrize(("shown", "words"), FORMS.items())
-def test_the_ros_2_call_has_the_form_of_the_installed_service(tmp_path, shown, words):
-    """A `ros2` that shows one form of the service, and keeps what it is called with."""
-    (tmp_path / "shown").write_text(shown)
-    ros2 = tmp_path / "ros2"
+def called(folder, form, shown=""):
+    """Return the words that a script calls `ros2` with, which shows one interface."""
+    (folder / "shown").write_text(shown)
+    ros2 = folder / "ros2"
     ros2.write_text(
         '#!/bin/sh\nif [ "$1" = interface ]; then cat shown; else\n'
         'printf "%s\\n" "$@" > called; fi\n'
     )
     ros2.chmod(0o755)
-    (tmp_path / "call.sh").write_text(controller_text(load(), "ur-ros2"))
-    path = f"{tmp_path}:{os.environ['PATH']}"
+    (folder / "call.sh").write_text(controller_text(load(), form))
+    path = f"{folder}:{os.environ['PATH']}"
     subprocess.run(
-        ["sh", "call.sh"], cwd=tmp_path, env={**os.environ, "PATH": path}, check=True
+        ["sh", "call.sh"], cwd=folder, env={**os.environ, "PATH": path}, check=True
     )
-    *call, request = (tmp_path / "called").read_text().splitlines()
+    return (folder / "called").read_text().splitlines()
+
+
+def test_franka_s_ros_2_call_has_nine_entries_column_by_column(tmp_path):
+    *call, request = called(tmp_path, "franka-ros2")
+    place = "/service_server/set_load"
+    assert call == ["service", "call", place, "franka_msgs/srv/SetLoad"]
+    content = yaml.safe_load(request)
+    assert list(content) == ["mass", "center_of_mass", "load_inertia"]
+    near(content["mass"], 2.5)
+    near(content["center_of_mass"], COM)
+    near(np.reshape(content["load_inertia"], (3, 3), order="F"), INERTIA)
+
+
+@pytest.mark.parametrize(("shown", "words"), FORMS.items())
+def test_the_ros_2_call_has_the_form_of_the_installed_service(tmp_path, shown, words):
+    """A `ros2` that shows one form of the service, and keeps what it is called with."""
+    *call, request = called(tmp_path, "ur-ros2", shown)
     place = "/io_and_status_controller/set_payload"
     assert call == ["service", "call", place, "ur_msgs/srv/SetPayload"]
     assert re.findall(r"[a-z_]+(?=:)", request) == words

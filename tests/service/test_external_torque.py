@@ -131,7 +131,7 @@ def test_intervals_of_the_force_contain_it():
     reference, control = arm(3)
     observer, rng = MomentumObserver(control), np.random.default_rng(4)
     noise = np.diag([0.2, 0.2, 0.1, 0.05, 0.05, 0.05]) ** 2
-    z = []
+    z, inside = [], 0
     for _ in range(60):
         q, force = rng.uniform(-1, 1, 6), rng.normal(size=3) * 10.0
         data = reference.createData()
@@ -143,10 +143,17 @@ def test_intervals_of_the_force_contain_it():
         found = observer.place(q, seen, noise, radius=0.0)
         error = found.force - force
         z.append(error @ np.linalg.pinv(found.covariance) @ error)
+        low, high = found.strengths
+        inside += low < np.linalg.norm(force) < high
     # 95 % of chi-squared with three degrees of freedom are below 7.8; of 60, 50 or more
     # with probability .9996.  Not all: intervals are no wider than they have to be.
     assert 50 <= np.sum(np.array(z) < 7.81) <= 60
     assert np.median(z) > 0.5
+    assert inside >= 52  # of 60 with 95 %, .997
+    # Twice the torque and its errors is twice the force.
+    double = observer.place(q, 2.0 * seen, 4.0 * noise, radius=0.0)
+    np.testing.assert_allclose(double.strengths, (2.0 * low, 2.0 * high), rtol=1e-6)
+    assert high - low < 4.0 * found.strength
 
 
 def test_a_force_that_the_torque_does_not_show_is_open():
@@ -160,6 +167,8 @@ def test_a_force_that_the_torque_does_not_show_is_open():
     assert found.link == control.model.robot.link_names[0]
     assert found.open_directions.shape == (2, 3)  # one joint shows one direction
     np.testing.assert_allclose(found.open_directions @ found.force, 0.0, atol=1e-6)
+    still = contact_place(control.model.robot, q, np.zeros(6), np.eye(6), radius=0.0)
+    assert still.strengths[0] < 0.5 * still.strengths[1]  # nothing pushes, or little
     unknown = replace(found, open_directions=np.eye(3), force=np.zeros(3))
     assert unknown.strength_error == np.inf
 

@@ -1,5 +1,6 @@
 """Gains between currents and torque, by a load of known mass."""
 
+import re
 from dataclasses import replace
 
 import msgspec
@@ -53,6 +54,13 @@ def test_the_table_states_what_the_problem_file_needs(found):
     listed = [float(word) for word in line.split("[")[1].rstrip("]").split(",")]
     np.testing.assert_allclose(listed, found.gains, rtol=1e-4)
     assert [row[0] for row in table.rows] == list(JOINTS)
+    for option, values in (
+        ("--torque-gain ", found.gains),
+        ("--gain-errors ", 100.0 * found.factors.relative_errors),
+    ):
+        (line,) = [note for note in table.notes if option in note]
+        shown = [float(word) for word in line.split(option)[1].split()]
+        np.testing.assert_allclose(shown, values, rtol=0.06)  # two digits
 
 
 @pytest.mark.slow
@@ -62,6 +70,15 @@ def test_a_wrong_mass_makes_all_gains_wrong_by_the_same_factor(files, found):
     ).problem()
     heavy = check_gains(problem, files["loaded"], known_mass=2.0 * LOAD.mass)
     np.testing.assert_allclose(heavy.gains, 2.0 * found.gains, rtol=1e-3)
+
+
+@pytest.mark.slow
+def test_the_shell_gives_the_gains_of_the_file_s_bodies(files, capsys):
+    words = ["gains", files["robot"], files["empty"], *WORDS]
+    assert main(list(map(str, words))) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("use with care: gains; assumed gains")
+    assert "torque_gain = [" in out
 
 
 @pytest.mark.slow
@@ -76,6 +93,38 @@ def test_the_shell_prints_and_writes_gains(files, found, tmp_path, capsys):
     assert record["verdict"] == found.verdict.word
 
 
+def test_without_a_load_the_file_s_bodies_give_the_gains(files):
+    """The simulated arm has the bodies of its file."""
+    problem = draft_problem(
+        files["robot"], files["empty"], select=False, cutoff=8.0, torque_gain=STATED
+    ).problem()
+    found = check_gains(problem)
+    assert (abs(found.gains - GAINS) < 1.5 * found.half_intervals).all()
+    assert (found.half_intervals[1:] < 0.05 * GAINS[1:]).all()
+    assert found.verdict.word == "use with care"
+    assert "assumed gains" in [reason.kind for reason in found.verdict.grounds]
+
+
+def test_a_load_and_its_mass_are_stated_together(files):
+    problem = draft_problem(
+        files["robot"], files["empty"], select=False, cutoff=8.0, torque_gain=STATED
+    ).problem()
+    with pytest.raises(ProblemError, match=r"state the mass \(--known-mass\) too"):
+        check_gains(problem, files["loaded"])
+    with pytest.raises(ProblemError, match=r"state logs \(--loaded\) too"):
+        check_gains(problem, known_mass=3.0)
+
+
+def test_a_file_without_masses_needs_a_load(files, tmp_path):
+    bare = re.sub(r"<inertial>.*?</inertial>", "", urdf())
+    (file := tmp_path / "bare.urdf").write_text(bare)
+    problem = draft_problem(
+        file, files["empty"], select=False, cutoff=8.0, torque_gain=STATED
+    ).problem()
+    with pytest.raises(ProblemError, match="has no masses: gains need a load"):
+        check_gains(problem)
+
+
 @pytest.mark.slow
 def test_logs_without_the_load_show_no_gain(files, tmp_path, capsys):
     again = write_log(tmp_path / "again.csv", None, gains=GAINS, seed=2)
@@ -87,6 +136,10 @@ def test_logs_without_the_load_show_no_gain(files, tmp_path, capsys):
     assert "torque_gain" not in out and "e+" not in out
 
 
+def _independent(relative_errors):
+    return np.diag(relative_errors**2)
+
+
 @pytest.mark.parametrize(("z", "joints", "off"), [(2.2, 1, True), (2.2, 4, False)])
 def test_several_gains_are_tested_together(found, z, joints, off):
     """One gain is off by 2.2 standard errors: 1.96 for one, 2.49 for four (Sidak)."""
@@ -96,7 +149,7 @@ def test_several_gains_are_tested_together(found, z, joints, off):
         found.factors,
         joints=JOINTS[:joints],
         gains=gains,
-        standard_errors=np.full(joints, 0.1 / z),
+        covariance=_independent(np.full(joints, 0.1 / z) / gains),
         linear=gains,
         current_noise=gains,
     )
@@ -106,11 +159,15 @@ def test_several_gains_are_tested_together(found, z, joints, off):
 def test_the_quantile_is_that_of_all_joints(found):
     for z, off in ((2.48, False), (2.50, True)):
         own = replace(
-            found.factors, gains=np.full(4, 1.1), standard_errors=np.full(4, 0.1 / z)
+            found.factors,
+            gains=np.full(4, 1.1),
+            covariance=_independent(np.full(4, 0.1 / z / 1.1)),
         )
         assert gains_off(own).tolist() == [off] * 4
     small = replace(
-        found.factors, gains=np.full(4, 1.019), standard_errors=np.full(4, 1e-4)
+        found.factors,
+        gains=np.full(4, 1.019),
+        covariance=_independent(np.full(4, 1e-4)),
     )
     assert not gains_off(small).any()  # less than 2 %
 

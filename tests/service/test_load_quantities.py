@@ -8,7 +8,11 @@ import pytest
 from carrying import LOAD
 
 from consistent_id.robot import FixedFrame, InertialParameters
-from consistent_id.service.load_quantities import inertia_is_open, load_quantities
+from consistent_id.service.load_quantities import (
+    inertia_is_open,
+    inertia_width,
+    load_quantities,
+)
 
 FRAME = FixedFrame("tcp", pin.exp3(np.array([0.4, -0.7, 0.2])), [0.1, -0.2, 0.3])
 LINK = FixedFrame("link", np.eye(3), np.zeros(3))
@@ -67,15 +71,16 @@ def test_what_is_open_makes_open_what_depends_on_it():
     assert np.isfinite(load_quantities(blind, LINK).high[2:4]).all()
 
 
-def test_inertia_is_open_if_its_trace_is_not_known_to_a_quarter():
+def test_inertia_is_open_if_its_trace_is_not_known_to_a_half():
     # Only the trace is uncertain: Ixx, Iyy and Izz move together.
     trace = np.trace(LOAD.central_inertia)
     move = np.zeros(10)
     move[[4, 6, 9]] = 1.0 / 3.0
-    for share, is_open in ((0.24, False), (0.26, True)):
+    for share, is_open in ((0.49, False), (0.51, True)):
         one = payload()  # half an interval is twice the error
         one.covariance = np.outer(move, move) * (0.5 * share * trace) ** 2
         assert inertia_is_open(one) == is_open
+        assert inertia_width(one) == pytest.approx(2.0 * share)
 
 
 def test_the_table_has_no_number_where_nothing_is_identified():

@@ -12,9 +12,16 @@ import pytest
 from carrying import FLANGE, LOAD, write_log, write_robot
 from schemas import parsed
 
-from consistent_id import ModelError, ProblemError, draft_problem, load_problem
+from consistent_id import (
+    ModelError,
+    ProblemError,
+    draft_problem,
+    load_problem,
+)
 from consistent_id.cli import main
+from consistent_id.constraints import FixedParameters
 from consistent_id.service import weigh_load
+from consistent_id.service.loaded_runs import LoadedRuns
 from consistent_id.service.weighing import _of_mass
 
 PLAIN = {"select": False, "cutoff": 8.0}
@@ -82,15 +89,21 @@ def test_a_tool_s_place_is_given_in_the_frame_of_the_flange(problem, files, foun
 
 
 @pytest.fixture(scope="module")
-def still(tmp_path_factory):
+def still_files(tmp_path_factory):
+    """The robot, and logs of poses at rest without and with the load."""
     folder = tmp_path_factory.mktemp("still")
-    robot = write_robot(folder)
     logs = [
         write_log(folder / f"{name}.csv", load, still=True, seed=seed)
         for seed, (name, load) in enumerate({"empty": None, "loaded": LOAD}.items())
     ]
-    problem = draft_problem(robot, logs[0], select=False, cutoff=2.0).problem()
-    return weigh_load(problem, logs[1], link="flange")
+    return write_robot(folder), *logs
+
+
+@pytest.fixture(scope="module")
+def still(still_files):
+    robot, empty, loaded = still_files
+    problem = draft_problem(robot, empty, select=False, cutoff=2.0).problem()
+    return weigh_load(problem, loaded, link="flange")
 
 
 def test_poses_at_rest_show_mass_and_centre_of_mass_alone(still):
@@ -314,3 +327,87 @@ def test_the_ur10e_s_known_mass_shows_that_the_authors_gains_are_off():
     assert weighed.body.mass == pytest.approx(2.805, rel=0.01)
     turned = found.in_flange.body.com * [-1.0, -1.0, 1.0]
     np.testing.assert_allclose(weighed.body.com, turned, atol=0.01)
+
+
+@pytest.mark.slow
+def test_a_load_on_another_link_is_not_weighed(problem, files, found):
+    wrong = weigh_load(problem, files["loaded"], link="link2")
+    assert wrong.verdict.word == "do not use"
+    (ground,) = [r for r in wrong.verdict.grounds if r.kind.startswith("not attached")]
+    assert "with the load on link3 instead of link2" in ground.statement
+    assert "--link link3" in ground.advice
+    with pytest.raises(ProblemError, match="not attached to this link"):
+        wrong.for_controller  # noqa: B018
+    assert "not attached to this link" not in [r.kind for r in found.verdict.reasons]
+
+
+def test_misfits_of_links_are_those_of_least_squares(problem, files, found):
+    """The misfit of the load's own link is the sum over samples of its fit."""
+    robot, runs = found.payload.robot, LoadedRuns(problem, (files["loaded"],), None, ())
+    loaded, unloaded = runs.read({})
+    residuals = robot.residuals(
+        found.payload.least_squares.parameters, unloaded, loaded
+    )
+    sigma = np.sqrt(np.mean(residuals**2, axis=1))
+    misfits = robot.misfits(unloaded, loaded, sigma)
+    # Weights of the fit are those of effective samples: nearly, not just, the same.
+    assert misfits[robot.carrier] == pytest.approx(residuals.size, rel=1e-2)
+    assert misfits.argmin() == robot.carrier
+
+
+@pytest.mark.slow
+def test_poses_show_the_load_although_friction_differs_by_direction(still_files):
+    """The logs have an offset, which asymmetric dry friction equals in motion alone."""
+    robot, empty, loaded = still_files
+    problem, other = (
+        draft_problem(
+            robot, empty, select=False, cutoff=2.0, drive=("viscous", "coulomb", term)
+        ).problem()
+        for term in ("asymmetric", "offset")
+    )
+    assert all(term.asymmetric for term in problem.model.terms)
+    found = weigh_load(problem, loaded, link="flange").in_flange
+    expected = weigh_load(other, loaded, link="flange").in_flange
+    np.testing.assert_allclose(found.values, expected.values, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(found.low[:4], expected.low[:4], rtol=1e-6)
+    assert found.low[0] < LOAD.mass < found.high[0]
+    # Models whose constraints name the two levels keep them.
+    stated = FixedParameters({"j0.coulomb_positive": 0.9})
+    kept = replace(problem, constraints=(*problem.constraints, stated))
+    assert LoadedRuns(kept, (loaded,), None, ()).model is kept.model
+
+
+@pytest.mark.slow
+def test_poses_may_be_recorded_one_after_another(still_files, still, tmp_path):
+    """Rests of two seconds, with gaps of the clock in place of the moves."""
+    robot, empty, loaded = still_files
+    head, *rows = loaded.read_text().splitlines()
+    table = np.array([[float(word) for word in row.split(",")] for row in rows])
+    rests = table[np.arange(len(table)) % (22 * 50) < 2 * 50]  # at 50 Hz
+    file = tmp_path / "rests.csv"
+    np.savetxt(file, rests, "%.9g", ",", header=head, comments="")
+    problem = draft_problem(robot, empty, select=False, cutoff=2.0).problem()
+    assert problem.table.data.preparation.max_gap is None
+    found = weigh_load(problem, file, link="flange")
+    assert abs(found.in_flange.body.mass - LOAD.mass) < 0.05
+    assert np.linalg.norm(found.in_flange.body.com - LOAD.com) < 5e-3
+    poses = tmp_path / "poses.csv"
+    np.savetxt(poses, rests[::100], "%.9g", ",", header=head, comments="")
+    with pytest.raises(ProblemError, match="A row for each pose is not enough"):
+        weigh_load(problem, poses, link="flange")
+
+
+@pytest.mark.slow
+def test_stamps_of_loaded_logs_may_jitter(problem, files, found, tmp_path):
+    head, *rows = files["loaded"].read_text().splitlines()
+    table = np.array([[float(word) for word in row.split(",")] for row in rows])
+    # A fifth of a step at most: the motion is that of the stamps, to 0.1 %.
+    table[:, 0] += np.random.default_rng(0).uniform(-2e-3, 2e-3, len(table))
+    file = tmp_path / "jitter.csv"
+    np.savetxt(file, table, "%.9g", ",", header=head, comments="")
+    assert problem.table.data.preparation.resample is None
+    again = weigh_load(problem, file, link="flange").in_flange
+    half = 0.5 * (found.in_flange.high[0] - found.in_flange.low[0])
+    assert abs(again.body.mass - found.in_flange.body.mass) < half
+    with pytest.raises(ProblemError, match="rows 90000 to 90100, but the file has"):
+        weigh_load(problem, file, link="flange", rows=(90_000, 90_100))

@@ -1,11 +1,13 @@
 """Progress: two lines for a pipe, a bar for a terminal, nothing for who did not ask."""
 
+import subprocess
 import sys
 
 import pytest
+from logged import write_arm
 
 from consistent_id._support import progress
-from consistent_id._support.progress import counted, stages
+from consistent_id._support.progress import begun, counted, stages
 
 
 @pytest.fixture
@@ -54,3 +56,32 @@ def test_a_terminal_has_a_bar(shown, capsys, monkeypatch):
     error = capsys.readouterr().err
     assert "\r" in error
     assert ("0/4" if shown is stages else "3/4") in error
+
+
+def test_what_begins_is_said_at_once(capsys):
+    begun("reading log.csv", shown=True)
+    begun("reading other.csv", shown=False)
+    assert capsys.readouterr().err == "reading log.csv ...\n"
+
+
+@pytest.mark.slow
+def test_a_command_says_what_it_reads_before_it_imports_its_libraries(tmp_path):
+    words = ["check", *map(str, write_arm(tmp_path))]
+    code = f"""
+import subprocess
+import sys
+from consistent_id.cli import main
+class First:
+    def write(self, text):
+        sys.__stdout__.write(text + "|" + ",".join(sorted(HEAVY & set(sys.modules))))
+        raise SystemExit
+    def flush(self):
+        pass
+    def isatty(self):
+        return False
+HEAVY = {{"scipy", "pinocchio", "casadi", "cvxpy", "pyarrow", "clarabel"}}
+sys.stderr = First()
+main({words!r})
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout == "reading arm.urdf, log.csv ...\n|"

@@ -91,12 +91,12 @@ CLARABEL = {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10}
 
 @dataclass(frozen=True, slots=True)
 class OptimumProof:
-    """What is proven about an optimum.
+    """The proof about an optimum.
 
     Parameters
     ----------
     statement : str
-        What is proven, or how nearly.
+        The proven statement, or the gap to it.
     allowed : str
         The allowed gaps, for a reader of a failed proof.
     """
@@ -116,7 +116,7 @@ class Certificate:
     ----------
     verdict : {"certified", "uncertified"}
     reason : str
-        What was checked, or what failed, in words.
+        The checks, or the failed one, in words.
     figures : dict of str to float
         Residuals, gaps, eigenvalues, by name.
     """
@@ -160,7 +160,7 @@ class Optimality:
         return self.gap <= gap and self.violation <= FEASIBILITY_TOLERANCE
 
 
-_Judged = tuple[ConeSolution, Optimality]
+_Proven = tuple[ConeSolution, Optimality]
 
 
 def certify(
@@ -265,7 +265,7 @@ def solve_certified(
         If no method gives a point.
     """
     free = free_optimum(problem, centre)
-    judged = partial(
+    proof_of = partial(
         certify,
         problem,
         centre=centre,
@@ -274,10 +274,10 @@ def solve_certified(
         triangle=free.triangle,
     )
     if free.solution is not None:
-        optimality = judged(free.solution)
+        optimality = proof_of(free.solution)
         if optimality.within(gap):
             return free.solution, optimality
-    found: list[_Judged] = []
+    found: list[_Proven] = []
     failures: list[str] = []
     for way in _ways(problem, centre, found, reach=reach, gap=gap):
         try:
@@ -285,7 +285,7 @@ def solve_certified(
         except SolverError as failure:
             failures.append(str(failure))
             continue
-        optimality = judged(solution)
+        optimality = proof_of(solution)
         found.append((solution, optimality))
         if optimality.within(gap):
             break
@@ -297,7 +297,7 @@ def solve_certified(
 def _ways(
     problem: LeastNorm,
     centre: Vector,
-    found: Sequence[_Judged],
+    found: Sequence[_Proven],
     *,
     reach: float,
     gap: float,
@@ -330,13 +330,13 @@ def _ways(
     yield from (partial(solve_half_square, problem, times=t) for t in _MAGNIFIED)
 
 
-def _is_flat(found: Sequence[_Judged]) -> bool:
+def _is_flat(found: Sequence[_Proven]) -> bool:
     """Return whether two solutions show that the objective is `_FLAT`."""
     solved = [o.gap for _, o in found if o.violation <= FEASIBILITY_TOLERANCE]
     return len(solved) > 1 and min(solved) > _FLAT
 
 
-def _quality(pair: _Judged) -> tuple[bool, float]:
+def _quality(pair: _Proven) -> tuple[bool, float]:
     optimality = pair[1]
     return optimality.violation > FEASIBILITY_TOLERANCE, optimality.gap
 

@@ -278,7 +278,7 @@ def _all_multipliers(
     ----------
     domain : ConicSet
     duals : sequence of ndarray
-        Of the rows of `free_set`.
+        Dual vectors of the rows of `free_set`.
     size : float
         By which these are multiplied.
     slope : ndarray, shape (parameters,)

@@ -298,7 +298,7 @@ class BlockRows:
     A : ndarray, shape (rows, parameters)
     b : ndarray, shape (rows,)
     orders : tuple of int
-        Of the matrices, as the set has them.
+        Orders of the matrices, as the set has them.
     """
 
     A: Matrix

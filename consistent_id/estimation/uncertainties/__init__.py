@@ -1,1 +1,1 @@
-"""How far estimated parameters may be from the true ones: errors and intervals."""
+"""Uncertainty of estimated parameters: standard errors and intervals."""

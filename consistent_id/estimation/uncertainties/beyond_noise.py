@@ -97,7 +97,7 @@ def floating_blocks(
     Parameters
     ----------
     segments : sequence of Regression
-        Of one recording, in the order of time.
+        Segments of one recording, in the order of time.
     """
     count = min(BLOCKS, len(segments))
     parts = [
@@ -147,16 +147,16 @@ class ParameterShifts:
 
 
 class ScatterCauses(NamedTuple):
-    """What parameters scatter by: noise, and what is beyond it.
+    """Causes of the parameters' scatter: noise, and effects beyond it.
 
     Parameters
     ----------
     noise : ResidualNoise
-        Of the regression; with scatter between recordings, if there are several.
+        Noise of the regression; with scatter between recordings, if there are several.
     blocks : FloatingBlocks, optional
-        What parameters differ by between blocks of the motion.
+        Scatter of the parameters between blocks of the motion.
     shifts : ParameterShifts, optional
-        What things taken for granted move.
+        Shifts of the parameters by errors of assumed values.
     """
 
     noise: ResidualNoise

@@ -92,7 +92,7 @@ class BlockScatter:
     def quantiles(self) -> Vector:
         """Standard errors either way for 95 %, shape (parameters,).
 
-        More than 1.96 as far as errors are those of few blocks [Satterthwaite1946]_.
+        More than 1.96 where errors are those of few blocks [Satterthwaite1946]_.
         """
         return self._quantiles(self.noise**2, self.between**2 / self.blocks)
 
@@ -109,7 +109,7 @@ class BlockScatter:
         return np.asarray(stdtrit(np.maximum(freedom, 1.0), _LEVEL))
 
     def widths_for(self, other: "BlockScatter", *, between: bool = True) -> Vector:
-        """Return how far another motion's values may be off, in 95 % of cases.
+        """Return bounds on the errors of another motion's values, in 95 % of cases.
 
         Parameters
         ----------
@@ -182,7 +182,7 @@ def block_scatter(
         Blocks of consecutive motion, with one weight for each joint; see
         `segment_regressions`.
     constraints : sequence of Constraint
-        Of these the equalities count, such as known bodies and equal motors.
+        Only equalities are used, such as known bodies and equal motors.
 
     Raises
     ------
@@ -305,7 +305,7 @@ class RecordingScatter:
                 rows.append(self.deviations[own, None] * moves)
             moves = np.vstack(rows)
             between.append(Scatter(moves.T @ moves, freedom))
-        return replace(noise, between=tuple(between), blocks=1.0)
+        return replace(noise, between=tuple(between), beyond=1.0)
 
 
 def kinds_of(model: TorqueModel, base: BaseParameters) -> tuple[str, ...]:

@@ -128,7 +128,7 @@ def consistent_intervals(
         Whether this is for all intervals together, not for each.
     base : BaseParameters, optional
     causes : ScatterCauses, optional
-        What intervals contain; by default the noise of the regression alone.
+        Causes of scatter; by default the noise of the regression alone.
 
     Raises
     ------

@@ -151,7 +151,7 @@ def parameter_scatter(
     Parameters
     ----------
     problem : FitProblem
-        Of all segments together.
+        Problem of all segments together.
     fitted : ConstrainedFit
         Its solution.
     segments : Segments
@@ -173,13 +173,13 @@ def parameter_scatter(
     blocks = None
     if recordings is None and model.robot.floating:
         blocks = floating_blocks(model, long.regressions, problem.constraints, base)
-    if blocks is not None:  # they contain what `noise.blocks` would add
-        noise = replace(noise, between=(), blocks=1.0)
-    elif recordings is None and noise.blocks > 1.0:
+    if blocks is not None:  # they contain what `noise.beyond` would add
+        noise = replace(noise, between=(), beyond=1.0)
+    elif recordings is None and noise.beyond > 1.0:
         own = np.diag(
             covariance(fitted, white_scores(fitted, whole, base, noise.level))
         )
-        variance = np.maximum(variance, noise.blocks * own)
+        variance = np.maximum(variance, noise.beyond * own)
     found = ParameterScatter(
         variance, between, noise, scores.sentence, scores.quantile, recordings
     ).with_blocks(blocks)

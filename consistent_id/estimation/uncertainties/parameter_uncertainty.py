@@ -130,7 +130,7 @@ class ParameterUncertainty:
     Parameters
     ----------
     value : float
-        Of the constrained estimate.
+        Value of the constrained estimate.
     standard_error : float
         Root of the sum of squared scatter (see `sensitivity`, and `RecordingScatter`)
         and squared `prior_shift`; NaN where it would not describe the value's error,
@@ -142,7 +142,7 @@ class ParameterUncertainty:
     consistent : tuple of float
         Least and largest value of any consistent robot that fits nearly best.
     verdict : str
-        What determines it; see `determinations`.
+        Source of its value; see `determinations`.
     between_recordings : float
         Standard deviation of the parameter between recordings, beyond noise; NaN if the
         data do not depend on it, or for one recording.
@@ -211,7 +211,7 @@ class Uncertainty:
         raise ProblemError(f"no parameter {name!r}; {near}")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything as plain numbers and text; None for what is not finite."""
+        """Return everything as plain numbers and text; None for values not finite."""
         resampled = self.bootstrap
         return {
             "parameters": [_plain(asdict(p)) for p in self.parameters],

@@ -53,7 +53,7 @@ _KEPT = 0.01  # share of a limit by which one is exceeded that still counts as k
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PredictedMotion:
-    """A motion to play, and what is predicted of it."""
+    """A motion to play, and the predictions for it."""
 
     path: JointPath
     accuracy: PredictedAccuracy
@@ -96,7 +96,7 @@ class DryRun:
         limits; friction and control are in the true ones.  None where there is no
         limit.
     share : float
-        Of the limits, that the design was allowed to use.
+        Share of the limits, that the design was allowed to use.
     notes : tuple of str
         On what of the problem is not rehearsed.
     """
@@ -147,7 +147,7 @@ class DryRun:
 
     def _notes(self) -> Iterator[str]:
         yield from self.notes
-        yield "proven is the wanted motion; a controller lags behind it"
+        yield "the proof is for the wanted motion; a controller lags behind it"
         if self.share_to_use < self.share:
             share = np.floor(100.0 * self.share_to_use) / 100.0
             yield f"with --share {share:g} tracking like this keeps all limits"
@@ -221,8 +221,8 @@ def dry_run(
     Parameters
     ----------
     parameters : array_like, shape (parameters,) or (members, parameters), optional
-        Of estimates of the problem's torque model: the worst of them keeps the limits
-        of torque, and robots are planted near the first.
+        Parameters of estimates of the problem's torque model: the worst of them keeps
+        the limits of torque, and robots are planted near the first.
     robots : int
         Planted at random, see `planted_robot`.
     rivals : bool
@@ -356,7 +356,7 @@ def _with_noise(aim: Aim, model: TorqueModel, limits: MotionLimits) -> Aim:
 def _stages(
     rival: ExcitationDesign, objective: Objective
 ) -> dict[str, list[FourierTrajectory]]:
-    """Return what each stage of a rival's search ended with."""
+    """Return the result of each stage of a rival's search."""
     names = [f"{stage.objective} alone" for stage in rival.stages[:1]]
     names += [f"{objective} first, then {s.objective}" for s in rival.stages[1:]]
     return {

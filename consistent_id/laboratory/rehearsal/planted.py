@@ -31,7 +31,7 @@ from consistent_id.robot.model import RobotModel
 DRIVE = DriveTerms(
     viscous=True, coulomb="tanh", velocity_scale=0.02, rotor_inertia=True
 )
-"""By which the planted robot is identified."""
+"""Drive terms with which the planted robot is identified."""
 _CONTROL = DriveTerms(rotor_inertia=True)  # drive terms of its controller
 _ROTOR = 0.002  # kg m^2 of a geared rotor for each N m; 0.66 for 330 N m
 _DRIVES = 0.9  # share of the rotors' inertia that the controller believes in
@@ -51,7 +51,7 @@ class TorqueSensors:
         True torque over the torque computed from currents: torque constants have
         errors.
     steps : ndarray, shape (joints,), [N m or N]
-        Of a reading; 0 for none.
+        Steps of a reading; 0 for none.
     """
 
     gains: Vector
@@ -128,8 +128,8 @@ def planted_robot(
         If it logs motor currents: the share, one standard deviation, to which their
         torque constants are known.
     known : ndarray, shape (parameters,), optional
-        Of an estimate by bodies and `DRIVE`: friction and rotors that it found are
-        planted to some percent, instead of made-up ones.
+        Parameters of an estimate by bodies and `DRIVE`: friction and rotors that it
+        found are planted to some percent, instead of made-up ones.
 
     Raises
     ------
@@ -177,7 +177,7 @@ def planted_robot(
 def _strength(model: TorqueModel, nominal: Vector, limits: MotionLimits) -> Vector:
     """Return effort limits; where there is none, twice the largest gravity torque.
 
-    Of joints that carry little, a third of that of the joint that carries most.
+    For joints that carry little, it is a third of that of the joint that carries most.
     """
     rng = np.random.default_rng(0)
     poses = rng.uniform(limits.lower, limits.upper, (_POSES, len(model.robot)))
@@ -204,7 +204,7 @@ class MujocoRobot:
 
     @property
     def step(self) -> float:
-        """Of the integrator [s]."""
+        """Time step of the integrator [s]."""
         return float(self.model.opt.timestep)
 
     def at(self, q: Vector, dq: Vector) -> Any:
@@ -227,7 +227,7 @@ def mujoco_robot(robot: PlantedRobot, step: float) -> MujocoRobot:
     Parameters
     ----------
     step : float, [s]
-        Of the integrator.
+        Step of the integrator.
 
     Raises
     ------
@@ -278,7 +278,7 @@ class Rehearsed:
     model : TorqueModel
         Its robot is that of the first estimate, if there is one.
     parameters : ndarray, shape (members, parameters), optional
-        Of the estimates, by which torque limits are kept.
+        Parameters of the estimates, by which torque limits are kept.
     notes : tuple of str
         On what is left out.
     """

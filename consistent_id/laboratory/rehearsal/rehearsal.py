@@ -104,7 +104,7 @@ def play(
     noise : ndarray, shape (joints,), [N m or N]
         Standard deviation of the logged torque's white noise.
     rate : float, [Hz]
-        Of the log, at most the controller's.
+        Rate of the log, at most the controller's.
 
     Raises
     ------
@@ -239,7 +239,7 @@ class Identified:
     plain : Estimate
         Weighted least squares: base parameters.
     constrained : Estimate
-        Of physically consistent bodies, with friction that brakes.
+        Estimate of physically consistent bodies, with friction that brakes.
     """
 
     plain: Estimate
@@ -276,7 +276,7 @@ def identified(
     Parameters
     ----------
     robot : PlantedRobot
-        Of which only the model is used.
+        Planted robot; only its model is used.
     noise : ndarray, shape (joints,), [N m or N]
         By which rows are divided.
     highest : float, [Hz]
@@ -301,7 +301,7 @@ class Rehearsal:
     Parameters
     ----------
     errors : ndarray, shape (base,)
-        Of the base parameters by weighted least squares.
+        Errors of the base parameters by weighted least squares.
     predicted : ndarray, shape (base,)
         Standard errors that were predicted.
     held_out : float
@@ -354,7 +354,7 @@ def rehearse(
     Parameters
     ----------
     accuracy : PredictedAccuracy
-        Of the motion, for this robot's model.
+        Accuracy of the motion, for this robot's model.
     path, validation : JointPath
         The motion for identification, and another motion whose torque is predicted.
     noise : ndarray, shape (joints,), [N m or N]
@@ -362,7 +362,7 @@ def rehearse(
     highest : float, [Hz]
         Frequency of the motion.
     rate : float, [Hz]
-        Of the log.
+        Rate of the log.
     """
     played = play(robot, path, SENSED * noise, rng, rate=rate)
     found = identified(robot, accuracy.base, played.log, noise, highest)

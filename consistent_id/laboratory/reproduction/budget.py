@@ -37,7 +37,7 @@ class ErrorBudget:
     Parameters
     ----------
     names : tuple of str
-        Of the paper's combinations.
+        Names of the paper's combinations.
     parts : ndarray, shape (experiments, causes, joints, combinations)
     noise : ndarray, shape (experiments, combinations)
         Standard errors to be expected of the sensors' noise alone.
@@ -177,16 +177,16 @@ class Tempo:
     Parameters
     ----------
     names : tuple of str
-        Of the paper's combinations.
+        Names of the paper's combinations.
     slowness : ndarray, shape (tempos,)
         Factors by which tasks take longer.
     allowed : ndarray, shape (joints,)
         Factors of the laboratory's friction at which friction alone, along the paper's
         verification motion, has the mean square that the paper prints as its error.
     scatter : ndarray, shape (tempos, combinations)
-        Of least squares as published, with friction as allowed.
+        Scatter of least squares as published, with friction as allowed.
     noise : ndarray, shape (tempos, combinations)
-        Of the sensors' noise alone.
+        Scatter from the sensors' noise alone.
     """
 
     names: tuple[str, ...]

@@ -36,12 +36,12 @@ _DRAWS = 400  # of friction
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VariedAssumptions:
-    """Scatter over the experiments, for many guesses at what a paper does not say.
+    """Scatter over the experiments, for many guesses at values that a paper omits.
 
     Parameters
     ----------
     names : tuple of str
-        Of the paper's combinations.
+        Names of the paper's combinations.
     friction : ndarray, shape (draws, combinations)
         With the file's tasks and friction drawn.
     both : ndarray, shape (draws, combinations)
@@ -49,7 +49,7 @@ class VariedAssumptions:
     tasks : ndarray, shape (task draws, combinations)
         With tasks drawn and the file's friction.
     noise : ndarray, shape (task draws, combinations)
-        Of the sensors' noise alone, with tasks drawn.
+        Scatter from the sensors' noise alone, with drawn tasks.
     refused : int
         Tasks drawn that the robot cannot write; others were drawn in their place.
     """
@@ -80,10 +80,10 @@ def vary_assumptions(
     Parameters
     ----------
     planned : ErrorBudget
-        Of the file's own tasks, whose experiments are drawn.
+        Budget of the file's own tasks, whose experiments are drawn.
     cell_rate : float, [Hz]
     draws, frictions : int
-        Of the tasks, and of friction for each of them.
+        Number of draws of tasks, and of friction for each of them.
     """
     rng = np.random.default_rng(seed)
     budgets, refused = [], 0
@@ -174,7 +174,7 @@ class ErrorAnalysis:
     Parameters
     ----------
     budget : ErrorBudget
-        Of the experiments as they were performed.
+        Budget of the experiments as they were performed.
     planned : ErrorBudget
         The same from the planned motions.
     shrunk : dict of str to ndarray, shape (draws, combinations)
@@ -203,13 +203,13 @@ def analyse_errors(
     Parameters
     ----------
     inertial : ndarray, shape (10 links,)
-        Of the laboratory's robot.
+        Inertial parameters of the laboratory's robot.
     done : Reproduction
         With friction, along the tasks.
     instead : mapping of str to mapping of str to Recording
         Sets of motions in the tasks' place.
     draws : int
-        Of tasks.
+        Number of draws of tasks.
     """
     laboratory = laboratory_of(problem, inertial)
     cell_rate = uniform_rate(done.experiments[0].log.encoders)

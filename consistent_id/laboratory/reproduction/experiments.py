@@ -57,7 +57,7 @@ ENTRIES = ("A", "B", "C", "D", "E", "F")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExperimentExcitation:
-    """How well one experiment excites a paper's free parameters.
+    """The excitation of a paper's free parameters by one experiment.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ class ParameterTable:
     Parameters
     ----------
     names : tuple of str
-        Of the combinations.
+        Names of the combinations.
     vectors : ndarray, shape (experiments, combinations)
     """
 
@@ -123,7 +123,7 @@ class ParameterTable:
 
     @property
     def standard_deviation(self) -> Vector:
-        """Of the sample (one less than the experiments), shape (combinations,)."""
+        """Standard deviation of the sample, shape (combinations,)."""
         return np.asarray(self.vectors.std(axis=0, ddof=1))
 
 
@@ -134,7 +134,7 @@ class Reproduction:
     Parameters
     ----------
     names : tuple of str
-        Of the paper's combinations.
+        Names of the paper's combinations.
     truth : ndarray, shape (combinations,)
     """
 
@@ -187,7 +187,8 @@ def reproduce_experiments(
     problem : Problem
         With ``[published]``, ``[tasks]`` and ``[laboratory]``.
     inertial : array_like, shape (10 links,)
-        Of the robot in the laboratory, such as the body nearest to a published vector.
+        Inertial parameters of the robot in the laboratory, such as the body nearest to
+        a published vector.
     friction : bool
         Whether its friction is switched on.
     experiments : sequence of str, optional
@@ -233,11 +234,11 @@ def perform_experiments(
     problem : Problem
         With ``[published]`` and ``[laboratory]``.
     inertial : array_like, shape (10 links,)
-        Of the robot in the laboratory.
+        Inertial parameters of the robot in the laboratory.
     motions : mapping of str to Recording
         Uniformly sampled, with velocity and acceleration.
     places : sequence of int, optional
-        Which stream of noise each experiment draws from; by default in their order.
+        Number of each experiment's stream of noise; by default in their order.
     friction : bool
         Whether the robot's friction is switched on.
     seed : int, optional
@@ -381,12 +382,12 @@ class InertiaTable:
 
     @property
     def standard_deviation(self) -> Array:
-        """Of the sample, shape (links, 6)."""
+        """Standard deviation of the sample, shape (links, 6)."""
         return np.asarray(self.entries.std(axis=0, ddof=1))
 
     @property
     def standard_error(self) -> Array:
-        """Of the mean, if experiments err independently, shape (links, 6)."""
+        """Standard error of the mean for independent experiments, shape (links, 6)."""
         return np.asarray(self.standard_deviation / np.sqrt(len(self.entries)))
 
 

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from consistent_id._support.arrays import Array
+from consistent_id._support.extras import needed
 from consistent_id.laboratory.reproduction.paper_study import TASKS, PaperStudy
 from consistent_id.laboratory.reproduction.paper_tables import (
     free_places,
@@ -63,7 +64,7 @@ def scatter_figure(study: PaperStudy) -> Any:
 
 
 def exciting_figure(study: PaperStudy) -> Any:
-    """Return the scatter of each parameter by what was moved along."""
+    """Return the scatter of each parameter by the motions of the experiments."""
     rows = []
     for k, (name, done) in enumerate(study.with_friction.items()):
         rows.append((name, done.scatter(done.tables[0]), "o", _COLOURS[k]))
@@ -220,9 +221,8 @@ def _scatters(study: PaperStudy, rows: Any) -> Any:
 
 def _figure(width: float, height: float) -> Any:
     # The object interface keeps figures out of pyplot's global state.
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), layout="constrained")
+    kind = needed("matplotlib.figure", "plots", "a figure").Figure
+    return kind(figsize=(width, height), layout="constrained")
 
 
 def _legend(figure: Any, axis: Any, columns: int) -> None:

@@ -314,7 +314,7 @@ def _report_section(section: PaperSection, study: PaperStudy) -> Section:
 
 
 def reproduction_record(study: PaperStudy) -> dict[str, Any]:
-    """Return what was found as plain numbers and text."""
+    """Return the results as plain numbers and text."""
     names = study.tasks.names
     return {
         "format": _FORMAT,

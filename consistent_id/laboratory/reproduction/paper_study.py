@@ -81,16 +81,16 @@ class ExcitingSet:
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """How much of a study is done.
+    """The parts of a study that are done.
 
     Parameters
     ----------
     experiments : int, optional
-        Of the laboratory, the first ones; by default all.
+        Number of the laboratory's experiments, the first ones; by default all.
     sets : tuple of str
-        Of exciting motions.
+        Sets of exciting motions.
     draws : int
-        Of tasks, for what is assumed.
+        Number of draws of tasks, for the paper's assumptions.
     seeds : int
         Repetitions of the experiments with other noise.
     verification : int, optional
@@ -127,15 +127,16 @@ class PaperStudy:
     Parameters
     ----------
     inertial : ndarray, shape (10 links,)
-        Of the laboratory's robot: physically consistent, nearest to the paper's mean.
+        Inertial parameters of the laboratory's robot: physically consistent, nearest to
+        the paper's mean.
     with_friction, without_friction : dict of str to Reproduction
         By what was moved along; without friction the tasks and the last set alone.
     other_noise : ndarray, shape (seeds, methods, combinations)
         Scatter along the tasks with other seeds.
     error_analysis : ErrorAnalysis
-        Of the errors along the tasks, with friction.
+        Analysis of the errors along the tasks, with friction.
     inertia : tuple of InertiaTable
-        Of the tasks, with friction.
+        Tables of the tasks, with friction.
     verification, verification_without_friction : Verification
         With and without friction.
     """
@@ -189,7 +190,7 @@ def reproduce(
     extent : Extent
         `FULL`, `QUICK` or one of your own.
     seed : int
-        Of designs and of what is drawn; the laboratory has its own.
+        Seed of designs and draws; the laboratory has its own.
     progress : callable
         Is called with each step's name before it begins.
 
@@ -284,7 +285,7 @@ def exciting_sets(
     *,
     seed: int = 0,
 ) -> tuple[ExcitingSet, ...]:
-    """Return the sets of exciting motions that an extent asks for."""
+    """Return the sets of exciting motions of an extent."""
     limits = design_request(problem).limits
     sets = []
     if WITHIN_USED in extent.sets:
@@ -324,7 +325,7 @@ def place_of(problem: Problem) -> ScatterPlaces:
 
 
 def used_by(limits: MotionLimits, motions: Mapping[str, Recording]) -> MotionLimits:
-    """Return limits that hold the range, speed and acceleration of some motions."""
+    """Return limits that contain the range, speed and acceleration of some motions."""
     own = [motion.of(limits.joints) for motion in motions.values()]
     return replace(
         limits,
@@ -357,7 +358,7 @@ def exciting_set(
     limits : MotionLimits, optional
         By default those of the ``[excitation]`` table.
     seed : int
-        Of the first; the others count up.
+        Seed of the first one; the others count up.
     """
     request = design_request(problem)
     limits = request.limits if limits is None else limits

@@ -1,4 +1,4 @@
-"""Tables of a reproduced study: as the paper prints them, and whence errors come."""
+"""Tables of a reproduced study: as the paper prints them, and the sources of errors."""
 
 from collections.abc import Sequence
 
@@ -89,8 +89,8 @@ def inertia_table(study: PaperStudy, table: InertiaTable) -> Table:
         ),
         tuple(rows),
         (
-            "kg m^2; over the experiments along the tasks; of the mean: divided by "
-            "their root, right only if they err independently",
+            "kg m^2; over the experiments along the tasks; of the mean: divided by the "
+            "root of their number, right only if they err independently",
             "convention: torque determines only sums that contain the entry; the "
             "deviation shows how steady the conventional choice is",
             *(
@@ -119,9 +119,9 @@ def verification_table(study: PaperStudy, found: Verification, title: str) -> Ta
         tuple(rows),
         (
             "mean of squares of measured minus predicted torque, (N m)^2, by the mean "
-            "of each method's estimates; truth: what is left is the sensors' noise "
+            "of each method's estimates; truth: these errors are the sensors' noise "
             "and offsets",
-            "of the paper's motions one is printed; the columns of the others are "
+            "the paper prints one of its motions; the columns of the others are "
             "not for the same motions",
         ),
     )
@@ -143,7 +143,7 @@ def printed_deviation(study: PaperStudy) -> Vector:
 
 
 def spread_table(study: PaperStudy) -> Table:
-    """Return what the paper's vectors differ by, along its verification motion."""
+    """Return the differences of the paper's vectors along its verification motion."""
     spread, joints = study.spread, study.verification.joints
     most = study.tasks.names[study.place.most_scattered]
     rows = [
@@ -165,7 +165,7 @@ def spread_table(study: PaperStudy) -> Table:
 
 
 def excitation_table(study: PaperStudy) -> Table:
-    """Return how well each experiment excites, and what it does not identify."""
+    """Return each experiment's excitation, and the directions that it leaves open."""
     rows = []
     for name, done in study.with_friction.items():
         for experiment in done.experiments:
@@ -204,7 +204,7 @@ def excitation_table(study: PaperStudy) -> Table:
 
 
 def cause_table(study: PaperStudy) -> Table:
-    """Return the scatter of each parameter, and which cause makes how much."""
+    """Return the scatter of each parameter, and the part of each cause in it."""
     budget, done = study.error_analysis.budget, study.tasks
     found = done.scatter(done.tables[0])
     rest = done.errors(done.tables[0]) - budget.error()
@@ -223,7 +223,7 @@ def cause_table(study: PaperStudy) -> Table:
         ),
         _rows(study, columns),
         (
-            "standard deviation over the experiments; printed: of the paper's; found: "
+            "standard deviation over the experiments; printed: in the paper; found: "
             "in the laboratory, without the parts along which no torque changes",
             "causes add up experiment by experiment, not in this table; rest: found "
             "less all causes; predicted noise: from load cell and cameras alone",
@@ -365,7 +365,7 @@ def shrunk_table(study: PaperStudy) -> Table:
 
 
 def constraints_table(study: PaperStudy) -> Table:
-    """Return what constraints alone change along the tasks."""
+    """Return the effect of constraints alone, along the tasks."""
     columns, header = [], ["parameter"]
     for what, reproductions in (
         ("robot with friction", study.with_friction),

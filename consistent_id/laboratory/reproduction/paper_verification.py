@@ -46,7 +46,7 @@ class Verification:
     recordings : tuple of Recording
         The measured recordings, one for each motion.
     predictors : tuple of Predictor
-        The last one has the true parameters: what is left is the sensors'.
+        The last one has the true parameters: its errors are those of the sensors.
     mean_squared_errors : ndarray, shape (predictors, motions, joints), [(N m)^2]
         ``sum (measured - predicted)^2 / samples``.
     """
@@ -102,7 +102,7 @@ def verify(
     predictors : sequence of Predictor
         The truth is added to them.
     seed : int
-        Of noise; another than the experiments'.
+        Seed of noise; another than the experiments'.
     """
     table, robot = laboratory_table(problem), laboratory.robot
     streams = np.random.default_rng(seed).spawn(len(motions))

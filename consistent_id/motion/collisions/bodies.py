@@ -224,7 +224,9 @@ class Body:
         rotation = frozen(rotation, (3, 3), f"{where}: rotation")
         far_off = abs(rotation.T @ rotation - np.eye(3)).max() > _ORTHONORMAL
         if far_off or np.linalg.det(rotation) < 0.0:
-            raise ProblemError(f"{where}: rotation is none, got {rotation.tolist()}")
+            raise ProblemError(
+                f"{where}: expected a rotation matrix, got {rotation.tolist()}"
+            )
         translation = np.zeros(3) if self.translation is None else self.translation
         translation = frozen(translation, (3,), f"{where}: translation")
         freeze(self, rotation=rotation, translation=translation)

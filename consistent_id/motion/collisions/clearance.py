@@ -187,8 +187,12 @@ def _motion(scene: Scene, path: JointPath) -> _BoundedPath:
 
 @dataclass(slots=True)
 class _LeastSlack:
-    """The state of a search for the least slack: computed and proven values."""
+    """The state of a search for the least slack: computed and proven values.
 
+    The search ends when the least slack is known to `tolerance`.
+    """
+
+    tolerance: float
     best: float = np.inf
     distance: float = np.inf
     pair: int = -1
@@ -204,24 +208,25 @@ class _LeastSlack:
             self.best, self.distance = float(slack[k]), float(distance[k])
             self.pair, self.time = int(which[k]), float(time[k])
 
-    def floor(self, tolerance: float) -> float:
+    @property
+    def floor(self) -> float:
         """Slack that is currently to be proven."""
-        allowed = tolerance
+        allowed = self.tolerance
         # Half the clearance, so that a clearance that is kept can be proven
         if self.best > 0.0:
-            allowed = min(tolerance, max(self.best / 2.0, _FINEST))
+            allowed = min(self.tolerance, max(self.best / 2.0, _FINEST))
         return self.best - allowed
 
 
 def _proof(scene: Scene, path: JointPath, tolerance: float) -> ClearanceReport:
     motion = _motion(scene, path)
-    search = _LeastSlack(time=path.start)
+    search = _LeastSlack(tolerance, time=path.start)
     count = max(1, int(np.ceil(path.duration / _FIRST)))
     interval, which = (index.ravel() for index in np.indices((count, len(scene.pairs))))
     half = path.duration / count / 2.0
     while len(which):
-        lower = _level(scene, motion, search, interval, which, half, tolerance)
-        unproven = lower < search.floor(tolerance)
+        lower = _level(scene, motion, search, interval, which, half)
+        unproven = lower < search.floor
         if 2 * np.count_nonzero(unproven) > _MOST:
             unproven[:] = False  # gives up: the proven bound remains
         proven = lower[~unproven].min(initial=np.inf)
@@ -254,7 +259,6 @@ def _level(
     interval: IntArray,
     which: IntArray,
     half: float,
-    tolerance: float,
 ) -> Array:
     """Return the proven slack of pairs in intervals of one length."""
     places_in, sample = np.unique(interval, return_inverse=True)
@@ -271,7 +275,7 @@ def _level(
         at = sample[on]
         change[on] = largest_change(places, scene.pairs[k], at, steps[at])
     wanted = np.array([pair.wanted for pair in scene.pairs])[which]
-    near = ~(apart - change - wanted >= search.floor(tolerance))
+    near = ~(apart - change - wanted >= search.floor)
     found = separation(scene, places, scene.pairs, sample[near], which[near])
     search.saw(
         found.distance - wanted[near], found.distance, which[near], time[sample[near]]

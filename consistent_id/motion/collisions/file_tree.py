@@ -1,4 +1,4 @@
-"""The tree of a URDF's links: what hangs on what, and how far each joint can move.
+"""The tree of a URDF's links: each link's parent, and the range of each joint.
 
 A robot model may be a part of its file.  Links behind its tip, and other limbs, are
 still there: see `consistent_id.motion.collisions.hanging`.

@@ -425,7 +425,7 @@ class _TextReader:
         raise self.fault("it ends here, expected a last line '.'")
 
     def ahead(self) -> int:
-        """Return how many words the next line has."""
+        """Return the number of words of the next line."""
         left = (text.split() for text in self.lines[self.number :])
         return len(next((words for words in left if words), []))
 
@@ -448,7 +448,7 @@ class _TextReader:
         """Return a count."""
         (value,) = self.numbers(1)
         if value < 0 or value != int(value):
-            raise self.fault(f"{value:g}, expected how many shapes there are")
+            raise self.fault(f"{value:g}, expected the number of shapes")
         return int(value)
 
     def pose(self) -> Pose:

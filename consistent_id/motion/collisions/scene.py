@@ -187,7 +187,7 @@ class BodyPlaces:
     rotation : ndarray, shape (samples, bodies, 3, 3)
     translation : ndarray, shape (samples, bodies, 3), [m]
     centre : ndarray, shape (samples, bodies, 3), [m]
-        Of a ball around each body.
+        Centre of a ball around each body.
     radius : ndarray, shape (bodies,), [m]
     turning : ndarray of bool, shape (bodies,)
         Whether only the link's orientation moves it.
@@ -256,7 +256,7 @@ def largest_change(
     places : BodyPlaces
         Positions at the poses from which the joints move.
     sample : ndarray, shape (queries,)
-        Which of the poses.
+        Number of the pose.
     steps : ndarray, shape (queries, coordinates), [rad or m], 0 or more
         Largest distance of each joint that moves by itself from its position in the
         pose.
@@ -275,6 +275,51 @@ def largest_change(
     return np.minimum(
         _moved(step, near, far), _moved(step[::-1], far[::-1], near[::-1])
     )
+
+
+_ENDLESS = 1e9  # m; reach of a half-space
+
+
+class PairChange:
+    """Bounds of the change of all pairs' distances from one pose to another.
+
+    Of the bounds above, those in which one body's reach is never enlarged:
+    ``min(sum_j s_j R_aj, sum_j s_j R_bj)``.
+    """
+
+    def __init__(self, places: BodyPlaces, pairs: Sequence[Pair]) -> None:
+        robot, carriers = places.links.robot, places.carriers
+        self._robot, self._ends = robot, np.array([(p.first, p.second) for p in pairs])
+        self._ends = self._ends.reshape(-1, 2)
+        self._between = np.zeros((len(pairs), len(robot.joints)))
+        for k, pair in enumerate(pairs):
+            both = carriers[pair.first], carriers[pair.second]
+            self._between[k, list(joints_between(robot, *both))] = 1.0
+        self._reach = self._all_reaches(places)
+
+    def _all_reaches(self, places: BodyPlaces) -> Array:
+        """Return reaches of bodies from joints' axes, (samples, joints, bodies)."""
+        links, still = places.links, np.where(places.turning, 0.0, 1.0)
+        found = np.empty((len(links), len(self._robot.joints), len(still)))
+        for j, joint in enumerate(self._robot.joints):
+            if joint.kind == "prismatic":
+                found[:, j] = still
+                continue
+            arm = places.centre - links.translation[:, j, None] * still[:, None]
+            along = np.einsum("nbi,ni->nb", arm, links.axis[:, j])
+            square = np.einsum("nbi,nbi->nb", arm, arm) - along**2
+            found[:, j] = np.sqrt(np.maximum(square, 0.0)) + places.radius
+        return np.minimum(found, _ENDLESS)
+
+    def between(self, q: Array, here: IntArray, there: IntArray) -> Array:
+        """Return the bounds for poses ``q[here]`` to ``q[there]``, (poses, pairs)."""
+        steps = _steps(self._robot, abs(q[there] - q[here]))
+        moved = steps[:, :, None] * self._reach[here]  # (poses, joints, bodies)
+        sums = [
+            np.einsum("njk,kj->nk", moved[:, :, self._ends[:, side]], self._between)
+            for side in (0, 1)
+        ]
+        return np.asarray(np.minimum(*sums))
 
 
 def _steps(robot: RobotModel, steps: Array) -> Array:

@@ -55,8 +55,8 @@ def build_scene(
     Some pairs are not checked: bodies on the same link, on links that a single joint
     connects, and bodies of the robot that touch at nearly all random poses; these last
     are listed in `Scene.notes`.  If two bodies of the robot are nearer than required at
-    more than half of these poses, they only must not touch.  The same is true of an
-    obstacle that is nearer than required at all of them.
+    more than half of these poses, only their contact is excluded.  The same is true of
+    an obstacle that is nearer than required at all of them.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def build_scene(
     poses : int
         Number of random poses within the joints' limits.
     seed : int
-        Of these poses.
+        Seed of these poses.
 
     Raises
     ------
@@ -131,7 +131,7 @@ def scene_from_urdf(
     ----------
     path : str or Path
     robot : RobotModel
-        Of the same file, or a part of it; joints that it locks stay where they are.
+        Robot of the same file, or a part of it; joints that it locks do not move.
     package_dirs : iterable of str or Path
         Folders in which ``package://name/...`` is searched for as ``name/...``; so are
         the folders above the file.
@@ -290,12 +290,53 @@ def _sifted(scene: Scene, q: ArrayLike, relax: bool) -> Scene:
                 else f"nearer than {pair.wanted * 1e3:.1f} mm at {near_by} of "
                 f"{len(distance)} random poses"
             )
-            notes.append(PairNote(*names, True, f"{seen}; so they only must not touch"))
+            notes.append(PairNote(*names, True, f"{seen}; so only contact is excluded"))
             pair = Pair(pair.first, pair.second, 0.0)
         pairs.append(pair)
         kept.append(k)
     sifted = replace(scene, pairs=tuple(pairs), notes=tuple(notes))
-    return _with_room(sifted, near.distance[:, kept]) if relax else sifted
+    if not relax:
+        return sifted
+    distance = near.distance[:, kept]
+    locked = _interlocked(sifted, distance)
+    left = [k for k in range(len(sifted.pairs)) if k not in locked]
+    sifted = replace(
+        sifted,
+        pairs=tuple(sifted.pairs[k] for k in left),
+        notes=(*sifted.notes, *locked.values()),
+    )
+    return _with_room(sifted, distance[:, left])
+
+
+def _interlocked(scene: Scene, distance: Array) -> dict[int, PairNote]:
+    """Return pairs that one coordinate moves, and that are never apart all together.
+
+    The hulls of a gripper's linkage overlap at any opening, if not always the same.
+    Those that overlap where fewest do are left out, so that there are clear poses.
+    """
+    robot, touching = scene.robot, distance < _ROOM
+    groups: dict[int, list[int]] = {}
+    for k, pair in enumerate(scene.pairs):
+        both = scene.bodies[pair.first], scene.bodies[pair.second]
+        links = [place_of(robot, body).link for body in both]
+        rates = robot.joint_rates[list(joints_between(robot, *links))]
+        moving = np.flatnonzero(rates.any(axis=0))
+        if len(moving) == 1 and all(body.frame is not None for body in both):
+            groups.setdefault(int(moving[0]), []).append(k)
+    found = {}
+    for places in groups.values():
+        together = touching[:, places]
+        if not together.any(axis=1).all():
+            continue
+        for i in np.flatnonzero(together[together.sum(axis=1).argmin()]):
+            k = places[i]
+            seen = (
+                f"nearer than {_ROOM * 1e3:.0f} mm at {int(touching[:, k].sum())} of "
+                f"{len(touching)} random poses, and other pairs that the same joint "
+                "moves at all others"
+            )
+            found[k] = PairNote(*scene.names(scene.pairs[k]), False, seen)
+    return found
 
 
 def _with_room(scene: Scene, distance: Array) -> Scene:
@@ -325,7 +366,7 @@ def _with_room(scene: Scene, distance: Array) -> Scene:
             "no random pose keeps the robot's bodies, with room to move, "
             f"{wanted[i] * 1e3:.1f} mm apart"
         )
-        notes.append(PairNote(*names, True, f"{seen}; so they only must not touch"))
+        notes.append(PairNote(*names, True, f"{seen}; so only contact is excluded"))
         pairs[i] = replace(pairs[i], wanted=0.0)
     return replace(scene, pairs=tuple(pairs), notes=tuple(notes))
 

@@ -17,9 +17,16 @@ from numpy.typing import ArrayLike
 
 from consistent_id._support.arrays import Array, BoolArray, IntArray
 from consistent_id.motion.collisions.bodies import HalfSpace, coal_geometry
-from consistent_id.motion.collisions.scene import BodyPlaces, Pair, Scene, body_places
+from consistent_id.motion.collisions.scene import (
+    BodyPlaces,
+    Pair,
+    PairChange,
+    Scene,
+    body_places,
+)
 from consistent_id.robot.kinematics import LinkPlaces, ancestors, link_places
 
+_STRIDE = 16  # of poses of a path whose distances are computed first
 _UNIT = 1e-6  # largest error of a direction's length; otherwise coal found none
 
 
@@ -117,6 +124,55 @@ def nearest(
     )
 
 
+def distances_along(
+    scene: Scene, q: ArrayLike, near: Array, *, least: Array | None = None
+) -> Array | None:
+    """Return distances of all pairs along a path; far from each other, lower bounds.
+
+    Poses that follow each other are alike: what joints move between them bounds the
+    change of a distance (`largest_change`), and few distances are computed.
+
+    Parameters
+    ----------
+    q : array_like, shape (samples, joints), [rad or m]
+        In the order of the path.
+    near : ndarray, shape (pairs,), [m]
+        Distances below this are exact.
+    least : ndarray, shape (pairs,), optional, [m]
+        Return None as soon as one distance is below this.
+
+    Returns
+    -------
+    ndarray, shape (samples, pairs), [m]
+    """
+    q = np.asarray(q, dtype=float)
+    places = body_places(scene, link_places(scene.robot, q))
+    sample, which = (i.ravel() for i in np.indices((len(q), len(scene.pairs))))
+    ends = np.array([(p.first, p.second) for p in scene.pairs], dtype=np.intp)
+    gap, _ = balls_apart(places, sample, *ends.reshape(-1, 2)[which].T)
+    every = gap.reshape(len(q), len(scene.pairs))
+    close = np.flatnonzero((every < near).any(axis=0))
+    pairs, known = tuple(scene.pairs[k] for k in close), every[:, close]
+    near, change = near[close], PairChange(places, pairs)
+    least = None if least is None else least[close]
+    step, done = _STRIDE, np.arange(0, len(q), _STRIDE)
+    while len(done):
+        at, pair = np.nonzero(known[done] < near)
+        exact = separation(scene, places, pairs, done[at], pair)
+        known[done[at], pair] = exact.distance
+        if least is not None and (exact.distance < least[pair]).any():
+            return None
+        step //= 2
+        done = np.arange(step, len(q), 2 * step) if step else done[:0]
+        for anchor in (done - step, done + step):
+            inside = anchor < len(q)
+            here, there = anchor[inside], done[inside]
+            bound = known[here] - change.between(q, here, there)
+            known[there] = np.maximum(known[there], bound)
+    every[:, close] = known
+    return every
+
+
 def separation_slopes(
     places: BodyPlaces,
     pairs: tuple[Pair, ...],
@@ -189,9 +245,11 @@ def separation(
     for side, sign in ((first, 1.0), (second, -1.0)):
         on = flat[side]
         normal[on] = sign * places.rotation[sample[on], side[on], :, 2]
-    gap, direction = balls_apart(places, sample, first, second)
-    beyond = (gap > within) & ~upright
-    normal[beyond] = direction[beyond]
+    beyond = np.zeros(len(which), dtype=bool)
+    if np.isfinite(within):
+        gap, direction = balls_apart(places, sample, first, second)
+        beyond = (gap > within) & ~upright
+        normal[beyond] = direction[beyond]
     unknown = np.flatnonzero(~upright & ~beyond)
     normal[unknown], points[:, unknown] = _directions(
         scene, places, sample[unknown], first[unknown], second[unknown]
@@ -239,25 +297,23 @@ def _directions(
     """Compute unit vectors from first to second, and the nearest points, by coal."""
     import coal
 
-    shapes: dict[int, Any] = {}
-    transforms: dict[tuple[int, int], Any] = {}
-
-    def at(i: int, body: int) -> tuple[Any, Any]:
-        if body not in shapes:
-            shapes[body] = coal_geometry(scene.bodies[body].shape)
-        key = (i, body)
-        if key not in transforms:
-            transforms[key] = coal.Transform3s(
-                places.rotation[key], places.translation[key]
-            )
-        return shapes[body], transforms[key]
-
+    bodies = np.concatenate([first, second])
+    shapes: dict[int, Any] = {
+        int(b): coal_geometry(scene.bodies[b].shape) for b in np.unique(bodies)
+    }
+    keys = np.tile(sample, 2) * len(scene.bodies) + bodies
+    once, place = np.unique(keys, return_inverse=True)
+    at = [
+        coal.Transform3s(places.rotation[key], places.translation[key])
+        for key in zip(*divmod(once, len(scene.bodies)), strict=True)
+    ]
     request, result = coal.DistanceRequest(), coal.DistanceResult()
     normal, points = np.empty((len(sample), 3)), np.empty((2, len(sample), 3))
-    triples = zip(sample.tolist(), first.tolist(), second.tolist(), strict=True)
-    for k, (i, a, b) in enumerate(triples):
+    one, other = place[: len(sample)].tolist(), place[len(sample) :].tolist()
+    queries = zip(first.tolist(), one, second.tolist(), other, strict=True)
+    for k, (a, here, b, there) in enumerate(queries):
         result.clear()
-        coal.distance(*at(i, a), *at(i, b), request, result)
+        coal.distance(shapes[a], at[here], shapes[b], at[there], request, result)
         normal[k] = result.normal
         points[0, k] = result.getNearestPoint1()
         points[1, k] = result.getNearestPoint2()

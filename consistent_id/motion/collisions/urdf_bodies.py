@@ -93,7 +93,7 @@ class UrdfShapes:
     Parameters
     ----------
     root : Element
-        Of the file.
+        Root of the file.
     bodies : tuple of Body
     unread : tuple of UnreadLink
     bare : tuple of (str, str)

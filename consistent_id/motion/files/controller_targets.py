@@ -30,12 +30,12 @@ _TRACKING = "0.1, 300"  # lookahead time [s] and gain, the controller's own defa
 
 
 def require_joints(format: str, joints: int, where: str | Path) -> None:
-    """Refuse a robot whose number of joints a format cannot hold.
+    """Refuse a robot whose number of joints a format does not support.
 
     Parameters
     ----------
     format : str
-        One of a controller, such as ``"rsi"``; others hold any number.
+        One of a controller, such as ``"rsi"``; others support any number.
     where : str or Path
         Begins the message.
 

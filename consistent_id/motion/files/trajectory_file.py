@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 
 from consistent_id._support.arrays import Vector, number
+from consistent_id._support.extras import needed
 from consistent_id._support.files import write_atomically
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.motion.files.controller_targets import (
@@ -41,7 +42,7 @@ from consistent_id.recordings.readers.recording_file import column_names
 from consistent_id.recordings.recording import Recording
 
 TRAJECTORY_COLUMNS = Columns(velocity="dq_{joint}", acceleration="ddq_{joint}")
-"""How written trajectories name their columns: ``time``, ``q_``, ``dq_``, ``ddq_``."""
+"""Names of the columns of written trajectories: ``time``, ``q_``, ``dq_``, ``ddq_``."""
 
 
 def columns_of(samples: Recording) -> dict[str, Vector]:
@@ -67,9 +68,8 @@ def csv_of(samples: Recording) -> str:
 
 def parquet_of(samples: Recording) -> bytes:
     """Return samples as the content of a Parquet file."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
+    pa = needed("pyarrow", "parquet", "writing Parquet")
+    pq = needed("pyarrow.parquet", "parquet")
     file = io.BytesIO()
     table = pa.table(columns_of(samples))
     mark = {"generator": "consistent-id: samples of a trajectory"}

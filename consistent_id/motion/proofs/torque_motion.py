@@ -220,7 +220,7 @@ def _body(x: Matrix, link: slice) -> list[Any]:
 def _stacked(torques: list[Any], order: int, shape: tuple[int, int]) -> Array:
     """Return a coefficient of all joints, shape (samples, robots, joints).
 
-    Of intervals, the size.
+    It is the size of intervals.
     """
     parts = []
     for torque in torques:

@@ -36,12 +36,12 @@ _ROLES: tuple[BaseRole, ...] = (
     "position",
     "orientation",
 )
-_FIELDS = {
-    "position": "base_position"
-}  # of a statement, where its name is not the role
-# m/s^2, median of what a unit on a robot that stands, walks or runs feels.  Without
-# gravity it is a few m/s^2 at most, in units of g about one.
-_SAME_PLACE = 1e-6  # m and rad, of frames that a file repeats
+_FIELDS = {"position": "base_position"}
+"""Fields of a statement whose name is not the role."""
+
+_SAME_PLACE = 1e-6  # m and rad; frames that differ by less are at the same place
+# Median acceleration [m/s^2] that an IMU measures on a robot that stands, walks or
+# runs.  Without gravity it is a few m/s^2 at most; in units of g it is about one.
 _FELT = 5.0, 20.0
 _IN_G = 0.5, 2.0
 
@@ -60,7 +60,7 @@ class MujocoArrays:
     Parameters
     ----------
     columns : dict of str to str
-        By channel of the joints; empty if the log has no ``qpos``.
+        Columns by channel of the joints; empty if the log has no ``qpos``.
     array_joints : tuple of str
         Joints of those arrays.
     base : tuple of BaseNames
@@ -85,7 +85,7 @@ def mujoco_arrays(
     path : Path
         The robot's file; if it is URDF, qpos is taken to have its joints in its order.
     joints : sequence of str
-        The robot's.
+        Joints of the robot.
     widths : mapping of str to int
         Columns of the log's arrays.
     """
@@ -112,7 +112,7 @@ def mujoco_arrays(
 
 
 def base_frames(path: Path) -> dict[str, BaseFrame]:
-    """Return the sites on the base of an MJCF file, by name; of a URDF none."""
+    """Return the sites on the base of an MJCF file, by name; none for a URDF."""
     model = _model(path)
     if model is None:
         return {}
@@ -160,7 +160,7 @@ def _on_base(model: Any, body: int) -> bool:
 
 
 def _unit_sensors(model: Any) -> Iterator[tuple[BaseRole, tuple[str, str]]]:
-    """Yield gyro and accelerometer on the base: their site, their part of the array."""
+    """Yield gyro and accelerometer of the base, with their sites and array parts."""
     import mujoco
 
     kinds: dict[int, BaseRole] = {
@@ -176,7 +176,7 @@ def _unit_sensors(model: Any) -> Iterator[tuple[BaseRole, tuple[str, str]]]:
 
 
 def widths_of(arrays: Mapping[str, Any]) -> dict[str, int]:
-    """Return how many columns arrays have, of those that have several."""
+    """Return the number of columns of each array that has several."""
     return {
         name: int(min(np.shape(values)))
         for name, values in arrays.items()
@@ -186,7 +186,7 @@ def widths_of(arrays: Mapping[str, Any]) -> dict[str, int]:
 
 @dataclass(frozen=True, slots=True)
 class BaseGuess:
-    """Columns of the base, and how they were found."""
+    """Columns of the base, and notes on how they were found."""
 
     columns: BaseColumns
     notes: tuple[str, ...]
@@ -195,12 +195,13 @@ class BaseGuess:
 def chosen_names(
     found: Sequence[BaseNames], stated: Statement, log: Path, names: Sequence[str]
 ) -> BaseGuess:
-    """Return which columns are of the base, the quaternion's order still open.
+    """Return the columns of the base; the quaternion's order may still be unknown.
 
     Raises
     ------
     RecordingError
-        If there is neither an inertial measurement unit nor a pose; with what to say.
+        If there is neither an inertial measurement unit nor a pose; with the options
+        that name one.
     """
     said: dict[BaseRole, str] = {}
     taken: dict[str, Names | None] = {}
@@ -241,24 +242,41 @@ def _key(names: Names | None) -> tuple[str, ...]:
     return tuple(names_of(names))
 
 
-def settled(
-    guess: BaseGuess,
-    arrays: dict[str, NDArray[Any]],
-    time: Vector,
-    robot: RobotModel,
-    stated: Statement,
-    *,
-    frames: Mapping[str, BaseFrame],
-    ordered: bool,
-    where: str,
-) -> BaseGuess:
-    """Return the columns with the unit's place and the quaternion's order.
+@dataclass(frozen=True, slots=True, eq=False)
+class BaseSamples:
+    """The samples of a log's columns of the base.
 
     Parameters
     ----------
     arrays : dict of str to ndarray
         Arrays of the log, by name.
     time : ndarray, shape (samples,)
+    log : str
+        Name of the log, for messages.
+    """
+
+    arrays: dict[str, NDArray[Any]]
+    time: Vector
+    log: str
+
+    def of(self, names: Names, width: int) -> Matrix:
+        """Return columns, shape (samples, width)."""
+        return columns(self.arrays, names, (width,), len(self.time), self.log)
+
+
+def completed_guess(
+    guess: BaseGuess,
+    samples: BaseSamples,
+    robot: RobotModel,
+    stated: Statement,
+    *,
+    frames: Mapping[str, BaseFrame],
+    ordered: bool,
+) -> BaseGuess:
+    """Return the columns with the IMU's place and the quaternion's order.
+
+    Parameters
+    ----------
     frames : mapping of str to BaseFrame
         Sites on the base, beside the frames of `robot`.
     ordered : bool
@@ -267,29 +285,31 @@ def settled(
     Raises
     ------
     RecordingError
-        If the data do not tell the order, or gravity is missing in what is felt.
+        If the data do not show the quaternion's order, or the measured acceleration
+        lacks gravity.
     """
     found, notes = guess.columns, list(guess.notes)
     unit: dict[str, Matrix] = {}
     if found.angular_velocity is not None and found.acceleration is not None:
         rotation, place, note = _unit(robot, stated, frames)
-        for role in ("angular_velocity", "acceleration"):
-            raw = columns(arrays, getattr(found, role), (3,), len(time), where)
-            unit[role] = raw @ rotation.T
-        _require_gravity(unit["acceleration"], found, where)
+        unit["angular_velocity"] = samples.of(found.angular_velocity, 3) @ rotation.T
+        unit["acceleration"] = samples.of(found.acceleration, 3) @ rotation.T
+        _require_gravity(unit["acceleration"], found, samples.log)
         found = replace(found, imu_position=place)
         notes.append(note)
         if abs(rotation - np.eye(3)).max() > 1e-9:
             found = replace(found, imu_orientation=_quaternion(rotation, found.order))
     if found.orientation is None or ordered:
         return BaseGuess(found, tuple(notes))
-    turned = columns(arrays, found.orientation, (4,), len(time), where)
     order = quaternion_order(
-        time, turned, unit.get("angular_velocity"), unit.get("acceleration")
+        samples.time,
+        samples.of(found.orientation, 4),
+        unit.get("angular_velocity"),
+        unit.get("acceleration"),
     )
     if order is None:
         raise RecordingError(
-            f"{where}: the data do not show whether the real part of "
+            f"{samples.log}: the data do not show whether the real part of "
             f"{shown(names_of(found.orientation))} is first or last; state "
             f"--quaternion wxyz "
             "(MuJoCo, Isaac Lab) or xyzw (ROS, Isaac Gym)"
@@ -305,7 +325,7 @@ def settled(
 def _unit(
     robot: RobotModel, stated: Statement, frames: Mapping[str, BaseFrame]
 ) -> tuple[Matrix, Vector, str]:
-    """Return the unit's rotation and place in the base, and what was assumed."""
+    """Return the IMU's rotation and place in the base, and a note on assumptions."""
     own = {robot.link_names[0]: BaseFrame(np.eye(3), np.zeros(3)), **frames}
     for frame in robot.links[0].merged:
         own[frame.name] = BaseFrame(frame.rotation, frame.translation)

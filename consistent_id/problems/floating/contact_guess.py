@@ -28,11 +28,12 @@ from consistent_id.robot.model import Link, RobotModel
 from consistent_id.robot.parameters import did_you_mean
 
 _WORDS = ("foot", "sole", "toe", "ankle", "calf", "shank", "feet")  # the best first
-_SOLE = 5  # joints of a leg from which on its foot can be laid flat on the ground
+_SOLE = 5  # joints of a leg with which its foot can be flat on the ground
 
 SLIP = 0.05
-"""m/s: feet that move faster against each other do not stand. A foot that swings moves
-some ten times as fast, one that rolls or creeps a fifth of it."""
+"""Speed [m/s] above which feet that move against each other do not stand.  A swinging
+foot is about ten times as fast, a rolling or creeping foot has a fifth of this speed.
+"""
 
 _STANDS = 0.9  # share of the samples in which feet are at rest, of a robot that stands
 # s; one and a half periods of a draft's 30 Hz.  Two, as `impact_guard` says, leave less
@@ -59,7 +60,7 @@ class Foot:
     radius : float, [m]
         The radius of a ball.
     shaped : bool
-        Whether the model's file has a ball there; else the point is the frame's origin.
+        Whether the model's file has a ball there; else `point` is the frame's origin.
     """
 
     frame: str
@@ -71,12 +72,12 @@ class Foot:
 
 
 def feet_of(robot: RobotModel, path: Path) -> tuple[Foot, ...]:
-    """Return the robot's feet: the last bodies of its limbs that are named as such.
+    """Return the robot's feet: the last bodies of its limbs, if their names say so.
 
     Parameters
     ----------
     robot : RobotModel
-        Whose base floats.
+        A robot with a floating base.
     path : Path
         The robot's URDF or MJCF file, which has the shapes.
     """
@@ -87,7 +88,7 @@ def feet_of(robot: RobotModel, path: Path) -> tuple[Foot, ...]:
 
 
 def _frame(link: Link) -> str | None:
-    """Return the frame of a body that is named as a foot, if one is."""
+    """Return the frame of a body whose name is that of a foot, if there is one."""
     names = [*(merged.name for merged in link.merged), link.name]
     for word in _WORDS:
         for name in names:
@@ -149,12 +150,12 @@ def _mjcf_balls(
 
 @dataclass(frozen=True, slots=True)
 class ContactGuess:
-    """Columns of contacts, and how they were found.
+    """Columns of contacts, and notes on them.
 
     Parameters
     ----------
     assumed : bool
-        Whether feet are only taken to stand: `require_standing` looks at the motion.
+        Whether feet are assumed to stand; `require_standing` checks the motion.
     """
 
     columns: tuple[ContactColumns, ...]
@@ -163,7 +164,7 @@ class ContactGuess:
 
 
 def guessed_contacts(names: Sequence[str], feet: Sequence[Foot]) -> ContactGuess:
-    """Return a contact for each foot: its column, or that it always stands."""
+    """Return a contact for each foot: its column, or one that is always closed."""
     by_frame = {foot.frame: foot for foot in feet}
     candidates = contact_names(names)
     others = {foot.frame: foot.names for foot in feet}
@@ -226,7 +227,7 @@ def require_standing(
     Raises
     ------
     RecordingError
-        With what to say.
+        The message proposes an option.
     """
     share = share_at_rest(robot, logs)
     if share < _STANDS:

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from consistent_id.problems.file import DriveTable
 from consistent_id.problems.floating.base_guess import (
     BaseGuess,
+    BaseSamples,
     MujocoArrays,
     base_frames,
     chosen_names,
+    completed_guess,
     mujoco_arrays,
-    settled,
     widths_of,
 )
 from consistent_id.problems.floating.contact_guess import (
@@ -55,7 +56,7 @@ _TOPICS: Mapping[str, tuple[tuple[BaseRole, str], ...]] = {
 }
 _ARRAYS = ("NPZ", "Parquet", "Feather")  # formats whose columns may be arrays
 
-# Share of the samples that must keep rows, for slipping feet to go.
+# Share of the samples that must keep rows when slipping feet are removed.
 _ENOUGH = 0.25
 
 
@@ -66,13 +67,13 @@ class FloatingColumns:
     Parameters
     ----------
     joints : MujocoArrays
-        Columns of the joints, if the log is of arrays of MuJoCo.
+        Columns of the joints, if the log has arrays of MuJoCo.
     taken : tuple of str
-        Names that are of no joint.
+        Names that belong to no joint.
     standing : bool
         Whether feet are assumed to stand all the time, which must be checked.
     names : tuple of str
-        The log's, for messages.
+        Names of the log, for messages.
     """
 
     beside: BesideColumns
@@ -91,17 +92,17 @@ def floating_columns(
     Parameters
     ----------
     robot : RobotModel
-        Whose base floats.
+        A robot with a floating base.
     model : Path
-        Its file.
+        File of the robot.
     stated : Statement
         The user's statement.
 
     Raises
     ------
     RecordingError
-        If the base's motion cannot be found, or its quaternion's order; with the
-        option that says it.
+        If the base's motion or its quaternion's order cannot be found; with the option
+        that states it.
     """
     names, widths, found = _named(log)
     arrays = MujocoArrays()
@@ -113,7 +114,14 @@ def floating_columns(
     ordered = said or guess.columns.orientation in {b.names for b in found if b.order}
     frames = base_frames(model)
     imu = stated.imu or (arrays.imu if _from_simulation(guess, arrays) else None)
-    guess = _settled(log, guess, robot, replace(stated, imu=imu), frames, ordered)
+    guess = completed_guess(
+        guess,
+        _samples(log, guess.columns, robot, stated),
+        robot,
+        replace(stated, imu=imu),
+        frames=frames,
+        ordered=ordered,
+    )
     contacts = _contacts(stated, names, robot, model, guess.columns)
     return FloatingColumns(
         BesideColumns(guess.columns, contacts.columns),
@@ -133,7 +141,7 @@ def base_in_log(log: Path) -> tuple[BaseNames, ...]:
 
 
 def _named(log: Path) -> tuple[tuple[str, ...], dict[str, int], tuple[BaseNames, ...]]:
-    """Return a log's names, the widths of its arrays, and which are of the base."""
+    """Return a log's names, the widths of its arrays, and names of the base."""
     if _is_bag(log):
         kinds: dict[str, str] = reader_of(log).topic_kinds(log)
         found = [
@@ -161,24 +169,18 @@ def _from_simulation(guess: BaseGuess, arrays: MujocoArrays) -> bool:
     return guess.columns.acceleration in {each.names for each in arrays.base}
 
 
-def _settled(
-    log: Path,
-    guess: BaseGuess,
-    robot: RobotModel,
-    stated: Statement,
-    frames: Mapping[str, Any],
-    ordered: bool,
-) -> BaseGuess:
-    """Return the guess, completed from the data: order, gravity, the unit's place."""
+def _samples(
+    log: Path, columns: BaseColumns, robot: RobotModel, stated: Statement
+) -> BaseSamples:
+    """Read the samples of the base's columns."""
     if _is_bag(log):
         joints = (*robot.joint_names, *(stated.names or {}))
-        arrays, time = _of_topics(log, guess.columns, stated.topic, joints)
+        arrays, time = _of_topics(log, columns, stated.topic, joints)
     else:
-        wanted = guess.columns.names
         names = column_names(log) if log_format(log).lists_names else ()
         clock = next((name for name in names if is_time(name)), None)
         omit = stated.omitted_of(log)
-        named = [*wanted, *([clock] if clock else [])]
+        named = [*columns.names, *([clock] if clock else [])]
         read = read_parts(reader_of(log), log, named, omit)
         samples = max(map(len, read.values()))
         kept = np.delete(
@@ -188,22 +190,13 @@ def _settled(
         time = np.asarray(arrays[clock] if clock else (), dtype=np.float64).reshape(-1)
     rows = len(time) or max(max(np.shape(a)) for a in arrays.values())
     time = time if len(time) else np.arange(rows, dtype=np.float64)
-    return settled(
-        guess,
-        arrays,
-        time,
-        robot,
-        stated,
-        frames=frames,
-        ordered=ordered,
-        where=str(log),
-    )
+    return BaseSamples(arrays, time, str(log))
 
 
 def _of_topics(
     log: Path, columns: BaseColumns, topic: str | None, joints: Sequence[str]
 ) -> tuple[dict[str, NDArray[Any]], NDArray[np.float64]]:
-    """Return what topics say, each by itself cut to the shortest."""
+    """Return the signals of topics, cut to the length of the shortest."""
     content = reader_of(log).read_messages(log, topic, columns.names, joints)
     signals = content.signals
     rows = min(len(signal.values) for signal in signals.values())
@@ -311,7 +304,7 @@ def standing_draft(
     found : FloatingColumns
         Columns of the robot's logs.
     raws : sequence of Recording
-        As they were read.
+        Logs as they were read.
     model : Path
         The robot's file.
     drive : DriveTable

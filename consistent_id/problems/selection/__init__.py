@@ -1,1 +1,1 @@
-"""The model that training data ask for, chosen by blocked cross-validation."""
+"""Model selection: terms and settings chosen by blocked cross-validation."""

@@ -1,14 +1,15 @@
 """The band in which torque is predicted, and cut-offs of the motion within it.
 
-A first band follows from the speed of the motion: products of motions and the jumps of
-friction reach twenty times as far as the velocity.  It is too wide where position or
-torque are noisy.  So the plain model, fitted in it, is compared with the torque at each
-frequency: where it explains no part of the torque, there is none to learn from.
+A first band follows from the speed of the motion: the torque of products of motions and
+of friction's jumps has frequencies up to twenty times those of the velocity. This band
+is too wide where position or torque are noisy. So the plain model is fitted in it and
+compared with the torque at each frequency. Where it explains no part of the torque, the
+torque is noise.
 
 A narrower band has fewer independent samples: ``2 B T`` of each joint in ``T`` seconds.
-``p`` parameters that are fitted to ``n`` of them add about ``p / n`` to the squared
-error of a prediction, relative to that of the torque's noise.  So no band is narrowed
-to fewer than `SAMPLES_PER_PARAMETER` samples for each parameter.
+``p`` parameters fitted to ``n`` samples add about ``p / n`` to the squared error of a
+prediction, relative to the noise of the torque. So a band always keeps at least
+`SAMPLES_PER_PARAMETER` samples for each parameter.
 """
 
 from collections.abc import Sequence
@@ -23,39 +24,44 @@ from consistent_id.recordings.signals.clocks import own_rate
 
 _BAND_POWER = 0.99  # of the velocities' power, below the band's edge
 _HARMONICS = 20.0
-"""Edge of the predicted torque over that of the velocity: products of motions and the
-jumps of friction reach so far, with a twentieth of their size left."""
+"""Edge of the torque's band over that of the velocity.  At this frequency products of
+motions and the jumps of friction have fallen to a twentieth of their size.
+"""
 
 _BAND_SHARE = 0.25  # of the sampling rate, above which nothing is predicted
 _NOISE_POWER = (
     30.0  # times the median power of the upper half of the spectrum is no noise
 )
-_NOISE_EDGE = 0.45  # of half the sampling rate: what is faster is noise by definition
+_NOISE_EDGE = 0.45  # of half the sampling rate: faster parts are noise by definition
 _CUTOFF_RATIOS = (0.5, 1.0, 2.0, 4.0)
-"""Cut-offs of the motion over the band.  A lower one takes away motion of which there
-is torque, and is of use where the position is noisy; higher ones let noise in."""
+"""Cut-offs of the motion over the band.  A cut-off below the band removes motion that
+causes torque, but helps if the position is noisy; higher cut-offs let noise in.
+"""
 
 _HIGHEST_CUTOFF = 0.4  # of the sampling rate, for a cut-off of the motion
 _DENSE = 5.0  # samples in a period of the highest frequency that is kept
 
 EXPLAINED = 0.1
-"""Share of the torque's power, joints counting alike, that the plain model explains at
-the frequencies of the band: below its edge on the whole, above it not."""
+"""Share of the torque's power, with equal weight for all joints, that the plain model
+explains: more in the band below the edge, less above it.
+"""
 
 SAMPLES_PER_PARAMETER = 10.0
-"""Independent samples for each parameter that a narrowed band has to keep: with ten,
-errors of parameters add a tenth to the squared error of a prediction.  With fewer, they
-are as large as what a term has to bring, and fits without a block tell nothing."""
+"""Least number of independent samples for each parameter in a narrowed band.  With ten,
+errors of parameters add a tenth to the squared error of a prediction.  With fewer,
+these errors are as large as the gain of a useful term, so cross-validation cannot
+decide.
+"""
 
 _WINDOW = 4.0  # s; length of the pieces whose spectra are averaged
 
 
 def velocity_edge(raw: Recording) -> float:
-    """Return the frequency [Hz] below which the velocities have their power.
+    """Return the frequency [Hz] below which the velocities have most of their power.
 
-    Joints count alike.  From the spectrum of the position, less what its upper half
-    shows to be noise; and less lines there, which stamps that jitter in step with the
-    sampling leave.
+    All joints have equal weight. The spectrum is that of the position; the noise level
+    of its upper half is subtracted, and so are lines in that half, which come from time
+    stamps that jitter in step with the sampling.
     """
     n = len(raw)
     time = np.linspace(raw.time[0], raw.time[-1], n)
@@ -92,23 +98,22 @@ def motion_cutoffs(band: float, rate: float) -> tuple[float, ...]:
 
 
 def thinning(band: float, rate: float) -> int:
-    """Return of how many samples one suffices: five in a period of the band."""
+    """Return the decimation step that leaves five samples in a period of the band."""
     return max(int(rate / (_DENSE * band)), 1)
 
 
 def explained_edge(parts: Sequence[SampledPart], fits: FoldFits) -> float:
-    """Return the frequency [Hz] up to which a model explains a part of the torque.
+    """Return the frequency [Hz] up to which a model explains some of the torque.
 
-    With the spectra ``S`` of the torque and ``R`` of what the model leaves of it, each
-    joint's over the power of its torque, it is the ``f`` that maximises the sum of
-    ``(1 - EXPLAINED) S - R`` up to ``f``: a peak of little power above it does not
-    count.
+    ``S`` is the spectrum of the torque and ``R`` that of the residual, each joint's
+    divided by the power of its torque. The result is the ``f`` that maximises the sum
+    of ``(1 - EXPLAINED) S - R`` up to ``f``, so weak peaks above it have no effect.
 
     Parameters
     ----------
     parts : sequence of SampledPart
     fits : FoldFits
-        Of the model; the mean of its parameters is compared.
+        Fits of the model; the mean of their parameters is used.
     """
     model, x = fits.candidate.model, fits.parameters.mean(axis=0)
     pairs = []
@@ -142,19 +147,19 @@ def _spectrum(signals: Sequence[Matrix], size: int) -> Matrix:
 
 
 def least_band(seconds: float, joints: int, parameters: int) -> float:
-    """Return the least band [Hz] in which a log tells its parameters.
+    """Return the narrowest band [Hz] in which a log determines its parameters.
 
-    The ``B`` at which ``2 B T`` samples of each joint are `SAMPLES_PER_PARAMETER` times
-    the parameters.
+    It is the ``B`` at which ``2 B T`` samples of each joint are `SAMPLES_PER_PARAMETER`
+    times the number of parameters.
 
     Parameters
     ----------
     seconds : float, [s]
-        ``T``, of all logs.
+        Duration ``T`` of all logs.
     joints : int
-        With torque.
+        Number of joints with torque.
     parameters : int
-        That are estimated: base parameters of bodies, and those of drives.
+        Number of estimated parameters: base parameters and those of drives.
 
     Examples
     --------
@@ -167,12 +172,12 @@ def least_band(seconds: float, joints: int, parameters: int) -> float:
 
 
 def narrowed(band: float, edge: float, least: float = 0.0) -> float:
-    """Return the band [Hz] that the edge of what is explained leaves of another.
+    """Return a band [Hz] narrowed to the edge of the explained torque.
 
     Parameters
     ----------
     band, edge : float, [Hz]
     least : float, [Hz]
-        Below which no band is narrowed; a narrower one stays as it is.
+        Lower limit of narrowing; a narrower band stays as it is.
     """
     return min(band, float(f"{max(edge, least):.2g}"))

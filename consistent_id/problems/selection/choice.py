@@ -1,7 +1,7 @@
-"""What may be chosen of a problem, and the ways in which a choice may be changed.
+"""Choices of a model, and the moves that change one.
 
-Drive terms, masses, cut-offs, rows, a delay.  The superset has every drive term and
-coupling that a model may have, for one width of friction.
+A choice consists of drive terms, masses, cut-offs, rows and a delay. The superset has
+every drive term and coupling that a model may have, for one width of friction.
 """
 
 from collections import Counter
@@ -29,23 +29,24 @@ from consistent_id.robot.model import RobotModel
 Masses = Literal["datasheet", "bounds", "free"]
 
 BOUNDS = (0.5, 2.0)
-"""Bounds of a bounded mass, over the model's: a factor of two either way, within which
-a designer's estimate of a casting, a motor and its cables lies."""
+"""Bounds of a bounded mass over the model's.  A designer's estimate of a casting, a
+motor and its cables is right within a factor of two.
+"""
 
 TERMS = ("rotor_inertia", "load_friction", "drag", "spring", "friction_slope")
 """Drive terms that are there or not."""
 
 STRIBECK = (2.5, 5.0, 10.0, 20.0)
-"""Velocities at which friction at rest fades, over the width of the sign's change."""
+"""Stribeck velocities to try, over the width of friction's change of sign."""
 
 LEAST_SPEEDS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
-"""Shares of top speed below which rows may be left out."""
+"""Shares of top speed to try as thresholds below which rows are left out."""
 
 FEWEST_LEFT_OUT = 0.01
-"""Share of the rows that a mask has to leave out, to be worth trying."""
+"""Least share of the rows that a mask must leave out to be worth trying."""
 
 LEAST_KEPT = 0.5
-"""Share of the rows that has to stay."""
+"""Least share of the rows that must stay."""
 
 _WITHOUT: dict[str, dict[str, object]] = {
     **{name: {name: False} for name in TERMS},
@@ -54,7 +55,7 @@ _WITHOUT: dict[str, dict[str, object]] = {
 }
 
 REMOVABLE = tuple(_WITHOUT)
-"""Kinds of drive terms that may be taken back, joint by joint."""
+"""Kinds of drive terms that may be removed again, joint by joint."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,15 +65,15 @@ class Choice:
     Parameters
     ----------
     drive : tuple of DriveTable
-        Of each joint, in the robot's order; of joints without torque, none.
+        One table for each joint, in the robot's order; empty without torque.
     masses : {"datasheet", "bounds", "free"}
     motion_cutoff, torque_cutoff : float, optional, [Hz]
     least_speed : float, optional
         Share of top speed below which rows are left out.
     delay : float, [s]
-        By which the torque comes late.
+        Delay of the torque.
     decimate : int
-        Of so many samples one is kept.
+        Step between samples that are kept.
     """
 
     drive: tuple[DriveTable, ...]
@@ -102,12 +103,12 @@ def data_of(table: ProblemTable) -> DataTable:
 
 
 def applied(table: ProblemTable, choice: Choice, robot: RobotModel) -> ProblemTable:
-    """Return a problem file's content with a choice in place of its own.
+    """Return a problem file's content with another choice.
 
     Parameters
     ----------
     table : ProblemTable
-        With recordings.
+        A table with recordings.
     robot : RobotModel
         The file's robot.
     """
@@ -172,7 +173,7 @@ def _joint_tables(
 def _link_tables(
     table: ProblemTable, choice: Choice, robot: RobotModel
 ) -> Mapping[str, LinkTable]:
-    """Return tables of links, with bounds of masses where they are asked for."""
+    """Return tables of links, with bounds of masses if the choice has them."""
     if choice.masses != "bounds":
         return table.links
     links = dict(table.links)
@@ -193,9 +194,9 @@ class ModelMove:
     Parameters
     ----------
     kind : str
-        What is changed, such as ``"load_friction"``.
+        The changed setting, such as ``"load_friction"``.
     label : str
-        For people.
+        Name of the change for people.
     before, after : Choice
     """
 
@@ -206,12 +207,12 @@ class ModelMove:
 
 
 def stribeck_velocities(scale: float) -> tuple[float, ...]:
-    """Return velocities at which friction at rest may fade."""
+    """Return Stribeck velocities to try."""
     return tuple(float(f"{ratio * scale:.2g}") for ratio in STRIBECK)
 
 
 def nearest_stribeck(velocity: float, scale: float) -> float:
-    """Return the velocity to try, for a width, that is nearest to a given one."""
+    """Return the Stribeck velocity to try that is nearest to a given one."""
     return min(stribeck_velocities(scale), key=lambda v: abs(np.log(v / velocity)))
 
 
@@ -226,7 +227,7 @@ def with_drive(
 
 
 def setter(**values: object) -> Callable[[DriveTable], DriveTable]:
-    """Return what sets keys of a drive table."""
+    """Return a function that sets keys of a drive table."""
 
     def change(table: DriveTable) -> DriveTable:
         return msgspec.structs.replace(table, **values)
@@ -236,7 +237,7 @@ def setter(**values: object) -> Callable[[DriveTable], DriveTable]:
 
 @dataclass(frozen=True, slots=True)
 class TermMove:
-    """A drive term that may be given to joints that lack it, all or some of them."""
+    """A drive term that all or some of the joints without it may get."""
 
     kind: str
     label: str
@@ -255,8 +256,8 @@ def term_moves(
     Parameters
     ----------
     measured, loaded, sloped : sequence of int
-        Places of joints with torque, of those whose load is known, and of those whose
-        friction may vary with position.
+        Places of the joints with torque, of the joints with a known load, and of the
+        joints whose friction may vary with position.
     """
     special = {"load_friction": loaded, "friction_slope": sloped}
     for name in TERMS:
@@ -309,7 +310,7 @@ def scale_moves(choice: Choice, scales: Sequence[float]) -> Iterator[ModelMove]:
 
 
 def stribeck_moves(choice: Choice) -> Iterator[ModelMove]:
-    """Yield other velocities at which friction at rest fades, where it does."""
+    """Yield other Stribeck velocities, if a joint has that term."""
     places = [j for j, d in enumerate(choice.drive) if d.stribeck_velocity is not None]
     for velocity in stribeck_velocities(velocity_scale(choice)):
         after = with_drive(choice, places, setter(stribeck_velocity=velocity))
@@ -324,7 +325,7 @@ def row_moves(choice: Choice, speed: Vector) -> Iterator[ModelMove]:
     Parameters
     ----------
     speed : ndarray, shape (samples,)
-        Of all rows; a mask leaves out a few of them, and not most.
+        Speed at each row. A mask leaves out some of the rows, but not most.
     """
     now = choice.least_speed or 0.0
     kept = float(np.mean(speed >= now))
@@ -344,7 +345,7 @@ def mass_move(choice: Choice, masses: Masses) -> ModelMove:
 def coupling_moves(
     choice: Choice, names: Sequence[str], pairs: Sequence[CouplingTable]
 ) -> Iterator[ModelMove]:
-    """Yield couplings of neighbours; their joints need a rotor of their own."""
+    """Yield couplings of neighbours; their joints need rotor inertias of their own."""
     used = {c.first for c in choice.couplings}
     for pair in pairs:
         if pair.first in used:
@@ -359,7 +360,7 @@ def coupling_moves(
 
 
 def removals(choice: Choice, made: ModelMove) -> Iterator[ModelMove]:
-    """Yield the move that takes back what another one gave, if it still stands."""
+    """Yield the move that undoes another one, if its effect is still there."""
     if made.kind not in _WITHOUT:
         return
     was = made.before.drive
@@ -382,6 +383,6 @@ def without(choice: Choice, kind: str, places: Iterable[int]) -> Choice:
 
 
 def has_term(table: DriveTable, kind: str) -> bool:
-    """Return whether a joint has a kind of drive term that may be taken back."""
+    """Return whether a joint has a kind of drive term that may be removed again."""
     value = getattr(table, kind)
     return value is not None and value is not False

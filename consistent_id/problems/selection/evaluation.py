@@ -1,8 +1,8 @@
-"""Choices evaluated: each set of rows is prepared once, each choice fitted once.
+"""Evaluation of choices: each set of rows is prepared once, each choice fitted once.
 
-Before that, moves are ranked cheaply.  Given bodies, the drive terms of each joint are
-a small non-negative least-squares problem of their own.  It ranks what a move brings;
-the constrained fit then decides.
+Before that, moves are ranked cheaply. With fixed bodies, the drive terms of each joint
+are the solution of a small non-negative least-squares problem, whose error ranks the
+moves. The constrained fit then decides.
 """
 
 from collections.abc import Sequence
@@ -57,29 +57,30 @@ _RANK = 1e-8  # of the largest singular value, of columns of unit length
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Setting:
-    """What all choices of one selection have in common.
+    """The data and settings that all choices of one selection share.
 
     Parameters
     ----------
     table : ProblemTable
     preparation : PreparationTable
-        The file's.
+        That of the file.
     folder : Path
     bodies : TorqueModel
         The robot without drive terms.
     base : BaseParameters
-        Of the bodies.
+        Base parameters of the bodies.
     loaded, sloped : tuple of str
-        Torque joints whose friction may depend on the nominal load, or on position.
+        Torque joints whose friction may depend on the nominal load (`loaded`) or on
+        position (`sloped`).
     logs : tuple of SampledLog
     band : float, [Hz]
-        In which torque is predicted.
+        Band in which torque is predicted.
     thin : int
-        Of so many samples one is kept.
+        Step between samples that are kept.
     sigma : ndarray, shape (torque joints,), [N m or N]
-        By which errors of joints are divided before they add.
+        Scales of the joints' errors, by which they are divided before they are added.
     size : float
-        Misfit that counts as one, for the prior's sake.
+        Misfit that counts as one when the prior's weight is set.
     """
 
     table: ProblemTable
@@ -98,7 +99,7 @@ class Setting:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluated:
-    """A choice, fitted without each fold, and its errors there."""
+    """A choice, fitted without each fold, and its errors on the folds left out."""
 
     choice: Choice
     fits: FoldFits
@@ -106,7 +107,7 @@ class Evaluated:
 
     @property
     def error(self) -> float:
-        """Root-mean-square error on the blocks, in the units of the joints."""
+        """Root-mean-square error on the blocks left out, over the joints' scales."""
         return float(np.sqrt(self.errors.total))
 
 
@@ -133,7 +134,7 @@ class Evaluator:
         return len(self._evaluated) * len(folds())
 
     def rescaled(self, sigma: Vector, size: float) -> "Evaluator":
-        """Return an evaluator of the same rows with other units of joints."""
+        """Return an evaluator of the same rows with other scales of errors."""
         setting = replace(self.setting, sigma=sigma, size=size)
         rows = self._samples, self._masks, self._factors, self._supersets
         return Evaluator(setting, *rows, self._candidates)
@@ -141,7 +142,7 @@ class Evaluator:
     def with_friction(
         self, loaded: tuple[str, ...], sloped: tuple[str, ...]
     ) -> "Evaluator":
-        """Return an evaluator of the same rows with other joints' laws of friction."""
+        """Return an evaluator of the same rows with other load or position laws."""
         setting = replace(self.setting, loaded=loaded, sloped=sloped)
         return Evaluator(setting, self._samples, self._masks)
 
@@ -155,7 +156,7 @@ class Evaluator:
     def candidate(self, choice: Choice) -> CandidateModel:
         """Return a choice as a torque model with constraints."""
         s = self.setting
-        # How rows are prepared is no part of the model.
+        # The preparation of rows is no part of the model.
         alike = replace(
             choice, motion_cutoff=None, torque_cutoff=None, least_speed=None, delay=0.0
         )
@@ -180,13 +181,13 @@ class Evaluator:
         return self._evaluated[choice]
 
     def evaluate_ahead(self, choices: Sequence[Choice]) -> None:
-        """Fit choices side by side if the run has an executor; then they are known."""
+        """Fit choices in parallel if the run has an executor, and keep the results."""
         executor = Executor.chosen(None)
         if executor is None:
             return
         s, tasks = self.setting, list[tuple[Choice, CandidateModel, Factors]]()
         for choice in choices:
-            with suppress(ConsistentIdError):  # says `evaluated`, if it is asked
+            with suppress(ConsistentIdError):  # `evaluated` raises it again
                 if choice not in self._evaluated:
                     task = choice, self.candidate(choice), self.factors(choice)
                     tasks.append(task)
@@ -199,7 +200,7 @@ class Evaluator:
                 self._evaluated[choice] = Evaluated(choice, own, errors)
 
     def screened(self, choice: Choice, current: Evaluated) -> HeldOut:
-        """Return a choice's errors with the bodies of another held."""
+        """Return a choice's errors with the bodies of another choice fixed."""
         factors = self.factors(choice)
         candidate = self.candidate(choice)
         return screened(candidate, factors, current.fits, self.setting.sigma)
@@ -279,14 +280,14 @@ def _fitted_or_not(
 def screened(
     candidate: CandidateModel, factors: Factors, current: FoldFits, sigma: Vector
 ) -> HeldOut:
-    """Return errors of a candidate whose bodies are those of other fits.
+    """Return errors of a candidate with the bodies of other fits.
 
     Parameters
     ----------
     factors : Factors
-        Of the candidate's rows.
+        Factors of the candidate's rows.
     current : FoldFits
-        Whose bodies are held, fold by fold.
+        Fits whose bodies are used, fold by fold.
     sigma : ndarray, shape (torque joints,), [N m or N]
     """
     size = candidate.model.layout.inertial_size
@@ -326,7 +327,7 @@ def _left(
     bodies: Matrix,
     keys: Sequence[int],
 ) -> tuple[Array, Matrix]:
-    """Return drive columns, and the torque that the bodies leave to them, by folds."""
+    """Return drive columns, and the torque less that of the bodies, for each fold."""
     size = candidate.model.layout.inertial_size
     columns, rest = [], []
     for joint, s in zip(joints, sigma, strict=True):
@@ -343,7 +344,7 @@ def _left(
 
 
 def _drive(A: Array, b: Matrix, nonnegative: BoolArray) -> Matrix:
-    """Return least-squares solutions, entries marked so being zero or more.
+    """Return least-squares solutions whose marked entries are zero or more.
 
     Parameters
     ----------
@@ -375,17 +376,17 @@ def _drive(A: Array, b: Matrix, nonnegative: BoolArray) -> Matrix:
 def torque_delay(
     candidate: CandidateModel, factors: Factors, base: BaseParameters, sigma: Vector
 ) -> float:
-    """Return by how much the torque seems to be late [s]: to first order.
+    """Return the apparent delay of the torque [s], to first order.
 
     A torque that is late by ``d`` is ``tau - d dtau/dt``; ``d`` is one more unknown of
-    least squares, without constraints.  So is, joint by joint, a delay of Coulomb
-    friction alone: bristles and teeth bend first where a joint turns back, and a delay
-    of all torque has to show in the rest of it.
+    least squares without constraints. Another unknown for each joint is a delay of its
+    Coulomb friction alone, because bristles and teeth bend first where a joint turns
+    back: a delay of all torque must show in the other terms, too.
 
     Parameters
     ----------
     base : BaseParameters
-        Of the bodies.
+        Base parameters of the bodies.
     sigma : ndarray, shape (torque joints,), [N m or N]
     """
     rows, late = [], RATES[0]

@@ -1,6 +1,6 @@
-"""A choice fitted to any fold, from triangular factors of all columns, block by block.
+"""Fits of a choice to each fold, from triangular factors of all columns of each block.
 
-A fit's torque errors are those on the blocks that were left out.
+A fit's torque error is computed on the blocks that were left out.
 """
 
 from collections.abc import Mapping, Sequence
@@ -38,24 +38,29 @@ from consistent_id.regression.row_structure import row_structure
 from consistent_id.robot.scaling import link_scales
 
 _WEIGHT = 1e-4
-"""Of the squared distance to nominal, in units of the residual: a distance of one costs
-about one unit of chi squared with some ten thousand rows, or a tenth with a thousand.
-It settles what data leave open and moves nothing else."""
+"""Weight of the squared distance to nominal, in units of the residual.  A distance of
+one costs about one unit of chi squared with ten thousand rows, or a tenth with a
+thousand. It determines parameters that the data do not determine, and hardly moves the
+others.
+"""
 
 RATES = (-3, -2)
 """Columns of `candidate_columns`: the rates of Coulomb friction and of the torque."""
 
 UNSEEN = 1e-12
-"""Size of a drive column over that of the torque, below which it counts as zero: a
-Stribeck term of a joint that is never slow.  No drive has a parameter of 1e12."""
+"""Size of a drive column over that of the torque below which the column counts as zero,
+such as a Stribeck term of a joint that is never slow: its parameter would have to be
+1e12.
+"""
 
 _TIED = 1e-5
-"""Share of the squared error by which a block has to differ to be won or lost: less is
-the solver's rounding, or the block has no rows."""
+"""Relative change of a block's squared error above which the block counts as won or
+lost. Smaller changes are the solver's rounding, or the block has no rows.
+"""
 
 
 class Key(NamedTuple):
-    """A drive column: of a joint or a coupling, a coefficient, its law with shapes."""
+    """A drive column: joint or coupling, coefficient, and law with its shapes."""
 
     owner: str
     name: str
@@ -71,13 +76,13 @@ class JointFactors:
     Parameters
     ----------
     expand : ndarray, shape (bodies' columns, 10 links)
-        How all inertial columns follow from those that are kept.
+        Map from the kept inertial columns to all of them.
     places : mapping of Key to int
-        Of drive columns.
+        Places of drive columns.
     cells : ndarray, shape (cells, rows, columns)
-        Triangular factor of each cell; below short ones, zeros.
+        Triangular factor of each cell; short ones are filled up with rows of zeros.
     training : ndarray, shape (folds, rows, columns)
-        Of what is left when a fold is left out, for each fold.
+        For each fold, the factor of the rows outside it.
     """
 
     expand: Matrix
@@ -88,7 +93,7 @@ class JointFactors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Factors:
-    """Factors of all torque joints, and rows behind each cell."""
+    """Factors of all torque joints, and the number of rows in each cell."""
 
     joints: tuple[JointFactors, ...]
     counts: IntArray
@@ -108,13 +113,13 @@ def factors_of(
     Parameters
     ----------
     bodies : TorqueModel
-        Without drive terms.
+        The model without drive terms.
     terms : sequence of sequence of DriveTerm
-        Of each of the robot's joints.
+        Drive terms of each of the robot's joints.
     width : float, [rad/s or m/s]
-        Of friction's change of sign.
+        Width of friction's change of sign.
     band : float, [Hz]
-        In which torque is predicted.
+        Band in which torque is predicted.
     """
     cell, number, joints = samples.cell, len(EDGES) - 1, []
     for row, (name, (places, expand)) in enumerate(
@@ -130,7 +135,7 @@ def factors_of(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _OwnColumns:
-    """The columns of one joint's row that are of no body; the last is a rate.
+    """The drive columns of one joint's row; the last column is a rate.
 
     The rate is how fast Coulomb friction changes within the band, [1/s].
     """
@@ -149,13 +154,13 @@ class _OwnColumns:
 
     @property
     def _pairs(self) -> list[tuple[GearCoupling, tuple[int, int]]]:
-        """Couplings that the joint has a part in, and both joints of each."""
+        """Couplings of the joint, and both joints of each."""
         pairs = [(c, coupled_joints(self.bodies.robot, c)) for c in self.couplings]
         return [(c, pair) for c, pair in pairs if self._joint in pair]
 
     @property
     def keys(self) -> tuple[Key, ...]:
-        """What the columns but the last are of."""
+        """The keys of all columns but the last."""
         found = [
             Key(coupling.label, label, term)
             for coupling, _ in self._pairs
@@ -200,7 +205,7 @@ def _joint_factors(
 
 
 def _cumulated(cells: Array) -> list[Matrix]:
-    """Return the factor of no cell, of the first, of the first two, and so on."""
+    """Return the joint factors of the first 0, 1, 2, ... cells."""
     return list(accumulate(cells, _joined, initial=np.zeros(cells.shape[1:])))
 
 
@@ -216,11 +221,11 @@ class CandidateModel:
     ----------
     model : TorqueModel
     keys : tuple of Key
-        Of the drive parameters, in the layout's order.
+        Keys of the drive parameters, in the layout's order.
     domain : ConicSet
-        In original units.
+        The set, in original units.
     nonnegative : ndarray of bool, shape (drive parameters,)
-        Which of them the constraints keep from being negative.
+        True for parameters that the constraints keep from being negative.
     """
 
     model: TorqueModel
@@ -254,7 +259,7 @@ def candidate_of(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoldFits:
-    """A candidate fitted to what is left when each fold is left out.
+    """A candidate, fitted without each fold in turn.
 
     Parameters
     ----------
@@ -276,9 +281,9 @@ def fitted(
     candidate : CandidateModel
     factors : Factors
     sigma : ndarray, shape (torque joints,), [N m or N]
-        By which joints' rows are divided.
+        Scale of each joint's rows, by which they are divided.
     size : float
-        Misfit that counts as one, for the prior's sake.
+        Misfit that counts as one when the prior's weight is set.
 
     Raises
     ------
@@ -288,7 +293,7 @@ def fitted(
     unit = _units(candidate, factors, sigma)
     distance = nominal_distance(candidate.model, "pullback", unit)
     origin, scales = distance.nominal, np.append(unit, 1.0)
-    # About the nominal robot torque is what that leaves, and the prior asks for zero.
+    # Parameters are differences from the nominal robot's, so the prior's goal is zero.
     squares = np.zeros((len(factors.joints[0].training), len(scales), len(scales)))
     for joint, s in zip(factors.joints, sigma, strict=True):
         rows = _all_columns(candidate, joint) * (scales / (s * size))
@@ -302,7 +307,7 @@ def fitted(
 
 
 def _units(candidate: CandidateModel, factors: Factors, sigma: Vector) -> Vector:
-    """Return typical sizes: of bodies, and of what alone would give the torque."""
+    """Return typical sizes of bodies, and sizes of drive terms that give all torque."""
     squares = np.zeros(len(candidate.keys))
     torque = 0.0
     for joint, s in zip(factors.joints, sigma, strict=True):
@@ -340,9 +345,9 @@ def candidate_columns(
     candidate : CandidateModel
     joint : JointFactors
     R : ndarray
-        A factor of the joint's.
+        One of the joint's factors.
     base : BaseParameters
-        Of the bodies.
+        Base parameters of the bodies.
     """
     independent, kept = list(base.independent), len(joint.expand)
     first = len(independent)
@@ -357,7 +362,7 @@ def candidate_columns(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeldOut:
-    """Squared torque errors of each fold and joint, each joint's in its own unit.
+    """Squared torque errors of each fold and joint, each joint's over its own scale.
 
     Parameters
     ----------
@@ -379,16 +384,16 @@ class HeldOut:
 
 @dataclass(frozen=True, slots=True)
 class Gain:
-    """What one choice brings over another.
+    """The gain of one choice over another.
 
     Parameters
     ----------
     share : float
-        Part of the squared error that is gone.
+        Relative decrease of the squared error.
     error : float
         Its standard error, from the blocks.
     won : float
-        Share of the blocks on which the error is less, of those on which it differs.
+        Among the blocks on which the error differs, the share on which it is smaller.
     """
 
     share: float
@@ -397,7 +402,7 @@ class Gain:
 
 
 def gain(before: HeldOut, after: HeldOut) -> Gain:
-    """Return what the second brings over the first, on the same rows."""
+    """Return the gain of the second over the first, on the same rows."""
     return _gain(before.blocks, after.blocks)
 
 
@@ -408,7 +413,7 @@ def joint_gains(before: HeldOut, after: HeldOut) -> tuple[Gain, ...]:
 
 
 def _gain(before: Vector, after: Vector) -> Gain:
-    """Return what one error on each fold brings over another."""
+    """Return the gain between two errors on each fold."""
     less = before - after
     starts = np.cumsum((0, *NUMBERS))
     variances = [
@@ -424,7 +429,7 @@ def _gain(before: Vector, after: Vector) -> Gain:
 
 
 def held_out(fits: FoldFits, factors: Factors, sigma: Vector) -> HeldOut:
-    """Return the errors of fits on the folds that each of them was left out of."""
+    """Return the errors of each fit on the fold that was left out of it."""
     return HeldOut(
         np.column_stack(
             [

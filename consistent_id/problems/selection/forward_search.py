@@ -1,4 +1,4 @@
-"""Forward selection: the move that brings most is made, until none brings enough."""
+"""Forward selection: make the move with the largest gain, until none gains enough."""
 
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -28,41 +28,49 @@ from consistent_id.problems.selection.fits import Gain, HeldOut, gain, joint_gai
 from consistent_id.problems.selection.superset import couplings_between
 
 LEAST_HELP = 0.025
-"""Share of a joint's own squared error that a term takes away where it helps."""
+"""Least relative decrease of a joint's own squared error by a term that helps it."""
 
 _DELAYS = 4  # first-order steps of a delay, at the most
 
 LEAST_GAIN = 0.025
-"""Share of the squared error that a move has to take away."""
+"""Least relative decrease of the squared error by a move."""
 
 SMALL_GAIN = 0.05
-"""A gain below this has to exceed its standard error as well.  A larger one need not:
-with few blocks, true terms whose gain is uneven would be thrown out."""
+"""A gain below this must exceed its standard error as well.  Larger gains need not:
+with few blocks, true terms with uneven gains would be rejected.
+"""
 
 LEAST_ROW_GAIN = 0.10
 """Minimum gain of a row mask.  It is higher, because the masked rows are no longer
 predicted."""
 
 LEAST_COUPLING_GAIN = 0.10
-"""Minimum gain of a coupling.  It says how the robot is built, and adds three terms."""
+"""Minimum gain of a coupling.  It is a claim about the robot's mechanics, and adds
+three terms.
+"""
 
 LEAST_DELAY_GAIN = 0.05
-"""Minimum gain of a delay of the torque, which has to exceed `SURE` standard errors as
-well.  It is a statement on the log, and stands in for friction in slow motion."""
+"""Minimum gain of a delay of the torque, which must exceed `SURE` standard errors as
+well.  A delay is a claim about the log, and in slow motion it looks like friction.
+"""
 
 LEAST_WON = 0.6
-"""Share of the blocks on which a move has to lower the error."""
+"""Least share of the blocks on which a move lowers the error."""
 
 LEAST_WON_BY_VALUES = 0.5
-"""The same of another value of what the model has already, such as a cut-off: it makes
-the model no larger, and the value before it has no better claim."""
+"""Minimum gain of another value of an existing setting, such as a cut-off.  It is
+lower, because the model does not grow, and the present value is not more likely
+beforehand.
+"""
 
 CONTRADICTION = 3.0
-"""Standard errors by which data have to contradict the masses that a model states: they
-are knowledge, unlike a friction law, and free ones stand in for springs and zeros."""
+"""Standard errors by which data must contradict the masses that a model states.  Stated
+masses are knowledge, unlike a friction law, and free masses can replace springs and
+zeros.
+"""
 
 LEAST_COST = 0.0125
-"""Share of the squared error that a term has to be worth to stay, beside later ones."""
+"""Least gain with which a term stays in the model beside later terms."""
 
 _LEAST = {
     "least_speed": LEAST_ROW_GAIN,
@@ -71,19 +79,20 @@ _LEAST = {
 }
 
 _TRIED = 4  # moves, of those that screening ranks first, that are fitted in full
-_HOPELESS = 0.3  # of the gain that is needed: what screening promises less is not tried
-_HOPEFUL_MASK = 0.5  # of a mask's gain that screening has to promise
+_HOPELESS = 0.3  # of the needed gain: moves with a smaller predicted gain are not tried
+_HOPEFUL_MASK = 0.5  # of a mask's gain that screening must predict
 _ALIKE = 0.8  # share of the best gain at which the simpler of two moves is preferred
-_REPLACED = 0.5  # of its gain that a rival keeps beside the move, if it says more
+_REPLACED = 0.5  # of its gain that a rival keeps beside the move, if not equivalent
 _ROUNDS = 20
-_SETTLINGS = 3  # rounds of taking terms out, joint by joint, and of searching on
+_PRUNINGS = 3  # rounds of taking terms out, joint by joint, and of searching on
 
 SURE = 2.0
-"""Standard errors by which a term has to help a joint, if it helps little."""
+"""Standard errors by which a term must help a joint, if its gain is small."""
 
 PLAIN = 0.25
-"""Share of a joint's own squared error from which a term is kept for it, however uneven
-its help is."""
+"""Gain in a joint's own squared error from which a term is kept for the joint, even if
+the gain is uneven over the blocks.
+"""
 
 _Tried = tuple[ModelMove, Gain, Evaluated]
 
@@ -93,19 +102,19 @@ _EVERYWHERE = ("rotor_inertia", "load_friction", "drag", "stribeck_velocity")
 
 @dataclass(frozen=True, slots=True)
 class Scope:
-    """What may be chosen: kinds of moves, and the values to try.
+    """The scope of a search: kinds of moves, and the values to try.
 
     Parameters
     ----------
     fixed : frozenset of str
-        Kinds that are not to be changed, such as ``"masses"``.
+        Kinds that must not change, such as ``"masses"``.
     scales : tuple of float
         Widths of friction's change of sign.
     cutoffs : tuple of float, [Hz]
-        Of the motion, ascending.
+        Cut-offs of the motion, ascending.
     everywhere : bool
-        Whether a drive term is offered to all joints that lack it, too, and not only
-        to those that it is seen to help.
+        Whether a drive term is also tried for all joints without it, and not only for
+        joints that it helps.
     """
 
     fixed: frozenset[str]
@@ -116,7 +125,7 @@ class Scope:
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A move, and the gain that screening promises; None where it cannot tell."""
+    """A move, and the gain that screening predicts; None if it cannot predict one."""
 
     move: ModelMove
     hoped: float | None
@@ -129,14 +138,14 @@ class Step:
     Parameters
     ----------
     gain : Gain
-        Of a term that was taken back, negative: what that costs.
+        The gain; negative for a term that was removed, as a cost.
     error : float
-        Root-mean-square error on the blocks after it, in units of the plain model's.
+        Root-mean-square error on the blocks after the move, over the plain model's.
     rivals : mapping of str to Gain
-        Other moves that were fitted in full instead, by their labels.
+        Other moves that were fitted in full, by their labels.
     stands_for : tuple of str
-        Rivals that brought half as much or more, and bring little beside it: data do
-        not tell them apart well.
+        Rivals with half the gain or more that gain little beside this move: the data
+        hardly distinguish them.
     """
 
     move: ModelMove
@@ -148,24 +157,26 @@ class Step:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
-    """How far a search has come."""
+    """The present state of a search."""
 
     current: Evaluated
     steps: tuple[Step, ...] = ()
 
 
-def search(evaluator: Evaluator, start: Evaluated, scope: Scope) -> Iterator[State]:
+def better_models(
+    evaluator: Evaluator, start: Evaluated, scope: Scope
+) -> Iterator[State]:
     """Yield better and better choices, from the start on.
 
-    Terms are given to all joints or to some, then taken back where a joint does not
-    need them.  What they hid may be given to single joints after that.
+    Terms are given to all joints or to some, then removed from joints that do not need
+    them.  After that, terms that those had hidden may be given to single joints.
     """
     yield State(start)
     state = yield from _forward(evaluator, State(start), scope)
     state = yield from _pruned(evaluator, state)
-    for _ in range(_SETTLINGS):
+    for _ in range(_PRUNINGS):
         before = state.current.choice
-        state = yield from settled(evaluator, start, state, scope)
+        state = yield from without_needless_terms(evaluator, start, state, scope)
         if state.current.choice == before:
             break
         one_by_one = replace(scope, everywhere=False)
@@ -176,7 +187,7 @@ _Search = Generator[State, None, State]
 
 
 def _forward(evaluator: Evaluator, state: State, scope: Scope) -> _Search:
-    """Yield states, each with the move made that brings most to the one before."""
+    """Yield states; each makes the move with the largest gain on the one before."""
     for _ in range(_ROUNDS):
         offered = list(proposals(evaluator, state.current, scope))
         state = replace(state, steps=_with_stand_ins(state.steps, offered))
@@ -192,7 +203,7 @@ def _forward(evaluator: Evaluator, state: State, scope: Scope) -> _Search:
 def _best_move(
     evaluator: Evaluator, current: Evaluated, offered: Sequence[Proposal]
 ) -> tuple[Step, Evaluated] | None:
-    """Return the move that brings most, if one brings enough."""
+    """Return the move with the largest gain, if it is large enough."""
     tried = _tried(evaluator, current, _worth_trying(offered))
     if any(t[0].kind == "masses" and _enough(t[0], t[1]) for t in tried):
         bounded = mass_move(current.choice, "bounds")
@@ -200,7 +211,7 @@ def _best_move(
     enough = [t for t in tried if _enough(t[0], t[1])]
     if not enough:
         return None
-    # Rows first: what other moves bring can be compared on the rows that stay.
+    # Rows first: gains of other moves are compared on the remaining rows.
     enough = [t for t in enough if t[0].kind == "least_speed"] or enough
     best = max(brought.share for _, brought, _ in enough)
     alike = [t for t in enough if t[1].share >= _ALIKE * best]
@@ -212,7 +223,7 @@ def _best_move(
 def _without_tight_bounds(tried: list[_Tried], bounded: list[_Tried]) -> list[_Tried]:
     """Return moves with bounded masses in place of free ones, or without them.
 
-    Bounds that cost as much as a move has to bring exclude what the masses are.
+    Bounds that cost as much as the least gain of a move exclude the true masses.
     """
     free = next(t for t in tried if t[0].kind == "masses")
     for move in bounded:
@@ -263,9 +274,9 @@ def _enough(move: ModelMove, brought: Gain) -> bool:
 
 
 def _size(move: ModelMove, current: Evaluated) -> float:
-    """Return how much a move changes: of like gains the smallest change is made.
+    """Return the size of a move: among similar gains the smallest change is made.
 
-    What every drive has is simplest for all joints; a spring, where there is one.
+    A term that every drive has is simplest for all joints, a spring for one joint.
     """
     if move.kind == "masses":
         return {"bounds": 100.0, "free": 200.0}[move.after.masses]
@@ -275,13 +286,13 @@ def _size(move: ModelMove, current: Evaluated) -> float:
         return float(-changed if move.kind in _EVERYWHERE else changed)
     if move.kind == "least_speed":
         return move.after.least_speed or 0.0
-    return -100.0  # another value of what is there already
+    return -100.0  # another value of an existing setting
 
 
 def _with_stand_ins(
     steps: tuple[Step, ...], offered: Sequence[Proposal]
 ) -> tuple[Step, ...]:
-    """Say of the last step which of its rivals bring little beside it."""
+    """Name the last step's rivals that gain little beside it."""
     if not steps:
         return steps
     last = steps[-1]
@@ -296,7 +307,7 @@ def _with_stand_ins(
 
 
 def _pruned(evaluator: Evaluator, state: State) -> _Search:
-    """Yield states with terms taken back that later ones have made needless."""
+    """Yield states without terms that later terms have made needless."""
     for step in state.steps[:-1]:
         for move in removals(state.current.choice, step.move):
             try:
@@ -314,20 +325,20 @@ def _pruned(evaluator: Evaluator, state: State) -> _Search:
 def believable(brought: Gain) -> bool:
     """Return whether a term helps a joint, from its own errors on blocks left out.
 
-    Its help has to be `LEAST_HELP` of the joint's squared error, on most blocks, and
-    `SURE` standard errors of it, or `PLAIN`.
+    The gain must be `LEAST_HELP` of the joint's squared error, on most blocks, and
+    `SURE` standard errors or `PLAIN`.
     """
     sure = brought.share >= min(SURE * brought.error, PLAIN)
     return sure and brought.share >= LEAST_HELP and brought.won >= LEAST_WON
 
 
-def settled(
+def without_needless_terms(
     evaluator: Evaluator, start: Evaluated, state: State, scope: Scope
 ) -> _Search:
     """Yield states without the terms that some joints do not need.
 
-    A term that was given to all joints stays where it helps the joint's own error; see
-    `believable`.  What the plain model has stays.
+    A term that was given to all joints stays where it reduces the joint's own error;
+    see `believable`.  The terms of the plain model stay.
 
     Parameters
     ----------
@@ -376,7 +387,7 @@ def _without_delay(evaluator: Evaluator, start: Evaluated, state: State) -> _Sea
 def _needless(
     evaluator: Evaluator, start: Evaluated, current: Evaluated, kind: str
 ) -> tuple[int, ...]:
-    """Return the joints that a kind of term does not help, with the bodies held."""
+    """Return the joints that a kind of term does not help, with fixed bodies."""
     choice, bodies = current.choice, evaluator.setting.bodies
     names = bodies.robot.joint_names
     coupled = {name for c in choice.couplings for name in (c.first, c.second)}
@@ -398,7 +409,7 @@ def _needless(
 def proposals(
     evaluator: Evaluator, current: Evaluated, scope: Scope
 ) -> Iterator[Proposal]:
-    """Yield moves with the gain that screening promises."""
+    """Yield moves with the gain that screening predicts."""
     choice = current.choice
     baseline = evaluator.screened(choice, current)
     yield from _of_terms(evaluator, current, baseline, scope)
@@ -443,13 +454,16 @@ def _other_moves(
         delay = _delay(evaluator, current)
         if delay != choice.delay:
             after = replace(choice, delay=delay)
-            yield ModelMove(
-                "delay", f"torque late by {1e3 * delay:.3g} ms", choice, after
-            )
+            yield ModelMove("delay", f"torque {_by(delay)}", choice, after)
+
+
+def _by(delay: float) -> str:
+    """Return how late or early a signal is, in words."""
+    return f"{'late' if delay >= 0.0 else 'early'} by {1e3 * abs(delay):.3g} ms"
 
 
 def _delay(evaluator: Evaluator, current: Evaluated) -> float:
-    """Return the delay at which torque seems to be late no more [s], to two digits."""
+    """Return the delay [s] that leaves no apparent lag of the torque, to two digits."""
     setting, candidate = evaluator.setting, current.fits.candidate
     choice = current.choice
     for _ in range(_DELAYS):
@@ -465,7 +479,7 @@ def _delay(evaluator: Evaluator, current: Evaluated) -> float:
 def _of_terms(
     evaluator: Evaluator, current: Evaluated, baseline: HeldOut, scope: Scope
 ) -> Iterator[Proposal]:
-    """Yield drive terms: for all joints, for those that they help, for the best."""
+    """Yield drive terms for all joints, for joints that they help, and for the best."""
     choice, bodies = current.choice, evaluator.setting.bodies
     names = bodies.robot.joint_names
     measured = [names.index(name) for name in bodies.torque_joints]

@@ -1,9 +1,9 @@
-"""Rows of the training data: motion, torque, and the block each row belongs to.
+"""Rows of the training data: motion, torque, and the block of each row.
 
-Cross-validation leaves blocks of equal motion out in turn.  Blocks are phases where the
-motion repeats itself, else stretches of time: what is left out has no like among what
-is fitted.  The same share of every recording is left out at once, so that two
-recordings of one motion do not stand in for each other.
+Cross-validation leaves out blocks of equal motion in turn.  If the motion is periodic,
+a block is a phase of it, else a stretch of time; so the fitted rows contain no copy of
+the rows left out.  The same part of every recording is left out at once, because two
+recordings may have the same motion.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,17 +31,20 @@ from consistent_id.regression.motion_arrays import FilteredRows, Motion, motion_
 from consistent_id.regression.regressor import TorqueModel
 
 NUMBERS = (8, 6)
-"""Numbers of blocks over which errors are averaged: one alone moves a robot's error by
-up to 30 %."""
+"""Numbers of blocks over which errors are averaged.  Between single numbers of blocks,
+a robot's error differed by up to 30 %.
+"""
 
-_SHORTEST_PERIOD = 0.02  # of the motion: shorter periods need no whole ones
-_WHOLE_PERIODS = 2  # periods that a motion has to hold, to be left out by phase
+_SHORTEST_PERIOD = (
+    0.02  # of the motion: with shorter periods, blocks need not be whole periods
+)
+_WHOLE_PERIODS = 2  # least number of periods of a motion that is left out by phase
 
 EDGES = tuple(
     float(edge)
     for edge in sorted({Fraction(k, n) for n in NUMBERS for k in range(n + 1)})
 )
-"""Where a block begins or ends, as shares of a motion: the edges of all cells."""
+"""Edges of all blocks, as shares of a motion; cells are the stretches between them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,9 +54,9 @@ class SampledLog:
     Parameters
     ----------
     raw : Recording
-        The rows for training, and no others.
+        The rows for training only.
     period : float, optional, [s]
-        Of a motion that repeats itself.
+        Period of a periodic motion.
     """
 
     raw: Recording
@@ -70,7 +73,7 @@ class SampledPart:
         The rows; `Motion.along` has all samples before the filter.
     time : ndarray, shape (samples along,), [s]
     torque : ndarray, shape (samples along, torque joints), [N m or N]
-        Before the filter.
+        Torque before the filter.
     load : ndarray, shape (samples along, torque joints), optional, [N m or N]
         Torque of the nominal bodies.
     speed : ndarray, shape (samples along,)
@@ -105,7 +108,7 @@ class SampledPart:
         return replace(self, motion=motion, cell=self.cell[kept])
 
     def late(self, seconds: float) -> tuple[Matrix, Matrix]:
-        """Return torque that was written so much later, and its rate of change."""
+        """Return torque that was logged with another delay, and its rate of change."""
         torque = self.torque
         if seconds:
             late = self.time + seconds
@@ -158,7 +161,7 @@ class Samples:
         return Samples.of(bodies, [part.masked(least_speed) for part in self.parts])
 
     def delayed(self, seconds: float) -> "Samples":
-        """Return the rows with the torque that was written so much later."""
+        """Return the rows with torque that was logged with another delay."""
         if seconds == 0.0:
             return self
         torque, rate = _joined_late(self.parts, seconds)
@@ -172,7 +175,7 @@ class Samples:
         Parameters
         ----------
         row : int
-            Of the torque joints.
+            Place among the torque joints.
         columns : callable
             Returns columns along all samples of a part, before the filter.
 
@@ -221,13 +224,13 @@ def samples_of(
     Parameters
     ----------
     bodies : TorqueModel
-        Without drive terms.
+        The model without drive terms.
     table : PreparationTable
         Its `torque_cutoff` is the band in which torque is predicted.
     guard : float, [s]
         See `cells`.
     thin : int
-        Of so many samples one is kept.
+        Step between samples that are kept.
 
     Raises
     ------
@@ -250,7 +253,7 @@ def samples_of(
 def _sampled(
     bodies: TorqueModel, part: Recording, kept: IntArray, cell: IntArray
 ) -> SampledPart:
-    """Return the rows of some samples of a prepared part."""
+    """Return the rows of a prepared part at some samples."""
     behind, by = require_filter(part), row_filter(part)
     along = motion_of(bodies, part, None).along
     state, nominal = (along.q, along.dq, along.ddq), bodies.robot.nominal
@@ -268,7 +271,7 @@ def _sampled(
 
 @lru_cache(maxsize=1)
 def folds() -> tuple[tuple[int, tuple[int, ...]], ...]:
-    """Return the blocks: of how many each is one, and its cells.
+    """Return the blocks: the number of blocks that each belongs to, and its cells.
 
     Examples
     --------
@@ -288,13 +291,13 @@ def folds() -> tuple[tuple[int, tuple[int, ...]], ...]:
 
 @lru_cache(maxsize=1)
 def left_out() -> BoolArray:
-    """Return which cells each block is made of, shape (blocks, cells)."""
+    """Return the cells that each block consists of, shape (blocks, cells)."""
     cells = np.arange(len(EDGES) - 1)
     return np.array([np.isin(cells, out) for _, out in folds()])
 
 
 def motion_period(raw: Recording) -> float | None:
-    """Return the period [s] of a motion that repeats itself, if it does."""
+    """Return the period [s] of a periodic motion, else None."""
     try:
         period = estimated_period(raw, shortest=_SHORTEST_PERIOD * raw.duration)
     except RecordingError:
@@ -313,12 +316,12 @@ def cells(
     ----------
     time : ndarray, [s]
     start, duration : float, [s]
-        Of the recording.
+        Beginning and duration of the recording.
     period : float, optional, [s]
-        Of a motion that repeats itself.
+        Period of a periodic motion.
     guard : float, [s]
-        Samples so near to an edge belong to no cell: filters and the correlation of
-        noise have mixed them with what lies beyond.
+        Samples nearer to an edge than this belong to no cell: filters and the
+        correlation of noise mix them with samples beyond the edge.
     """
     length = duration if period is None else period
     share = np.clip((time - start) / length, 0.0, None)

@@ -1,4 +1,4 @@
-"""What a search begins with: rows, the plain model, units of joints, what to try."""
+"""The beginning of a search: rows, the plain model, scales of errors, moves to try."""
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -37,16 +37,16 @@ DRIVE = (*TERMS, "asymmetric", "stribeck_velocity", "velocity_scale", "coupling"
 """Kinds of moves that change drive terms."""
 
 KINDS = (*DRIVE, "masses", "motion_cutoff", "least_speed", "delay")
-"""What may be chosen, and what a search may be told to leave as the file has it."""
+"""Kinds of settings that are chosen; each can be kept as in the file instead."""
 
-_MOST_ROWS = 6000  # samples: more tell little more, and cost time
+_MOST_ROWS = 6000  # samples: more of them add little information, and cost time
 _WIDTH = 0.03  # of the median top speed: where the search for friction's width begins
-_ROUGH = 0.1  # of the torque: misfit that counts as one until it is known
+_ROUGH = 0.1  # of the torque: misfit that counts as one before the first fit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Beginning:
-    """An evaluator, the plain model evaluated, and what may be changed."""
+    """An evaluator, the evaluated plain model, and the scope of the search."""
 
     evaluator: Evaluator
     plain: Evaluated
@@ -54,7 +54,7 @@ class Beginning:
 
     @property
     def parameters(self) -> int:
-        """How many parameters the plain model estimates: of bodies, and of drives."""
+        """Number of parameters of the plain model: those of bodies and of drives."""
         setting = self.evaluator.setting
         known = setting.table.constraints.bodies == "model"
         return (0 if known else len(setting.base)) + len(self.plain.fits.candidate.keys)
@@ -65,8 +65,8 @@ def beginning(
 ) -> Beginning:
     """Prepare a search.
 
-    Each joint's errors are measured in units of its own error with the plain model, so
-    that all joints count alike.
+    Each joint's error is divided by its own error with the plain model, so that all
+    joints have equal weight.
 
     Parameters
     ----------
@@ -133,11 +133,12 @@ def _setting(problem: Problem, raws: tuple[Recording, ...], band: float) -> Sett
 def _frictions(
     problem: Problem, start: Choice, samples: Samples, setting: Setting
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the joints whose friction may depend on load, and on position.
+    """Return the joints whose friction may depend on load, and those on position.
 
-    What torque is made of commands is for simulators of them, which know friction that
-    varies with position and none that depends on the load.  Where torque is measured,
-    springs, loads and zero offsets vary with position, too, and stand in for it.
+    If torque is computed from commands, the model is meant for simulators, which
+    support friction that varies with position but not with the load.  If torque is
+    measured, friction by position is not offered, because springs, loads and zero
+    offsets vary with position, too.
     """
     if data_of(problem.table).gains is None:
         able = {"load_friction": loaded_joints(setting.bodies, samples)}
@@ -163,7 +164,7 @@ def _cutoff(problem: Problem, fixed: Collection[str], band: float) -> float | No
 
 
 def _settled(problem: Problem) -> frozenset[str]:
-    """Return what cannot be chosen, or what the file has reasons for."""
+    """Return the kinds that cannot be chosen, or that the file states for a reason."""
     table = problem.table
     columns = data_of(problem.table).columns
     settled = set()
@@ -201,7 +202,7 @@ def _top_speeds(samples: Samples, bodies: TorqueModel) -> Vector:
 
 
 def _plain(problem: Problem, fixed: Collection[str], width: float) -> Choice:
-    """Return the plain model, with what is fixed as the file has it."""
+    """Return the plain model; fixed settings are those of the file."""
     table = problem.table
     masses = table.constraints.masses
     if not _masses_known(problem):
@@ -210,7 +211,7 @@ def _plain(problem: Problem, fixed: Collection[str], width: float) -> Choice:
         masses = "datasheet"
     preparation = data_of(table).preparation
     delay = preparation.delays.get("torque", 0.0) if "delay" in fixed else 0.0
-    if delay == "estimated":  # of a base that floats, whose model is not selected
+    if delay == "estimated":  # a floating base, whose model is not selected
         delay = 0.0
     return Choice(
         tuple(

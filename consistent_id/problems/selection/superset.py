@@ -1,7 +1,7 @@
-"""All drive terms and couplings that a model of a robot may have, and on which joints.
+"""All drive terms and couplings that a model may have, and their joints.
 
-Load friction needs a load that is known, a slope of friction limits of the joint, and a
-coupling two neighbours of a kind.
+Load friction needs a known load, a slope of friction needs limits of the joint, and a
+coupling needs two neighbouring joints of one kind.
 """
 
 from dataclasses import dataclass
@@ -20,13 +20,14 @@ from consistent_id.regression.loads import unloaded_joints
 from consistent_id.regression.regressor import TorqueModel
 
 LEAST_LOAD = 0.05
-"""Share of a joint's torque that its load has to be: gears lose 3 to 20 % of the load,
-and of less than this that is less than 1 % of the torque."""
+"""Least share of the load in a joint's torque for load friction.  Gears lose 3 to 20 %
+of the load; with a smaller load that is below 1 % of the torque.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Superset:
-    """Drive terms of each of the robot's joints, and couplings of neighbours."""
+    """Drive terms of each joint of the robot, and couplings of neighbours."""
 
     terms: tuple[tuple[DriveTerm, ...], ...]
     couplings: tuple[GearCoupling, ...]
@@ -40,7 +41,7 @@ def superset(
     Parameters
     ----------
     bodies : TorqueModel
-        Without drive terms.
+        The model without drive terms.
     scale : float, [rad/s or m/s]
         Width of friction's change of sign.
     loaded, sloped : tuple of str
@@ -79,7 +80,7 @@ def _drive_tables(scale: float, loaded: bool, sloped: bool) -> tuple[DriveTable,
 
 
 def sloped_joints(bodies: TorqueModel) -> tuple[str, ...]:
-    """Return the torque joints with limits, between which friction can be a slope."""
+    """Return the torque joints with limits, between which friction can have a slope."""
     limited = {
         joint.name: joint.kind != "continuous"
         and bool(np.isfinite([joint.limits.lower, joint.limits.upper]).all())
@@ -106,12 +107,12 @@ def couplings_between(bodies: TorqueModel, scale: float) -> tuple[CouplingTable,
 
 
 def loaded_joints(bodies: TorqueModel, samples: Samples) -> tuple[str, ...]:
-    """Return the torque joints whose nominal load is a part of their torque.
+    """Return the torque joints whose nominal load is a large part of their torque.
 
     Parameters
     ----------
     bodies : TorqueModel
-        Without drive terms.
+        The model without drive terms.
     samples : Samples
         Rows of the log.
     """

@@ -57,16 +57,16 @@ class BaseColumns:
     acceleration : str or sequence of str, optional, [m/s^2]
         Accelerometer, three columns: +9.81 along z at rest and upright.
     position : str or sequence of str, optional, [m]
-        Of the base frame's origin in the world, three columns.
+        Position of the base frame's origin in the world, three columns.
     orientation : str or sequence of str, optional
-        Of the base frame in the world: a unit quaternion, four columns.
+        Orientation of the base frame in the world: a unit quaternion, four columns.
     order : {"xyzw", "wxyz"}
-        Of the quaternion.
+        Order of the quaternion.
     imu_position : array_like, shape (3,), [m]
         Position of the unit in the base frame.
     imu_orientation : array_like, shape (4,)
-        Of the unit in the base frame, a quaternion in the same order; by default it is
-        aligned.
+        Orientation of the unit in the base frame, a quaternion in the same order; by
+        default it is aligned.
     """
 
     angular_velocity: Names | None = None

@@ -48,7 +48,7 @@ def recording_from(
     torque_gain : array_like, shape () or (joints,)
         Factor from the torque column to torque.
     name : str
-        Of the recording; used in messages.
+        Name of the recording; used in messages.
     omit, duplicates, missing
         See `read_recording`.
 
@@ -89,7 +89,7 @@ def table_names(table: ColumnTable, name: str) -> tuple[str, ...]:
     Parameters
     ----------
     name : str
-        Of the table; used in messages.
+        Name of the table; used in messages.
 
     Raises
     ------

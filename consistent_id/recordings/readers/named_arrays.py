@@ -41,7 +41,7 @@ _log = logging.getLogger(__name__)
 Arrays = Mapping[str, NDArray[Any]]
 
 Duplicates = Literal["refuse", "first", "last"]
-"""Which of several rows with one time stamp is used."""
+"""The row that is used if several have one time stamp."""
 
 Missing = Literal["refuse", "omit"]
 """Whether rows with empty or NaN values are left out."""
@@ -58,7 +58,7 @@ _LEAST_OF_A_RECORDING = 100
 """Rows of a part of a file that is a recording of its own."""
 
 BREAK = 3.0
-"""Between recordings that one file holds one after another [s]."""
+"""Time between recordings that one file contains one after another [s]."""
 
 _PART = re.compile(r"(?P<name>.+)\[(?P<first>\d*):(?P<end>\d*)\]")
 
@@ -88,7 +88,7 @@ def recording_of(
     omit : sequence of int
         Rows to leave out, counted from 1.
     duplicates : {"refuse", "first", "last"}
-        Which of several successive rows with one time stamp is used.
+        The row that is used if several successive ones have one time stamp.
     missing : {"refuse", "omit"}
         Whether rows in which a value is NaN are left out.
     numbers : ndarray of int, shape (samples,), optional
@@ -149,7 +149,7 @@ def recording_of(
 
 
 def _of_one_clock(time: Vector, keep: BoolArray, second: float, where: str) -> Vector:
-    """Return the time of recordings that one file holds one after another.
+    """Return the time of recordings that one file contains one after another.
 
     Where the clock goes back, a recording ends, if all are long and nowhere else the
     clock stands or goes back; the next one follows after a break.  Otherwise, or if a

@@ -40,7 +40,7 @@ def apart(time: np.ndarray, episodes: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     time : ndarray, shape (samples,), [s]
-        Of each episode by itself.
+        Time of each episode by itself.
     episodes : ndarray, shape (samples,)
         Number of the episode of each sample.
 
@@ -74,7 +74,7 @@ def read_columns(path: Path, names: Sequence[str]) -> Arrays:
 
 
 def _values(metadata: Any, names: Sequence[str]) -> dict[str, int]:
-    """Return how many values the named columns have, those in lists included."""
+    """Return the number of values of the named columns, those in lists included."""
     counts = dict.fromkeys(names, 0)
     for g in range(metadata.num_row_groups):
         group = metadata.row_group(g)

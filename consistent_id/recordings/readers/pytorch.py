@@ -153,16 +153,16 @@ _FETCHED = ("BINGET", "LONG_BINGET")
 
 @dataclass
 class _TensorReading:
-    """What the operations of a file build, on a stack.
+    """The value that the operations of a file build, on a stack.
 
     Parameters
     ----------
     path : Path
     members : zipfile.ZipFile
     folder : str
-        Of the archive's members, with a slash.
+        Folder of the archive's members, with a slash.
     size : int, [bytes]
-        Of all tensors so far.
+        Size of all tensors so far.
     """
 
     path: Path
@@ -221,7 +221,7 @@ class _TensorReading:
             raise ValueError(f"it holds the operation {name}")
 
     def _marked(self) -> list[Any]:
-        """Return what was put on the stack after the last mark, and take it off."""
+        """Return the values on the stack after the last mark, and remove them."""
         found: list[Any] = []
         while (value := self.stack.pop()) is not _MARK:
             found.append(value)

@@ -96,7 +96,7 @@ def read_recording(
     omit : sequence of int
         Broken rows to leave out, counted from 1.  Not for bags.
     duplicates : {"refuse", "first", "last"}
-        Which of several rows with one time stamp is used.  Not for bags.
+        The row that is used if several have one time stamp.  Not for bags.
     missing : {"refuse", "omit"}
         Whether rows with empty or NaN values are left out.  Not for bags.
 

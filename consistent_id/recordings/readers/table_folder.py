@@ -70,7 +70,7 @@ def notes(path: Path) -> tuple[str, ...]:
         moved = f"; {moved}: interpolated to the clock of {clock.file.name}"
     said = ", ".join(file.name for file in files)
     rest = ", ".join(file.name for file in tables_in(path) if file not in files)
-    more = f"; {rest}: of another clock, or no table, not read" if rest else ""
+    more = f"; not read, as they have another clock or no table: {rest}" if rest else ""
     return (f"{said} are one recording{moved}{more}",)
 
 
@@ -128,7 +128,7 @@ def _parts(path: Path) -> list[_TablePart]:
 def _part(file: Path) -> _TablePart | None:
     """Return a table of a folder; None if it is empty, or no table, such as a README.
 
-    What has a clock is a table, and its faults are errors.
+    A file with a clock is a table, and its faults are errors.
     """
     clock = None
     try:

@@ -197,7 +197,7 @@ class Layout(NamedTuple):
         Place of each in the log.
     stamps : ndarray of int, shape (messages,), [ns]
     joints : ndarray of int, shape (columns,)
-        Which of the wanted joints they hold.
+        Places of their joints among the wanted ones.
     values : ndarray, shape (fields, messages, columns)
     """
 
@@ -275,7 +275,7 @@ class JointClock:
     Parameters
     ----------
     start : int, [ns]
-        Of the first sample.
+        Start of the first sample.
     by_log_time : bool
         Whether stamps are times of logging.
     """

@@ -50,7 +50,7 @@ def rotations(quaternions: ArrayLike, order: QuaternionOrder) -> Array:
     Parameters
     ----------
     quaternions : array_like, shape (samples, 4)
-        Of the base frame in the world.
+        Quaternions of the base frame in the world.
     order : {"xyzw", "wxyz"}
 
     Returns
@@ -145,12 +145,12 @@ def base_from_pose(
     time : ndarray, shape (samples,), [s]
         If it is not uniform, differences are those of a spline at uniform times.
     position : array_like, shape (samples, 3), [m]
-        Of the base frame's origin in the world.
+        Position of the base frame's origin in the world.
     quaternions : array_like, shape (samples, 4)
-        Of the base frame in the world.
+        Quaternions of the base frame in the world.
     order : {"xyzw", "wxyz"}
     cutoff : float or None, [Hz]
-        Of the zero-phase low-pass filter on position and rate.
+        Cut-off of the zero-phase low-pass filter on position and rate.
     gravity : array_like, shape (3,), [m/s^2]
         In the world.
     """

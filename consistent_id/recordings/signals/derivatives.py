@@ -149,8 +149,8 @@ def noise_gain(
     Returns
     -------
     ndarray, shape (joints, 3, 3)
-        Of position [1], velocity [1/s] and acceleration [1/s^2], for white noise of the
-        readings.
+        Covariances of position [1], velocity [1/s] and acceleration [1/s^2], for white
+        noise of the readings.
 
     Raises
     ------

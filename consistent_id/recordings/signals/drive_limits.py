@@ -197,7 +197,7 @@ def _runs_into(tau: Vector, run: slice, flat: float) -> bool:
 
 
 def _stays(tau: Vector, peak: float, flat: float, least: int) -> int:
-    """Return how often a torque stays as long between half and all of its peak."""
+    """Return the number of equally long stays above half of a torque's peak."""
     still = abs(np.diff(tau)) <= _EVEN * flat
     between = (abs(tau) > 0.5 * peak) & (abs(tau) < _NEAR_PEAK * peak)
     return sum(

@@ -50,7 +50,7 @@ class RowFilter:
     cutoff : float
         Over the sampling rate, below 0.5; the attenuation there is 6 dB.
     order : int
-        Of the one-way Butterworth filter.
+        Order of the one-way Butterworth filter.
     squared : bool
         Take the squares of the kernel, of sum one: they add the power of white noise.
     """
@@ -71,7 +71,7 @@ class RowFilter:
 
     @property
     def step(self) -> int:
-        """Of so many rows one is kept: `DENSE` in a period of the cut-off."""
+        """Step between kept rows: `DENSE` are kept in a period of the cut-off."""
         return max(int(1.0 / (DENSE * self.cutoff) * (1.0 + 1e-9)), 1)
 
     def spans(self, kept: IntArray, samples: int) -> Iterator[tuple[slice, slice]]:
@@ -82,7 +82,7 @@ class RowFilter:
         kept : ndarray of int, shape (rows,)
             Ascending.
         samples : int
-            Of the whole recording.
+            Number of samples of the whole recording.
         """
         reach = self.reach
         longest = max(8 * reach, 4096)
@@ -134,7 +134,7 @@ class RowFilter:
             Rows wanted, by samples of the whole recording.
         span : slice
         samples : int
-            Of the whole recording.
+            Number of samples of the whole recording.
         """
         h, reach = self._taps, self.reach
         first, last = int(kept[0]) - reach, int(kept[-1]) + reach + 1
@@ -247,7 +247,7 @@ def torque_filtered(recording: Recording, cutoff: float, order: int = 4) -> Reco
         Uniformly sampled.
     cutoff : float, [Hz]
     order : int
-        Of the one-way Butterworth filter.
+        Order of the one-way Butterworth filter.
     """
     behind = recording.torque_filter
     if behind is None:
@@ -301,7 +301,7 @@ def counting(recording: Recording, rows: BoolArray) -> Recording:
     ----------
     recording : Recording
     rows : ndarray of bool, shape (samples,)
-        Which samples count.
+        True for samples that count.
     """
     if rows.all():
         return recording
@@ -335,7 +335,7 @@ def left_out(recording: Recording, mask: BoolArray) -> Recording:
     ----------
     recording : Recording
     mask : ndarray of bool, shape (samples,)
-        Which samples do not count.
+        True for samples that do not count.
     """
     behind = recording.torque_filter
     if behind is None or not mask.any():
@@ -427,7 +427,7 @@ def _passed(behind: TorqueFilter, filtered: Matrix, source: Matrix) -> bool:
 
 
 def _at(values: _PerSample, kept: IntArray) -> _PerSample:
-    """Return what belongs to some samples."""
+    """Return the part that belongs to some samples."""
     if values is None or isinstance(values, np.ndarray):
         return None if values is None else values[kept]
     if isinstance(values, tuple):

@@ -26,8 +26,10 @@ DECIMATION_ORDER = 8  # of the filter against aliasing
 _LOWEST = 1e-5  # cut-off over sampling rate
 
 _FORGOTTEN = 1e-22
-"""Of a filter's start, relative.  Digits of a float end at 1e-16; the rest is margin
-for sections in series (up to 1e4 for an order of 8), whatever the cut-off."""
+"""Relative effect of a filter's start that counts as none.  Digits of a float end at
+1e-16; the rest is margin for sections in series (up to 1e4 for an order of 8), whatever
+the cut-off.
+"""
 
 
 def low_passed(
@@ -40,8 +42,8 @@ def low_passed(
     """Filter with a zero-phase Butterworth filter.
 
     Motion is filtered forwards and backwards.  Torque passes the same filter as a
-    kernel, and the recording keeps what it was before, so that `build_regression` can
-    filter its rows like the torque: ``F Y x = F tau`` holds exactly, also where
+    kernel, and the recording keeps its torque from before, so that `build_regression`
+    can filter its rows like the torque: ``F Y x = F tau`` holds exactly, also where
     friction jumps.
 
     Parameters
@@ -52,7 +54,7 @@ def low_passed(
         Cut-off of position, velocity and acceleration, also of a base, and of torque
         and wrenches; none to leave them as they are.
     order : int
-        Of the one-way filter; the attenuation at the cut-off is 6 dB.
+        Order of the one-way filter; the attenuation at the cut-off is 6 dB.
 
     Raises
     ------
@@ -145,7 +147,7 @@ def spaced(recording: Recording, factor: int) -> Recording:
 
 
 def anti_aliased(recording: Recording, factor: int) -> Recording:
-    """Return what `decimated` takes its samples from."""
+    """Return the recording from which `decimated` takes its samples."""
     behind = recording.torque_filter
     if behind is None:
         rate = uniform_rate(recording)
@@ -170,9 +172,9 @@ def decimation_cutoff(rate: float, factor: int) -> float:
 def settling(*, cutoff: float, rate: float, order: int) -> int:
     """Return the samples after which the filter has forgotten where it began.
 
-    What is left then of any start is `_FORGOTTEN` of it: the slowest pole ``p`` fades
-    as ``|p|^n``.  Sections in series fade more slowly by a factor that the margin of
-    `_FORGOTTEN` to the digits of a float covers.
+    The effect of any start has then fallen to `_FORGOTTEN` of it: the slowest pole
+    ``p`` fades as ``|p|^n``.  Sections in series fade more slowly by a factor that the
+    margin of `_FORGOTTEN` to the digits of a float covers.
 
     Examples
     --------
@@ -201,7 +203,7 @@ def zero_phase(
     cutoff, rate : float, [Hz]
         Cut-off, at which the attenuation is 6 dB, and rate of sampling.
     order : int
-        Of the one-way filter.
+        Order of the one-way filter.
     pad : int
         Samples by which either end is continued, fewer than there are.
     """

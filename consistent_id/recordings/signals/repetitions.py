@@ -47,7 +47,7 @@ def estimated_period(
     Parameters
     ----------
     recording : Recording
-        Of at least one and a half periods.
+        Recording of at least one and a half periods.
     shortest, longest : float, optional, [s]
         Range of the period; by default the range that 20 samples and the recording's
         length allow.

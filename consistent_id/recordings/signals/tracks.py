@@ -227,7 +227,8 @@ class Delay:
         Cut-off to which both signals were filtered.
     joints : tuple of str
     correlations, gains : ndarray, shape (joints,)
-        Of the two signals after correcting the delay; the gain is that of the second.
+        Correlation of the two signals after correcting the delay, and gain of the
+        second.
     """
 
     seconds: float
@@ -254,8 +255,8 @@ def estimate_delay(
     Parameters
     ----------
     reference, late : Track
-        Of the same joints, each on its own clock.  Of position, velocity and
-        acceleration the lower derivative is differentiated; a torque is compared with
+        Tracks of the same joints, each on its own clock.  The lower derivative among
+        position, velocity and acceleration is differentiated; a torque is compared with
         a torque.
     longest : float, [s]
         Longest delay that is tried, either way.  For periodic motion less than half a
@@ -485,7 +486,7 @@ def _shifts_left(sums: Array, variance: Vector) -> Vector:
         Sums of one, ``r``, ``y``, the reference's slope ``s`` and bend ``b``, and of
         ``r r``, ``r y``, ``s r``, ``s y``, ``b y``.
     variance : ndarray, shape (joints,)
-        Of the errors.
+        Variance of the errors.
     """
     n, r, y, s, b, rr, ry, sr, sy, by = np.moveaxis(sums, 1, 0)
     power = np.maximum(rr - r * r / n, np.finfo(np.float64).tiny)

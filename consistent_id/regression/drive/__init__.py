@@ -1,1 +1,1 @@
-"""What friction and drives add to a joint's torque: one file for each law."""
+"""Torque of friction and drives at a joint: one file for each law."""

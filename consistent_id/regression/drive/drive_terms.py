@@ -60,7 +60,7 @@ LAWS: Mapping[str, type[DriveTerm]] = {
     "rotor_inertia": RotorInertia,
     "spring": Spring,
 }
-"""What each keyword chooses, in the order of the columns.
+"""The terms that each keyword chooses, in the order of the columns.
 
 The fields of a law are keywords too.
 """
@@ -82,7 +82,7 @@ _FIRST = 10  # keywords that a fingerprint has always shown, chosen or not
 @brief
 @dataclass(frozen=True, slots=True, init=False, repr=False)
 class DriveTerms:
-    """Which terms a joint's torque has besides the rigid-body ones.
+    """The terms of a joint's torque besides the rigid-body ones.
 
     ``tau = viscous dq + coulomb s(dq) + offset + rotor_inertia ddq + spring q``
 

@@ -1,4 +1,4 @@
-"""What a friction law or drive term is: columns of the regressor, and facts on them."""
+"""Friction laws and drive terms: columns of the regressor, and facts about them."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence

@@ -73,7 +73,7 @@ def contact_free_regression(
     Returns
     -------
     Regression
-        Of one factor; its counts are rows, in units of `sigma`.
+        Regression of one factor; its counts are rows, in units of `sigma`.
 
     Raises
     ------
@@ -153,7 +153,7 @@ def contact_free_model(model: TorqueModel) -> TorqueModel:
 
 
 class MappedRows(NamedTuple):
-    """What came of one chunk: a triangular factor, of how many rows, largest torque."""
+    """The result of one chunk: a triangular factor, its rows, the largest torque."""
 
     factor: Matrix
     rows: int
@@ -230,7 +230,7 @@ def _levels(sigma: ArrayLike | None, rows: int) -> Vector:
 def base_of_recordings(
     model: TorqueModel, recordings: Recording | Sequence[Recording]
 ) -> BaseParameters:
-    """Return what recordings like these can tell, whatever their motion.
+    """Return the base parameters that recordings like these show in any motion.
 
     `base_parameters`, or `contact_free_base` if forces of contacts are not measured.
     """
@@ -249,9 +249,9 @@ def base_of_recordings(
 def contact_free_base(
     model: TorqueModel, contacts: Sequence[ContactFlags], *, seed: int = 0
 ) -> BaseParameters:
-    """Find what rows free of contact forces can tell, for the contacts that occur.
+    """Find the base parameters of rows without contact forces, for given contacts.
 
-    From random motions, each with one of the combinations of contacts.
+    They are those of random motions, each with one of the combinations of contacts.
 
     Parameters
     ----------
@@ -288,7 +288,7 @@ def masked_factors(
 ) -> list[MappedRows]:
     """Return a triangular factor for each recording, of combinations of parameters.
 
-    Of filtered recordings those samples are taken whose rows are worth keeping, see
+    From filtered recordings the samples are taken whose rows are worth keeping, see
     `places_of_rows`.
 
     Parameters
@@ -296,16 +296,17 @@ def masked_factors(
     model : TorqueModel
         With the rows `CONTACT_FREE`, see `contact_free_model`.
     recordings : sequence of Recording
-        Of the same motion; other torques are known, or contacts are elsewhere.
+        Recordings of the same motion; other torques are known, or contacts are
+        elsewhere.
     combinations : ndarray, shape (parameters, k)
     torques : sequence of Recording
-        Of the same motion, with the torques that the last columns have; by default the
-        first recording.
+        Recordings of the same motion, with the torques of the last columns; by default
+        the first recording.
 
     Returns
     -------
     list of MappedRows
-        Of the columns ``Y combinations``, and last the torques.
+        Rows of the columns ``Y combinations``, and last the torques.
     """
     whole = every_row(model)
     kept = _worth_keeping(recordings[0])

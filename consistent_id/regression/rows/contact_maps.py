@@ -52,7 +52,7 @@ CHUNK = 512
 """Samples per chunk: of 18 rows and 130 columns, 10 MB."""
 
 _MOST = 2**27
-"""Bytes of maps that are held of a recording: 50 000 samples of 18 rows."""
+"""Bytes of a recording's maps that are kept in memory: 50 000 samples of 18 rows."""
 
 
 class RowMap(NamedTuple):
@@ -61,7 +61,7 @@ class RowMap(NamedTuple):
     Attributes
     ----------
     samples : ndarray of int, shape (samples,)
-        Which samples of the recording.
+        Places of the samples in the recording.
     maps : ndarray, shape (samples, rows, 6 + joints)
         ``L_t = Z_t^T S^-1``.
     """
@@ -87,14 +87,14 @@ def contact_maps(
     Parameters
     ----------
     robot : RobotModel
-        Whose base floats.
+        Robot with a floating base.
     q : ndarray, shape (samples, joints), [rad or m]
     sigma : ndarray, shape (rows,)
         Noise level of each row.
     rotation : ndarray, shape (samples, 3, 3), optional
-        Of the base in the world, for contacts with a radius.
+        Rotation of the base in the world, for contacts with a radius.
     rows : ndarray of int, shape (rows,), optional
-        Which of `row_names` there are; by default all.
+        The rows, among `row_names`; by default all.
     unknown : ndarray of bool, shape (samples, rows), optional
         Rows of which contacts take nothing; their own part of a map means nothing.
     """
@@ -144,8 +144,8 @@ def _down(
     size = float(np.linalg.norm(robot.gravity))
     if rotation is None or size == 0.0:
         raise RecordingError(
-            f"contact at {round_feet[0]!r} has a radius, but where down is is not "
-            "known; give BaseMotion(..., rotation=...), and a robot with gravity"
+            f"contact at {round_feet[0]!r} has a radius, but the direction of gravity "
+            "is not known; give BaseMotion(..., rotation=...), and a robot with gravity"
         )
     return np.asarray(np.swapaxes(rotation, 1, 2) @ (robot.gravity / size))
 
@@ -188,7 +188,7 @@ def _null_spaces(samples: IntArray, pushes: Array, sigma: Vector) -> Iterator[Ro
 
 
 def contact_force_left(model: TorqueModel, recording: Recording) -> float:
-    """Return what row maps leave of the measured wrenches: zero, if contacts are right.
+    """Return the share of measured wrenches that row maps leave: zero, if all is right.
 
     ``sqrt(sum_t ||L_t J^T f||^2 / sum_t ||S^-1 J^T f||^2)`` over the samples that have
     rows, with unit noise levels: near one, if flags or places of contacts have nothing
@@ -243,10 +243,10 @@ def row_levels(
     ----------
     robot : RobotModel
     force, moment : float, [N], [N m]
-        Of the base rows: what errors of its measured acceleration make of the robot's
-        whole mass.
+        Noise of the base rows: the effect of errors of the measured acceleration on the
+        robot's whole mass.
     joints : float, [N m or N]
-        Of the joints' torques.
+        Noise of the joints' torques.
     """
     if min(force, moment, joints) <= 0.0:
         raise ProblemError(
@@ -258,7 +258,7 @@ def row_levels(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactMixing:
-    """How rows are mixed so that no contact force is left in them.
+    """Maps that mix rows so that no contact force is left in them.
 
     Parameters
     ----------
@@ -268,7 +268,7 @@ class ContactMixing:
     contacts : tuple of ContactFlags
         Those whose forces are not measured.
     rotation : ndarray, shape (samples, 3, 3), optional
-        Of the base in the world.
+        Rotation of the base in the world.
     unknown : ndarray of bool, shape (samples, rows), optional
         Rows that hold something else that is not known, such as the friction of a joint
         at rest: nothing of them gets into the others.
@@ -331,12 +331,12 @@ class ContactMixing:
 
     @property
     def shares(self) -> Matrix:
-        """What is left of each row's squared noise, shape (samples, rows)."""
+        """Remaining share of each row's squared noise, shape (samples, rows)."""
         parts = [np.diagonal(maps, axis1=1, axis2=2) for _, maps in self.chunks()]
         return np.concatenate(parts)
 
     def mixed(self, values: Matrix) -> Matrix:
-        """Return what is left of torques, shape (samples, rows)."""
+        """Return torques without contact forces, shape (samples, rows)."""
         parts = [(M @ values[part, :, None])[:, :, 0] for part, M in self.chunks()]
         return np.concatenate(parts)
 
@@ -353,7 +353,7 @@ def contact_mixing(
     recording: Recording,
     unknown: BoolArray | None = None,
 ) -> ContactMixing | None:
-    """Return how a recording's rows are mixed; None if no contact force is unknown.
+    """Return the mixing of a recording's rows; None if no contact force is unknown.
 
     See `ContactMixing.unknown`.
     """
@@ -377,12 +377,12 @@ def contact_mixing(
 
 
 def contact_slip(robot: RobotModel, recording: Recording) -> Matrix:
-    """Return how fast each closed contact moves against the mean of all closed ones.
+    """Return the speed of each closed contact against the mean of all closed ones.
 
     Parameters
     ----------
     robot : RobotModel
-        Whose base floats.
+        Robot with a floating base.
     recording : Recording
         With velocity, base motion and contacts.
 

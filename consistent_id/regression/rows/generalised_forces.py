@@ -1,4 +1,4 @@
-"""What forces on a floating robot from outside do to its rows.
+"""The effect of forces from outside on the rows of a floating robot.
 
 ``[Y_b; Y_j] x = [0; tau] + sum_i J_i^T f_i``: a wrench at a point pushes the base as it
 is, turns it by its moment about the base's origin, and weighs on the joints before it.
@@ -32,7 +32,7 @@ def contact_jacobian(
     Parameters
     ----------
     robot : RobotModel
-        Whose base floats.
+        Robot with a floating base.
     q : array_like, shape (samples, joints), [rad or m]
     frame : str
         A link, or one that is fixed to it.

@@ -20,7 +20,7 @@ from consistent_id.robot.model import RobotModel
 
 
 class GivenRows(NamedTuple):
-    """What estimators take: a model, its regression and its base parameters.
+    """The input of estimators: a model, its regression and its base parameters.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def given_rows(
     Parameters
     ----------
     robot : RobotModel
-        Whose bodies the columns are of; `free_bodies` makes one.
+        Model whose bodies the columns belong to; `free_bodies` makes one.
     rows : sequence of str
         Names of the rows of a sample, such as ``("nx", "ny", "fz")``.
     regressor : array_like, shape (samples, rows, 10 links)

@@ -17,15 +17,17 @@ from consistent_id._support.tables import brief
 from consistent_id.errors import NotExcitedError, ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.correlated_noise import (
-    BlockPart,
     CorrelatedNoise,
+    joined_noise,
+    spectral_noise,
+    white_noise,
+)
+from consistent_id.regression.model_errors import (
+    BlockPart,
     JointFit,
     block_part,
     block_ratio,
-    joined_noise,
     joint_fit,
-    spectral_noise,
-    white_noise,
 )
 from consistent_id.regression.motion_arrays import Motion, motion_of
 from consistent_id.regression.regression import Regression, triangle
@@ -33,8 +35,9 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.segments import SEGMENTS, segment_cuts
 
 Drift = Literal["none", "recordings", "linear"]
-"""Of a bias: one for all recordings, one for each, or one for each that changes at a
-constant rate."""
+"""Kinds of a bias: one for all recordings, one for each, or one for each that changes
+at a constant rate.
+"""
 
 _EXACT = 1e-9  # residual, relative to the wrench, that is rounding
 
@@ -42,7 +45,7 @@ _EXACT = 1e-9  # residual, relative to the wrench, that is rounding
 @brief
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorBias:
-    """What a wrench sensor shows of nothing, in one recording.
+    """The readings of a wrench sensor without a load, in one recording.
 
     Parameters
     ----------
@@ -66,7 +69,7 @@ def driftless_regression(
     model : TorqueModel
         Without a bias of its own.
     recordings : sequence of Recording
-        Of the body itself, see `carried`.
+        Recordings of the body itself, see `carried`.
     drift : {"recordings", "linear"}
 
     Raises
@@ -74,7 +77,7 @@ def driftless_regression(
     ProblemError
         If the model has a bias.
     NotExcitedError
-        If a recording is no longer than what is taken out of it.
+        If a recording has no more samples than parameters that are taken out.
     """
     _require_no_bias(model, drift)
     parts = [_rows_without_drift(model, log, drift) for log in recordings]
@@ -143,14 +146,14 @@ def _compressed(
 def bias_along(
     model: TorqueModel, x: Vector, recording: Recording, drift: Drift
 ) -> SensorBias:
-    """Return what is left of a recording beside a body, as a bias and its rate.
+    """Return the bias, and its rate, that a recording has beside a body.
 
     Parameters
     ----------
     model, drift
         See `driftless_regression`.
     x : ndarray, shape (parameters,)
-        Of the body.
+        Parameters of the body.
     recording : Recording
         See `carried`.
     """
@@ -198,8 +201,8 @@ def _rows_without_drift(
     lost = 2 if drift == "linear" else 1
     if n <= lost:
         raise NotExcitedError(
-            f"{log.name} has {n} samples, of which its bias takes {lost}; join short "
-            "recordings, or take drift='none'"
+            f"{log.name} has {n} samples, and its bias takes {lost} of them; join "
+            "short recordings, or take drift='none'"
         )
     for own, N in zip(rows, _drifts(motion, log, drift), strict=True):
         Q, _ = np.linalg.qr(N)

@@ -49,15 +49,15 @@ class _FramePlace(NamedTuple):
 @brief
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorRows:
-    """What a wrench sensor measures of its tool, by the motion of the arm's joints.
+    """The rows of a wrench sensor for its tool, by the motion of the arm's joints.
 
-    A motion that is designed for these rows tells the tool's ten parameters and the
-    sensor's bias: see `design_trajectory`.
+    A motion that is designed for these rows determines the tool's ten parameters and
+    the sensor's bias: see `design_trajectory`.
 
     Parameters
     ----------
     tool : TorqueModel
-        Of what is behind the sensor: `tool_model`.
+        Model of the tool behind the sensor: `tool_model`.
     arm : RobotModel
         Up to the sensor, with a fixed base.
     frame : str
@@ -92,8 +92,8 @@ class SensorRows:
             )
         if self.arm.floating:
             raise ProblemError(
-                f"robot {self.arm.name!r}: its base floats, so that its joints do not "
-                "tell how the sensor moves; load it with a fixed base"
+                f"robot {self.arm.name!r}: its base floats, so the sensor's motion "
+                "does not follow from its joints; load it with a fixed base"
             )
         frame_in_link(self.arm, self.frame, (0.0, 0.0, 0.0))  # refuses what is still
 
@@ -192,7 +192,7 @@ def _frame_as_base(
     motion: Sequence[JointMotion | FreeMotion],
     place: _FramePlace,
 ) -> FreeMotion:
-    """Return how a link carries a frame, as the motion of a free base there."""
+    """Return the motion of a link's frame, as that of a free base there."""
     link = next(islice(link_states(joints, gravity, motion), place.link, None))
     a = add(link.a, matvec(link.W, place.translation))
     w, dw, a = (matvec_transposed(place.rotation, x) for x in (link.w, link.dw, a))

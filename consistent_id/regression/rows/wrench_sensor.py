@@ -1,4 +1,4 @@
-"""What hangs on a wrench sensor: bodies behind it, and the sensor's own bias.
+"""Tools on a wrench sensor: bodies behind it, and the sensor's own bias.
 
 The frame of the sensor is a base that moves as the arm carries it, and what it measures
 is the wrench on that base: the six rows of a robot of one free body, with six biases.
@@ -65,7 +65,7 @@ def tool_model(
 
 
 def sensor_motion(arm: RobotModel, recording: Recording, frame: str) -> BaseMotion:
-    """Return how an arm carries one of its frames, in the frame's own axes.
+    """Return the motion of one of an arm's frames, in the frame's own axes.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def sensor_motion(arm: RobotModel, recording: Recording, frame: str) -> BaseMoti
 def carried_base(
     arm: RobotModel, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, frame: str
 ) -> BaseMotion:
-    """Return how joints carry a frame, in the frame's own axes: see `sensor_motion`.
+    """Return the motion of a frame by joints, in its own axes: see `sensor_motion`.
 
     `q`, `dq` and `ddq` have the shape (samples, joints).
     """
@@ -113,7 +113,7 @@ def sensor_regression(
     Parameters
     ----------
     model : TorqueModel
-        Of what is behind the sensor: see `tool_model`.
+        Model of the tool behind the sensor, see `tool_model`.
     arm : RobotModel
         Up to the sensor.
     recordings : Recording or sequence of Recording
@@ -121,9 +121,9 @@ def sensor_regression(
         sensor that shows what the tool does to the arm has the opposite sign.
     frame : str
     drift : {"none", "recordings", "linear"}
-        Of the sensor's bias.  With ``"recordings"`` each recording has a bias of its
-        own, with ``"linear"`` one that changes at a constant rate; then the model has
-        none, ``tool_model(bias=False)``, and `sensor_bias` tells it afterwards.
+        Drift of the sensor's bias.  With ``"recordings"`` each recording has a bias of
+        its own, with ``"linear"`` one that changes at a constant rate; then the model
+        has none, ``tool_model(bias=False)``, and `sensor_bias` computes it afterwards.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def sensor_bias(
     model, arm, recording, frame
         See `sensor_regression`.
     parameters : array_like, shape (parameters,)
-        Of the model, such as an estimate's.
+        Parameters of the model, such as an estimate's.
     drift : {"recordings", "linear"}
         Whether the bias is constant along the recording.
     """
@@ -211,7 +211,7 @@ def static_poses(
 ) -> Recording:
     """Return a recording of poses at rest, from the mean wrench at each.
 
-    They tell mass and centre of mass, and with them the bias; inertia takes motion.
+    They determine mass, centre of mass and the bias; inertia needs motion.
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ def load_robot(
         In the frame of the root link or the world; by default that of the MJCF file,
         and (0, 0, -9.81) of a URDF, which states none.
     base, tip, joints, locked
-        Which joints move; see `load_urdf`.
+        The joints that move; see `load_urdf`.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""URDF text changed in place: only the bytes of what changes differ.
+"""URDF text changed in place: only the bytes of changed values differ.
 
 Comments, CDATA, white space, quotes, encodings and elements of other programs stay as
 they are, because nothing is parsed and written anew: edits are cut into the bytes.
@@ -89,7 +89,7 @@ class XmlText:
         return cls(data, parse(data))
 
     def tag(self, element: Element) -> Tag:
-        """Return where the parts of an element's start tag stand."""
+        """Return the places of the parts of an element's start tag."""
         place = self._matched(_TAG, element.start).end()
         values: dict[str, tuple[int, int]] = {}
         whole: dict[str, tuple[int, int]] = {}
@@ -259,7 +259,7 @@ def body_of(link: Element) -> InertialParameters:
 def set_numbers(
     document: XmlText, element: Element, values: dict[str, Sequence[float]]
 ) -> list[Edit]:
-    """Return edits of attributes that hold numbers; equal ones keep their text."""
+    """Return edits of attributes that are numbers; equal ones keep their text."""
     changed = {}
     for name, wanted in values.items():
         stated = element.attributes.get(name)
@@ -269,7 +269,7 @@ def set_numbers(
 
 
 def _same(stated: Array, wanted: Array) -> bool:
-    """Return whether numbers differ by no more than what arithmetic rounds off."""
+    """Return whether numbers differ by no more than rounding."""
     if stated.shape != wanted.shape:
         return False
     return bool(np.allclose(stated, wanted, rtol=_ROUNDED, atol=0.0))
@@ -306,7 +306,7 @@ def set_body(document: XmlText, link: Element, body: InertialParameters) -> list
 def _parts(
     body: InertialParameters, link: Element
 ) -> dict[str, dict[str, Sequence[float]]]:
-    """Return elements of an inertial and their numbers; what is massless stays put."""
+    """Return elements of an inertial and their numbers; massless links keep theirs."""
     if body.mass == 0.0:
         com, inertia = body_com(link), body.inertia
     else:

@@ -7,7 +7,7 @@ import pytest
 from logged import URDF, moved
 
 from consistent_id import DriveTerms, TorqueModel, draft_problem, simulate_torque
-from consistent_id.problems.selection import select
+from consistent_id.problems.selection import model_selection
 from consistent_id.problems.selection.band import (
     SAMPLES_PER_PARAMETER,
     explained_edge,
@@ -31,7 +31,7 @@ from consistent_id.problems.selection.forward_search import (
     State,
     _enough,
     believable,
-    settled,
+    without_needless_terms,
 )
 from consistent_id.robot import load_urdf
 
@@ -65,7 +65,7 @@ def test_a_delay_has_to_bring_twice_its_error_and_five_per_cent(
 def test_a_delay_that_later_terms_make_needless_is_taken_back(begun):
     evaluator, plain = begun.evaluator, begun.plain
     late = evaluator.evaluated(replace(plain.choice, delay=0.01))
-    states = list(settled(evaluator, plain, State(late), begun.scope))
+    states = list(without_needless_terms(evaluator, plain, State(late), begun.scope))
     assert states[-1].current.choice.delay == 0.0
 
 
@@ -123,7 +123,7 @@ def test_terms_that_help_no_joint_are_taken_back(begun):
         return type(table)(**(dict_of(table) | {"load_friction": True, "spring": True}))
 
     richer = evaluator.evaluated(with_drive(plain.choice, [0, 1], more))
-    states = list(settled(evaluator, plain, State(richer), begun.scope))
+    states = list(without_needless_terms(evaluator, plain, State(richer), begun.scope))
     assert states[-1].current.choice == plain.choice
     assert all(step.gain.share > -0.0125 for step in states[-1].steps)
 
@@ -135,7 +135,10 @@ def test_a_term_of_the_plain_model_stays(begun):
         return type(table)(**(dict_of(table) | {"drag": True}))
 
     richer = evaluator.evaluated(with_drive(plain.choice, [0, 1], more))
-    assert list(settled(evaluator, richer, State(richer), begun.scope)) == []
+    assert (
+        list(without_needless_terms(evaluator, richer, State(richer), begun.scope))
+        == []
+    )
 
 
 def test_a_fixed_kind_of_term_stays(begun):
@@ -146,7 +149,7 @@ def test_a_fixed_kind_of_term_stays(begun):
 
     richer = evaluator.evaluated(with_drive(plain.choice, [0, 1], more))
     fixed = replace(begun.scope, fixed=frozenset({"drag"}))
-    assert list(settled(evaluator, plain, State(richer), fixed)) == []
+    assert list(without_needless_terms(evaluator, plain, State(richer), fixed)) == []
     assert without(richer.choice, "drag", [0, 1]) == plain.choice
 
 
@@ -216,10 +219,10 @@ def test_a_search_begins_in_no_band_that_has_too_few_samples(begun, monkeypatch)
         setting = replace(begun.evaluator.setting, band=band)
         return replace(begun, evaluator=replace(begun.evaluator, setting=setting))
 
-    monkeypatch.setattr(select, "beginning", beginning)
-    monkeypatch.setattr(select, "prediction_band", lambda _: 40.0)
-    monkeypatch.setattr(select, "explained_edge", lambda *_: 0.01)
-    select._begun(None, raws, ())
+    monkeypatch.setattr(model_selection, "beginning", beginning)
+    monkeypatch.setattr(model_selection, "prediction_band", lambda _: 40.0)
+    monkeypatch.setattr(model_selection, "explained_edge", lambda *_: 0.01)
+    model_selection._begun(None, raws, ())
     kept = 2.0 * tried[-1] * seconds * joints / begun.parameters
     assert tried[0] == 40.0 and len(tried) == 2
     assert kept == pytest.approx(SAMPLES_PER_PARAMETER, rel=0.05)  # two digits

@@ -12,7 +12,7 @@ from consistent_id.problems.selection.band import prediction_band, velocity_edge
 from consistent_id.problems.selection.choice import ModelMove, scale_moves
 from consistent_id.problems.selection.evaluation import _drive, torque_delay
 from consistent_id.problems.selection.fits import Gain, HeldOut, gain
-from consistent_id.problems.selection.forward_search import _enough
+from consistent_id.problems.selection.forward_search import _by, _enough
 from consistent_id.problems.selection.samples import (
     EDGES,
     NUMBERS,
@@ -218,3 +218,8 @@ def test_a_share_of_top_speed_lies_between_none_and_all(tmp_path):
     text += "preparation = { least_speed = 1.5 }\n"
     with pytest.raises(ProblemError, match="least_speed"):
         problem_table(text, tmp_path / "problem.toml")
+
+
+def test_a_delay_is_late_or_early_but_never_negative():
+    assert _by(0.0074) == "late by 7.4 ms"
+    assert _by(-0.013) == "early by 13 ms"

@@ -14,7 +14,7 @@ from consistent_id import (
 from consistent_id.cli import main
 from consistent_id.problems import select_model
 from consistent_id.problems.file import problem_table
-from consistent_id.problems.selection import select as select_module
+from consistent_id.problems.selection import model_selection
 from consistent_id.robot import load_urdf
 from tests.helpers.logged import URDF, moved
 
@@ -170,7 +170,7 @@ def test_the_text_holds_exactly_what_was_chosen_and_says_why(tmp_path):
 def test_an_interrupted_search_says_so_and_keeps_the_best_so_far(tmp_path, monkeypatch):
     urdf, log = written(tmp_path, rotor_inertia=True, spring=True)
     problem = draft_problem(urdf, log, select=False).problem()
-    search = select_module.search
+    search = model_selection.better_models
 
     def interrupted(*arguments):
         states = search(*arguments)
@@ -178,7 +178,7 @@ def test_an_interrupted_search_says_so_and_keeps_the_best_so_far(tmp_path, monke
         yield next(states)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(select_module, "search", interrupted)
+    monkeypatch.setattr(model_selection, "better_models", interrupted)
     selection = select_model(problem)
     assert len(selection.steps) == 1
     assert "interrupted: this is the best choice so far" in selection.notes

@@ -52,6 +52,19 @@ def test_contact_forces_leave_no_trace(robot, log):
     assert abs(mixing.mixed(acting)).max() < 1e-10 * abs(acting).max()
 
 
+def test_the_mixed_rows_of_the_true_parameters_are_the_mixed_torque(robot):
+    model = ci.TorqueModel(robot)
+    exact = replace(standing(robot, np.array(THREE * 2)), wrenches=())
+    motion = motion_of(model, exact, None)
+    kept = [np.arange(len(model.layout))] * 18
+    ((part, blocks),) = motion.rows(model, kept)
+    assert part == slice(0, len(exact)) and abs(motion.torque).max() > 1.0
+    for row, block in enumerate(blocks):
+        measured, predicted = block[:, -1], block[:, :-1] @ robot.nominal
+        np.testing.assert_allclose(measured, motion.torque[:, row], atol=1e-12)
+        np.testing.assert_allclose(predicted, measured, atol=1e-9)
+
+
 def test_contacts_whose_wrenches_are_measured_are_no_unknowns(robot):
     whole = standing(robot, np.array(THREE * 5))
     assert motion_of(ci.TorqueModel(robot), whole, None).mixing is None
@@ -91,6 +104,25 @@ def test_torque_that_is_not_known_gets_into_no_row(robot, log):
     weights = ci.signals.row_weights(log, ~known, rows, others=ci.regression.BASE_ROWS)
     R = ci.build_regression(model, log, row_weights=[weights]).stacked()
     assert np.allclose(R.T @ R, squares[0], rtol=0, atol=1e-9 * abs(squares[0]).max())
+
+
+def test_rows_of_weight_zero_are_rows_of_unknown_torque(robot, log):
+    rng, model = np.random.default_rng(3), ci.TorqueModel(robot)
+    part = log.samples(slice(0, 40))
+    known = rng.uniform(size=part.position.shape) > 0.2
+    rows, others = model.torque_joints, ci.regression.BASE_ROWS
+    weights = ci.signals.row_weights(part, ~known, rows, others=others)
+    weighted = motion_of(model, part, weights)
+    unknown = motion_of(model, replace(part, torque_known=known), None)
+    assert (weighted.weights == unknown.weights).all()
+    assert np.allclose(weighted.torque, unknown.torque, rtol=0, atol=1e-9)
+    assert np.allclose(weighted.shares, unknown.shares, rtol=0, atol=1e-9)
+    # Torque of weight zero gets into no other row.
+    wrong = replace(part, torque=np.where(known, part.torque, 1e3))
+    counted = weights > 0.0
+    assert weighted.shares[~counted].max() < 1e-12 < weighted.shares[counted].min()
+    rows = motion_of(model, wrong, weights).torque[counted]
+    assert np.allclose(rows, weighted.torque[counted], rtol=0, atol=1e-9)
 
 
 def test_of_a_fixed_base_such_rows_do_not_count():

@@ -133,7 +133,7 @@ def test_a_recording_without_the_wrench_is_refused(arm):
 
 
 def test_a_model_of_joints_alone_has_no_bias_of_a_base_wrench(arm):
-    with pytest.raises(Exception, match="wrench_bias is of the sensor"):
+    with pytest.raises(Exception, match="wrench_bias belongs to the sensor"):
         TorqueModel(arm, wrench_bias=True)
 
 
@@ -187,6 +187,20 @@ def test_biases_that_drift_hide_nothing_of_the_tool(arm, drift, rate):
     assert abs(same.parameters[0] - TOOL.mass) > 0.01
 
 
+def test_a_tool_that_changes_within_a_recording_scatters_between_its_blocks(arm):
+    # In each tenth of the recording all forces are larger or smaller by its factor.
+    model, noise = tool_model(bias=False), np.repeat([0.2, 0.01], 3)
+    log, _ = drifting(arm, 1000, seed=0, rate=np.zeros(6), noise=noise)
+    factor = 1.0 + 0.1 * np.repeat(np.random.default_rng(1).normal(size=10), 100)
+    (wrench,) = log.wrenches
+    changed = replace(wrench, values=wrench.values * factor[:, None])
+    plain, between = (
+        sensor_regression(model, arm, one, frame="link6", drift="recordings").noise
+        for one in (log, replace(log, wrenches=(changed,)))
+    )
+    assert plain.beyond < 1.2 and between.beyond > 1.5
+
+
 @pytest.mark.slow
 def test_without_drift_rows_hold_what_a_bias_column_leaves(arm):
     """Frisch, Waugh and Lovell: the same estimate, errors and noise."""
@@ -198,10 +212,10 @@ def test_without_drift_rows_hold_what_a_bias_column_leaves(arm):
     one, other = least_squares(free, rows), least_squares(biased, whole)
     assert np.allclose(one.parameters, other.parameters[:10], rtol=0, atol=1e-10)
     # By noise alone: the median over parameters of blocks' scatter has the biases, too.
-    own = one.standard_errors / np.sqrt(rows.noise.blocks)
-    beside = other.standard_errors[:10] / np.sqrt(whole.noise.blocks)
+    own = one.standard_errors / np.sqrt(rows.noise.beyond)
+    beside = other.standard_errors[:10] / np.sqrt(whole.noise.beyond)
     assert np.allclose(own, beside, rtol=0.02)
-    assert rows.noise.blocks == pytest.approx(whole.noise.blocks, rel=0.1)
+    assert rows.noise.beyond == pytest.approx(whole.noise.beyond, rel=0.1)
 
 
 def test_a_bias_for_all_and_one_for_each_are_not_both(arm):

@@ -1,4 +1,4 @@
-"""From a problem's training data to the model that they ask for, and its file."""
+"""Model selection: from a problem's training data to a model and its file."""
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
@@ -33,7 +33,12 @@ from consistent_id.problems.selection.choice import (
     data_of,
     velocity_scale,
 )
-from consistent_id.problems.selection.forward_search import Scope, State, Step, search
+from consistent_id.problems.selection.forward_search import (
+    Scope,
+    State,
+    Step,
+    better_models,
+)
 from consistent_id.problems.selection.setup import KINDS, Beginning, beginning
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import own_rate
@@ -64,10 +69,12 @@ _TABLES = {
 
 _STAGES = 12  # as many moves as a bar has room for
 _ROOM = 2.0  # samples that are kept, over those that the cut-offs need
-_WORTH = 4  # samples, of which one is kept, from which on leaving out is worth while
+_WORTH = 4  # decimation steps from which on decimation saves enough time
 _NARROWINGS = 3  # of the band, at the most
-_SAME_BAND = 2 / 3  # of a band: an edge above it is no reason to narrow, logs are short
-_FAST = 0.2  # of the sampling rate: a band that wide is cut off by it
+_SAME_BAND = (
+    2 / 3
+)  # of a band: an edge above it does not narrow it, because logs are short
+_FAST = 0.2  # of the sampling rate: a band that wide is limited by it
 
 
 @brief
@@ -78,20 +85,20 @@ class ModelSelection:
     Parameters
     ----------
     problem : Problem
-        As it was given.
+        The problem before the selection.
     start, choice : Choice
-        The plain model, and the one that was chosen.
+        The plain model, and the chosen one.
     steps : tuple of Step
-        From the plain model to it, in the order in which they were made.
+        Steps from the plain model to the chosen one, in their order.
     band : float, [Hz]
-        Up to which torque was predicted.
+        Frequency up to which torque was predicted.
     plain, expected : float
         Torque error on left-out blocks over the torque, with the plain model and with
         the chosen one.
     fits : int
-        Constrained fits that it took.
+        Number of constrained fits.
     seconds : float
-        Of the processor.
+        Processor time.
     notes : tuple of str
     """
 
@@ -112,19 +119,19 @@ class ModelSelection:
         return self.applied(self.problem.table)
 
     def applied(self, table: ProblemTable) -> ProblemTable:
-        """Return a problem file's content, with the chosen model in place of its own.
+        """Return a problem file's content with the chosen model.
 
         Parameters
         ----------
         table : ProblemTable
-            Of the same robot.
+            A table of the same robot.
         """
         return applied(table, self.choice, self.problem.model.robot)
 
     def chosen(self) -> Problem:
         """Return the problem with the chosen model.
 
-        Logs that have been read are not read again.
+        Logs are not read again.
         """
         problem = self.problem
         file = problem.source or problem.folder / "problem.toml"
@@ -133,7 +140,7 @@ class ModelSelection:
         return changed
 
     def table(self) -> Table:
-        """Return what each choice brought, for people."""
+        """Return a table of each step's gain, for people."""
         rows = [("plain model", "", "", "", "")]
         for step in self.steps:
             brought = step.gain
@@ -192,7 +199,7 @@ class ModelSelection:
         }
 
     def comments(self) -> dict[str, str]:
-        """Return why keys of the file are as they are, by their paths."""
+        """Return the reasons for values of the file, by the paths of their keys."""
         reasons: dict[str, list[str]] = {}
         for step in self.steps:
             reasons.setdefault(_TABLES[step.move.kind], []).append(_reason(step))
@@ -207,14 +214,16 @@ class ModelSelection:
         found = {path: "\n".join([head, *texts]) for path, texts in reasons.items()}
         table = self.table_of_problem
         for name, joint in table.joints.items():
-            for key in joint.stated:  # said even if false: other joints have it
+            for (
+                key
+            ) in joint.stated:  # written even if false, because other joints have it
                 found[f"joints.{bare_key(name)}.{key}"] = ""
         return found
 
     def text(self) -> str:
-        """Return the problem file, with comments that say why.
+        """Return the problem file, with comments that give the reasons.
 
-        What its author wrote stays as it is, but for the tables that change.
+        The author's text stays as it is, except for tables that change.
         """
         table = self.table_of_problem
         fresh = toml_text(table, self.comments())
@@ -247,27 +256,27 @@ def select_model(
 ) -> ModelSelection:
     """Choose drive terms, masses, cut-offs and rows by blocked cross-validation.
 
-    From the training recordings alone: those for validation are not read.  The search
-    begins with a plain model, not with what the file says, and makes the move that
-    predicts left-out blocks best, until none brings enough.
+    Only the training recordings are read.  The search begins with a plain model, not
+    with that of the file.  Each step makes the move that predicts left-out blocks best,
+    until no move gains enough.
 
     Parameters
     ----------
     problem : Problem
-        With recordings.
+        A problem with recordings.
     fixed : collection of str
-        What stays as the file has it; see `KINDS`.
+        Settings that stay as in the file; see `KINDS`.
     band : float, optional, [Hz]
-        Up to which torque is to be predicted.  By default it is twenty times the band
+        Frequency up to which torque is predicted.  The default is twenty times the band
         of the velocity, or less: the frequency up to which the plain model explains a
         tenth of the torque's power.
     progress : bool
-        Whether to show on the standard error how far the search is.
+        Whether to show the progress of the search on the standard error.
 
     Returns
     -------
     ModelSelection
-        Of a search that was interrupted, the best choice so far.
+        If the search was interrupted, the best choice so far.
 
     Raises
     ------
@@ -309,7 +318,7 @@ def select_model(
 def _begun(
     problem: Problem, raws: tuple[Recording, ...], fixed: Collection[str]
 ) -> Beginning:
-    """Return a beginning in the band that the plain model explains a part of."""
+    """Return a beginning in the band in which the plain model explains some torque."""
     begun = beginning(problem, raws, fixed, prediction_band(raws))
     joints = len(begun.evaluator.setting.bodies.torque_joints)
     seconds = sum(raw.duration for raw in raws)
@@ -327,11 +336,11 @@ def _begun(
 
 
 def _searched(begun: Beginning, progress: bool) -> tuple[State, bool]:
-    """Return how far the search came, and whether it was interrupted."""
+    """Return the last state of the search, and whether it was interrupted."""
     state = State(begun.plain)
     try:
         with stages(_STAGES, progress) as begin:
-            for state in search(begun.evaluator, begun.plain, begun.scope):
+            for state in better_models(begun.evaluator, begun.plain, begun.scope):
                 made = state.steps[-1].move.label if state.steps else "plain model"
                 begin(f"model: {made}")
     except KeyboardInterrupt as cause:
@@ -341,7 +350,7 @@ def _searched(begun: Beginning, progress: bool) -> tuple[State, bool]:
 
 
 def _thinned(choice: Choice, preparation: PreparationTable, rate: float) -> Choice:
-    """Return a choice that leaves needless samples of a fast log out."""
+    """Return a choice that skips needless samples of a fast log."""
     if preparation.decimate > 1:
         return replace(choice, decimate=preparation.decimate)
     if choice.motion_cutoff is None or choice.torque_cutoff is None:
@@ -354,7 +363,7 @@ def _thinned(choice: Choice, preparation: PreparationTable, rate: float) -> Choi
 def _notes(
     choice: Choice, scope: Scope, band: float, rate: float, interrupted: bool
 ) -> tuple[str, ...]:
-    """Return what a reader has to know of the choice."""
+    """Return notes on the choice for its reader."""
     notes = [
         "these errors are a little too small, because the same blocks selected the "
         "model: expect a few per cent more on a motion not seen"
@@ -386,5 +395,5 @@ def _edge(
     """Warn of a value at the edge of those that were tried."""
     if len(tried) > 1 and value in (tried[0], tried[-1]):
         ends = f"{tried[0]:g} to {tried[-1]:g} {unit}"
-        return (f"{name} = {value:g} is at the edge of what was tried, {ends}",)
+        return (f"{name} = {value:g} is at the edge of the values tried, {ends}",)
     return ()

@@ -1,12 +1,12 @@
-"""Warnings about a log, weighed by what they change.
+"""Warnings about a log, weighed by their effect on the estimate.
 
-A few outliers, a joint with coarse torque, an odd part that only validates: each is a
-warning.  The estimate is made again without these rows, without that joint's torque, or
-with that part.  If it changes by less than a standard error, the warning becomes a
-note.  Several that change nothing alone are left out together, too.
+A warning may concern a few outliers, a joint with coarse torque, or an odd part of the
+validation data.  The estimate is computed again without these rows, without that
+joint's torque, or with that part.  If it changes by less than a standard error, the
+warning becomes a note.  Several warnings without effect are also tested together.
 
-Faults are not weighed: other faults are not looked for in a log that has one.  Neither
-is anything that concerns the whole robot, such as a clock or a gain.
+Faults are not weighed, because a log with a fault is not searched for others.  Findings
+about the whole robot, such as a clock or a gain, are not weighed either.
 """
 
 from collections.abc import Callable, Sequence
@@ -38,9 +38,9 @@ from consistent_id.recordings.signals.masks import mask_onto
 
 _ROLES = ("training", "validation")
 _OF_JOINTS = ("noise", "torque resolution")
-# In a part that only validates: what concerns a joint's torque, or samples.
+# Findings in validation data that concern a joint's torque, or samples.
 _OF_A_PART = (*_OF_JOINTS, "outliers", "encoder resolution", "speed limit")
-# Of a part too short to tell, no change tells nothing.
+# In a part that is too short, the absence of a change proves nothing.
 _OF_EXTENT = ("short", "small motion", "slow motion", "standstill")
 _AROUND = 3.0  # samples about an outlier that are left out with it
 _SEED = 0  # of the rounding errors that are added to a coarse position
@@ -56,9 +56,9 @@ class _DataPart:
     ----------
     words : str
     joints : tuple of str
-        Whose torque it is; all of it.
+        Joints whose whole torque is the part.
     cut : callable, optional
-        Makes the torque of its rows unknown in a prepared recording.
+        Function that marks the torque of the part's rows as unknown in a recording.
     """
 
     words: str
@@ -73,17 +73,17 @@ def weighed_findings(
     training: Sequence[Recording],
     validation: Sequence[Recording],
 ) -> tuple[LogFinding, ...]:
-    """Return findings, of which warnings that change nothing are notes.
+    """Return findings, with notes in place of warnings without effect.
 
     Parameters
     ----------
     problem : Problem
     findings : sequence of LogFinding
-        Of its diagnosis.
+        Findings of the diagnosis.
     estimate : Estimate
-        Constrained, from the training recordings.
+        The constrained estimate from the training recordings.
     training, validation : sequence of Recording
-        Prepared.
+        Prepared recordings.
     """
     if drift_of(problem.table) != "none" or estimate.fitted_under is None:
         return tuple(findings)
@@ -141,7 +141,7 @@ def _part(
         return None
     if finding.kind == "outliers" and len(joints) == 1:
         if finding.recording not in {_logged_as(problem, r) for r in training}:
-            return None  # nothing would be left out
+            return None  # nothing would be removed
         cut = _outliers(problem, finding)
         return cut and _DataPart("without these samples", cut=cut)
     if finding.kind in _OF_JOINTS:
@@ -150,9 +150,9 @@ def _part(
 
 
 def _outliers(problem: Problem, finding: LogFinding) -> _Cut | None:
-    """Return what makes the outliers of a finding's joint and recording unknown.
+    """Return a function that marks the outliers of a finding as unknown.
 
-    None if they are not found again.
+    The result is None if they are not found again.
     """
     training, _ = named_logs(problem)
     joint, at = finding.where, None
@@ -185,7 +185,7 @@ def _outliers(problem: Problem, finding: LogFinding) -> _Cut | None:
 
 
 def _logged_as(problem: Problem, prepared: Recording) -> str | None:
-    """Return the name by which findings call the log of a prepared recording.
+    """Return the name of a prepared recording's log in findings.
 
     None if it is not certain: names of parts begin with those of their log, and their
     times are within it.
@@ -210,7 +210,7 @@ def _reach(problem: Problem) -> float:
 def _of_part(
     estimate: Estimate, training: Sequence[Recording], parts: Sequence[_DataPart]
 ) -> Influence | None:
-    """Return what parts of the training data change together."""
+    """Return the effect of leaving out parts of the training data together."""
     joints = {joint for part in parts for joint in part.joints}
     cuts = [part.cut for part in parts if part.cut is not None]
     try:
@@ -232,7 +232,7 @@ def _of_more(
     training: Sequence[Recording],
     validation: Sequence[Recording],
 ) -> Influence | None:
-    """Return what the recording of a finding changes that is not in the fit."""
+    """Return the effect of adding a finding's recording to the fit."""
     own = [r for r in validation if _logged_as(problem, r) == finding.recording]
     return _of_part(estimate, (*training, *own), ()) if own else None
 
@@ -240,7 +240,7 @@ def _of_more(
 def _of_rounding(
     problem: Problem, finding: LogFinding, estimate: Estimate
 ) -> Influence | None:
-    """Return what other rounding errors of one joint's positions change."""
+    """Return the effect of other rounding errors in one joint's positions."""
     rng, logs = np.random.default_rng(_SEED), problem.logs("training")
     if finding.where not in logs[0].joints:
         return None

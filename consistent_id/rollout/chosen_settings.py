@@ -104,7 +104,7 @@ def _limbs(robot: RobotModel) -> list[list[int]]:
 
 
 def _mirror(robot: RobotModel, one: Sequence[int], other: Sequence[int]) -> bool:
-    """Tell whether two limbs have equal geometry but for signs."""
+    """Return whether two limbs have equal geometry but for signs."""
     first, second = ([robot.joints[k] for k in limb] for limb in (one, other))
     if [joint.kind for joint in first] != [joint.kind for joint in second]:
         return False
@@ -237,6 +237,7 @@ def chosen_settings(problem: Problem, start: Settings | None = None) -> Settings
         best = _climbed(best, "velocity_scale", SCALES, error)
         if best == before:
             break
+    best = _with_terms(best, problem, error)
     best = _with_motors(best, problem, candidates)
     best = _with_slopes(best, groups, error)
     best = with_springs(best, problem, error)
@@ -266,6 +267,22 @@ def _started(
     if table_in_form_of(problem.table, "mjcf") != problem.table:
         best = min((best, replace(best, simulated=True)), key=error)
     return min((best, replace(best, friction_slope=_names(groups))), key=error)
+
+
+def _with_terms(
+    best: Settings, problem: Problem, error: Callable[[Settings], float]
+) -> Settings:
+    """Return settings with the problem's coupled gears and springs, all, or none.
+
+    A selection by torque may have found some of them, which stand for other errors of
+    the model; rollouts of faster motion have to confirm them.
+    """
+    terms = problem.model.terms
+    if problem.table.couplings:
+        best = min((best, replace(best, couplings=False)), key=error)
+    others = [True] * (not all(one.spring for one in terms))
+    others += [False] * any(one.spring for one in terms)
+    return min((best, *(replace(best, spring=one) for one in others)), key=error)
 
 
 def _delayed(
@@ -396,7 +413,7 @@ def with_springs(
     Parameters
     ----------
     error : callable
-        Of rollouts that were not learnt from.
+        Error of rollouts that were not used for training.
     """
     known = np.isfinite(gains_of(problem).stiffness).any()
     if known or problem.model.robot.nominal is None:
@@ -421,15 +438,15 @@ def _cutoffs(problem: Problem) -> list[float]:
 
 @dataclass(frozen=True, slots=True)
 class RidgeChoice:
-    """How far to refine.
+    """The extent of a refinement.
 
     Parameters
     ----------
     ridge : float, optional
         Weight of the torque fit; None: not to refine at all.
     errors : dict of (float or None) to float, [rad or m]
-        Of rollouts of the part that was not learnt from, both ways; infinite where they
-        diverge, or a part cannot be refined.
+        Errors of rollouts of the part that was not used for training, both ways;
+        infinite where they diverge, or a part cannot be refined.
     reason : str, optional
         Why a refinement was not possible.
     """
@@ -455,8 +472,8 @@ def chosen_ridge(problem: Problem) -> RidgeChoice:
     reason = None
     try:
         slow, fast = slow_and_fast(problem)
-        for learnt, judged in ((slow, fast), (fast, slow)):
-            for ridge, error in _errors(problem, learnt, judged):
+        for learnt, other in ((slow, fast), (fast, slow)):
+            for ridge, error in _errors(problem, learnt, other):
                 squares[ridge].append(error**2)
     except ConsistentIdError as why:
         reason = str(why)
@@ -469,15 +486,15 @@ def chosen_ridge(problem: Problem) -> RidgeChoice:
 
 
 def _errors(
-    problem: Problem, learnt: Spans, judged: Spans
+    problem: Problem, learnt: Spans, other: Spans
 ) -> Iterator[tuple[float | None, float]]:
-    """Yield the errors of rollouts of one part, by what is learnt from the other.
+    """Yield the errors of rollouts of one part, by fits to the other part.
 
     One step shows whether a refinement predicts; all weights share its derivatives.
     """
     logs = problem.logs("training")
     estimate, regression = torque_fit(problem, within(problem.training, learnt))
-    others = within(logs, judged)
+    others = within(logs, other)
     yield None, rollout_error(problem, estimate, others)
     start = refinement_start(
         estimate,

@@ -35,7 +35,7 @@ _RANK = 1e-6  # information from the other samples below which a direction is op
 # in recordings without contact of UR10e, KR300, TX40, TIAGo and Z1, and 1e-4 in half of
 # the KR300's; pushes of the tests have 1e-16 and less.
 _CHANCE = 1e-6
-_RESTS = 0.5  # share at rest from which on friction explains a stretch
+_RESTS = 0.5  # with this share at rest or more, friction explains a stretch
 
 
 @dataclass(frozen=True, slots=True, eq=False)

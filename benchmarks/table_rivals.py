@@ -1,0 +1,232 @@
+"""Other tools on the robots of `table.py`: the same logs, rows and judges.
+
+    python benchmarks/table_rivals.py [--figaroh PYTHON] [--only ROBOT ...] [--write P]
+
+- FIGAROH 1.0.2, in the Python of `peers/`: its regressor with friction, rotor inertia
+  and offset, on the motion that the problem file prepares, filtered like the torque;
+  its base parameters, and its consistent links.
+- ``mujoco.sysid``, if MuJoCo has the extra ``sysid``: see `rollout_rivals.py`.
+- Friction models M1 to M6 of BAM, written here: see `servos.py`.
+
+What is missing is left out, and said.  Intervals are those of `table.py`, of the same
+blocks; beside each error is that of the recommended estimate of the problem file.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import redirect_stdout
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import servos
+from pages import written_to
+from table import (
+    Interval,
+    in_blocks,
+    jackknife,
+    relative_error,
+    torque_squares,
+)
+
+import consistent_id as ci
+from consistent_id.problems.study import Study
+from consistent_id.regression.motion_arrays import Motion, motion_of
+from consistent_id.rollout import identify_servos, read_servo_logs
+from consistent_id.rollout.problem_rollout import rollout_of
+
+HERE = Path(__file__).parent
+BY_TORQUE = ("ur10e", "ur10e/payload.toml", "kuka_kr300", "staubli_tx40", "tiago")
+BY_ROLLOUT = ("unitree_go2", "unitree_z1")
+COUPLED = {"staubli_tx40": (4, 5)}
+HEADER = (
+    *("robot", "judged by", "tool", "its error", "recommended here"),
+    *("recommended less the tool", ""),
+)
+TRIALS = 2800  # simulations of each friction model
+
+
+def row(name: str, judge: str, tool: str, both: np.ndarray, figure: Any) -> list[str]:
+    """Return a row: a tool's figure, ours, and their difference with its interval.
+
+    Parameters
+    ----------
+    both : ndarray, shape (blocks, 2, ...)
+        Sums of each block, of the tool and of the recommended estimate.
+    """
+    scale = 100.0 if judge.startswith("torque") else 1e3
+    its, ours = (jackknife(both[:, k], figure) for k in (0, 1))
+    less: Interval = jackknife(both, lambda sums: figure(sums[1]) - figure(sums[0]))
+    cells = (its.text(scale), ours.text(scale), less.text(scale), less.word)
+    return [name, judge, tool, *cells]
+
+
+def of_figaroh(name: str, python: str) -> Iterator[list[str]]:
+    """Yield the rows of FIGAROH's stages on a problem of a robot with torque."""
+    problem = ci.load_problem(HERE.parent / "problems" / name, trust=True)
+    study = Study(problem)
+    model, best = problem.model, study.estimate(study.recommendation.method)
+    training = [motion_of(model, log, None) for log in study.training]
+    judged = [motion_of(model, log, None) for log in study.validation]
+    with TemporaryDirectory() as made:
+        predicted = stages(problem, training, judged, python, Path(made))
+    ours = [torque_squares(best, log) for log in study.validation]
+    for stage, torque in predicted.items():
+        theirs = []
+        for motion, tau in zip(judged, torque, strict=True):
+            weights = 1.0 if motion.weights is None else motion.weights
+            error = weights * (motion.torque - tau)
+            theirs.append(np.hstack([error**2, (weights * motion.torque) ** 2]))
+        both = np.stack([in_blocks(theirs), in_blocks(ours)], axis=1)
+        tool = f"FIGAROH, {stage}"
+        yield row(
+            problem.name, "torque [%]", tool, both, lambda s: relative_error(model, s)
+        )
+
+
+def stages(
+    problem: ci.Problem,
+    training: Sequence[Motion],
+    judged: Sequence[Motion],
+    python: str,
+    folder: Path,
+) -> dict[str, list[np.ndarray]]:
+    """Return the torque of judged motions, (samples, joints), by FIGAROH's stages."""
+    robot = problem.model.robot
+    (folder / "robot.urdf").write_bytes(problem.model_files["urdf"].read_bytes())
+    np.save(folder / "joints.npy", np.array(robot.joint_names))
+    np.save(folder / "gravity.npy", robot.gravity)
+    motions = [*training, *judged]
+    for k, motion in enumerate(motions):
+        along = motion if motion.filtered is None else motion.filtered.along
+        file = folder / f"motion{k:02}.npz"
+        np.savez(file, q=along.q, dq=along.dq, ddq=along.ddq)
+    command = [python, str(HERE / "peers" / "real.py")]
+    subprocess.run([*command, "columns", str(folder)], check=True)
+    files = sorted(folder.glob("motion*.npy"))
+    names, count = problem.model.torque_joints, len(training)
+    joints = [robot.joint_names.index(name) for name in names]
+    rows = [
+        through(motion, with_coupling(problem.name, np.load(file), motion)[joints])
+        for motion, file in zip(motions, files, strict=True)
+    ]
+    W = np.concatenate(rows[:count], axis=1)
+    tau = np.concatenate([m.torque for m in training]).T
+    held = np.concatenate(rows[count:], axis=1)
+    width = W.shape[-1]
+    np.savez(
+        folder / "rows.npz",
+        W=W.reshape(-1, width),
+        tau=tau.ravel(),
+        held=held.reshape(-1, width),
+    )
+    subprocess.run([*command, "fit", str(folder)], check=True)
+    ends = np.cumsum([len(m.torque) for m in judged])[:-1]
+    with np.load(folder / "predicted.npz") as found:
+        return {
+            stage: np.split(found[stage].reshape(len(joints), -1).T, ends)
+            for stage in found
+        }
+
+
+def with_coupling(name: str, W: np.ndarray, motion: Motion) -> np.ndarray:
+    """Return columns with those of a coupled wrist, which users of FIGAROH add.
+
+    The motor of joint 6 turns with joint 5: its inertia, viscous and dry friction.
+    """
+    if name not in COUPLED:
+        return W
+    one, other = COUPLED[name]
+    along = motion if motion.filtered is None else motion.filtered.along
+    extra = np.zeros((*W.shape[:2], 3))
+    for joint, partner in ((one, other), (other, one)):
+        extra[joint, :, 0] = along.ddq[:, partner]
+        extra[joint, :, 1] = along.dq[:, partner]
+        extra[joint, :, 2] = np.sign(along.dq[:, one] + along.dq[:, other])
+    return np.concatenate([W, extra], axis=2)
+
+
+def through(motion: Motion, W: np.ndarray) -> np.ndarray:
+    """Return columns as the motion's filter makes them, (joints, rows, columns)."""
+    return np.stack([motion.through(own, row=j) for j, own in enumerate(W)])
+
+
+def of_sysid(name: str) -> list[str]:
+    """Return the row of ``mujoco.sysid`` on a problem of commands."""
+    import rollout_rivals
+
+    problem = ci.load_problem(HERE.parent / "problems" / name, trust=True)
+    (log,) = problem.logs("training")
+    with redirect_stdout(sys.stderr):  # its optimiser reports each step
+        found, _ = rollout_rivals.fitted(problem, log)
+    theirs = rollout_rivals.replay_errors(problem, found, problem.logs("validation"))
+    done = rollout_of(Study(problem), refine=True, choose=True)
+    ours = [r.errors for r in next(iter(done.rollout.replays.values()))]
+
+    def sums(errors: Sequence[np.ndarray]) -> np.ndarray:
+        squares = [(e**2).sum(axis=1, keepdims=True) for e in errors]
+        counts = [np.full((len(e), 1), e.shape[1], dtype=float) for e in errors]
+        return in_blocks([np.hstack(p) for p in zip(squares, counts, strict=True)])
+
+    both = np.stack([sums(theirs), sums(ours)], axis=1)
+    return row(
+        problem.name,
+        "rollout [mrad]",
+        "mujoco.sysid",
+        both,
+        lambda s: float(np.sqrt(s[0] / s[1])),
+    )
+
+
+def of_servos() -> Iterator[list[str]]:
+    """Yield the rows of BAM's friction models on the hobby servo."""
+    folder = Path(os.environ["CONSISTENT_ID_DATASETS"], "servo_pendulum")
+    robot = ci.load_robot(HERE / "hand_made" / "servo_pendulum.urdf")
+    logs = read_servo_logs(sorted(folder.glob("*.parquet")), robot.joint_names)
+    training = [log for log in logs if servos.HELD_OUT not in log.name]
+    judged = [log for log in logs if servos.HELD_OUT in log.name]
+    (own,) = identify_servos(robot, training, judged).joints
+    ours = np.array(list(own.validation[own.chosen.name].values()))
+    pieces = [servos._whole(robot, part) for part in (training, judged)]
+    for model in servos.MODELS:
+        _, theirs = servos.rival(model, *pieces, TRIALS // servos.POPULATION)
+        ones = np.ones(len(theirs))
+        both = np.stack([np.column_stack([e, ones]) for e in (theirs, ours)], axis=1)
+        tool = f"BAM's {model}, own code"
+        yield row(
+            "servo_pendulum", "position [mrad]", tool, both, lambda s: s[0] / s[1]
+        )
+
+
+def every_row(figaroh: str | None, only: Sequence[str] | None) -> Iterator[list[str]]:
+    """Yield all rows."""
+    for name in BY_TORQUE:
+        if figaroh is not None and (not only or name in only):
+            yield from of_figaroh(name, figaroh)
+    for name in BY_ROLLOUT:
+        if not only or name in only:
+            yield of_sysid(name)
+    if not only or "servo_pendulum" in only:
+        yield from of_servos()
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--figaroh", help="Python that has FIGAROH, see peers/")
+    parser.add_argument("--only", nargs="*", metavar="ROBOT")
+    parser.add_argument("--write", type=Path, help="page with marks of the table")
+    options = parser.parse_args()
+    with written_to(options.write, "rivals", (*BY_TORQUE, *BY_ROLLOUT)):
+        print(f"| {' | '.join(HEADER)} |")
+        print("|---" * len(HEADER) + "|", flush=True)
+        for cells in every_row(options.figaroh, options.only):
+            print(f"| {' | '.join(cells)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

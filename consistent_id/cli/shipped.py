@@ -1,0 +1,205 @@
+"""What the package brings with it: ``consistent-id demo`` and ``consistent-id help``.
+
+The first copies the example problems, the second prints a page of the documentation,
+the help of a command, or the meaning of a reason.
+"""
+
+import argparse
+import re
+import shlex
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from consistent_id.cli.answers import Answer, show
+from consistent_id.cli.options import WRITES, Option, add_command
+from consistent_id.errors import ProblemError
+
+_OF_DEMO = """The simulated RX-60 and quadruped and the KUKA KR300 are complete; the
+README among them says where the recordings of the other robots are."""
+_DEMOS = """
+consistent-id demo
+consistent-id compare problems/rx60
+consistent-id compare problems/kuka_kr300
+"""
+
+
+def add_demo(command: argparse.ArgumentParser) -> None:
+    """Give the command its options."""
+    add_command(
+        command,
+        run_demo,
+        Option("--output FOLDER", "folder to write to", default=Path("problems")),
+        *WRITES,
+        more=_OF_DEMO,
+        examples=_DEMOS,
+        reads=False,
+    )
+
+
+def run_demo(options: argparse.Namespace) -> int:
+    """Copy the problems; return the exit code.
+
+    Existing files are kept if they are equal, and refused if not.
+    """
+    from consistent_id._support.files import require_replaceable, write_atomically
+
+    source, folder = _problems(), options.output
+    files = sorted(path for path in source.rglob("*") if path.is_file())
+    contents = {folder / path.relative_to(source): path.read_bytes() for path in files}
+    if not options.dry_run:
+        for path, content in contents.items():
+            require_replaceable(path, content)
+
+    def write() -> Sequence[Path]:
+        for path, content in contents.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(path, content)
+        return list(contents)
+
+    names = sorted(path.parent.name for path in files if path.name == "problem.toml")
+    text = f"Problems in {folder}: {', '.join(names)}\n" + "\n".join(
+        f"try: consistent-id compare {shlex.quote(str(folder / name))}"
+        for name in _COMPLETE
+    )
+    record = {
+        "format": "consistent_id demo 1",
+        "folder": str(folder),
+        "written": [str(path) for path in contents],
+    }
+    return show(options, Answer(0, text, record, write))
+
+
+_COMPLETE = ("rx60", "kuka_kr300")
+
+
+def _problems() -> Path:
+    """Return the folder of problems, of a wheel or of the source tree."""
+    package = Path(__file__).parents[1]
+    for folder in (package / "_problems", package.parent / "problems"):
+        if (folder / "rx60" / "problem.toml").is_file():
+            return folder
+    raise ProblemError(
+        f"{package / '_problems'} is missing; install the package again, or copy "
+        "problems/ of its source archive"
+    )
+
+
+_OF_HELP = """TOPIC is a page of the documentation, a command, or the kind of a reason
+or a finding, in quotes. Without a topic, all pages are listed."""
+_TOPICS = """
+consistent-id help
+consistent-id help bad-result
+consistent-id help "mostly guessed"
+consistent-id help identify
+"""
+_WIDTH = 88
+_REASONS = "bad-result"  # the page with a table of all kinds of reasons
+
+
+def add_help(command: argparse.ArgumentParser) -> None:
+    """Give the command its options."""
+    add_command(
+        command,
+        run_help,
+        Option("[topic]", "page, command, or kind of a reason"),
+        more=_OF_HELP,
+        examples=_TOPICS,
+        reads=False,
+    )
+
+
+def run_help(options: argparse.Namespace) -> int:
+    """Print a text; return the exit code."""
+    topic, pages = options.topic, _pages()
+    text = _listed(pages) if topic is None else _text(topic, pages, options.tool_parser)
+    record = {"format": "consistent_id help 1", "topic": topic, "text": text}
+    return show(options, Answer(0, text, record, whole=True))
+
+
+def _text(topic: str, pages: dict[str, Path], tool_parser: Any) -> str:
+    """Return the help text of a topic.
+
+    Raises
+    ------
+    ProblemError
+        If there is no such topic; with those that are alike.
+    """
+    from consistent_id.robot.parameters import did_you_mean
+
+    name = topic.removeprefix("docs/").removesuffix(".md")
+    if name in pages:
+        return pages[name].read_text(encoding="utf-8").rstrip()
+    commands = _commands(tool_parser("help"))
+    if name in commands:
+        return _commands(tool_parser(name))[name].format_help().rstrip()
+    kinds = _kinds(pages[_REASONS].read_text(encoding="utf-8"))
+    if name in kinds:
+        return kinds[name]
+    known = (*pages, *commands, *kinds)
+    raise ProblemError(
+        f"no page, command or reason {topic!r}; {did_you_mean(name, known)}"
+    )
+
+
+def _commands(parser: Any) -> dict[str, argparse.ArgumentParser]:
+    """Return the parser of each command."""
+    (commands,) = parser._subparsers._group_actions
+    return dict(commands.choices)
+
+
+def _kinds(page: str) -> dict[str, str]:
+    """Return the entry of each kind in the table of reasons.
+
+    Examples
+    --------
+    >>> print(_kinds("| `misfit`, `drift` | it is large | look |")["drift"])
+    drift
+      means: it is large
+      to do: look
+    """
+    found: dict[str, str] = {}
+    for cells in re.findall(r"^\| ([^|]*`[^|]*) \| ([^|]+) \| ([^|]+) \|$", page, re.M):
+        for kind in re.findall(r"`([^`]+)`", cells[0]):
+            parts = zip(("means", "to do"), map(_plain, cells[1:]), strict=True)
+            said = [
+                textwrap.fill(
+                    f"{word}: {text}",
+                    _WIDTH,
+                    initial_indent="  ",
+                    subsequent_indent="    ",
+                )
+                for word, text in parts
+            ]
+            found.setdefault(kind, "\n".join([kind, *said]))
+    return found
+
+
+def _plain(text: str) -> str:
+    """Return a text of Markdown without links."""
+    return re.sub(r"\[([^\]]+)\]\(([^)#]*?)(?:\.md)?(#[^)]*)?\)", r"\1", text)
+
+
+def _listed(pages: dict[str, Path]) -> str:
+    """Return the names and the titles of pages."""
+    wide = max(map(len, pages))
+    lines = []
+    for name, path in pages.items():
+        title = path.read_text(encoding="utf-8").partition("\n")[0]
+        lines.append(f"  {name:{wide}}  {title.lstrip('# ')}")
+    return "\n".join(
+        ["Pages, as text: consistent-id help NAME", *lines, "", "Begin with: start"]
+    )
+
+
+def _pages() -> dict[str, Path]:
+    """Return the pages of the documentation, of a wheel or of the source tree."""
+    package = Path(__file__).parents[1]
+    for folder in (package / "_docs", package.parent / "docs"):
+        if (folder / f"{_REASONS}.md").is_file():
+            return {path.stem: path for path in sorted(folder.glob("*.md"))}
+    raise ProblemError(
+        f"{package / '_docs'} is missing; install the package again, or read docs/ of "
+        "its source archive"
+    )

@@ -1,0 +1,253 @@
+"""Findings about factors of a whole robot: which are named, and what is not known.
+
+A factor is named from three standard errors on (clock and gain: two and a half), and is
+a fault if it is five, or if an estimate that does not know it would be harmful.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from consistent_id.diagnosis.factor_rows import HARM, Factor, leaning
+from consistent_id.diagnosis.findings import LogFinding, Severity
+from consistent_id.regression.regressor import TorqueModel
+
+_WORTH_SAYING, _NAMED = 0.02, 3  # least doubt that is said, and how many
+_ALIKE = 0.8  # share of the best explanation that rivals reach
+
+# Standard errors from which on a factor is a warning, and a fault.  Of right logs of
+# four real arms (benchmarks/whole_robot.py), the largest are 2.2 for the clock, 2.7 for
+# zeros up to `FARTHEST`; for gains 1.4, and 2.7 for a KUKA whose counterbalance its
+# model lacks: that is a warning.  A Z1, nearly all friction, has 3.8 for a zero and 3.0
+# for the base, which explain too little to be named (`_MUCH`).
+LIKELY, _SURE = 3.0, 5.0
+_LIKELY_ONE = 2.5  # the same for clock and gain: there is one of each, not one a joint
+# Share of the squares that a zero or a lean has to explain.  Where drives take most of
+# the torque, friction that varies with position looks like one: in logs of two robots
+# up to 0.028, at 4 to 6 standard errors.  Faults of four arms explain 0.048 to 0.91.
+# Below `_RUBS`, the drives' share of the torque, a harmful one may explain less.
+_RUBS = 0.5
+_MUCH = {"offset zero": 0.03, "gravity": 0.03}
+_LARGE = 2.0  # times the least size that is reported: a fault
+FARTHEST = {  # beyond, it is another fault: another unit, another channel
+    "clock": float(np.log(10.0)),
+    "masses or gain": float(np.log(3.0)),
+    "offset zero": float(np.radians(45.0)),  # or m
+    "gravity": float(np.pi),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundFactor:
+    """An estimated factor.
+
+    Parameters
+    ----------
+    size, error : float
+        In the units of `Factor.least`; the log is right after removing this size.
+    cautious : float
+        Error that counts noise twice, by which a factor is reported.
+    explained : float
+        Decrease of the sum of squares, in squared noise.
+    cost : float
+        The sum of squares of the unchanged logs.
+    harm, doubt : float
+        Error of an estimate that does not know the factor, over the torque of all
+        joints; and the same for a factor as large as its cautious error.
+    drives : float
+        Torque of the drives over that of all joints.
+    """
+
+    factor: Factor
+    size: float
+    error: float
+    cautious: float
+    explained: float
+    cost: float = 0.0
+    harm: float = 0.0
+    doubt: float = 0.0
+    drives: float = 1.0
+
+    @property
+    def ratio(self) -> float:
+        """Size over the cautious error."""
+        return abs(self.size) / self.cautious
+
+    @property
+    def least_harm(self) -> float:
+        """The harm of a factor that is a standard error smaller."""
+        return self.harm * max(1.0 - 1.0 / self.ratio, 0.0) if self.size else 0.0
+
+
+def factor_findings(
+    model: TorqueModel, found: Sequence[FoundFactor]
+) -> list[LogFinding]:
+    """Report factors that were estimated, see `whole_robot_factors`."""
+    shown = [f for f in found if _shown(f)]
+    if not shown:
+        return []
+    best, *others = shown
+    rivals = [f for f in others if f.explained >= _ALIKE * best.explained]
+    sure = best.ratio >= _SURE and abs(best.size) >= _LARGE * best.factor.least
+    fault = (sure and not rivals) or _harmful(best, rivals)
+    severity: Severity = "fault" if fault else "warning"
+    causes = "; or ".join(_cause(model, f) for f in (best, *rivals))
+    return [
+        LogFinding(
+            best.factor.kind,
+            severity,
+            best.factor.where,
+            f"bodies like the nominal ones explain the log much better {causes} "
+            "(standard errors); otherwise, bodies would be "
+            f"{_WITHOUT[best.factor.kind]}; an estimate that does not know it would be "
+            f"{best.harm:.0%} off in torque",
+            _ADVICE[best.factor.kind],
+            min(best.ratio / gate_of(best.factor), abs(best.size) / best.factor.least),
+            size="" if rivals else _size(best),
+        )
+    ]
+
+
+def hidden_factors(
+    model: TorqueModel, found: Sequence[FoundFactor]
+) -> list[LogFinding]:
+    """Return the possible size of factors that no log shows, and their effect.
+
+    Bodies that differ from the nominal ones as far as usual would explain a factor as
+    large as its standard error.  It is a warning where a factor may hide that would be
+    reported and is harmful, unless one was found: errors of the others contain it.
+    """
+    alone = not any(_shown(f) for f in found)
+    seen = [f for f in found if np.isfinite(f.cautious) and not _shown(f)]
+    seen = [f for f in seen if f.factor.kind != "gravity" and f.doubt >= _WORTH_SAYING]
+    if not seen:
+        return []
+    seen = sorted(seen, key=lambda f: (not _hides_harm(f), -f.doubt))
+    worst, *others = seen[:_NAMED]
+    said = "; ".join(_hidden(model, f) for f in (worst, *others))
+    return [
+        LogFinding(
+            "hidden factor",
+            "warning" if alone and any(map(_hides_harm, seen)) else "note",
+            worst.factor.where,
+            "bodies that differ from the model's as far as usual would hide, one "
+            f"standard error large, {said}",
+            _TOLD[worst.factor.kind],
+            worst.doubt / HARM,
+        )
+    ]
+
+
+def _hides_harm(found: FoundFactor) -> bool:
+    """Return whether a factor as large as its standard error should have been found.
+
+    A gain of all torques is stated with the log, or known from the sensors, and where
+    masses are free no log ever shows it: that is said, and no doubt.
+    """
+    large = found.cautious >= found.factor.least and found.doubt >= HARM
+    return large and found.factor.kind != "masses or gain"
+
+
+def _hidden(model: TorqueModel, found: FoundFactor) -> str:
+    """Return the possible size of a hidden factor, and its effect on an estimate."""
+    kind = found.factor.kind
+    if kind in ("clock", "masses or gain"):
+        what = "a clock" if kind == "clock" else "torques"
+        fast = "as fast" if kind == "clock" else "the robot's"
+        said = f"{what} {np.exp(found.cautious):.2f} times {fast}"
+    else:
+        joint = model.robot.driven[found.factor.joint]
+        slides = joint.kind == "prismatic"
+        size = found.cautious if slides else np.degrees(found.cautious)
+        said = (
+            f"a zero of {joint.name} off by {size:.2g} {'m' if slides else 'degrees'}"
+        )
+    return f"{said} (an estimate is then {found.doubt:.0%} off in torque)"
+
+
+def _harmful(best: FoundFactor, rivals: Sequence[FoundFactor]) -> bool:
+    """Return whether a cause is likely that makes an estimate harmful.
+
+    A gain of all torques has to be sure, or far from one: bodies may all be lighter, as
+    those of a KUKA, right logs of which show a gain of 0.8 at four standard errors.
+    """
+    far = abs(best.size) >= _LARGE * best.factor.least
+    gate = gate_of(best.factor)
+    if best.factor.kind == "masses or gain":
+        gate = LIKELY if far else _SURE
+    least = max(f.least_harm for f in (best, *rivals))
+    return best.ratio >= gate and least >= HARM
+
+
+def _size(found: FoundFactor) -> str:
+    """Return a factor of clock or torque in words."""
+    if found.factor.kind not in ("clock", "masses or gain"):
+        return ""
+    factor = float(np.exp(found.size))
+    return f"{factor:.3g} +- {factor * found.error:.2g}"
+
+
+_TOLD = {
+    "clock": "compare the log's duration with a clock, or record faster motion: if the "
+    'clock is known to be right, --accept "hidden factor"',
+    "masses or gain": "weigh a known load (consistent-id gains, payload), or state "
+    'masses: if gains are known to be right, --accept "hidden factor"',
+    "offset zero": "measure this zero, or record poses in which gravity acts on this "
+    'joint: if it is known to be right, --accept "hidden factor"',
+}
+_WITHOUT = {
+    "clock": "too hard or too easy to accelerate for their weight",
+    "masses or gain": "all too heavy or all too light",
+    "offset zero": "turned or moved against the model's",
+    "gravity": "moved sideways",
+}
+_ADVICE = {
+    "clock": "find out the unit of time, or the rate of the log",
+    "masses or gain": "check the gain of all torques, a load, a counterbalance, and "
+    "the model's masses; "
+    'if these are not known, masses = "free" (--masses free)',
+    "offset zero": "check the zero of this joint; check again afterwards",
+    "gravity": "turn the base or gravity in the model as the robot is mounted",
+}
+
+
+def gate_of(factor: Factor) -> float:
+    """Return the standard errors from which on a factor is reported."""
+    return _LIKELY_ONE if factor.where in ("time", "all joints") else LIKELY
+
+
+def _shown(found: FoundFactor) -> bool:
+    much = found.explained > _MUCH.get(found.factor.kind, 0.0) * found.cost
+    much = much or (found.harm >= HARM and found.drives < _RUBS)
+    return (
+        abs(found.size) <= FARTHEST[found.factor.kind]
+        and found.ratio >= gate_of(found.factor)
+        and abs(found.size) >= found.factor.least
+        and much
+    )
+
+
+def _cause(model: TorqueModel, found: FoundFactor) -> str:
+    kind, size, error = found.factor.kind, found.size, found.error
+    if kind in ("clock", "masses or gain"):
+        said = f"{_size(found)} times"
+        if kind == "clock":
+            return f"with a clock {said} as fast"
+        return f"if the torque is {said} the robot's"
+    if kind == "gravity":
+        turned = leaning(model, found.factor.axis, size).robot.gravity
+        along = ", ".join(f"{g:.2f}" for g in turned)
+        return (
+            f"if the base leans by {abs(np.degrees(size)):.2g} +- "
+            f"{np.degrees(error):.2g} degrees (gravity along ({along}) m/s^2: "
+            f"--gravity {along.replace(',', '')})"
+        )
+    joint, sign = model.robot.driven[found.factor.joint], "+" if size > 0.0 else "-"
+    if joint.kind == "prismatic":
+        moved = f"{sign}{abs(size):.2g} m (+- {error:.2g})"
+    else:
+        moved = (
+            f"{sign}{abs(np.degrees(size)):.2g} (+- {np.degrees(error):.2g}) degrees"
+        )
+    return f"with {moved} added to the position of {joint.name}"
