@@ -187,8 +187,8 @@ def _logs_of(model: Path, given: GivenLogs, stated: Statement) -> RobotLogs:
             raise cause from None
         names = ", ".join(file.name for file in files)
         raise RecordingError(
-            f"{cause} But {names} have the same clock, or as many rows: they are one "
-            f"recording. Give their folder in place of them: {folder}{said}",
+            f"{cause} But {names} cover the same time, or have as many rows: they are "
+            f"one recording. Give their folder in place of them: {folder}{said}",
             options=f"{shlex.quote(str(folder))}{more}",
             replaces=[str(file) for file in files],
         ) from None

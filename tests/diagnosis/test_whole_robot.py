@@ -25,6 +25,7 @@ from consistent_id.diagnosis.factor_rows import (
     harm,
     leaning,
     least_costs,
+    least_misfit,
     relative_noise,
 )
 from consistent_id.diagnosis.whole_robot import (
@@ -399,6 +400,15 @@ def test_a_factor_too_small_or_too_large_is_sure_and_not_reported(kind, place, s
 def test_a_clock_far_from_the_linear_makes_no_other_robot():
     model, log = logged(6, spread=0.1, noise=0.001)
     assert other_robot(_as_is(*faulty(log, model, "clock", 0, np.log(8.0)))) == []
+
+
+@pytest.mark.slow
+def test_a_robot_on_the_wall_is_no_other_robot():
+    """Bodies of any kind leave much unexplained there, but the nominal ones fit."""
+    model, log = logged(10, spread=0.02, noise=0.0005)
+    as_is = _as_is(*faulty(log, model, "gravity", 1, np.radians(90.0)))
+    assert least_misfit(as_is) > 0.2
+    assert other_robot(as_is) == []
 
 
 @pytest.mark.slow

@@ -61,3 +61,38 @@ def test_files_of_one_recording_have_their_folder(tmp_path):
     files = [tmp_path / "a.csv", tmp_path / "b.csv"]
     assert table_folder.one_recording(files) == tmp_path
     assert table_folder.one_recording(files[:1]) is None
+
+
+def test_a_table_of_another_clock_is_interpolated_to_the_slower_one(tmp_path):
+    slow, fast = np.arange(0.0, 2.0, 0.02), np.arange(0.0111, 2.0, 0.005)
+    for name, t, values in (("pos", slow, 3.0 * slow), ("tau", fast, 5.0 * fast)):
+        np.savetxt(
+            tmp_path / f"{name}.csv",
+            np.column_stack([t, values]),
+            delimiter=",",
+            header=f"t,{name}_a",
+            comments="",
+        )
+    columns = Columns("t", "pos_a", torque="tau_a")
+    with pytest.raises(RecordingError) as refused:  # the torque begins later
+        read_recording(tmp_path, ["a"], columns)
+    assert refused.value.options == "--missing omit"
+    log = read_recording(tmp_path, ["a"], columns, missing="omit")
+    np.testing.assert_allclose(log.time, slow[1:], rtol=1e-12)
+    np.testing.assert_allclose(log.torque[:, 0], 5.0 * slow[1:], rtol=1e-12)
+    (said,) = table_folder.notes(tmp_path)
+    assert "tau.csv: interpolated to the clock of pos.csv" in said
+
+
+def test_runs_of_one_kind_with_like_clocks_stay_apart(tmp_path):
+    for k, start in enumerate((0.0, 0.004)):
+        t = start + np.arange(0.0, 2.0, 0.02)
+        np.savetxt(
+            tmp_path / f"run{k}.csv",
+            np.column_stack([t, t]),
+            delimiter=",",
+            header="t,q_a",
+            comments="",
+        )
+    with pytest.raises(RecordingError, match="no two of its 2 tables"):
+        table_folder.array_names(tmp_path)
