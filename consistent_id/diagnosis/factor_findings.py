@@ -151,18 +151,20 @@ def _hides_harm(found: FoundFactor) -> bool:
 
 def _hidden(model: TorqueModel, found: FoundFactor) -> str:
     """Return the possible size of a hidden factor, and its effect on an estimate."""
-    kind = found.factor.kind
+    kind, error = found.factor.kind, found.cautious
+    any_size = error >= FARTHEST[kind]
     if kind in ("clock", "masses or gain"):
-        what = "a clock" if kind == "clock" else "torques"
-        fast = "as fast" if kind == "clock" else "the robot's"
-        said = f"{what} {np.exp(found.cautious):.2f} times {fast}"
+        of = "as fast" if kind == "clock" else "the robot's"
+        said = "a clock" if kind == "clock" else "torques"
+        any_of = " of any speed" if kind == "clock" else " of any size"
+        said += any_of if any_size else f" {np.exp(error):.2f} times {of}"
     else:
         joint = model.robot.driven[found.factor.joint]
-        slides = joint.kind == "prismatic"
-        size = found.cautious if slides else np.degrees(found.cautious)
-        said = (
-            f"a zero of {joint.name} off by {size:.2g} {'m' if slides else 'degrees'}"
-        )
+        off = f"off by {np.degrees(error):.2g} degrees"
+        if joint.kind == "prismatic":
+            off = f"off by {error:.2g} m"
+        said = f"{'any zero' if any_size else 'a zero'} of {joint.name}"
+        said += "" if any_size else f" {off}"
     return f"{said} (an estimate is then {found.doubt:.0%} off in torque)"
 
 

@@ -356,6 +356,20 @@ def test_what_bodies_may_hide_of_a_gain_is_its_error():
     assert f"{said}{gain.doubt:.0%} off in torque)" in finding.statement
 
 
+@pytest.mark.parametrize("error", [5.0, 5e3])
+def test_what_no_log_shows_may_have_any_size(error):
+    """The exponential of such an error overflows."""
+    clock, gain, zero = factors_of(arm())[:3]
+    for factor, said in (
+        (clock, "a clock of any speed (an estimate is then 30% off"),
+        (gain, "torques of any size (an estimate"),
+        (zero, f"any zero of {zero.where} (an estimate"),
+    ):
+        hidden = FoundFactor(factor, 0.0, error, 0.0, 1000.0, 0.0, 0.3)
+        (finding,) = hidden_factors(arm(), [hidden])
+        assert said in finding.statement
+
+
 @pytest.mark.parametrize(
     ("size", "error", "doubt", "severity"),
     [
