@@ -231,13 +231,13 @@ def chosen_settings(problem: Problem, start: Settings | None = None) -> Settings
     most = max(MOST, _BEYOND * start.delay)  # a stated delay is within the range
     best = _started(start, groups, problem, error)
     best = replace(best, delay=_delayed(best, candidates, [*FIRST, most], most).delay)
+    best = _with_terms(best, problem, error)
     for _ in range(_PASSES):
         before = best
         best = _climbed(best, "cutoff", _cutoffs(problem), error)
         best = _climbed(best, "velocity_scale", SCALES, error)
         if best == before:
             break
-    best = _with_terms(best, problem, error)
     best = _with_motors(best, problem, candidates)
     best = _with_slopes(best, groups, error)
     best = with_springs(best, problem, error)

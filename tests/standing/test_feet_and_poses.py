@@ -103,7 +103,7 @@ def test_the_centre_of_mass_is_above_the_middle_of_the_feet(name):
     robot = load_robot(file, base="floating")
     feet = standing_feet(robot, file, ())
     pose = standing_pose(robot, file, feet)
-    model = pin.buildModelFromUrdf(str(file))
+    model = pin.buildModelFromUrdf(str(file), pin.JointModelFreeFlyer())
     data, q = model.createData(), pin.neutral(model)
     for joint, position in zip(robot.joint_names, pose, strict=True):
         q[model.joints[model.getJointId(joint)].idx_q] = position
