@@ -347,12 +347,16 @@ def test_what_bodies_may_hide_of_a_gain_is_its_error():
     model, log = pendulum(0.0)
     found = whole_robot_factors(_as_is(model, log))
     (gain,) = (f for f in found if f.factor.kind == "masses or gain")
-    assert gain.doubt == pytest.approx(gain.error, rel=0.01)
+    assert gain.doubt == pytest.approx(gain.cautious, rel=0.01)
     (finding,) = hidden_factors(model, [gain])
     assert finding.severity == "note"
-    large = replace(gain, error=0.4, doubt=0.4)  # as where masses are free
+    large = replace(
+        gain, error=0.4, cautious=0.4, doubt=0.4
+    )  # as where masses are free
     assert [f.severity for f in hidden_factors(model, [large])] == ["note"]
-    said = f"torques {np.exp(gain.error):.2f} times the robot's (an estimate is then "
+    said = (
+        f"torques {np.exp(gain.cautious):.2f} times the robot's (an estimate is then "
+    )
     assert f"{said}{gain.doubt:.0%} off in torque)" in finding.statement
 
 
@@ -365,7 +369,7 @@ def test_what_no_log_shows_may_have_any_size(error):
         (gain, "torques of any size (an estimate"),
         (zero, f"any zero of {zero.where} (an estimate"),
     ):
-        hidden = FoundFactor(factor, 0.0, error, 0.0, 1000.0, 0.0, 0.3)
+        hidden = FoundFactor(factor, 0.0, error, error, 0.0, 1000.0, 0.0, 0.3)
         (finding,) = hidden_factors(arm(), [hidden])
         assert said in finding.statement
 
