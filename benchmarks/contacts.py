@@ -393,11 +393,11 @@ def rate() -> list[str]:
     ]
     for name in ("ur10_like", "seven_joints"):
         robot, rng = ARMS[name], np.random.default_rng(0)
-        control = _identified(robot, rng)
+        control = identified_arm(robot, rng)
         observer = MomentumObserver(control, gain=GAIN)
 
         def free(minutes: int, robot=robot, rng=rng, observer=observer) -> list:
-            return [observer.along(_free(robot, rng)) for _ in range(minutes)]
+            return [observer.along(free_minute(robot, rng)) for _ in range(minutes)]
 
         tried = free(TRIED)
         for minutes in LEARNT:
@@ -412,7 +412,7 @@ def rate() -> list[str]:
     return lines
 
 
-def _identified(robot: Robot, rng: np.random.Generator) -> ControlModel:
+def identified_arm(robot: Robot, rng: np.random.Generator) -> ControlModel:
     """Return an arm as it is identified from a minute of motion."""
     model = ci.TorqueModel(
         loaded(urdf(as_drawn(robot, rng))),
@@ -420,7 +420,7 @@ def _identified(robot: Robot, rng: np.random.Generator) -> ControlModel:
     )
     log = ci.recordings.signals.differentiated(
         ci.recordings.signals.low_passed(
-            _free(robot, rng), motion_cutoff=8.0, torque_cutoff=8.0
+            free_minute(robot, rng), motion_cutoff=8.0, torque_cutoff=8.0
         )
     )
     regression = ci.build_regression(model, log)
@@ -429,7 +429,7 @@ def _identified(robot: Robot, rng: np.random.Generator) -> ControlModel:
     return control_model(estimate, friction_velocity=0.01, allow_refused=True)
 
 
-def _free(robot: Robot, rng: np.random.Generator) -> Recording:
+def free_minute(robot: Robot, rng: np.random.Generator) -> Recording:
     """Return a minute of an arm whose friction falls with speed near rest."""
     moved = states(robot, rng, 60.0, "random motion")
     run = run_of(robot, None, moved, rotor=0.005)

@@ -263,7 +263,7 @@ Each recording is cut into two halves or four quarters of equal length, each of 
 fitted by itself. Differences of base parameters between two parts of one recording are
 divided by their standard errors, by noise alone and with
 [errors of the model](uncertainty.md#errors-of-the-model-within-a-recording). The last
-column is the width of intervals over the width that would hold 95 % of the differences.
+column is the width of intervals over the width that would contain 95 % of the differences.
 
 Targets: {held} or more within 1.96; the UR10e's width {widest} or less.
 

@@ -100,7 +100,7 @@ class Parts:
 
     @property
     def width(self) -> float:
-        """Width of intervals over the width that would hold 95 %."""
+        """Width of intervals over the width that would contain 95 %."""
         needed = np.quantile(np.abs(self.z), 0.95)
         return float(stats.norm.ppf(0.975) / needed)
 

@@ -40,7 +40,7 @@ RECORDINGS = {
 
 WRONG, TIMES = 0.05, 1.5  # error, and times that of the whole log, that is wrong
 HARM, FAR = 0.10, 2.0  # the same, that harms
-OF_MOTION = ("short", "small motion", "slow motion", "rank")
+OF_MOTION = ("short", "small motion", "slow motion", "rank", "hidden factor")
 """Kinds that are true of a log without its fault, and name no cause."""
 
 

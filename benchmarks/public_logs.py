@@ -31,6 +31,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 TORQUE = re.compile(r"^(use|use with care|do not use): .*?error ([\d.]+ %)", re.M)
+VERDICT = re.compile(r"(use with care|do not use|use)\b")
 SERVO = re.compile(r"([\d.]+ mrad)")
 MOST_COMMANDS = 4
 HEAD = "| log | form | commands | CPU s | verdict | held-out error |"
@@ -291,6 +292,7 @@ def two_topics(folder: Path) -> list[str | Path]:
 
 FIGAROH = "thanhndv212/figaroh-examples"
 ISAAC = "iit-DLSLab/simple-robot-identification-isaaclab"
+RATE = {"RATEHz": "5000Hz"}
 GO2 = {"KP,KD": "20,1.5"}
 Z1 = {"KP,KD": "80,2.5 120,2.5 120,2.5 80,2.5 80,2.5 80,2.5 80,2.5"}
 LOGS = (
@@ -309,7 +311,12 @@ LOGS = (
         kuka_mat,
     ),
     PublicLog(
-        "TX40", FIGAROH, "Apache-2.0", "two CSV files of motors, no clock", tx40_csv
+        "TX40",
+        FIGAROH,
+        "Apache-2.0",
+        "two CSV files of motors, no clock",
+        tx40_csv,
+        RATE,
     ),
     PublicLog(
         "TIAGo",
@@ -412,8 +419,8 @@ def tried(log: PublicLog, folder: Path) -> Outcome:
 def _number(command: str, text: str) -> tuple[str, str]:
     """Return the verdict and the error that a command has printed."""
     if command == "servo":
-        found = SERVO.search(text)
-        return "-", found[1] if found else "-"
+        found, said = SERVO.search(text), VERDICT.match(text)
+        return said[1] if said else "-", found[1] if found else "-"
     found = TORQUE.search(" ".join(text.split()))
     return (found[1], found[2]) if found else ("-", "-")
 
@@ -426,7 +433,8 @@ def next_words(message: str, knows: Mapping[str, str]) -> list[str] | None:
     text = lines[-1].removeprefix("try: consistent-id ")
     for placeholder, value in knows.items():
         text = text.replace(placeholder, value)
-    return None if re.search(r" [A-Z]+,[A-Z]+\b", text) else shlex.split(text)
+    open_value = re.search(r" (?:[A-Z]+,[A-Z]+|RATEHz)\b", text)
+    return None if open_value else shlex.split(text)
 
 
 def row(log: PublicLog, found: Outcome) -> str:

@@ -15,7 +15,9 @@ blocks; beside each error is that of the recommended estimate of the problem fil
 import argparse
 import os
 import subprocess
+import sys
 from collections.abc import Iterator, Sequence
+from contextlib import redirect_stdout
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -41,7 +43,10 @@ HERE = Path(__file__).parent
 BY_TORQUE = ("ur10e", "ur10e/payload.toml", "kuka_kr300", "staubli_tx40", "tiago")
 BY_ROLLOUT = ("unitree_go2", "unitree_z1")
 COUPLED = {"staubli_tx40": (4, 5)}
-HEADER = ("robot", "judged by", "tool", "its error", "recommended here", "", "")
+HEADER = (
+    *("robot", "judged by", "tool", "its error", "recommended here"),
+    *("recommended less the tool", ""),
+)
 TRIALS = 2800  # simulations of each friction model
 
 
@@ -156,7 +161,8 @@ def of_sysid(name: str) -> list[str]:
 
     problem = ci.load_problem(HERE.parent / "problems" / name, trust=True)
     (log,) = problem.logs("training")
-    found, _ = rollout_rivals.fitted(problem, log)
+    with redirect_stdout(sys.stderr):  # its optimiser reports each step
+        found, _ = rollout_rivals.fitted(problem, log)
     theirs = rollout_rivals.replay_errors(problem, found, problem.logs("validation"))
     done = rollout_of(Study(problem), refine=True, choose=True)
     ours = [r.errors for r in next(iter(done.rollout.replays.values()))]

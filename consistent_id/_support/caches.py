@@ -1,4 +1,4 @@
-"""A cache of what was computed of an object, for as long as the object is there."""
+"""A cache of values computed from an object, for as long as the object exists."""
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable

@@ -304,7 +304,7 @@ def single_threaded(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
 @contextmanager
 def worker_threads(count: int) -> Iterator[ThreadPoolExecutor]:
-    """Yield threads for work side by side; what waits when an error comes is dropped.
+    """Yield threads for parallel work; tasks that wait when an error comes are dropped.
 
     So an interrupt need not wait until all requested work is done.
     """
@@ -412,7 +412,7 @@ def _reusable_pool(workers: int) -> Any:
 
 @contextmanager
 def processes(call: Call, workers: int) -> Iterator[Workers]:
-    """Yield how to hand tasks to processes; what is left at the end is killed.
+    """Yield processes that take tasks; those that are left at the end are killed.
 
     Tasks and results go through files, and only their names through pipes.  A worker
     that is killed while it writes a large result to a pipe leaves a part of it there,

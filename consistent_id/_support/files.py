@@ -1,15 +1,16 @@
 """Files that are read and written.
 
 Those that are written are there whole or not at all, several together, and never over
-the files of others.  Those that are read are regular files, and no larger than what
-they are for: a file of a stranger may be a device that never ends, or state sizes that
-it does not have; its stated sizes are compared with the file before memory is
-allocated.
+the files of others.  Those that are read are regular files, and not too large for their
+purpose: a file of a stranger may be a device that never ends, or state sizes that it
+does not have; its stated sizes are compared with the file before memory is allocated.
 """
 
 import json
+import logging
 import os
 import platform
+import re
 import shutil
 import stat
 import tempfile
@@ -17,12 +18,16 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from consistent_id._support.extras import needed
 from consistent_id._support.ownership import foreign, note_written, sealed
 from consistent_id._support.run import current_run, is_input, note_input
-from consistent_id.errors import ConsistentIdError, ProblemError
+from consistent_id.errors import ConsistentIdError, ProblemError, RecordingError
+
+_log = logging.getLogger(__name__)
 
 MEBIBYTE = 2**20
 GIBIBYTE = 2**30
@@ -69,6 +74,41 @@ def require_regular(path: Path, error: type[ConsistentIdError]) -> int:
         raise error(f"{path}: a device or a pipe, expected a regular file; copy it")
     note_input(status)
     return status.st_size
+
+
+_URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/{1,2}[^/]")
+
+
+def local_path(text: str | Path) -> Path:
+    """Return a path; of a URL that of a copy in the user's cache, fetched by fsspec.
+
+    A path that was made of a URL has one of its two slashes.
+
+    Raises
+    ------
+    RecordingError
+        If fsspec is not installed, or cannot fetch it.
+    """
+    word = str(text)
+    if _URL.match(word) is None or Path(word).exists():
+        return Path(text)
+    scheme, _, rest = word.partition(":")
+    url = f"{scheme}://{rest.lstrip('/')}" if scheme != "file" else f"file:{rest}"
+    library = needed("fsspec", "urls", url, RecordingError)
+    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    name = sha256(url.encode()).hexdigest()[:16]
+    target = base / "consistent_id" / "logs" / name / (Path(rest).name or "log")
+    try:
+        source, place = library.url_to_fs(url)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        source.get(place, str(target), recursive=source.isdir(place))
+    except (OSError, ValueError, ImportError) as cause:
+        raise RecordingError(
+            f"{url}: cannot be fetched ({cause}). Copy it to this computer, and name "
+            "the copy"
+        ) from None
+    _log.warning("%s was copied to %s", url, target)
+    return target
 
 
 def read_input(path: Path, error: type[ConsistentIdError], largest: int) -> bytes:

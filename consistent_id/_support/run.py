@@ -145,7 +145,7 @@ class Terminated(BaseException):
 
 
 def note_stop(cause: BaseException) -> None:
-    """Note in the run that work ended early and goes on to show what it has."""
+    """Note in the run that work ended early and goes on to show its results."""
     stop: Stop = "interrupted"
     if isinstance(cause, OutOfTime):
         stop = "out of time"
@@ -167,7 +167,7 @@ def noted_interrupts(*, keeps_results: bool = False) -> Iterator[Interrupted]:
     Parameters
     ----------
     keeps_results : bool
-        Whether the work goes on to show what it has after a SIGTERM, too, as after an
+        Whether the work goes on to show its results after a SIGTERM, too, as after an
         interrupt.
     """
     noted, again, terminated = (threading.Event() for _ in range(3))

@@ -60,7 +60,7 @@ def _verdicts(results: Sequence[Results]) -> Table:
         ("folder", "verdict", "recommended", "held-out torque error", "reasons"),
         tuple(rows),
         (
-            "held-out torque error: of each folder's own validation recordings",
+            "held-out torque error: that on each folder's own validation recordings",
             *(
                 f"{found.folder}: {change}"
                 for found in results

@@ -72,7 +72,7 @@ def run_compress(options: argparse.Namespace) -> int:
         f"Regression of {problem.name}: {len(regression.layout)} parameters",
         ("joint", "samples", "effective samples", "RMS torque"),
         tuple((j, str(n), f"{e:.0f}", f"{rms:.4g}") for j, n, e, rms in columns),
-        ("effective: of white noise that would determine as much; N m and N",),
+        ("effective samples: as informative with white noise; torque in N m or N",),
     )
     record = {
         "format": "consistent_id compression 1",

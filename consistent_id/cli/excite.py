@@ -64,7 +64,7 @@ def _position(text: str) -> tuple[str, float]:
 
 
 _LIMITS = (
-    Option("--duration SECONDS", "of the motion (default: 10)", positive),
+    Option("--duration SECONDS", "duration of the motion (default: 10)", positive),
     Option(
         "--noise NUMBER",
         "noise of each torque, in N m or N (default: 0.5 %% of the effort limit)",
@@ -77,7 +77,7 @@ _LIMITS = (
     Option("--jerk NUMBER", "limit of all joints, in rad/s^3 or m/s^3", positive),
     Option(
         "--effort-rate NUMBER",
-        "limit of how fast torque changes, in N m/s or N/s",
+        "limit of the rate of change of torque, in N m/s or N/s",
         positive,
     ),
     Option(
@@ -90,7 +90,7 @@ _LIMITS = (
     ),
     Option(
         "--torque-constant NUMBER",
-        "of all joints, gears included, in N m/A or N/A",
+        "torque per current of all joints, gears included, in N m/A or N/A",
         positive,
     ),
     Option(
@@ -106,16 +106,16 @@ _MOTION = (
     Option(
         "--objective",
         "D: least standard errors (default); condition: least condition number of the "
-        "regressor, then D; A, E: of the errors, the root sum of squares, the largest",
+        "regressor, then D; A: root sum of squares of the errors; E: largest error",
         choices=("D", "condition", "A", "E"),
     ),
     Option("--harmonics N", "number of harmonics (default: several are tried)", int),
     Option(
         "--for, --interest NAMES",
-        "parameters that matter, by commas: of links, joints, or one by one, such as "
-        "'payload,*.viscous'; 'payload' or 'tool': the last link's ten, or those of "
-        "what is on the wrench sensor; 'open': what the estimate of --parameters left "
-        "open (default: all; on a wrench sensor the tool's ten)",
+        "parameters that matter, with commas: names of links, joints, parameters, such "
+        "as 'payload,*.viscous'; 'payload' or 'tool': the ten of the last link, or of "
+        "the body on the wrench sensor; 'open': those that the estimate of "
+        "--parameters left open (default: all; on a wrench sensor the tool's ten)",
         _words,
         dest="interest",
     ),
@@ -127,7 +127,7 @@ _MOTION = (
     ),
     Option(
         "--start-pose JOINT=POSITION ...",
-        "where the robot stands before and after, in rad or m; joints that are not "
+        "pose of the robot before and after, in rad or m; joints that are not "
         "named, in the middle of their range (default: where the path begins)",
         _position,
     ),

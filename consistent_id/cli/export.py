@@ -38,13 +38,13 @@ def add_export(command: argparse.ArgumentParser) -> None:
         *SOURCE,
         Option(
             "--format",
-            "of the file",
+            "format of the file",
             choices=[known.name for known in EXPORT_FORMATS],
             required=True,
         ),
         Option(
             "--output FILE",
-            "file to write; of several problems FILE-NAME",
+            "file to write; FILE-NAME for each of several problems",
             required=True,
         ),
         Option(
@@ -54,7 +54,7 @@ def add_export(command: argparse.ArgumentParser) -> None:
         ),
         Option(
             "--source FILE",
-            "URDF or MJCF to put the estimate into (default: the problem's)",
+            "URDF or MJCF file that gets the estimate (default: the problem's)",
         ),
         ACCEPT,
         Option(

@@ -7,11 +7,11 @@ from pathlib import Path
 from consistent_id.cli.answers import show, shows_progress, tables_answer
 from consistent_id.cli.options import EXECUTOR, OUTPUT, TIME_LIMIT, Option, add_command
 
-_MORE = """Each robot has a problem file of its own, of the same model. Links, rotor
-inertias, springs and coupled gears are shared, friction and offsets each robot's own,
-and so is what a robot carries, if its file has [payload] with the link that carries it;
-robots with other bodies are named and left out of what is shared. Recordings are read
-piece by piece, so that they may be larger than memory; those for training count.
+_MORE = """Each robot has a problem file of its own, with the same model. Links, rotor
+inertias, springs and coupled gears are shared; friction and offsets are each robot's
+own. So is the load of a robot whose file has [payload] with the link that carries it.
+Robots with other bodies are named and left out of the shared estimate. Training
+recordings are read piece by piece, so they may be larger than memory.
 --output gets fleet.md, fleet.json and bodies.json, the shared estimate. Exit code 1: do
 not use the bodies."""
 _EXAMPLES = """

@@ -33,7 +33,7 @@ def add_init(command: argparse.ArgumentParser) -> None:
         run_init,
         Option("model", "URDF or MJCF file", Path),
         Option("log [...]", ", ".join(known.name for known in LOG_FORMATS), Path),
-        Option("--output FILE", "to write", default=Path("problem.toml")),
+        Option("--output FILE", "file to write", default=Path("problem.toml")),
         *WRITES,
         *STATED,
         more=_MORE,

@@ -165,8 +165,8 @@ Run = Callable[[argparse.Namespace], int]
 PRINTED = Group(
     "what is printed",
     (
-        Option("--json", "JSON, not tables"),
-        Option("--verbose", "everything, not only the first lines"),
+        Option("--json", "print JSON, not tables"),
+        Option("--verbose", "print everything, not only the first lines"),
         Option("--quiet", "print only errors, and JSON with --json; see the exit code"),
     ),
 )
@@ -186,9 +186,9 @@ FORCE = Option(
     "--force", "write even over an input, or a file that this tool did not write"
 )
 WRITES = (Option("--dry-run", "write nothing"), FORCE)
-OUTPUT = (Option("--output FOLDER", "to write results to"), *WRITES)
+OUTPUT = (Option("--output FOLDER", "folder to write results to"), *WRITES)
 RESULTS = (
-    Option("--output FOLDER", "to write results to (default: results/NAME)"),
+    Option("--output FOLDER", "folder to write results to (default: results/NAME)"),
     *WRITES,
 )
 ACCEPT = Option(
@@ -199,11 +199,11 @@ ACCEPT = Option(
 )
 TIME_LIMIT = Option(
     "--time-limit SECONDS",
-    "give up after so long, with exit code 3 (default: never)",
+    "give up after this time, with exit code 3 (default: never)",
     positive,
     dest="give_up_after",
 )
-SEED_OF_BOOTSTRAP = Option("--seed N", "of the bootstrap", int, default=0)
+SEED_OF_BOOTSTRAP = Option("--seed N", "seed of the bootstrap", int, default=0)
 
 
 def _executor(text: str) -> str:

@@ -49,10 +49,11 @@ def percentage(text: str) -> float:
     return 0.01 * positive(text)
 
 
+LOADED = Option("--loaded LOG ...", "logs with the load", Path, required=True)
 ROBOT_AND_LOAD = (
     PROBLEM,
     Option("log [...]", "logs without the load, if PROBLEM is a URDF or MJCF", Path),
-    Option("--loaded LOG ...", "logs with the load", Path, required=True),
+    LOADED,
     Option(
         "--loaded-rows FIRST,LAST",
         "rows of these logs to use, from 1 (default: all)",

@@ -34,8 +34,8 @@ def add_report(command: argparse.ArgumentParser) -> None:
         *SOURCE,
         Option(
             "--output FILE",
-            "file to write (default: results/NAME/report.html); of several problems "
-            "FILE-NAME",
+            "file to write (default: results/NAME/report.html); FILE-NAME for each of "
+            "several problems",
         ),
         FORCE,
         SEED_OF_BOOTSTRAP,
@@ -49,7 +49,7 @@ def add_report(command: argparse.ArgumentParser) -> None:
 
 
 def run_report(options: argparse.Namespace) -> int:
-    """Write a report, of several problems one each; return the exit code."""
+    """Write a report, one for each of several problems; return the exit code."""
     return each(options, _report, file=True)
 
 

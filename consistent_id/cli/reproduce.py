@@ -24,7 +24,7 @@ def add_reproduce(command: argparse.ArgumentParser) -> None:
         run_reproduce,
         PROBLEM,
         Option("--quick", "fewer experiments, one set of exciting motions, one draw"),
-        Option("--seed N", "of designs and draws", int, default=0),
+        Option("--seed N", "seed of designs and draws", int, default=0),
         *RESULTS,
         more=_MORE,
         examples=_EXAMPLES,

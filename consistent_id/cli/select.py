@@ -32,7 +32,8 @@ def add_select(command: argparse.ArgumentParser) -> None:
         run_select,
         PROBLEM,
         Option(
-            "--output FILE", "to write (default: NAME-selected.toml beside the problem)"
+            "--output FILE",
+            "file to write (default: NAME-selected.toml beside the problem)",
         ),
         *WRITES,
         FITS_EXECUTOR,

@@ -222,10 +222,11 @@ def _ring(signum: int, frame: FrameType | None) -> None:
 
 
 # A command is a file of this folder, imported when it is run or its help is shown.
+_FILES = {"demo": "shipped", "help": "shipped"}  # of two commands
 _COMMANDS = {
     "init": "write a commented problem file for a robot, and a log if there is one",
     "info": "show a problem's robot, datasheet and base parameters",
-    "check": "look for what is wrong with a log",
+    "check": "look for faults of a log",
     "select": "choose the model from the training data",
     "excite": "design an exciting trajectory within the robot's limits",
     "rehearse": "play a designed motion on simulated robots with known parameters",
@@ -240,10 +241,10 @@ _COMMANDS = {
     "compress": "compress recordings of any size into a regression",
     "fleet": "identify robots of one type together, and name outliers",
     "payload": "weigh what a robot carries, and write it in the forms of controllers",
-    "gains": "identify gains between currents and torque by a load of known mass",
+    "gains": "identify gains between currents and torque by a load, or by the model",
     "servo": "identify hobby servos from position, goal and duty, without torque",
     "demo": "copy the example problems into a folder",
-    "help": "print a page of the documentation, or what a reason means",
+    "help": "print a page of the documentation, or the meaning of a reason",
     "completion": "print a script for tab completion",
 }
 _EPILOG = """examples:
@@ -308,6 +309,7 @@ def tool_parser(wanted: str | None = None) -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         if wanted in (None, name):
-            getattr(import_module(f"consistent_id.cli.{name}"), f"add_{name}")(command)
+            file = import_module(f"consistent_id.cli.{_FILES.get(name, name)}")
+            getattr(file, f"add_{name}")(command)
     parser.set_defaults(tool_parser=tool_parser)  # for the completion script
     return parser

@@ -19,13 +19,13 @@ from consistent_id.constraints.links import LinkCondition, link_conditions
 from consistent_id.constraints.priors import pullback_distance
 from consistent_id.constraints.robot_size import robot_size
 from consistent_id.errors import ProblemError, SolverError
-from consistent_id.estimation.body_slopes import Slopes
 from consistent_id.estimation.drive_ratios import drive_ratios, log_speeds
 from consistent_id.estimation.estimate import Estimate, torque_errors
 from consistent_id.estimation.fit import usual_efforts
 from consistent_id.estimation.judgement import Evidence, judge
 from consistent_id.estimation.method import Method
 from consistent_id.estimation.torque_error import (
+    Slopes,
     TorqueError,
     stacked_error,
 )

@@ -344,7 +344,7 @@ class DensityOn:
             if len(self.shape.normals) > _FACETS:
                 raise ProblemError(
                     f"density of {self.link!r}: the polytope has "
-                    f"{len(self.shape.normals)} facets, each pair of which makes a "
+                    f"{len(self.shape.normals)} facets, and each pair makes a "
                     f"constraint; at most {_FACETS} are allowed. Take a box, "
                     "Ellipsoid.around its vertices, or CentreOfMassIn"
                 )

@@ -1,4 +1,4 @@
-"""Limits of what a log identifies: rests, saturation, small motion, rank, motion noise.
+"""Limits of a log's information: rests, saturation, small motion, rank, motion noise.
 
 Motion noise stands in the columns of the regressor.  With ``W + V`` in place of ``W``
 least squares tends to ``(W^T W + V^T V)^-1 W^T W x``: to first order its bias is

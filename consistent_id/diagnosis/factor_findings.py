@@ -112,7 +112,7 @@ def factor_findings(
 def hidden_factors(
     model: TorqueModel, found: Sequence[FoundFactor]
 ) -> list[LogFinding]:
-    """Say how large factors may be that no log shows, and what they would mean.
+    """Return the possible size of factors that no log shows, and their effect.
 
     Bodies that differ from the nominal ones as far as usual would explain a factor as
     large as its standard error.  It is a warning where a factor may hide that would be
@@ -150,29 +150,34 @@ def _hides_harm(found: FoundFactor) -> bool:
 
 
 def _hidden(model: TorqueModel, found: FoundFactor) -> str:
-    """Return what a factor may hide, and what it would mean for an estimate."""
-    kind = found.factor.kind
+    """Return the possible size of a hidden factor, and its effect on an estimate."""
+    kind, error = found.factor.kind, found.cautious
+    any_size = error >= FARTHEST[kind]
     if kind in ("clock", "masses or gain"):
-        what = "a clock" if kind == "clock" else "torques"
-        fast = "as fast" if kind == "clock" else "the robot's"
-        said = f"{what} {np.exp(found.cautious):.2f} times {fast}"
+        of = "as fast" if kind == "clock" else "the robot's"
+        said = "a clock" if kind == "clock" else "torques"
+        any_of = " of any speed" if kind == "clock" else " of any size"
+        said += any_of if any_size else f" {np.exp(error):.2f} times {of}"
     else:
         joint = model.robot.driven[found.factor.joint]
-        slides = joint.kind == "prismatic"
-        size = found.cautious if slides else np.degrees(found.cautious)
-        said = (
-            f"a zero of {joint.name} off by {size:.2g} {'m' if slides else 'degrees'}"
-        )
+        off = f"off by {np.degrees(error):.2g} degrees"
+        if joint.kind == "prismatic":
+            off = f"off by {error:.2g} m"
+        said = f"{'any zero' if any_size else 'a zero'} of {joint.name}"
+        said += "" if any_size else f" {off}"
     return f"{said} (an estimate is then {found.doubt:.0%} off in torque)"
 
 
 def _harmful(best: FoundFactor, rivals: Sequence[FoundFactor]) -> bool:
     """Return whether a cause is likely that makes an estimate harmful.
 
-    A gain of all torques has to be sure: nominal bodies of a KUKA, right logs of which
-    show one of 0.8 at four standard errors, are as likely to be wrong.
+    A gain of all torques has to be sure, or far from one: bodies may all be lighter, as
+    those of a KUKA, right logs of which show a gain of 0.8 at four standard errors.
     """
-    gate = _SURE if best.factor.kind == "masses or gain" else gate_of(best.factor)
+    far = abs(best.size) >= _LARGE * best.factor.least
+    gate = gate_of(best.factor)
+    if best.factor.kind == "masses or gain":
+        gate = LIKELY if far else _SURE
     least = max(f.least_harm for f in (best, *rivals))
     return best.ratio >= gate and least >= HARM
 

@@ -70,6 +70,7 @@ _TRIED = 3  # most factors that are corrected
 # torque; one alone is enough.  In right logs of five real arms they are up to 6.1 and
 # 0.12; in 36 simulated logs of other arms, 2 to 310 and 0.03 to 0.34.
 _OTHER, _UNEXPLAINED = 10.0, 0.2
+_USUAL = 1.0  # bodies as near as this once a factor is free are those of the model
 _AS_RIGHT = 0.12  # the largest of these right logs
 
 
@@ -265,7 +266,7 @@ def _errors(
     scatter : float
         Over segments.
     norm, pulled : float
-        Norm of ``w``, and the square of what rows of nominal bodies have of it.
+        Norm of ``w``, and the square of its part in rows of nominal bodies.
     """
     by_bodies = min(pulled, norm**2) / slope**2
     by_noise = max(scatter**2, norm**2 / slope**2 - by_bodies)
@@ -405,7 +406,7 @@ def other_robot(as_is: FactorLogs) -> list[LogFinding]:
         # A load on a last link changes no length and no axis.
         distance = min(distance, _distance_of_loaded(as_is))
         score = max(distance, 0.0) / _OTHER + unexplained / _UNEXPLAINED
-    if score <= 1.0:
+    if score <= 1.0 or distance < _USUAL:
         return []
     return [
         LogFinding(

@@ -203,8 +203,8 @@ def _parts(
     shortest = min(parts, key=lambda part: part.duration)
     if _SHARE * shortest.duration < margin:
         raise RecordingError(
-            f"{shortest.name}: a part of {shortest.duration:.4g} s, of which "
-            f"{margin:.4g} s at each end are lost to the lowest cut-off. Use fewer "
+            f"{shortest.name}: a part lasts {shortest.duration:.4g} s and loses "
+            f"{margin:.4g} s at each end to the lowest cut-off. Use fewer "
             "folds, or leave the lowest candidates out"
         )
     return parts

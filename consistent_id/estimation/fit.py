@@ -22,8 +22,7 @@ from consistent_id._support.arrays import (
     freeze_arrays,
 )
 from consistent_id._support.tables import brief
-from consistent_id.estimation.body_slopes import slopes_on
-from consistent_id.estimation.torque_error import holding, moving_shares
+from consistent_id.estimation.torque_error import holding, moving_shares, slopes_on
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.masks import standstill
 from consistent_id.regression.linear import (

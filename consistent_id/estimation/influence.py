@@ -21,10 +21,10 @@ import numpy as np
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import InfeasibleError, NotExcitedError, SolverError
 from consistent_id.estimation.best_fit import FitProblem
-from consistent_id.estimation.body_slopes import Slopes, slopes_on
 from consistent_id.estimation.constrained_fit import constrained_fit
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.slope_reasons import confirmed_joints, doubtful_joints
+from consistent_id.estimation.torque_error import Slopes, slopes_on
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.regression import build_regression

@@ -17,7 +17,6 @@ from consistent_id._support.tables import brief
 from consistent_id.constraints.cones.certificate import OptimumVerdict
 from consistent_id.constraints.links import LinkCondition
 from consistent_id.constraints.robot_size import RobotSize
-from consistent_id.estimation.body_slopes import Slopes
 from consistent_id.estimation.drive_ratios import DriveRatios, drive_reasons
 from consistent_id.estimation.fit import Fit
 from consistent_id.estimation.slope_reasons import (
@@ -28,6 +27,7 @@ from consistent_id.estimation.slope_reasons import (
 )
 from consistent_id.estimation.torque_error import (
     AT_REST,
+    Slopes,
     TorqueError,
     stacked_beyond,
     stacked_error,

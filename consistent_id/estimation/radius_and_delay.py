@@ -120,7 +120,7 @@ class RadiusAndDelay:
     feet : ContactRadius, optional
     delay : TorqueDelay, optional
     covariance : ndarray, shape (2, 2)
-        Covariance of offset [m] and delay [s]; zero for what is not estimated.
+        Covariance of offset [m] and delay [s]; zero for one that is not estimated.
     """
 
     feet: ContactRadius | None

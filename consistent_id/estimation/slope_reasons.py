@@ -6,9 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import BoolArray, Vector
-from consistent_id.estimation.body_slopes import Slopes
 from consistent_id.estimation.fit import Fit
-from consistent_id.estimation.torque_error import IN_MOTION
+from consistent_id.estimation.torque_error import IN_MOTION, Slopes
 from consistent_id.estimation.verdict import Reason
 from consistent_id.regression.row_names import BASE_ROWS
 
@@ -208,8 +207,8 @@ def _of_strong(
 def _wrong_share(fit: Fit, joints: Sequence[int], held: Vector) -> float:
     """Return the error of all joints' torque, if slopes of some are wrong gains.
 
-    ``||(s - 1) t|| / ||t||``, where ``t`` is the torque over the slopes ``s``; what
-    friction at rest may change does not count.
+    ``||(s - 1) t|| / ||t||``, where ``t`` is the torque over the slopes ``s``, without
+    the part that friction at rest may change.
     """
     chosen = np.isin(np.arange(len(fit.joints)), joints)
     slopes = np.where(chosen, fit.slopes, 1.0)
@@ -298,7 +297,7 @@ def _found(fit: Fit) -> _Found:
 def _common(means: BoolArray, least: Vector, most: Vector, slopes: Vector) -> list[int]:
     """Return the significant joints, if one gain may have moved all their slopes.
 
-    Two joints or more; what friction at rest may change counts against it.
+    Two joints or more; changes by friction at rest count against it.
     """
     joints = where(means)
     if len(joints) < _SEVERAL:

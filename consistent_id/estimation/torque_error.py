@@ -1,8 +1,9 @@
-"""Errors of predicted torque, with and without the part that dry friction balances.
+"""How torque differs from that of a model, or of given bodies, joint by joint.
 
-Friction of a joint at rest balances the joint, up to its breakaway torque. A model with
+Errors of predicted torque are computed with and without the part that dry friction
+balances: that of a joint at rest balances it, up to its breakaway torque.  A model with
 Coulomb friction predicts zero there, so a residual contradicts the model only beyond
-the breakaway torque.
+the breakaway torque.  Slopes compare the torque with that of given bodies.
 """
 
 from collections.abc import Iterable, Sequence
@@ -10,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Vector
+from consistent_id._support.arrays import Array, Vector, array_default, freeze_arrays
 from consistent_id.errors import ProblemError
 from consistent_id.recordings.recording import Recording
 from consistent_id.regression import torque_along
@@ -33,6 +34,7 @@ BREAKAWAY = 0.25
 one.  It is used where the data do not determine the friction.
 """
 
+_ROUNDING = 1e-10  # relative size of a column that drive terms explain up to rounding
 _DRY = (Coulomb, AsymmetricCoulomb)
 _AT_EASE = float(np.tanh(1.0))  # of the direction, below which a joint may be at rest
 
@@ -296,3 +298,65 @@ def _coulomb_columns(model: TorqueModel) -> dict[int, list[int]]:
         row: [index(f"{model.torque_joints[row]}.{n}") for t in terms for n in t.names]
         for row, terms in _coulomb_terms(model).items()
     }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Slopes:
+    """Slopes of joints' torque on the torque of given bodies, with free drive terms.
+
+    Parameters
+    ----------
+    joints : tuple of str
+    slopes : array_like, shape (joints,)
+        One, if the torque is that of these bodies.
+    explained : array_like, shape (joints,)
+        Share of the torque beyond drive terms, squared, that the bodies explain with
+        this slope.
+    expected : array_like, shape (joints,)
+        Torque of the bodies beyond drive terms, over the measured torque.
+    errors : array_like, shape (joints,) or (), optional
+        Standard errors of the slopes; infinite where they are not known.
+    """
+
+    joints: tuple[str, ...]
+    slopes: Vector
+    explained: Vector
+    expected: Vector
+    errors: Vector = array_default(np.inf)
+
+    def __post_init__(self) -> None:
+        errors = np.broadcast_to(self.errors, (len(self.joints),))
+        object.__setattr__(self, "errors", errors)
+        names = ("slopes", "explained", "expected", "errors")
+        shapes = dict.fromkeys(names, (len(self.joints),))
+        freeze_arrays(self, shapes, "slopes", finite=False)
+
+
+def slopes_on(model: TorqueModel, regression: Regression, bodies: Vector) -> Slopes:
+    """Return the slope of each joint's torque on that of bodies.
+
+    Parameters
+    ----------
+    bodies : ndarray, shape (10 * links,)
+    """
+    inertial, found = model.layout.inertial_size, []
+    for F in regression.factors:
+        both = np.column_stack([F[:, :inertial] @ bodies, F[:, -1]])
+        drive = F[:, inertial:-1]
+        norms = np.linalg.norm(drive, axis=0)
+        # After filters, columns of a joint at rest are so small that their squares
+        # vanish.
+        moving = norms > _ROUNDING * norms.max(initial=0.0)
+        if moving.any():
+            unit = drive[:, moving] / norms[moving]
+            both = both - unit @ np.linalg.lstsq(unit, both, rcond=None)[0]
+        expected, beyond = np.linalg.norm(both, axis=0)
+        product = float(both[:, 0] @ both[:, 1])
+        if expected <= _ROUNDING * np.linalg.norm(F):
+            found.append((np.nan, 0.0, 0.0))
+            continue
+        both_sizes = float(expected) * float(beyond)
+        explained = product**2 / max(both_sizes**2, 1e-300)
+        size = max(float(np.linalg.norm(F[:, -1])), 1e-300)
+        found.append((product / expected**2, explained, expected / size))
+    return Slopes(regression.joints, *np.array(found).T)

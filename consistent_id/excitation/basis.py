@@ -263,7 +263,7 @@ def between_samples(degree: int, samples: int) -> float:
 
 
 def null_space(rows: Matrix) -> Matrix:
-    """Return an orthonormal basis of what rows map to zero, as columns.
+    """Return an orthonormal basis of the rows' null space, as columns.
 
     The right singular vectors of a null space are not unique: they differ between
     processors and versions of LAPACK, and random paths would differ with them. The

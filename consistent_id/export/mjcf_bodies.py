@@ -112,7 +112,7 @@ class SpecTree:
 
 
 def spec_tree(spec: Any) -> SpecTree:
-    """Return the tree of a specification; what has no name is named by its number."""
+    """Return the tree of a specification; elements without a name get their number."""
     tree = SpecTree({}, {}, {}, {})
     for place, body in enumerate(_below(spec.worldbody)):
         body.name = body.name or f"body{place}"

@@ -60,7 +60,7 @@ SIZE = 1e-3
 _WIDEST = np.pi  # rad between limits, up to which the moment arm grows
 _GRID = 65  # positions between the limits at which the levels are made alike
 
-_ROUNDING = 1e-8  # of what is shared; so far may a joint's own fall short of it
+_ROUNDING = 1e-8  # relative; so much less than the shared value may a joint's own be
 _SHARED = {
     "coupling_viscous": "damping",
     "coupling_coulomb": "frictionloss",

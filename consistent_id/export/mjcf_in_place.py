@@ -109,7 +109,7 @@ def _set(document: XmlText, element: Element, **values: Iterable[float]) -> list
     return document.set(element, text)
 
 
-_CLOSE = 1e-9  # of the largest; what is read back, beside what was to be written
+_CLOSE = 1e-9  # of the largest; difference of values that are read back
 _READ_BACK = (
     "dof_damping",
     "dof_armature",
@@ -406,7 +406,7 @@ def _joint(
     change: _CompiledPair,
     j: int,
 ) -> list[Edit]:
-    """Return edits of what a joint has of drives and springs, where it changed."""
+    """Return edits of a joint's drive and spring values that changed."""
     after = change.after
     found, wanted = _drive(change.before, j), _drive(after, j)
     changed = {name: value for name, value in wanted.items() if value != found[name]}

@@ -69,7 +69,7 @@ def to_urdf(
     comment: bool = True,
     allow_refused: bool = False,
 ) -> Export:
-    """Return the URDF that a model was loaded from, with what was identified.
+    """Return the URDF that a model was loaded from, with the identified parameters.
 
     Masses, centres of mass and inertias of the model's links; ``<dynamics>`` of joints
     that have drive terms, and zeros in that of joints that follow them.  All else keeps
@@ -229,7 +229,7 @@ def _require_carried(file: _File, joint: Element, link: str) -> None:
 
 
 def _dynamics_edits(file: _File, drive: JointDrive) -> list[Edit]:
-    """Return edits of a joint's friction: what it has, and zero for what it has not."""
+    """Return edits of a joint's friction: its own terms, and zero for missing ones."""
     joint = file.joint(drive.joint)
     stated = joint.child("dynamics")
     has = {} if stated is None else stated.attributes

@@ -40,7 +40,7 @@ class FleetRobot:
     p_value : float
         Probability of such a value among robots that scatter as this fleet does.
     outlier : bool
-        Whether it was left out of what is shared.
+        Whether it was left out of the shared estimate.
     payload : FoundPayload, optional
         Its payload, if one was stated.
     """

@@ -334,7 +334,7 @@ class SharedErrors:
 
 
 def shared_errors(shared: Regression, bodies: Estimate, known: Matrix) -> SharedErrors:
-    """Return the errors of what robots share.
+    """Return the errors of the shared parameters.
 
     Parameters
     ----------

@@ -89,8 +89,8 @@ class Settled:
 class _Own:
     """A robot's own parameters, beside given shared ones.
 
-    `surprise` is by how much its squared misfit, relatively, is not what it was thought
-    to be when the shared parameters were found.
+    `surprise` is the relative difference of its squared misfit from that which was
+    assumed when the shared parameters were found.
     """
 
     fits: tuple[OwnFit, ...]
@@ -193,7 +193,7 @@ def _with_held(
     own: Sequence[_Own],
     limits: Sequence[OwnSet],
 ) -> Regression:
-    """Return a regression with the rows that robots' held parameters do not explain."""
+    """Return a regression with the rows that robots' fixed parameters leave."""
     factors = []
     for j, limit in enumerate(limits):
         extra = [
@@ -214,7 +214,7 @@ def held_rows(
     shared: Vector,
     limits: Sequence[OwnSet],
 ) -> Regression:
-    """Return a robot's regression with what friction at its bounds does not explain.
+    """Return a robot's regression with the rows that friction at bounds leaves.
 
     Beside given shared parameters, whatever it carries fitting best.
     """
@@ -232,7 +232,7 @@ def held_rows(
 def _held(
     fleet: FleetModel, robot: StoredRobot, own: _Own, limits: Sequence[OwnSet]
 ) -> Regression:
-    """Return a robot's own regression, with what its held parameters do not explain."""
+    """Return a robot's own regression, with the rows that fixed parameters leave."""
     return _with_held(read_share(robot.file, fleet), [robot], [own], limits)
 
 

@@ -47,11 +47,11 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.correlated_noise import SHOWN
 from consistent_id.regression.drive.drive_terms import DriveTerms
-from consistent_id.regression.model_errors import NoisyRows
 from consistent_id.regression.motion_arrays import Motion, motion_of, whole_counts
 from consistent_id.regression.regression import Regression, build_regression, with_noise
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import joint_noise
+from consistent_id.regression.row_structure import NoisyRows
 
 _WHOLE_METHODS = ("smoother", "fourier")
 
@@ -493,6 +493,8 @@ def reason_for_whole(problem: Problem, entry: RecordingTable) -> str:
         return "[data]: wraps are undone from the first sample on"
     if data is not None and data.duplicates != "refuse":
         return "[data]: duplicates are left out of whole recordings"
+    if data is not None and data.missing != "refuse":
+        return "[data]: rows with missing values are left out of whole recordings"
     if entry.tracks:
         return "tracks are joined with whole recordings"
     path = problem.log_file(entry.file)

@@ -243,7 +243,7 @@ def _long_enough(
     kept = [s for s in found if s.rows >= 2 and s.end - s.begin >= shortest]
     if not kept:
         raise RecordingError(
-            f"{name}: of {len(found)} parts none has two samples and lasts "
+            f"{name}: none of {len(found)} parts has two samples and lasts "
             f"{shortest:g} s"
         )
     return [(f"{name} (part {k})", part) for k, part in enumerate(kept, 1)]

@@ -187,6 +187,7 @@ class Draft:
             },
             topic=stated.topic,
             duplicates=stated.duplicates or "refuse",
+            missing=stated.missing or "refuse",
             wraps=stated.wraps or "keep",
             torque_gain=gain if len(gain) > 1 else gain[0],
             gain_source=stated.gain_source or "drives",

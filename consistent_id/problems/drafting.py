@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import msgspec
+import numpy as np
 
 from consistent_id.errors import ConsistentIdError, ProblemError, RecordingError
 from consistent_id.estimation.cutoff import CutoffChoice, best_cutoff
@@ -23,7 +24,12 @@ from consistent_id.problems.floating.floating_draft import standing_draft
 from consistent_id.problems.given_logs import GivenLog, GivenLogs, given_logs
 from consistent_id.problems.log_entries import with_torque
 from consistent_id.problems.overrides import StatedDrive, stated_drive
-from consistent_id.problems.robot_logs import RobotLogs, robot_logs
+from consistent_id.problems.robot_logs import (
+    RobotLogs,
+    robot_logs,
+    with_options,
+    with_remedies,
+)
 from consistent_id.problems.selection.model_selection import select_model
 from consistent_id.problems.selection.setup import DRIVE, KINDS
 from consistent_id.problems.stated_model import DEFAULT_DRIVE
@@ -33,7 +39,7 @@ from consistent_id.problems.statement import (
     with_keywords_of_a_statement,
 )
 from consistent_id.recordings.readers.table_folder import one_recording
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, velocities
 from consistent_id.recordings.signals import (
     Delay,
     Track,
@@ -51,6 +57,10 @@ Friction of simulators is dry.  A wider change can fit torque better, because it
 represents creep, play and lag, but replays worse: on held-out parts of the training
 motion, rollouts of two real robots select 0.05 and less, and torque 0.1."""
 _CUTOFFS = (2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 50.0)  # Hz
+_COMPARED = (3.0, 5.0, 10.0)  # Hz, for a log with its velocity and without
+_WORSE = 1.05  # left-out error with a velocity over that without
+_SAME_SCALE = 0.03  # of a velocity whose integral is the position
+_MOVING = 0.05  # rad or m of travel, from which on the scale is compared
 _FOLDS = 6
 _USUAL = 10.0  # Hz
 _STANDING = 30.0
@@ -138,7 +148,16 @@ def drafted(
     stated = logs.stated
     if stated.friction_velocity is None and stated.gains is not None:
         stated = replace(stated, friction_velocity=DRY)
-    reading = _reading(logs, given)
+    try:
+        reading = _reading(logs, given)
+    except RecordingError as cause:
+        if not cause.options or given.tables:
+            raise
+        raise with_remedies(cause, model, given.training[0], logs.stated, {}) from None
+    if (note := _poor_velocity(reading, stated)) is not None:
+        columns = replace(logs.columns, velocity=None)
+        logs = replace(logs, columns=columns, notes=(*logs.notes, note))
+        reading = _reading(logs, given)
     draft = _draft_of(reading, model, stated, progress)
     if reading.late is not None and _torque_as_late(draft, reading.late):
         both = _reading(logs, given, early=_rounded(reading.late.seconds))
@@ -155,21 +174,32 @@ def _logs_of(model: Path, given: GivenLogs, stated: Statement) -> RobotLogs:
         return robot_logs(model, files[0], stated, tables=given.tables)
     except RecordingError as cause:
         folder = one_recording(files) if not given.tables else None
-        if folder is None or not _is_readable(model, folder, stated):
+        if folder is None or _helps(cause, model, files[0], stated):
             raise
+        said, more = "", ""
+        try:
+            robot_logs(model, folder, stated).read(folder)
+        except RecordingError as of_folder:
+            if not of_folder.options:
+                raise cause from None
+            said, more = f"\nThen {of_folder}", f" {of_folder.options}"
+        except ConsistentIdError:
+            raise cause from None
         names = ", ".join(file.name for file in files)
         raise RecordingError(
-            f"{cause} But {names} have the same clock: they are one recording. Give "
-            f"their folder in place of them: {folder}",
-            options=shlex.quote(str(folder)),
+            f"{cause} But {names} cover the same time, or have as many rows: they are "
+            f"one recording. Give their folder in place of them: {folder}{said}",
+            options=f"{shlex.quote(str(folder))}{more}",
             replaces=[str(file) for file in files],
         ) from None
 
 
-def _is_readable(model: Path, log: Path, stated: Statement) -> bool:
-    """Return whether a folder's tables can be read as one: repeated runs cannot."""
+def _helps(cause: RecordingError, model: Path, log: Path, stated: Statement) -> bool:
+    """Return whether the options of an error are enough to read the log by itself."""
+    if not cause.options or cause.replaces:
+        return False
     try:
-        robot_logs(model, log, stated).read(log)
+        with_options(model, log, stated, cause.options)
     except ConsistentIdError:
         return False
     return True
@@ -217,6 +247,60 @@ def _draft_of(
     if select and standing is None:
         draft = _with_model(draft, progress)
     return draft
+
+
+def _poor_velocity(reading: "_Reading", stated: Statement) -> str | None:
+    """Return why a log's velocity is not read: without it, torque is predicted better.
+
+    None, if it is read: it is stated, its left-out error is at most 5 % larger, or its
+    scale contradicts the position's, which is a fault of the log that has to be seen.
+    """
+    parts = reading.split.training
+    given = (stated.velocity, stated.gains, stated.cutoff)  # commands need it, too
+    if any(value is not None for value in given):
+        return None
+    if reading.logs.floating is not None or any(p.velocity is None for p in parts):
+        return None
+    if not all(_of_one_scale(part, reading.clock) for part in parts):
+        return None
+    logs, drive = reading.logs, _stated_drive(reading.logs, stated)
+    measured = tuple(logs.columns.torque_joints)
+    terms = drive.terms(logs.robot.joint_names)
+    model = TorqueModel(logs.robot, terms, torque_joints=measured)
+    top = usual_cutoff(parts)
+    bare = [replace(part, velocity=None) for part in parts]
+    try:
+        with_it, without = (
+            float(_chosen(model, each, reading.clock, top, _COMPARED).error.min())
+            for each in (parts, bare)
+        )
+    except ConsistentIdError:
+        return None
+    if with_it <= _WORSE * without:
+        return None
+    return (
+        f"the velocity is not read: it predicts left-out rows {with_it / without:.2g} "
+        "times worse than differentiated positions do; name the column (--velocity) to "
+        "read it anyway"
+    )
+
+
+def _of_one_scale(log: Recording, clock: Clock) -> bool:
+    """Return whether velocities, integrated, are the position in all moving joints."""
+    longest = log
+    if clock.max_gap is not None:
+        longest = max(split_at_gaps(log, clock.max_gap), key=len)
+    t, q = longest.time - longest.time[0], longest.position
+    speed = velocities(longest)
+    steps = np.diff(t)[:, None] * 0.5 * (speed[1:] + speed[:-1])
+    way = np.vstack([np.zeros(q.shape[1]), np.cumsum(steps, axis=0)])
+    moving = np.ptp(q, axis=0) > _MOVING
+    for j in np.flatnonzero(moving):
+        columns = np.column_stack([way[:, j], t, np.ones(len(t))])
+        (slope, *_), *_ = np.linalg.lstsq(columns, q[:, j], rcond=None)
+        if abs(slope - 1.0) > _SAME_SCALE:
+            return False
+    return bool(moving.any())
 
 
 def _torque_as_late(draft: Draft, velocity: Delay) -> bool:
@@ -402,7 +486,11 @@ def draft_cutoff(
 
 
 def _chosen(
-    model: TorqueModel, training: Sequence[Recording], clock: Clock, top: float
+    model: TorqueModel,
+    training: Sequence[Recording],
+    clock: Clock,
+    top: float,
+    cutoffs: Sequence[float] = _CUTOFFS,
 ) -> CutoffChoice:
     parts = list(training)
     if clock.max_gap is not None:
@@ -420,7 +508,7 @@ def _chosen(
     least = 4.0 * _FOLDS / sum(part.duration for part in parts)
     if least > _LOW:
         raise RecordingError(f"the motion is too short to try {_LOW:g} Hz and less")
-    tried = [cutoff for cutoff in _CUTOFFS if 1.02 * least < cutoff <= top]
+    tried = [cutoff for cutoff in cutoffs if 1.02 * least < cutoff <= top]
     return best_cutoff(model, parts, tried, folds=_FOLDS)
 
 

@@ -192,6 +192,7 @@ class DataTable(FileTable, frozen=True, kw_only=True):
     units: dict[str, str | list[str]] = {}
     topic: str | None = None
     duplicates: Literal["refuse", "first", "last"] = "refuse"
+    missing: Literal["refuse", "omit"] = "refuse"
     wraps: Literal["keep", "undo"] = "keep"
     torque_gain: float | list[float] = 1.0
     gain_source: Literal["drives", "model"] = "drives"

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import cast
 
 from consistent_id._support.arrays import Vector
+from consistent_id._support.files import local_path
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.recordings.readers.data_frames import ColumnTable
 from consistent_id.recordings.recording import Recording
@@ -70,7 +71,7 @@ def _is_file(log: GivenLog) -> bool:
 
 
 def _path(log: GivenLog, number: int) -> Path:
-    return Path(log) if isinstance(log, str | Path) else Path(f"log-{number}")
+    return local_path(log) if isinstance(log, str | Path) else Path(f"log-{number}")
 
 
 def _table(log: GivenLog) -> ColumnTable:

@@ -53,10 +53,10 @@ def check_problem(problem: Problem) -> Diagnosis:
 def _beside(
     found: Sequence[LogFinding], hidden: Sequence[LogFinding]
 ) -> tuple[LogFinding, ...]:
-    """Return findings beside what a correction of the delay hides.
+    """Return findings, with those that a correction of the delay hides.
 
-    A filter that explains the log replaces what it looks like; beside one that is not
-    sure, its effects are not sure either.
+    A filter that explains the log replaces the findings that it causes. Where the
+    filter is uncertain, they are uncertain, too.
     """
     if any(f.severity == "fault" for f in hidden):
         return tuple(f for f in found if f.kind not in _EFFECTS)

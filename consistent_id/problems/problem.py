@@ -229,6 +229,7 @@ class Problem:
                 topic=data.topic,
                 omit=omit,
                 duplicates=data.duplicates,
+                missing=data.missing,
             )
             if data.wraps == "undo":
                 raw = unwrapped(raw)

@@ -5,7 +5,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from consistent_id.errors import ModelError, ProblemError, RecordingError
 from consistent_id.problems.floating.base_guess import widths_of
@@ -14,7 +16,12 @@ from consistent_id.problems.floating.floating_draft import (
     base_in_log,
     floating_columns,
 )
-from consistent_id.problems.nominal_gains import NominalGains, nominal_gains
+from consistent_id.problems.nominal_gains import (
+    LogRowsOfJoints,
+    NominalGains,
+    implied_gains,
+    nominal_gains,
+)
 from consistent_id.problems.statement import (
     Statement,
     declarations,
@@ -36,7 +43,9 @@ from consistent_id.recordings.log_formats import LOG_FORMATS, log_format
 from consistent_id.recordings.readers import Columns, read_recording, recording_from
 from consistent_id.recordings.readers.columns import wanted
 from consistent_id.recordings.readers.data_frames import ColumnTable, table_names
+from consistent_id.recordings.readers.named_arrays import require_gain
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
+from consistent_id.recordings.readers.units import RATE
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import unwrapped
 from consistent_id.robot.chains import Selection, base_question
@@ -45,7 +54,14 @@ from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import did_you_mean
 
 _ROBOTS = (".urdf", ".xml", ".mjcf", ".xacro")
+_PLAIN_GAIN = "--torque-gain 1"
+_NO_GAINS = (
+    "The model's bodies imply no gains for this log; masses would be in the unit of "
+    "its columns with"
+)
 _MOST_REMEDIES = 4
+_WHOLE = 0.8  # of a turn: a jump by a whole one
+_STEADY = 1.0  # rad, between samples that do not jump
 _CHANNELS = ("time", "position", "velocity", "torque", "position_command")
 
 
@@ -86,6 +102,7 @@ class RobotLogs:
             "torque_gain": gain,
             "omit": stated.omitted_of(log),
             "duplicates": stated.duplicates or "refuse",
+            "missing": stated.missing or "refuse",
         }
         if log in self.tables:
             table = self.tables[log]
@@ -128,13 +145,13 @@ def robot_logs(
     except (ModelError, RecordingError) as cause:
         if cause.option_names <= {declarations()[n].option for n in stated.given}:
             raise  # the error proposes nothing, or only stated options
-        raise _with_remedies(cause, model, log, stated, tables) from None
+        raise with_remedies(cause, model, log, stated, tables) from None
 
 
 def _found(
     model: Path, log: Path, stated: Statement, tables: Mapping[Path, ColumnTable]
 ) -> RobotLogs:
-    """Find how to read logs with what is stated."""
+    """Find how to read logs under the stated options."""
     if log not in tables:
         _require_order(model, log)
     robot = _loaded(model, stated)
@@ -159,23 +176,20 @@ def _found(
         currents=len(stated.torque_gain) > 0,
         commands=stated.gains is not None,
         all_joints=_every_joint(model, stated),
-        chains=chains_of(robot),
+        rows=_rows_of_joints(model, log, robot, stated, tables),
         topic=stated.topic,
     )
     guessed = partial(_guessed, log, renamed=_names_in_log(stated, robot), felt=felt)
     try:
         guess = guessed(known)
         require_torque(guess.columns.torque, stated.torque_gain)
+        if not len(stated.torque_gain):
+            require_gain(guess.columns.units, log.name)
     except RecordingError as cause:
-        gains = None
-        if not stated.torque_gain and not cause.options and log not in tables:
-            currents = replace(known, currents=True)
-            gains = _implied_gains(lambda: guessed(currents), robot, log)
-        if gains is None:
+        if len(stated.torque_gain) or cause.options or log in tables:
             raise
-        raise RecordingError(
-            f"{cause} {gains.sentence}: {gains.option}", options=gains.option
-        ) from None
+        with_currents = partial(guessed, replace(known, currents=True))
+        raise _with_gains(cause, with_currents, robot, log) from None
     stated = replace(stated, topic=guess.topic)
     if log not in tables and "position" not in guess.columns.units:
         _require_usual_units(log, guess)
@@ -193,7 +207,7 @@ def _found(
     return RobotLogs(robot, found, locked, stated, notes, floating, tables)
 
 
-def _with_remedies(
+def with_remedies(
     cause: ModelError | RecordingError,
     model: Path,
     log: Path,
@@ -207,11 +221,14 @@ def _with_remedies(
             break
         options.append(error.options)
         try:
-            words = shlex.split(" ".join(options).replace(GAINS, "1,0"))  # whatever
-            more = _stated_with(stated, words)
-            logs = _found(model, log, more, tables)
-            gains = nominal_gains(logs.robot, logs.read(log))
-            if gains is not None and gains.far and not more.torque_gain:
+            given = " ".join(options)
+            logs, read, more = with_options(model, log, stated, given, tables)
+            if more.wraps is None and _wraps(read):
+                said.append("Then positions jump by whole turns")
+                options.append("--wraps undo")
+                read = unwrapped(read)
+            gains = nominal_gains(logs.robot, read)
+            if gains is not None and gains.far and not len(more.torque_gain):
                 said.append(f"Then {gains.sentence[0].lower()}{gains.sentence[1:]}")
                 options.append(gains.option)
             break
@@ -222,6 +239,43 @@ def _with_remedies(
             break
     kind = ModelError if isinstance(cause, ModelError) else RecordingError
     return kind("\n".join(said), options=" ".join(options), replaces=cause.replaces)
+
+
+class ReadLog(NamedTuple):
+    """A log as it is read with a statement."""
+
+    logs: RobotLogs
+    recording: Recording
+    stated: Statement
+
+
+def with_options(
+    model: Path,
+    log: Path,
+    stated: Statement,
+    options: str,
+    tables: Mapping[Path, ColumnTable] | None = None,
+) -> ReadLog:
+    """Read a log with options as they are typed, and some value for what is open.
+
+    Raises
+    ------
+    ModelError, RecordingError, ProblemError
+        If that is not enough.
+    """
+    filled = options.replace(GAINS, "1,0").replace(RATE, "100Hz")
+    more = _stated_with(stated, shlex.split(filled))
+    logs = _found(model, log, more, tables or {})
+    return ReadLog(logs, logs.read(log), more)
+
+
+def _wraps(log: Recording) -> bool:
+    """Return whether positions jump by whole turns, and by no other steps."""
+    most, undone = (
+        float(abs(np.diff(each.position, axis=0)).max(initial=0.0))
+        for each in (log, unwrapped(log))
+    )
+    return most > _WHOLE * 2.0 * np.pi and undone < _STEADY
 
 
 def _stated_with(stated: Statement, words: Sequence[str]) -> Statement:
@@ -238,17 +292,55 @@ def _stated_with(stated: Statement, words: Sequence[str]) -> Statement:
     return replace(stated, **{name: getattr(more, name) for name in more.given})
 
 
-def _implied_gains(
-    guessed: Callable[[], ColumnGuess], robot: RobotModel, log: Path
-) -> NominalGains | None:
-    """Return the gains that the model's bodies imply for a log of currents."""
+def _with_gains(
+    cause: RecordingError,
+    guessed: Callable[[], ColumnGuess],
+    robot: RobotModel,
+    log: Path,
+) -> RecordingError:
+    """Return an error with the gains that the model's bodies imply for currents.
+
+    The gain is one if they imply none; there is none if the log has no currents.
+    """
     try:
         guess = guessed()
         if guess.joints != robot.joint_names or guess.columns.torque is None:
-            return None
-        return nominal_gains(robot, read_recording(log, guess.joints, guess.columns))
+            return cause
+        plain = [1.0] * len(guess.joints)  # which a current's unit needs, too
+        raw = read_recording(log, guess.joints, guess.columns, torque_gain=plain)
     except (RecordingError, ProblemError):
+        return cause
+    gains = nominal_gains(robot, raw)
+    if gains is None:
+        said, options = _NO_GAINS, _PLAIN_GAIN
+    else:
+        said, options = gains.sentence, gains.option
+    return RecordingError(f"{cause} {said}: {options}", options=options)
+
+
+def _rows_of_joints(
+    model: Path,
+    log: Path,
+    robot: RobotModel,
+    stated: Statement,
+    tables: Mapping[Path, ColumnTable],
+) -> LogRowsOfJoints | None:
+    """Return the joints that the log may have, if it has fewer than the robot.
+
+    None, if joints are named: then it has the joints that are.
+    """
+    if stated.names or robot.floating:
         return None
+
+    def read(rest: Sequence[str]) -> tuple[RobotModel, Recording]:
+        locked = dict(stated.locked or {}) | dict.fromkeys(rest, 0.0)
+        moved = len(robot.joint_names) - len(rest)
+        plain = tuple(stated.torque_gain) or (1.0,) * moved  # currents will do, too
+        likely = replace(stated, locked=locked, torque_gain=plain)
+        logs = _found(model, log, likely, tables)
+        return logs.robot, logs.read(log)
+
+    return LogRowsOfJoints(robot, read)
 
 
 def _require_usual_units(log: Path, guess: ColumnGuess) -> None:
@@ -367,27 +459,23 @@ def _require_base(model: Path, log: Path, robot: RobotModel, stated: Statement) 
         )
 
 
-def chains_of(robot: RobotModel) -> dict[int, tuple[str, ...]] | None:
-    """Return, by number of joints, the only chain from the base with that many joints.
-
-    The result is None for a robot without branches, whose first joints are the chain.
-    """
-    driven = set(robot.joint_names)
-    chains: list[tuple[str, ...]] = []
-    for joint in robot.joints:
-        before = chains[joint.parent] if joint.parent >= 0 else ()
-        chains.append((*before, joint.name) if joint.name in driven else before)
-    if len(max(chains, key=len)) == len(driven):
-        return None
-    numbers = [len(chain) for chain in dict.fromkeys(chains)]
-    return {len(c): c for c in chains if c and numbers.count(len(c)) == 1}
-
-
 def _every_joint(model: Path, stated: Statement) -> tuple[str, ...]:
     """Return the names of all joints, if some of them are locked."""
     if not stated.locked:
         return ()
     return _loaded(model, replace(stated, locked=None)).joint_names
+
+
+def model_gains(model: Path, logs: Sequence[Path], stated: Statement) -> NominalGains:
+    """Return the gains of logs that the bodies of a robot's file imply.
+
+    Raises
+    ------
+    ModelError, RecordingError, ProblemError
+        See `robot_logs`; also if they imply none.
+    """
+    read = robot_logs(model, logs[0], replace(stated, torque_gain=(1.0,)))
+    return implied_gains(read.robot, list(map(read.read, logs)), str(model))
 
 
 def gains_of(given: Sequence[float], joints: int) -> list[float] | float:
@@ -402,7 +490,7 @@ def gains_of(given: Sequence[float], joints: int) -> list[float] | float:
         raise ProblemError(
             f"{len(given)} torque gains for {joints} joints, expected one or {joints}"
         )
-    return list(given) if len(given) == joints else (*given, 1.0)[0]
+    return list(given) * (joints // len(given)) if len(given) else 1.0
 
 
 def _require_order(model: Path, log: Path) -> None:

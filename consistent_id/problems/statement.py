@@ -110,7 +110,7 @@ class Statement:
     gravity: Sequence[float] | None = _said(
         "robot",
         "--gravity X,Y,Z",
-        "in the frame of the root link, m/s^2; or X Y Z (default: the MJCF file's, "
+        "gravity in the root link's frame, m/s^2; or X Y Z (default: the MJCF file's, "
         "or 0,0,-9.81)",
         "model.gravity",
         read=words.vector,
@@ -134,7 +134,8 @@ class Statement:
     time: str | None = _said(
         "log",
         "--time NAME",
-        "the log's clock (default: found by its name)",
+        "the log's clock; 'SEC + NANOSEC' for two columns; if it has none and samples "
+        "are evenly spaced, their rate, such as 1000Hz (default: found by its name)",
         "data.columns.time",
     )
     position: str | None = _said(
@@ -194,7 +195,7 @@ class Statement:
     gains: "PDGains | None" = _said(
         "log",
         "--gains KP,KD[,LIMIT] ...",
-        "of PD-controlled joints, for all or one each: torque is computed from "
+        "gains of PD-controlled joints, for all or one each: torque is computed from "
         "commands of position, and clipped at the drive's limit (N m, N) if given",
         "data.gains",
         read=words.gains,
@@ -238,9 +239,16 @@ class Statement:
     duplicates: Literal["refuse", "first", "last"] | None = _said(
         "log",
         "--duplicates",
-        "which of several rows with one time stamp is used (default: refuse)",
+        "the row that is used of several with one time stamp (default: refuse)",
         "data.duplicates",
         choices=("refuse", "first", "last"),
+    )
+    missing: Literal["refuse", "omit"] | None = _said(
+        "log",
+        "--missing",
+        "rows with empty or NaN values: refused, or left out (default: refuse)",
+        "data.missing",
+        choices=("refuse", "omit"),
     )
     wraps: Literal["keep", "undo"] | None = _said(
         "log",
@@ -280,7 +288,7 @@ class Statement:
     quaternion: Literal["xyzw", "wxyz"] | None = _said(
         "base",
         "--quaternion",
-        "where its real part stands: last (ROS, Isaac Gym) or first (MuJoCo)",
+        "place of its real part: last (ROS, Isaac Gym) or first (MuJoCo)",
         "data.base.order",
         choices=("xyzw", "wxyz"),
     )
@@ -305,7 +313,7 @@ class Statement:
     masses: Literal["datasheet", "free"] | None = _said(
         "model",
         "--masses",
-        "whether the model's masses are the robot's",
+        "take the masses of the model, or leave them free",
         "constraints.masses",
         read=words.masses,
         choices=("model", "free"),
@@ -350,7 +358,7 @@ class Statement:
     select: bool | None = _said(
         "selection",
         "--no-select",
-        "viscous and Coulomb friction, an offset; only a cut-off is chosen",
+        "use viscous and Coulomb friction and an offset; choose only a cut-off",
         read=words.switched_off,
     )
 

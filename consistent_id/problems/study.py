@@ -13,12 +13,12 @@ from consistent_id._support.progress import stages
 from consistent_id._support.tables import brief
 from consistent_id.comparison.comparison import Comparison, EstimateReport, compare
 from consistent_id.diagnosis import Diagnosis
-from consistent_id.estimation.body_slopes import Slopes
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.estimate_plot import draw_parameters
 from consistent_id.estimation.influence import confirmed_slopes
 from consistent_id.estimation.judgement import judge
 from consistent_id.estimation.method import Method
+from consistent_id.estimation.torque_error import Slopes
 from consistent_id.estimation.verdict import Verdict, confirmed
 from consistent_id.problems.log_check import check_problem
 from consistent_id.problems.problem import Problem

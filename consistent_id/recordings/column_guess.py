@@ -29,7 +29,9 @@ from consistent_id.recordings.column_names import (
 from consistent_id.recordings.column_words import (
     CHANNELS,
     channel_of,
+    is_bare,
     is_current,
+    says_nothing,
     states,
     unit_of,
     words,
@@ -38,8 +40,15 @@ from consistent_id.recordings.log_formats import has_no_arrays, log_format
 from consistent_id.recordings.readers.columns import JOINT_STATE, Columns
 from consistent_id.recordings.readers.csv import lacks_names
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
-from consistent_id.recordings.readers.units import KNOWN, Units, is_time
-from consistent_id.recordings.recording import COMMANDS
+from consistent_id.recordings.readers.units import (
+    KNOWN,
+    RATE,
+    Units,
+    clock_columns,
+    is_time,
+    split_clock,
+)
+from consistent_id.recordings.recording import COMMANDS, unit_option
 from consistent_id.recordings.unnamed_columns import is_clock, without_names
 from consistent_id.robot.parameters import did_you_mean
 
@@ -48,6 +57,9 @@ _WITHOUT_TORQUE = (
 )
 
 GAINS = "KP,KD"  # in place of values that no log contains
+_COUNTERS = {"seq", "index", "idx", "frame", "count", "counter", "sample", "samples"}
+_COUNTERS |= {"id", "nr", "no", "row", "unnamed", "episode"}  # rise evenly, too
+_MOST_READ = 50  # columns that may be a clock
 _CLOCKS = {"time", "timestamp", "timestamps", "stamp", "clock", "t"}
 
 _EXAMPLES = {
@@ -108,9 +120,10 @@ class KnownColumns:
     all_joints : tuple of str
         All joints in their order, if some are locked and not among `joints`: numbered
         columns may include them.
-    chains : mapping of int to sequence of str, optional
-        For a robot with branches, the only chain of a number of joints: if the log has
-        this number of columns, the message proposes to lock the others.
+    rows : mapping of int to sequence of sequence of str, optional
+        For each number of joints, the rows of joints that a log with so many columns
+        may have, the likeliest first: the message proposes to lock the others.  By
+        default the first joints.
     taken : collection of str
         Names that belong to no joint, such as those of a floating base.
     arrays : Columns, optional
@@ -128,7 +141,7 @@ class KnownColumns:
     currents: bool = False
     commands: bool = False
     all_joints: tuple[str, ...] = ()
-    chains: Mapping[int, Sequence[str]] | None = None
+    rows: Mapping[int, Sequence[Sequence[str]]] | None = None
     taken: Collection[str] = ()
     arrays: Columns | None = None
     topic: str | None = None
@@ -152,15 +165,11 @@ class KnownColumns:
         def others(joints: Iterable[str]) -> tuple[str, ...]:
             return tuple(names.get(joint, joint) for joint in joints)
 
-        chains = self.chains
-        if chains:
-            chains = {number: others(chain) for number, chain in chains.items()}
         return replace(
             self,
             joints=others(self.joints),
             torque_joints=others(self.torque_joints),
             all_joints=others(self.all_joints),
-            chains=chains,
         )
 
 
@@ -196,7 +205,7 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
     in_file = known.names is None
     names = column_names(log) if known.names is None else known.names
     if in_file and lacks_names(names):
-        raise without_names(log, names, joints, tuple(known.channels))
+        raise without_names(log, names, joints, known.channels, known.rows)
     flat = in_file and len(joints) > 1 and has_no_arrays(log, names)
     names = [name for name in names if name not in known.taken]
     if "time" not in known.channels:
@@ -218,11 +227,15 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
             where = joints if channel == "position" else moved
             raise _not_found(log, channel, names, where, known)
         best, *others = patterns
+        if in_file and best.is_array and channel == "position":
+            _require_width(log, best.text, moved, known.rows)
         found = _with(found, channel, best)
         if channel == "position":
             moved = best.joints
         elif channel == "torque" and best.joints != moved and not known.torque_joints:
             found = replace(found, torque_joints=best.joints)
+        if channel == "position" and is_bare(best.text):
+            notes.append(f"{best.text} is taken as the position: no other column is")
         if also := _rivals(best, others):
             notes.append(f"{channel} is read from {best.text}, not from {also}")
     return ColumnGuess(found, moved, tuple(notes))
@@ -311,17 +324,41 @@ def _with(columns: Columns, channel: str, pattern: _NamePattern) -> Columns:
 
 def _time(log: Path, names: Sequence[str], *, in_file: bool) -> str:
     """Return the name of the clock; else the only like it whose numbers rise evenly."""
+    split = split_clock(names)
     found = [name for name in names if is_time(name)]
-    if found:
+    if found and (split is None or min(found, key=len) not in clock_columns(split)):
         return min(found, key=len)
+    if split is not None:
+        return split
     likely = [name for name in names if in_file and words(name) & _CLOCKS]
     read = reader_of(log).read_arrays(log, likely) if likely else {}
     rising = [n for n in likely if is_clock(np.asarray(read[n], float).reshape(-1))]
     if len(rising) == 1:
         return rising[0]
-    raise RecordingError(
-        f"{log}: no column is named time, t or timestamp; the log has {shown(names)}. "
-        "Name it: --time NAME"
+    raise _without_clock(log, names, in_file=in_file)
+
+
+def _without_clock(log: Path, names: Sequence[str], *, in_file: bool) -> RecordingError:
+    """Return an error that proposes columns that rise like a clock, or a rate."""
+    said = f"{log}: no column is named time, t or timestamp; the log has {shown(names)}"
+    likely = [n for n in names if not channel_of(n) and not words(n) & _COUNTERS]
+    likely = likely[:_MOST_READ] if in_file else []
+    read = reader_of(log).read_arrays(log, likely) if likely else {}
+    columns = {name: np.asarray(values).reshape(-1) for name, values in read.items()}
+    rising = [n for n, c in columns.items() if c.dtype.kind in "iuf" and is_clock(c)]
+    if rising:
+        unit = unit_option(columns[rising[0]].astype(np.float64))
+        options = f"--time {shlex.quote(rising[0])} {unit}".strip()
+        which = f"{rising[0]} is" if len(rising) > 1 else "it is"
+        return RecordingError(
+            f"{said}. {', '.join(rising)}: numbers that rise evenly. If {which} the "
+            f"clock: {options}",
+            options=options,
+        )
+    return RecordingError(
+        f"{said}. Name it: --time NAME; or, if it has none and its samples are evenly "
+        f"spaced, state their rate: --time {RATE} (such as 1000Hz)",
+        options=f"--time {RATE}",
     )
 
 
@@ -385,6 +422,8 @@ def _patterns_of(
                 pattern = _by_number(run, joints, every)
                 found.setdefault(pattern.text, pattern)
     fitting = [p for p in found.values() if fits(p.text)]
+    if not fitting and channel == "position":
+        fitting = [p for p in found.values() if is_bare(p.text)]
     if not fitting and len(own_names(names, channel)) != max(len(joints), 2):
         fitting = [
             _NamePattern(name, tuple(joints), is_array=True)
@@ -460,8 +499,10 @@ def _not_found(
         more = mapping_advice(own, joints)
         options = mapping_option(own, joints)
     elif others:
-        options = _locked(others[0], joints, known.chains)
-        more = _of_another_number(others[0], joints, options)
+        options = _locked(len(others[0]), joints, known.rows)
+        more = _of_another_number(
+            f"{others[0]} are", len(others[0]), joints, known.rows
+        )
     elif channel == "torque" and (currents := _patterns("current", names, joints)):
         more = (
             f" {currents[0].text} are motor currents: convert them to torque with "
@@ -486,6 +527,12 @@ def _not_found(
             f"{known.channels['position_command']}: --gains KP,KD[,LIMIT] ..."
         )
         options = f"--gains {GAINS} --bodies model"
+    elif channel == "torque" and (unknown := _unknown(runs, joints)):
+        options = unknown.option("torque")
+        more = (
+            f" Of the columns without a known word, only {unknown} are as many as the "
+            f"joints: if they are torques or motor currents: {options}"
+        )
     elif not any(joint in name for joint in joints for name in names):
         more = " If the log has other names of joints: --names NAME=JOINT ..."
     flag = channel.replace("_", "-")
@@ -497,6 +544,14 @@ def _not_found(
     )
 
 
+def _unknown(
+    runs: Sequence[NumberedColumns], joints: Sequence[str]
+) -> NumberedColumns | None:
+    """Return the only columns, one for each joint, whose names say nothing known."""
+    several = [r for r in runs if len(r) == len(joints) and says_nothing(r.pattern)]
+    return several[0] if len(several) == 1 else None
+
+
 def _of_controllers(names: Sequence[str], joints: Sequence[str]) -> str:
     """Return a sentence on torques that a controller computes; empty of none."""
     for run in numbered_columns(names):
@@ -504,36 +559,67 @@ def _of_controllers(names: Sequence[str], joints: Sequence[str]) -> str:
         if len(run) == len(joints) and {"target", "moment"} <= said:
             return (
                 f" {run} are computed by the controller, not measured: they return the "
-                f"maker's own model of the arm (--torque {run.before}"
-                f"{{{'number' if run.first else 'index'}}}{run.after})"
+                f"maker's own model of the arm ({run.option('torque')})"
             )
     return ""
 
 
-def _locked(
-    run: NumberedColumns,
+def _require_width(
+    log: Path,
+    name: str,
     joints: Sequence[str],
-    chains: Mapping[int, Sequence[str]] | None,
+    rows: Mapping[int, Sequence[Sequence[str]]] | None,
+) -> None:
+    """Refuse an array that has columns of fewer or more joints."""
+    shape = np.shape(reader_of(log).read_arrays(log, [name])[name])
+    if len(shape) != 2 or len(joints) in shape:
+        return
+    options = _locked(min(shape), joints, rows)
+    raise RecordingError(
+        f"{log}: array {name!r} has shape {shape}."
+        f"{_of_another_number('These are', min(shape), joints, rows)}",
+        options=options,
+    )
+
+
+def _likely(
+    number: int,
+    joints: Sequence[str],
+    rows: Mapping[int, Sequence[Sequence[str]]] | None,
+) -> Sequence[Sequence[str]]:
+    """Return the joints that a log of so many may have, the likeliest first."""
+    return (joints[:number],) if rows is None else rows.get(number, ())
+
+
+def _locked(
+    number: int,
+    joints: Sequence[str],
+    rows: Mapping[int, Sequence[Sequence[str]]] | None,
 ) -> str:
     """Return the option that locks joints which a log does not have; empty if open."""
-    if len(run) > len(joints):
+    if number > len(joints):
         return ""
-    moved = joints[: len(run)] if chains is None else chains.get(len(run), ())
+    moved, *_ = _likely(number, joints, rows) or ((),)
     rest = [joint for joint in joints if joint not in moved]
     return f"--lock {shlex.join(rest)}" if moved else ""
 
 
-def _of_another_number(run: NumberedColumns, joints: Sequence[str], lock: str) -> str:
+def _of_another_number(
+    what: str,
+    number: int,
+    joints: Sequence[str],
+    rows: Mapping[int, Sequence[Sequence[str]]] | None,
+) -> str:
     """Return advice if a log has columns of another number of joints."""
-    said = (
-        f" {run} are {len(run)} columns, the robot has {len(joints)} joints that move"
-    )
-    if len(run) > len(joints):
+    said = f" {what} {number} columns, the robot has {len(joints)} joints that move"
+    if number > len(joints):
         return f"{said}."
-    if not lock:
+    ends = [f"{row[0]} to {row[-1]}" for row in _likely(number, joints, rows)]
+    if not ends:
         return (
             f"{said}: name the joints at rest: --lock JOINT ... (or --base, --tip LINK)"
         )
-    moved = [joint for joint in joints if joint not in shlex.split(lock)]
-    ends = f"those from {moved[0]} to {moved[-1]}"
-    return f"{said}: if the log has {ends}, lock the others: {lock}"
+    lock = _locked(number, joints, rows)
+    also = ", ".join(f"those from {pair}" for pair in ends[1:])
+    also = f" ({also} explain the torque as well)" if also else ""
+    return f"{said}: if the log has those from {ends[0]}{also}, lock the others: {lock}"

@@ -42,6 +42,11 @@ class NumberedColumns:
         """The pattern without its number, for words and units."""
         return f"{self.before}{{number}}{self.after}"
 
+    def option(self, channel: str) -> str:
+        """Return the option that names these columns of a channel."""
+        place = "{number}" if self.first else "{index}"
+        return f"--{channel} {shlex.quote(f'{self.before}{place}{self.after}')}"
+
     def name(self, place: int) -> str:
         """Return the name at an index, from 0."""
         return f"{self.before}{self.first + place}{self.after}"
@@ -165,7 +170,7 @@ def _own_names(names: tuple[str, ...], channel: str) -> tuple[str, ...]:
             groups[mark, ""].append(name.removeprefix(mark))
     found = max(groups.values(), key=len, default=[])
     own = _without_common_start(found) if len(found) > 1 else ()
-    return () if any(name.isdigit() for name in own) else own
+    return () if any(_letters(name).isdigit() for name in own) else own
 
 
 def _without_common_start(names: Sequence[str]) -> tuple[str, ...]:

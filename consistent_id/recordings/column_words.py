@@ -25,23 +25,30 @@ _WORDS = {
     channel: tuple(frozenset(phrase.split()) for phrase in phrases.split(", "))
     for channel, phrases in {
         "position": "q, pos, position, positions, ang, angle, angles, theta, qpos, "
-        "observation state, axis act, feedback joints",
-        "velocity": "dq, qd, qdot, vel, velocity, velocities, speed, dtheta, qvel",
-        "torque": "tau, trq, torq, torque, torques, moment, moments, effort, efforts, "
-        "qfrc actuator, actuator force",
+        "jpos, observation state, axis act, feedback joints",
+        "velocity": "dq, qd, qdot, vel, velocity, velocities, speed, speeds, dtheta, "
+        "thetadot, qvel, jvel",
+        "torque": "tau, trq, torq, torque, torques, moment, moments, eff, effort, "
+        "efforts, jts, qfrc actuator, actuator force",
     }.items()
 }
-_CURRENT = {"current", "currents", "cur", "amp", "amps", "ampere", "amperes", "i", "iq"}
+_CURRENT = {"current", "currents", "cur", "curr", "amp", "amps", "ampere", "amperes"}
+_CURRENT |= {"i", "iq"}
 _COMMANDED = {"target", "desired", "des", "cmd", "command", "commanded", "ref"}
 _COMMANDED |= {"reference", "setpoint", "goal"}
 _COMMANDS = {f"{short}{word}" for short in ("q", "pos", "p") for word in _COMMANDED}
 _COMMANDS |= {"aspos"}  # KUKA
 _COMMANDED |= {"d"}
-_OTHER = {"error", "limit", "action", "ext", "external", "computed"}
+_OTHER = {"error", "err", "limit", "action", "ext", "external", "computed", "residual"}
+_OTHER |= {"ddot", "acc", "accel", "acceleration", "accelerations", "jerk", "std"}
+_OTHER |= {"gravity", "coriolis", "temperature", "voltage"}
+_RATE = {"dot"}  # of a position: its velocity
 _STATE = {"observation", "state"}  # LeRobot
 _MEASURED = {"observation", "state", "actual"}
 _DEGREES = ({"ai", "pos"}, {"axis", "act"}, {"feedback", "joints"})  # KUKA, ABB
 _KORTEX = {"actuators"}  # Kinova's feedback, in degrees and degrees per second
+_BARE = {"j", "jnt", "joint", "joints", "axis", "axes", "ax", "achse", "a", "dof"}
+_BARE |= {"actual", "act", "measured", "deg", "degs", "degree", "degrees", "rad", "mm"}
 _ANGULAR = {"ang", "angle", "angles", "angular"}  # of a velocity, they say of what
 
 # Of a base and of contacts.
@@ -140,12 +147,12 @@ def _states(names: tuple[str, ...]) -> tuple[str, ...]:
 def _fitting(said: frozenset[str]) -> list[str]:
     """Return the channels that have a phrase of the words; many names have the same.
 
-    An angular velocity is a velocity.
+    An angular velocity is a velocity, and so is the rate of a position, ``q_dot``.
     """
     fits = [c for c in CHANNELS if any(phrase <= said for phrase in _WORDS[c])]
-    return (
-        ["velocity"] if fits == ["position", "velocity"] and _ANGULAR & said else fits
-    )
+    rate = fits == ["position"] and _RATE & said
+    angular = fits == ["position", "velocity"] and _ANGULAR & said
+    return ["velocity"] if rate or angular else fits
 
 
 def channel_of(pattern: str, names: Iterable[str] = ()) -> str:
@@ -190,6 +197,32 @@ def channel_of(pattern: str, names: Iterable[str] = ()) -> str:
     if {"vel", "axis", "act"} <= said or len(fits) != 1:
         return ""
     return fits[0]
+
+
+def is_bare(pattern: str) -> bool:
+    """Return whether a pattern names a joint or an axis, perhaps a unit, and no more.
+
+    Robots' makers call positions so: ``J1``, ``A1``, ``Joint 1 [deg]``.
+
+    Examples
+    --------
+    >>> is_bare("J{number}[deg]"), is_bare("{joint}"), is_bare("J{number} load")
+    (True, True, False)
+    """
+    return words(pattern) <= _BARE
+
+
+def says_nothing(pattern: str) -> bool:
+    """Return whether no word of a pattern is known, of a channel or of another thing.
+
+    Examples
+    --------
+    >>> says_nothing("Ist_{number}"), says_nothing("q_err_{number}")
+    (True, False)
+    """
+    said = words(pattern)
+    known = said & (_CURRENT | _COMMANDED | _COMMANDS | _OTHER | _BASE | _FLAG)
+    return not (known or _fitting(frozenset(said)) or is_bare(pattern))
 
 
 def is_current(pattern: str) -> bool:

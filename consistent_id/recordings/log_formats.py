@@ -111,6 +111,17 @@ TABLES = LogFormat("folder of tables", (), "table_folder", folders=True)
 _TABLES = (".csv", ".tsv", ".txt", ".dat", ".parquet", ".feather", ".arrow")
 _BAGS = (".mcap", ".db3", ".bag")
 
+ROS_BAG = LogFormat(
+    "ROS bag",
+    (".mcap", ".db3", ".bag"),
+    "bag",
+    "rosbags",
+    extra="ros",
+    holds="joint states",
+    lists_names=False,
+    folders=True,
+)
+
 LOG_FORMATS = (
     LogFormat(
         "CSV", (".csv", ".tsv", ".txt", ".dat"), "csv", streams=True, is_text=True
@@ -118,22 +129,22 @@ LOG_FORMATS = (
     LogFormat("Parquet", (".parquet",), "parquet", *_ARROW, streams=True),
     LEROBOT,
     LogFormat("Feather", (".feather", ".arrow"), "feather", *_ARROW, streams=True),
-    LogFormat("NPZ", (".npz",), "npz"),
+    LogFormat("NPZ", (".npz", ".npy"), "npz"),
+    LogFormat("JSON", (".json", ".jsonl", ".ndjson"), "json_records"),
     HDF5,
     LogFormat("MATLAB", (".mat",), "mat", streams=True),
     LogFormat("PyTorch", (".pt", ".pth"), "pytorch"),
     TABLES,
-    LogFormat(
-        "ROS bag",
-        (".mcap", ".db3", ".bag"),
-        "bag",
-        "rosbags",
-        extra="ros",
-        holds="joint states",
-        lists_names=False,
-        folders=True,
-    ),
+    ROS_BAG,
 )
+
+_PICKLED = "a pickle can run any code and is not read; save the arrays with numpy.savez"
+_UNREAD = {  # suffixes of logs that people have, and what to do
+    **dict.fromkeys((".pkl", ".pickle"), f"{_PICKLED}, or a frame with to_parquet"),
+    ".joblib": _PICKLED,
+    **dict.fromkeys((".gz", ".zip", ".xz", ".bz2", ".7z"), "unpack it first"),
+    **dict.fromkeys((".xlsx", ".xls", ".ods"), "save the sheet as CSV"),
+}
 
 
 def log_format(path: Path) -> LogFormat:
@@ -153,11 +164,13 @@ def log_format(path: Path) -> LogFormat:
         if known.folders if path.is_dir() else suffix in known.suffixes:
             if known not in (LEROBOT, TABLES):
                 return known
+    if advice := _UNREAD.get(suffix):
+        raise RecordingError(f"{path}: {advice}")
     suffixes = (suffix for known in LOG_FORMATS for suffix in known.suffixes)
-    folders = (f"a {known.name}'s folder" for known in LOG_FORMATS if known.folders)
+    folders = (f"the folder of a {k.name}" for k in (LEROBOT, ROS_BAG))
     raise RecordingError(
         f"{path}: cannot read {path.suffix or 'files without a suffix'}, expected one "
-        f"of {', '.join([*suffixes, *folders])}"
+        f"of {', '.join([*suffixes, *folders])}, a folder of tables"
     )
 
 

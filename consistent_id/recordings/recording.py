@@ -37,6 +37,27 @@ _CHANNELS = (*_MEASURED, *COMMANDS)
 Severity = Literal["fault", "warning", "note"]
 
 
+_USUAL_STEP = (5e-5, 0.5)  # s, between samples of a robot's log
+
+
+def unit_option(time: Vector) -> str:
+    """Return the option with the unit in which a clock has usual steps; empty for s.
+
+    Examples
+    --------
+    >>> unit_option(np.array([0.0, 4.0, 8.0])), unit_option(np.array([0.0, 0.004]))
+    ('--units time=ms', '')
+    """
+    with np.errstate(over="ignore"):
+        step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    if step <= _USUAL_STEP[1]:
+        return ""
+    for unit, factor in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
+        if _USUAL_STEP[0] <= factor * step <= _USUAL_STEP[1]:
+            return f"--units time={unit}"
+    return ""
+
+
 class SampleError(RecordingError):
     """Samples have values that no robot wrote; readers add the place in the file."""
 
@@ -115,8 +136,8 @@ class Recording:
     torque_command : array_like, shape (samples, joints), optional, [N m or N]
         Feed-forward torque; `commanded` computes the torque from commands.
     torque_filter : TorqueFilter, optional
-        If torque and wrenches are low-passed: the filter, and what they were before.
-        Set by `low_passed` and `decimated`; `build_regression` filters its rows alike.
+        If torque and wrenches are low-passed: the filter, and their values before. Set
+        by `low_passed` and `decimated`; `build_regression` filters its rows alike.
 
     Raises
     ------
@@ -201,6 +222,7 @@ class Recording:
             raise SampleError(
                 f"{self.name}: time of sample {bad} is {time[bad]:.3g} s, expected "
                 f"seconds. State the unit: --units us (or ms, ns)",
+                options=unit_option(time),
             )
         steps = np.diff(time)
         if (steps <= 0.0).any():

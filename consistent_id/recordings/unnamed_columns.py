@@ -1,4 +1,4 @@
-"""Columns without names: what they may be, by their numbers alone.
+"""Columns without names: their possible channels, by their numbers alone.
 
 A clock rises in steps of about one length.  Columns that follow each other are a block,
 one for each joint; a block is a velocity if it is the rate of change of another, which
@@ -7,7 +7,7 @@ the first other block is proposed, and the rest are named.
 """
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_names import shown
 from consistent_id.recordings.readers.recording_file import reader_of
+from consistent_id.recordings.readers.units import RATE, rate_of
 
 _UNEVEN = 20.0  # longest step over the median one, of a clock
 _REPEATED = 4  # most rows with one stamp
@@ -45,41 +46,101 @@ class ColumnLayout:
     torque: int | None = None
     others: tuple[int, ...] = ()
 
+    def without_clock(self) -> "ColumnLayout":
+        """Return the layout of the table without the first column, a clock."""
+
+        def less(first: int | None) -> int | None:
+            return None if first is None else first - 1
+
+        places = less(self.position), less(self.velocity), less(self.torque)
+        others = tuple(first - 1 for first in self.others)
+        return ColumnLayout(self.joints, None, *places, others)
+
     def block(self, first: int) -> str:
         """Return the pattern of a block."""
         return f"column{{{first}..{first + self.joints - 1}}}"
 
 
 def without_names(
-    log: Path, names: Sequence[str], joints: Sequence[str], known: Sequence[str]
+    log: Path,
+    names: Sequence[str],
+    joints: Sequence[str],
+    known: Mapping[str, str],
+    rows: Mapping[int, Sequence[Sequence[str]]] | None = None,
 ) -> RecordingError:
-    """Return an error that proposes what the columns of a headerless file are."""
+    """Return an error that proposes what the columns of a headerless file are.
+
+    Parameters
+    ----------
+    known : mapping of str to str
+        Columns by channel that are stated already.
+    rows : mapping of int to sequence of sequence of str, optional
+        See `guess_columns`: the file may have fewer joints than the robot.
+    """
     read = reader_of(log).read_arrays(log, names)
-    layout = column_layout(np.column_stack([read[n] for n in names]), len(joints))
+    table = np.column_stack([read[n] for n in names])
+    rate = rate_of(known.get("time", ""))
+    layout = _likely_layout(table, len(joints), rate, rows)
     said = (
         f"{log} has no header: its {len(names)} columns are called {names[0]} to "
         f"{names[-1]}"
     )
-    if layout.time is None:
+    if layout.time is None and rate is None:
         return RecordingError(
             f"{said}, and none of them rises like a clock. Add a column of times [s] "
-            "and a header, such as time,q1,q2,tau1,tau2"
+            "and a header, such as time,q1,q2,tau1,tau2; or, if samples are evenly "
+            f"spaced, state their rate: --time {RATE} (such as 1000Hz)",
+            options=f"--time {RATE}",
         )
-    options = layout_options(layout, known)
+    options = layout_options(layout, tuple(known))
+    clock = f"the clock is {known.get('time')}"
+    if layout.time is not None:
+        clock = f"column{layout.time} rises like a clock"
     if not options:
         return RecordingError(
-            f"{said}. column{layout.time} rises like a clock; the others are not "
-            f"position and torque of {shown(joints)}. Name them: --time, --position, "
-            "--torque, with a range such as column{2..7}"
+            f"{said}. {clock[0].upper()}{clock[1:]}; the others are not position and "
+            f"torque of {shown(joints)}. Name them: --time, --position, --torque, with "
+            "a range such as column{2..7}"
         )
-    rate = " (a velocity is the rate of change of its position)"
+    whose = "the joints in the robot's order"
+    if layout.joints < len(joints):
+        moved = joints[: layout.joints] if rows is None else rows[layout.joints][0]
+        rest = [joint for joint in joints if joint not in moved]
+        options = f"--lock {shlex.join(rest)} {options}"
+        whose = f"{shown(moved)} in the robot's order, the other joints at rest"
+    velocity = " (a velocity is the rate of change of its position)"
     others = ", ".join(map(layout.block, layout.others))
     more = f"; {others} may be it as well" if others else ""
     return RecordingError(
-        f"{said}. From their numbers{rate if layout.velocity else ''}, the joints in "
-        f"the robot's order, with the first other block as the torque{more}: {options}",
+        f"{said}. From their numbers{velocity if layout.velocity else ''}, {whose}, "
+        f"with the first other block as the torque{more}: {options}",
         options=options,
     )
+
+
+def _likely_layout(
+    table: Matrix,
+    joints: int,
+    rate: float | None,
+    rows: Mapping[int, Sequence[Sequence[str]]] | None,
+) -> ColumnLayout:
+    """Return the layout of so many joints, or of fewer if only they fit the columns.
+
+    They fit if a velocity is found and blocks fill the table.
+    """
+    if rate is not None:
+        table = np.column_stack([np.arange(len(table)) / rate, table])
+    fewer = range(joints - 1, 1, -1) if rows is None else sorted(rows)[::-1]
+    found = None
+    for number in [joints, *(n for n in fewer if 1 < n < joints)]:
+        layout = column_layout(table, number)
+        found = found or layout
+        first = layout.time or 0
+        if layout.velocity and (table.shape[1] - first) % number == 0:
+            found = layout
+            break
+    found = found or column_layout(table, joints)
+    return found if rate is None else found.without_clock()
 
 
 def column_layout(values: Matrix, joints: int) -> ColumnLayout:

@@ -282,7 +282,7 @@ def _part_in_row_space(A: Matrix) -> Vector:
 
 @dataclass(frozen=True, slots=True)
 class ConditionNumber:
-    """A condition number with what it is of; without that it means nothing.
+    """A condition number with its matrix in words; without them it means nothing.
 
     Parameters
     ----------

@@ -38,16 +38,15 @@ from consistent_id.regression.model_errors import (
     BlockPart,
     JointFit,
     LackingTerms,
-    NoisyRows,
     block_part,
     block_ratio,
     joint_fit,
-    joint_rows,
     lacking_factors,
     lacking_ratio,
     lacking_terms,
 )
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.row_structure import NoisyRows, joint_rows
 
 SHOWN = 2**14
 """Rows of a recording whose residuals show how noise is correlated."""

@@ -5,14 +5,14 @@ The encoder sits at the motor, which is at ``theta``; the link is off by ``delta
 ``tau = drive(theta) + body(theta + delta)``,
 ``body(theta + delta) + d delta' + k delta = 0``.
 
-Rotor and friction of the drive move with the motor, bodies with the link.  What it
-takes to move bodies as the links do, less what it would take as the motors do, is no
-part of a rigid robot's torque.  Taken out of the recorded torque, it leaves that of the
-same robot without springs, which all else is about.
+Rotor and friction of the drive move with the motor, bodies with the link.  The torque
+that moves bodies as the links do, less the torque that would move them as the motors
+do, is no part of a rigid robot's torque.  Without it, the recorded torque is that of
+the same robot without springs, which all other rooms assume.
 
 Bodies vibrate on their springs, so ``delta`` follows from the motion of motors by a
 differential equation: linear, with the mass matrix of the mean position, solved mode by
-mode; what bodies' torque has besides stands on its other side, from the round before.
+mode; all other torque of the bodies is on its right-hand side, from the round before.
 """
 
 from dataclasses import replace

@@ -185,7 +185,7 @@ def pulled_solution(A: Matrix, point: Vector, weight: float) -> Vector:
 
 
 def null_space(rows: Matrix, tolerance: float) -> Matrix:
-    """Return an orthonormal basis of what rows, made of unit size, do not see."""
+    """Return an orthonormal basis of the null space of rows, made of unit size."""
     if not rows.any():
         return np.eye(rows.shape[1])
     _, s, Vt = np.linalg.svd(rows / column_sizes(rows.T)[:, None])

@@ -20,13 +20,13 @@ them explain ``k`` by noise alone.  The parameters move by ``d`` with them
 The terms are not added to the estimate: a term that helps it would have been selected.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
+from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.laws import (
     Coulomb,
@@ -41,14 +41,14 @@ from consistent_id.regression.drive.laws import (
 from consistent_id.regression.drive.term import DriveTerm
 from consistent_id.regression.linear import DATA_RANK_TOLERANCE, triangle
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.row_structure import row_structure
+from consistent_id.regression.row_structure import NoisyRows
 
 BLOCKS = 10
 """Blocks of a recording whose scores show errors of the model: fewer scatter, more are
 as short as the noise's correlation."""
 
 LEFT = 0.05
-"""Least share of what it is fitted to that a fit is taken to leave."""
+"""Least share of its data that a fit is assumed to leave as residuals."""
 
 _MEDIAN = 0.927
 """Median of ``chi^2 / n`` for the ``n = BLOCKS - 1`` freedoms of a variance."""
@@ -62,39 +62,6 @@ _EXACT = 1e-6  # residual, relative to the torque, that counts as none
 _FADING = 0.2  # of a joint's RMS speed, at which friction at rest fades
 _SHARP = 0.05  # the same, at which dry friction changes its sign
 _BEYOND = 1e-2  # least part of a term that the model's own columns must leave
-
-
-class NoisyRows(Protocol):
-    """Rows along one recording, such as a `Motion`."""
-
-    @property
-    def q(self) -> Matrix:
-        """Positions, shape (rows, joints)."""
-
-    @property
-    def dq(self) -> Matrix:
-        """Velocities, shape (rows, joints)."""
-
-    @property
-    def mixed(self) -> bool:
-        """See `Motion.mixed`."""
-
-    def samples(self, start: int, stop: int) -> "NoisyRows":
-        """Return consecutive rows."""
-
-    def counts(self) -> IntArray:
-        """See `Motion.counts`."""
-
-    def noise_lost(self) -> Vector:
-        """See `Motion.noise_lost`."""
-
-    def rows(
-        self, model: TorqueModel, kept: Sequence[IntArray]
-    ) -> Iterator[tuple[slice, Sequence[Matrix]]]:
-        """See `Motion.rows`."""
-
-    def drive_columns(self, terms: DriveTerms, joint: int, row: int) -> Matrix:
-        """See `Motion.drive_columns`."""
 
 
 class JointFit(NamedTuple):
@@ -145,25 +112,6 @@ def joint_fit(factors: Sequence[Matrix], counts: Sequence[int]) -> JointFit:
         rest = np.array([np.linalg.norm(F @ z) for F in factors]) / size
         noise = np.maximum(rest, floor)
     return JointFit(x, noise, weights, steps)
-
-
-def joint_rows(
-    model: TorqueModel, motion: NoisyRows
-) -> Iterator[tuple[Matrix, Matrix]]:
-    """Yield each joint's rows with torque, and how all parameters act on them.
-
-    Rows have the columns that are kept of the joint; times ``expand @ x``, they are the
-    torque of parameters ``x``.
-    """
-    structure = row_structure(model, mixed=motion.mixed)
-    columns = [kept for kept, _ in structure]
-    n = len(motion.q)
-    of_joints = [np.empty((n, len(kept) + 1), order="F") for kept in columns]
-    for part, blocks in motion.rows(model, columns):
-        for rows, block in zip(of_joints, blocks, strict=True):
-            rows[part] = block
-    for rows, (_, expand) in zip(of_joints, structure, strict=True):
-        yield rows, expand
 
 
 class BlockPart(NamedTuple):

@@ -4,8 +4,8 @@ A joint that turns leaves the motion behind it as the link before sees it.  In t
 of its own link, with the joint's axis ``e``, the motion ``(w, dw, a)`` then changes by
 ``(w x e, dw x e, a x e)``.  A joint that slides changes ``a`` alone, by ``W e``.
 Changes are carried outwards like the motion itself, and change the wrenches ``f`` and
-``n`` of links.  Changes of wrenches are carried inwards; beyond the joint, what it
-passes on turns or moves as well.  Links that it does not carry take no part.
+``n`` of links.  Changes of wrenches are carried inwards; beyond the joint, the wrench
+that it passes on turns or moves as well.  Links that it does not carry take no part.
 """
 
 from collections.abc import Sequence
@@ -221,7 +221,7 @@ def _beyond(
     passed: tuple[Vec, Vec],
     change: tuple[Vec, Vec],
 ) -> tuple[Vec, Vec]:
-    """Return the slope of what a joint passes on, over its own position."""
+    """Return the derivative of a joint's passed-on wrench by its own position."""
     axis = axis_of(joint)
     if not joint.slides:
         f, n = (

@@ -437,8 +437,8 @@ class TorqueModel:
     ) -> Array:
         """Return torques of bodies alone, shape (samples, torque joints), [N m or N].
 
-        With bodies known, Newton and Euler's forces take a fraction of what the
-        coefficients of all parameters do.
+        With known bodies, Newton and Euler's forces take a fraction of the time that
+        the coefficients of all parameters take.
 
         Parameters
         ----------

@@ -99,6 +99,39 @@ class RowModel(Protocol):
         """Yield ``(samples, rows)`` of some columns, piece by piece."""
 
 
+class NoisyRows(Protocol):
+    """Rows along one recording, such as a `Motion`."""
+
+    @property
+    def q(self) -> Matrix:
+        """Positions, shape (rows, joints)."""
+
+    @property
+    def dq(self) -> Matrix:
+        """Velocities, shape (rows, joints)."""
+
+    @property
+    def mixed(self) -> bool:
+        """See `Motion.mixed`."""
+
+    def samples(self, start: int, stop: int) -> "NoisyRows":
+        """Return consecutive rows."""
+
+    def counts(self) -> IntArray:
+        """See `Motion.counts`."""
+
+    def noise_lost(self) -> Vector:
+        """See `Motion.noise_lost`."""
+
+    def rows(
+        self, model: TorqueModel, kept: Sequence[IntArray]
+    ) -> Iterator[tuple[slice, Sequence[Matrix]]]:
+        """See `Motion.rows`."""
+
+    def drive_columns(self, terms: DriveTerms, joint: int, row: int) -> Matrix:
+        """See `Motion.drive_columns`."""
+
+
 class RandomStates(NamedTuple):
     """Random states of joints, shape (samples, joints), and of a floating base."""
 
@@ -235,6 +268,25 @@ def row_structure(
         expand[range(len(kept), len(expand)), drive] = 1.0
         structure.append((np.array([*kept, *drive], dtype=np.intp), expand))
     return tuple(structure * count if mixed else structure)
+
+
+def joint_rows(
+    model: TorqueModel, motion: NoisyRows
+) -> Iterator[tuple[Matrix, Matrix]]:
+    """Yield each joint's rows with torque, and how all parameters act on them.
+
+    Rows have the columns that are kept of the joint; times ``expand @ x``, they are the
+    torque of parameters ``x``.
+    """
+    structure = row_structure(model, mixed=motion.mixed)
+    columns = [kept for kept, _ in structure]
+    n = len(motion.q)
+    of_joints = [np.empty((n, len(kept) + 1), order="F") for kept in columns]
+    for part, blocks in motion.rows(model, columns):
+        for rows, block in zip(of_joints, blocks, strict=True):
+            rows[part] = block
+    for rows, (_, expand) in zip(of_joints, structure, strict=True):
+        yield rows, expand
 
 
 def _pivoted_columns(W: Matrix) -> tuple[list[int], Matrix]:

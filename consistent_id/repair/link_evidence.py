@@ -21,19 +21,19 @@ from consistent_id.robot.inertia import second_moments
 from consistent_id.robot.loaders.xml import Element
 
 SCALE = 0.43  # of ln(second moments over those of the solid), mean of three
-FORM = 0.34  # of the same, entries of what differs from the mean
+FORM = 0.34  # of the same, entries of the differences from the mean
 DENSITY = 0.67  # of ln(density over the usual one) of the hull
 USUAL_DENSITY = 990.0  # [kg/m^3]; median of mass over volume of the hull
 LOOSE_DENSITY = 1.0  # of the same, of the ellipsoid with the same second moments
 RATIO = 1.2  # of ln(largest second moment over smallest), per axis, without shapes
 PRODUCT = 0.06  # of a product of inertia over its diagonal entries
 _FREEDOM = 3.0
-_FLOOR = 1e-6  # of the largest second moment; what is thinner is a plate or a rod
+_FLOOR = 1e-6  # of the largest second moment; thinner bodies are plates or rods
 _VANISHING = 1e-30  # of the solid's; keeps logarithms finite
 _DIGITS = 1e-6  # of the largest entry: twins state the same digits
 
 _DIRECTIONS = 400  # in which a shape's farthest point is taken: hulls to about 1 %
-_FLAT = 1e-4  # least thickness over size; what is thinner has no volume to speak of
+_FLAT = 1e-4  # least thickness over size; thinner shapes have hardly any volume
 
 
 @dataclass(frozen=True, slots=True, eq=False)

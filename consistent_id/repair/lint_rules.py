@@ -103,7 +103,7 @@ class DescribedRobot:
 _BEYOND_SHAPES = 1.0  # radius of gyration over the reach: no body inside has more
 _BEYOND_JOINTS = 3.0  # relative to the distance to the joints, a rough bound
 _THIN = 100.0  # [kg/m^3]; axes may cross, but few links are as thin as this
-_POINT = 1e-6  # [m]; what is smaller has no extent
+_POINT = 1e-6  # [m]; smaller bodies have no extent
 _VANISHING = 1e-5  # of the robot's mass
 _SAME_MASS = 0.01  # relative
 _SAME_DIGITS = 1e-9  # relative

@@ -27,8 +27,7 @@ from consistent_id.repair.lint_rules import (
     probable_mistakes,
 )
 from consistent_id.robot.loaders.mjcf import compiled_body, load_mjcf, quaternion_matrix
-from consistent_id.robot.loaders.mjcf_files import mjcf_elements
-from consistent_id.robot.loaders.mjcf_spec import stand_in
+from consistent_id.robot.loaders.mjcf_spec import mjcf_elements, stand_in
 from consistent_id.robot.loaders.urdf import load_urdf
 from consistent_id.robot.loaders.urdf_in_place import inertia_matrix, numbers
 from consistent_id.robot.loaders.urdf_lint import (

@@ -40,7 +40,7 @@ from consistent_id.robot.loaders.xml import Element
 from consistent_id.robot.parameters import did_you_mean
 
 _NOISE = 1e-14  # relative
-_UNTOUCHED = 1e-9  # of the largest entry; what moves less keeps the file's digits
+_UNTOUCHED = 1e-9  # of the largest entry; entries that move less keep the file's digits
 
 
 def repair_urdf(

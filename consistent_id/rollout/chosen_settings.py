@@ -231,6 +231,7 @@ def chosen_settings(problem: Problem, start: Settings | None = None) -> Settings
     most = max(MOST, _BEYOND * start.delay)  # a stated delay is within the range
     best = _started(start, groups, problem, error)
     best = replace(best, delay=_delayed(best, candidates, [*FIRST, most], most).delay)
+    best = _with_terms(best, problem, error)
     for _ in range(_PASSES):
         before = best
         best = _climbed(best, "cutoff", _cutoffs(problem), error)
@@ -266,6 +267,22 @@ def _started(
     if table_in_form_of(problem.table, "mjcf") != problem.table:
         best = min((best, replace(best, simulated=True)), key=error)
     return min((best, replace(best, friction_slope=_names(groups))), key=error)
+
+
+def _with_terms(
+    best: Settings, problem: Problem, error: Callable[[Settings], float]
+) -> Settings:
+    """Return settings with the problem's coupled gears and springs, all, or none.
+
+    A selection by torque may have found some of them, which stand for other errors of
+    the model; rollouts of faster motion have to confirm them.
+    """
+    terms = problem.model.terms
+    if problem.table.couplings:
+        best = min((best, replace(best, couplings=False)), key=error)
+    others = [True] * (not all(one.spring for one in terms))
+    others += [False] * any(one.spring for one in terms)
+    return min((best, *(replace(best, spring=one) for one in others)), key=error)
 
 
 def _delayed(
@@ -471,7 +488,7 @@ def chosen_ridge(problem: Problem) -> RidgeChoice:
 def _errors(
     problem: Problem, learnt: Spans, other: Spans
 ) -> Iterator[tuple[float | None, float]]:
-    """Yield the errors of rollouts of one part, by what is learnt from the other.
+    """Yield the errors of rollouts of one part, by fits to the other part.
 
     One step shows whether a refinement predicts; all weights share its derivatives.
     """

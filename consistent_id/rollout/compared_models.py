@@ -31,7 +31,7 @@ _THREADS = 2
 _SPAN = 11  # samples of a cubic through positions, whose slope is where a window begins
 
 _WORKERS = 2
-_PASSES = 4  # of the search of offsets; each leaves a small share of what was left
+_PASSES = 4  # of the search of offsets; each leaves a small share of the rest
 
 
 @brief
@@ -67,6 +67,17 @@ class Rollout:
         if model not in self.open_loop:
             return "diverges"
         return f"{1e3 * _over_all([r.errors for r in self.open_loop[model]]):.2f}"
+
+    @property
+    def sentence(self) -> str:
+        """The first model's error, in words."""
+        name, replays = next(iter(self.replays.items()))
+        logs = ", ".join(replay.log.name for replay in replays)
+        return (
+            f"closed-loop replay of {logs}: {1e3 * self.rmse(name):.2f} mrad (mm), "
+            "root mean square of all joints, commands "
+            f"{1e3 * self.delay:.2f} ms late"
+        )
 
     def tables(self) -> list[Table]:
         """Return the errors of all models, and those of their joints, for people."""

@@ -120,7 +120,8 @@ class ProblemRollout:
     def tables(self) -> list[Table]:
         """Return the results for people."""
         verdict = self.estimate.verdict
-        verdict_table = Table(verdict.sentence, (), (), verdict.lines)
+        lines = (self.rollout.sentence, *verdict.lines)
+        verdict_table = Table(verdict.sentence, (), (), lines)
         tables = [verdict_table, *self.rollout.tables()]
         tables += [Table(note, (), (), ()) for note in self.notes]
         if self.form is not None:
@@ -169,6 +170,11 @@ class ProblemRollout:
             notes.append(f"equal motors of limbs that mirror each other: {groups}")
         if s.simulated:
             notes.append("only drive terms that MuJoCo has")
+        if s.spring is not None:
+            which = "all joints have" if s.spring else "no joint has"
+            notes.append(f"{which} a spring in its torque")
+        if not s.couplings:
+            notes.append("without the problem's coupled gears, which predict worse")
         notes += [f"not tried: {reason}" for reason in choice.skipped]
         title = "Settings chosen on parts of the training motion"
         return Table(title, tuple(cells), (tuple(cells.values()),), tuple(notes))
@@ -230,6 +236,8 @@ class ProblemRollout:
                 "delay_error": _known(self.settings.delay),
                 "equal_motors": [list(group) for group in s.equal_motors or ()],
                 "simulated_terms_only": s.simulated,
+                "spring": s.spring,
+                "couplings": s.couplings,
                 "skipped": list(self.settings.skipped),
                 "stiffness": {
                     joint: k

@@ -41,8 +41,8 @@ enough to be linear, and large compared with stiction.
 _WORKERS = 2
 
 _DERIVATIVE_STEP = 2.5e-3
-"""Longest time step [s] of rollouts whose differences are derivatives: what it adds to
-damping is in both.
+"""Longest time step [s] of rollouts whose differences are derivatives: the damping that
+it adds is in both.
 """
 
 STEPS = 3

@@ -2,7 +2,7 @@
 
 Torque at full duty and the inertia of rotor and gears are scales.  With a geared servo
 and a light link they may be many times those of the link alone, so they are searched by
-their logarithms.
+their logarithms, and viscous and Coulomb friction, which may be zero, by their roots.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,6 +26,9 @@ UNITS: Mapping[str, str] = {
     "outer_load": "N m/N m",
     "motor_load_stribeck": "N m/N m",
     "outer_load_stribeck": "N m/N m",
+    "motor_square": "N m/(N m)^2",
+    "outer_square": "N m/(N m)^2",
+    "stribeck_power": "1",
     "heat": "1/K",
     "delay": "s",
     "zero": "rad",
@@ -35,6 +38,7 @@ UNITS: Mapping[str, str] = {
 _WARM = 5.0  # K: least difference of temperature from which its effect is fitted
 _BORDER = 0.02  # of the box: nearer, the search ended at its border
 _SCALES = ("stall", "armature")  # searched by their logarithms
+_SQUARES = ("viscous", "coulomb")  # by their roots: they may be zero, and large
 _MIDDLE = {"zero": 0.5, "heat": 0.5} | dict.fromkeys(_SCALES, 0.5)
 
 
@@ -60,6 +64,8 @@ class SearchBox:
             low, high = self.limits[name]
             if name in _SCALES:
                 found[name] = low * (high / low) ** share
+            elif name in _SQUARES:
+                found[name] = low + share**2 * (high - low)
             else:
                 found[name] = low + share * (high - low)
         return found
@@ -111,15 +117,18 @@ def box_of(logs: Sequence[ServoLog], joint: int, pieces: Pieces) -> SearchBox:
         {
             "stall": (0.1 * full, 20.0 * full),
             "back_emf": (0.0, 3.0 * full / speed),
-            "viscous": (0.0, 3.0 * full / speed),
-            "armature": (0.01 * inertia, 30.0 * inertia),
-            "coulomb": (0.0, 0.3 * full),
+            "viscous": (0.0, 15.0 * full / speed),
+            "armature": (0.01 * inertia, 300.0 * inertia),
+            "coulomb": (0.0, 1.5 * full),
             "stribeck": (0.0, 0.3 * full),
             "stribeck_velocity": (0.01 * speed, 0.2 * speed),
             "motor_load": (0.0, 0.7),
             "outer_load": (0.0, 0.7),
             "motor_load_stribeck": (0.0, 0.7),
             "outer_load_stribeck": (0.0, 0.7),
+            "motor_square": (0.0, 0.3 / full),
+            "outer_square": (0.0, 0.3 / full),
+            "stribeck_power": (0.5, 3.0),
             "heat": (-0.01, 0.03),
             "delay": (0.0, 0.04),
             "zero": (-0.3, 0.3),

@@ -130,6 +130,17 @@ FORMS: Mapping[str, tuple[str, ...]] = {
         "motor_load_stribeck",
         "outer_load_stribeck",
     ),
+    "square": (
+        "stribeck",
+        "stribeck_velocity",
+        "stribeck_power",
+        "motor_load",
+        "outer_load",
+        "motor_load_stribeck",
+        "outer_load_stribeck",
+        "motor_square",
+        "outer_square",
+    ),
 }
 """Forms of friction, and their parameters beside viscous and Coulomb friction."""
 

@@ -7,8 +7,10 @@ of the bodies on the joint ``e`` it is at most
     coulomb + abs(motor_load m - outer_load e) + s stribeck
     + s abs(motor_load_stribeck m - outer_load_stribeck e) + viscous abs(dq)
 
-with ``s = exp(-abs(dq) / stribeck_velocity)``, and stops the joint if it can; this is
-the family of friction laws of [Duclusaud2024]_, in steps of first order.  One joint
+with ``s = exp(-(abs(dq) / stribeck_velocity) ** stribeck_power)``, and stops the joint
+if it can.  Where motor and bodies pull against each other, ``s outer_square e^2`` is
+added if the motor is the stronger, else ``s motor_square m^2``.  This is the family of
+friction laws of [Duclusaud2024]_, in steps of first order.  One joint
 moves; the others follow their measured motion.  The torque of the bodies is then a
 Fourier series of the joint's position, which is computed beforehand without error.
 """
@@ -370,12 +372,20 @@ def _friction_by_load(
     if "motor_load" not in p:
         return None
     motor_load, outer_load = p["motor_load"], p["outer_load"]
-    stribeck, slow = p["stribeck"], -1.0 / np.maximum(p["stribeck_velocity"], 1e-3)
+    stribeck, width = p["stribeck"], np.maximum(p["stribeck_velocity"], 1e-3)
     motor_slow, outer_slow = p["motor_load_stribeck"], p["outer_load_stribeck"]
+    power = p.get("stribeck_power")
+    of_motor, of_outer = p.get("motor_square"), p.get("outer_square")
 
     def law(motor: Array, outer: Array, speed: Array) -> Array:
-        rests = np.exp(slow * speed)
+        share = speed / width
+        rests = np.exp(-(share if power is None else share**power))
         more = stribeck + abs(motor_slow * motor - outer_slow * outer)
+        if of_motor is not None and of_outer is not None:
+            against = np.sign(motor) != np.sign(outer)
+            drives = abs(motor) > abs(outer)
+            square = np.where(drives, of_outer * outer**2, of_motor * motor**2)
+            more = more + against * square
         return np.asarray(abs(motor_load * motor - outer_load * outer) + rests * more)
 
     return law

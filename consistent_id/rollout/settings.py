@@ -137,6 +137,11 @@ class Settings:
         Joints of equal motors; by default those of the problem.
     simulated : bool
         Only drive terms that MuJoCo has; the others are missing in rollouts.
+    spring : bool, optional
+        Whether all joints have the drive term ``spring``, or none; by default those of
+        the problem.
+    couplings : bool
+        Whether gears are coupled as the problem says, or not at all.
     """
 
     cutoff: float = 10.0
@@ -146,6 +151,8 @@ class Settings:
     stiffness: tuple[float, ...] | None = None
     equal_motors: tuple[tuple[str, ...], ...] | None = None
     simulated: bool = False
+    spring: bool | None = None
+    couplings: bool = True
 
 
 def with_settings(problem: Problem, settings: Settings) -> Problem:
@@ -166,6 +173,8 @@ def with_settings(problem: Problem, settings: Settings) -> Problem:
         "coulomb": "tanh",
         "friction_slope": False,
     }
+    if settings.spring is not None:
+        drives["spring"] = settings.spring
     preparation = change(
         table.data.preparation,
         motion_cutoff=settings.cutoff,
@@ -187,7 +196,9 @@ def with_settings(problem: Problem, settings: Settings) -> Problem:
         )
         for name, joint in (named | table.joints).items()
     }
-    constraints = table.constraints
+    constraints, couplings = table.constraints, table.couplings
+    if not settings.couplings:
+        constraints, couplings = change(constraints, shared_motors=False), []
     if settings.equal_motors is not None:
         constraints = change(
             constraints, equal_motors=[list(group) for group in settings.equal_motors]
@@ -198,6 +209,7 @@ def with_settings(problem: Problem, settings: Settings) -> Problem:
         drive=change(table.drive, **drives),
         joints=joints,
         constraints=constraints,
+        couplings=couplings,
     )
     file = problem.source or problem.folder / "problem.toml"
     made = problem_of(changed, file)
@@ -338,7 +350,7 @@ def slow_and_fast(problem: Problem) -> tuple[Spans, Spans]:
         longest = max((stop - start for start, stop in moving), default=0.0)
         raise RecordingError(
             f"problem {problem.name!r}: the joints move for {longest:.2g} s at most; "
-            f"two parts, of which each judges the other, need more than "
+            f"two parts, each of which judges the other, need more than "
             f"{_BETWEEN_PARTS / (1.0 - _SLOW_PART):.2g} s in a training log"
         )
     for log, (start, stop), usable in zip(logs, moving, enough, strict=True):

@@ -1,7 +1,7 @@
 """Gains between currents and torque, by a load of known mass or the file's bodies."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any
@@ -14,8 +14,8 @@ from consistent_id.errors import ProblemError
 from consistent_id.estimation.gains import DriveGains, identify_gains
 from consistent_id.estimation.uncertainties.beyond_noise import NORMAL
 from consistent_id.estimation.verdict import Reason, Verdict, percent, weighed
+from consistent_id.problems.nominal_gains import NominalGains, implied_gains
 from consistent_id.problems.problem import Problem
-from consistent_id.robot.inertia import INERTIAL_NAMES
 from consistent_id.robot.model import Link
 from consistent_id.service.loaded_runs import (
     LoadedRuns,
@@ -139,9 +139,9 @@ class GainCheck:
 
 def check_gains(
     problem: Problem,
-    loaded: str | Path | Sequence[str | Path] | None = None,
+    loaded: str | Path | Sequence[str | Path],
     *,
-    known_mass: float | None = None,
+    known_mass: float,
     rows: Sequence[int] | None = None,
     omit: Sequence[int] = (),
     link: str | None = None,
@@ -150,17 +150,14 @@ def check_gains(
 ) -> GainCheck:
     """Identify gains between currents and torque, from logs with a load and without.
 
-    Without a load, the gains are those with which the bodies of the robot's file are
-    right: no log shows whether they are, so the verdict is `use with care` at best.
-
     Parameters
     ----------
     problem : Problem
         The robot without the load; see `weigh_load`.
-    loaded : str, Path or sequence of them, optional
+    loaded : str, Path or sequence of them
         Logs with the load.
-    known_mass : float, optional, [kg]
-        Mass of the load, from a scale; stated with `loaded`, and not without.
+    known_mass : float, [kg]
+        Mass of the load, from a scale.
     rows, omit, link
         See `weigh_load`.
     accuracy : float
@@ -171,9 +168,8 @@ def check_gains(
     Raises
     ------
     ProblemError
-        See `weigh_load`; also if the torques come from commands and PD gains,
-        there is a wrist sensor in place of torques, or only one of `loaded` and
-        `known_mass` is stated.
+        See `weigh_load`; also if the torques come from commands and PD gains, or
+        there is a wrist sensor in place of torques.
     ModelError
         See `weigh_load`.
     NotExcitedError, RecordingError, SolverError
@@ -181,57 +177,44 @@ def check_gains(
     """
     require_arm(problem, known_mass)
     _require_currents(problem)
-    if (loaded is None) != (known_mass is None):
-        raise ProblemError(
-            "gains: expected logs with a load and its mass, or neither of both: state "
-            f"{'the mass (--known-mass)' if known_mass is None else 'logs (--loaded)'}"
-            " too"
-        )
     flange = flange_of(problem, link)
     load = _unused(problem.model.robot.link_names)
-    files = () if loaded is None else loaded_files(loaded, rows)
-    runs = LoadedRuns(problem, files, rows, tuple(omit))
-    known = {} if known_mass is None else {f"{load}.m": known_mass}
+    runs = LoadedRuns(problem, loaded_files(loaded, rows), rows, tuple(omit))
     factors = identify_gains(
         runs.model,
         *runs.read({}),
-        known=known or _nominal_bodies(problem),
+        known={f"{load}.m": known_mass},
         load=Link(load),
         carrier=problem.model.robot.link_names[flange.carrier],
         accuracy=accuracy,
     )
     stated = [runs.stated_gains[joint] for joint in factors.joints]
-    reasons = [*_reasons(factors), *(() if known else (_ASSUMED,))]
-    verdict = weighed(METHOD, reasons, tuple(accepted), None, ())
+    verdict = weighed(METHOD, _reasons(factors), tuple(accepted), None, ())
     return GainCheck(factors, np.array(stated), verdict)
 
 
-_ASSUMED = Reason(
-    "assumed gains",
-    "use with care",
-    "the gains are those with which the bodies of the robot's file are right, which no "
-    "log of the robot alone shows; the intervals do not contain errors of the file",
-    "weigh a known load: --loaded LOG --known-mass KG",
-)
+def problem_gains(problem: Problem) -> NominalGains:
+    """Return the gains that the bodies of the robot's file imply for a problem's logs.
 
+    Stated gains are not used.
 
-def _nominal_bodies(problem: Problem) -> dict[str, float]:
-    """Return the inertial parameters of the robot's file, by name."""
-    robot = problem.model.robot
-    masses = [
-        0.0 if link.nominal is None else link.nominal.mass for link in robot.links
+    Raises
+    ------
+    ProblemError
+        If the base floats, or there are no logs of torque or current.
+    RecordingError
+        If a log cannot be read, or the bodies imply no gains.
+    """
+    require_arm(problem, None)
+    _require_currents(problem)
+    robot, data = problem.model.robot, problem.table.data
+    stated = np.asarray(1.0 if data is None else data.torque_gain)
+    logs = [
+        log if log.torque is None else replace(log, torque=log.torque / stated)
+        for role in ("training", "validation")
+        for log in problem.logs(role)
     ]
-    if not any(masses) or any(link.nominal is None for link in robot.links):
-        raise ProblemError(
-            f"the file of {robot.name!r} has no masses: gains need a load of known "
-            "mass (--loaded LOG --known-mass KG)"
-        )
-    return {
-        f"{name}.{parameter}": float(value)
-        for name, link in zip(robot.link_names, robot.links, strict=True)
-        if link.nominal is not None
-        for parameter, value in zip(INERTIAL_NAMES, link.nominal.vector, strict=True)
-    }
+    return implied_gains(robot, logs, f"problem {problem.name!r}")
 
 
 def _require_currents(problem: Problem) -> None:

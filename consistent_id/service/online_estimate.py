@@ -332,7 +332,7 @@ class OnlineEstimate:
         return self._solved(state) if due or state.relearned == state.time else state
 
     def _learned(self, state: OnlineState, rows: FadedRows) -> OnlineState:
-        """Return the state with the rows of a block, and with what the watch says."""
+        """Return the state with the rows of a block, and with the watch's answer."""
         now = float(rows.time[-1])
         new = rows.faded(self.memory, self.sigma, self.held)
         passed = now - (state.time if state.time > -np.inf else rows.time[0])

@@ -338,7 +338,7 @@ def _rows(
 
 
 def _squares(rows: Matrix, means: Matrix, states: IntArray) -> Array:
-    """Return squared changes of what causes errors, shape (samples, joints, 9).
+    """Return squared changes of the causes of errors, shape (samples, joints, 9).
 
     A joint that rests has none: a push that moves it a little must not hide itself.
     """

@@ -34,6 +34,7 @@ _SINGULAR = 1e-6  # of J J^T, over its largest eigenvalue: legs that are stretch
 _SOLE = 0.8  # share of a sole's sides on which it may be pressed: edges are round
 _BENT = 0.15  # of a leg's length, by which the trunk is lowered to bend the knees
 _NUDGE = 0.4  # rad, with which knees begin to bend, to their wider side
+_BALANCED = 4  # times that the trunk is moved over its feet
 _WIDER = 1.5  # ratio of a joint's two ranges from which on it has a wider side
 
 
@@ -104,6 +105,12 @@ class Stance:
         seen = frame_motion(self.robot, self.pose[None], frame=foot.frame)
         places: Matrix = seen.position[0] + foot.points @ seen.rotation[0].T
         return places
+
+    @property
+    def middle(self) -> Vector:
+        """The middle of all feet in the base's axes, shape (3,), [m]."""
+        places = [self._places(foot).mean(axis=0) for foot in self.feet]
+        return np.asarray(np.mean(places, axis=0))
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -391,7 +398,10 @@ def _keyframe(path: Path) -> dict[str, float]:
 
 
 def _bent(robot: RobotModel, feet: tuple[StandingFoot, ...]) -> Vector:
-    """Return the pose at zero, lowered until the knees are bent."""
+    """Return the pose at zero, lowered until the knees are bent.
+
+    The trunk also moves until the centre of mass is above the middle of the feet.
+    """
     limits = [joint.limits for joint in robot.joints if joint.driven]
     low, high = (np.array([getattr(x, s) for x in limits]) for s in ("lower", "upper"))
     zero = np.clip(np.zeros(len(robot)), low, high)
@@ -405,17 +415,44 @@ def _bent(robot: RobotModel, feet: tuple[StandingFoot, ...]) -> Vector:
         reach(leg, foot.frame, foot.points[0])
         for leg, foot in zip(upright.legs, feet, strict=True)
     )
-    down = np.array([[0.0, 0.0, -_BENT * longest]])
-    still = np.zeros((1, 3))
-    lowered = TrunkMotion(
-        down, still, still, BaseMotion.at_rest(1, gravity=robot.gravity)
-    )
-    moved = joint_motion(upright, lowered, begin=zero + _NUDGE * side * legs)
-    pose = moved.q[0]
-    inside = bool(((pose >= low) & (pose <= high)).all())
-    if moved.off > 1e-6 or moved.singular or not inside:
+    begin, over = zero + _NUDGE * side * legs, np.zeros(2)
+    for _ in range(_BALANCED):
+        moved = _lowered(upright, begin, np.array([*over, -_BENT * longest]))
+        pose = moved.q[0]
+        inside = bool(((pose >= low) & (pose <= high)).all())
+        if moved.off > 1e-6 or moved.singular or not inside:
+            break
+        found, begin = pose, pose
+        over = over + _unbalanced(robot, feet, pose)
+    else:
+        return np.asarray(found)
+    if not over.any():
         raise InfeasibleError(
             "no pose with bent knees is found from all joints at zero; state the "
             "pose: --stance JOINT=POSITION ..."
         )
-    return np.asarray(pose)
+    return np.asarray(found)
+
+
+def _lowered(upright: Stance, begin: Vector, by: Vector) -> LegMotion:
+    """Return the pose in which the trunk has moved, and the feet have not."""
+    still = np.zeros((1, 3))
+    base = BaseMotion.at_rest(1, gravity=upright.robot.gravity)
+    return joint_motion(upright, TrunkMotion(by[None], still, still, base), begin=begin)
+
+
+def _unbalanced(
+    robot: RobotModel, feet: tuple[StandingFoot, ...], pose: Vector
+) -> Vector:
+    """Return the way from the centre of mass to the middle of the feet, [m]."""
+    masses, centres = [], []
+    for link in robot.links:
+        if link.nominal is not None and link.nominal.mass > 0.0:
+            seen = frame_motion(robot, pose[None], frame=link.name)
+            masses.append(link.nominal.mass)
+            centres.append(seen.position[0] + seen.rotation[0] @ link.nominal.com)
+    if not masses:
+        return np.zeros(2)
+    centre = np.average(centres, axis=0, weights=masses)
+    places = Stance(robot, feet, pose).middle
+    return np.asarray((places - centre)[:2])

@@ -23,7 +23,7 @@ _LOWEST = 0.3  # Hz; slower sways reach no further, and take long to come round
 _TONES = 4  # of each coordinate
 _CROWD, _BEST = 16, 4  # candidates of a round, and those that the next is like
 # Spreads to begin with: of a coordinate's level (logarithm), of the power of the
-# frequency by which its amplitudes fall, of what each tone differs from that
+# frequency by which its amplitudes fall, of each tone's difference from that
 # (logarithm), and of phases [rad].
 _LEVEL, _SLOPE, _OWN, _PHASE = 1.0, 0.8, 0.3, 2.0
 _FALL = 1.0  # power to begin with: velocities alike at all frequencies
@@ -182,8 +182,8 @@ def searched_tones(
 
     Tones of different frequencies are perpendicular to each other, whatever their
     phases, so that no coordinate excuses another.  Each coordinate has a level and a
-    power of the frequency by which amplitudes fall, each tone what it differs from
-    that, and a phase: they are drawn about those of the best four of a round of
+    power of the frequency by which amplitudes fall; each tone has a difference from
+    that, and a phase. They are drawn about those of the best four of a round of
     sixteen, ever nearer to them (cross-entropy method).
 
     Parameters

@@ -39,6 +39,7 @@ WORDS = {
     "max-gap": ["0.5"],
     "most-joint-speed": ["model"],
     "duplicates": ["first"],
+    "missing": ["omit"],
     "wraps": ["undo"],
     "gain-source": ["model"],
     "quaternion": ["wxyz"],

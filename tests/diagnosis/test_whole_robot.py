@@ -25,6 +25,7 @@ from consistent_id.diagnosis.factor_rows import (
     harm,
     leaning,
     least_costs,
+    least_misfit,
     relative_noise,
 )
 from consistent_id.diagnosis.whole_robot import (
@@ -272,23 +273,25 @@ def test_bodies_known_worse_pull_less(kind, place, size):
 
 
 @pytest.mark.parametrize(
-    ("kind", "errors", "harm", "severity"),
+    ("kind", "times", "errors", "harm", "severity"),
     [
-        ("offset zero", 4.0, 0.05, "warning"),
-        ("offset zero", 6.0, 0.05, "fault"),
+        ("offset zero", 2.1, 4.0, 0.05, "warning"),
+        ("offset zero", 2.1, 6.0, 0.05, "fault"),
         # A standard error less of it would mean a tenth of the torque.
-        ("offset zero", 4.0, 0.14, "fault"),
-        ("offset zero", 4.0, 0.13, "warning"),
-        ("clock", 2.6, 0.17, "fault"),
-        ("masses or gain", 4.9, 0.30, "warning"),
-        ("masses or gain", 5.1, 0.30, "fault"),
+        ("offset zero", 2.1, 4.0, 0.14, "fault"),
+        ("offset zero", 2.1, 4.0, 0.13, "warning"),
+        ("clock", 2.1, 2.6, 0.17, "fault"),
+        ("masses or gain", 1.9, 4.9, 0.30, "warning"),
+        ("masses or gain", 1.9, 5.1, 0.30, "fault"),
+        ("masses or gain", 2.1, 2.9, 0.30, "warning"),
+        ("masses or gain", 2.1, 3.1, 0.30, "fault"),
     ],
 )
 def test_a_factor_is_a_fault_if_it_is_sure_or_likely_and_harmful(
-    kind, errors, harm, severity
+    kind, times, errors, harm, severity
 ):
     factor = next(f for f in factors_of(arm()) if f.kind == kind)
-    size = 2.1 * factor.least
+    size = times * factor.least
     found = FoundFactor(factor, size, *[size / errors] * 2, 500.0, 1000.0, harm)
     (finding,) = factor_findings(arm(), [found])
     assert finding.severity == severity
@@ -353,6 +356,20 @@ def test_what_bodies_may_hide_of_a_gain_is_its_error():
     assert f"{said}{gain.doubt:.0%} off in torque)" in finding.statement
 
 
+@pytest.mark.parametrize("error", [5.0, 5e3])
+def test_what_no_log_shows_may_have_any_size(error):
+    """The exponential of such an error overflows."""
+    clock, gain, zero = factors_of(arm())[:3]
+    for factor, said in (
+        (clock, "a clock of any speed (an estimate is then 30% off"),
+        (gain, "torques of any size (an estimate"),
+        (zero, f"any zero of {zero.where} (an estimate"),
+    ):
+        hidden = FoundFactor(factor, 0.0, error, 0.0, 1000.0, 0.0, 0.3)
+        (finding,) = hidden_factors(arm(), [hidden])
+        assert said in finding.statement
+
+
 @pytest.mark.parametrize(
     ("size", "error", "doubt", "severity"),
     [
@@ -397,6 +414,15 @@ def test_a_factor_too_small_or_too_large_is_sure_and_not_reported(kind, place, s
 def test_a_clock_far_from_the_linear_makes_no_other_robot():
     model, log = logged(6, spread=0.1, noise=0.001)
     assert other_robot(_as_is(*faulty(log, model, "clock", 0, np.log(8.0)))) == []
+
+
+@pytest.mark.slow
+def test_a_robot_on_the_wall_is_no_other_robot():
+    """Bodies of any kind leave much unexplained there, but the nominal ones fit."""
+    model, log = logged(10, spread=0.02, noise=0.0005)
+    as_is = _as_is(*faulty(log, model, "gravity", 1, np.radians(90.0)))
+    assert least_misfit(as_is) > 0.2
+    assert other_robot(as_is) == []
 
 
 @pytest.mark.slow

@@ -14,7 +14,6 @@ from consistent_id import (
     constrained_least_squares,
 )
 from consistent_id.estimation import judge
-from consistent_id.estimation.body_slopes import Slopes
 from consistent_id.estimation.influence import (
     confirmed_slopes,
     influence,
@@ -22,6 +21,7 @@ from consistent_id.estimation.influence import (
     without,
 )
 from consistent_id.estimation.slope_reasons import confirmed_joints, doubtful_joints
+from consistent_id.estimation.torque_error import Slopes
 
 KNOWN = (PhysicalConsistency(), NonNegativeDrive())
 LOAD = InertialParameters.from_central(1.0, [0.1, 0.0, 0.2], 0.005 * np.eye(3))

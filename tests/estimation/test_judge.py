@@ -27,10 +27,10 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.estimation import judge, weighted_least_squares
-from consistent_id.estimation.body_slopes import Slopes
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of, usual_efforts
 from consistent_id.estimation.slope_reasons import doubtful_joints, slope_reasons
+from consistent_id.estimation.torque_error import Slopes
 from consistent_id.estimation.verdict import WORDS, Verdict, confirmed
 from consistent_id.export import to_json
 from consistent_id.recordings.recording import LogFinding

@@ -38,6 +38,15 @@ def test_the_interval_of_a_quadratic_misfit_is_known_with_the_other_shape_free()
     assert np.log(found.curve[:, 1]) == pytest.approx(0.5 * schur * place**2, abs=1e-8)
 
 
+def test_a_wide_interval_is_followed_to_its_ends():
+    found = profiled(np.array([[-20.0, 20.0], [-20.0, 20.0]]), independent=0.05)
+    half = np.sqrt(3.841458820694124 / (0.05 * (H[0, 0] - H[0, 1] ** 2 / H[1, 1])))
+    assert half > 5.0 and found.determined
+    assert np.log([found.low, found.high]) == pytest.approx(
+        [BEST[0] - half, BEST[0] + half], abs=1e-5
+    )
+
+
 def test_an_interval_that_reaches_the_bounds_ends_there_and_says_so():
     found = profiled(np.array([[0.1, 5.0], [-5.0, 5.0]]))
     assert (found.low_found, found.high_found) == (False, True)

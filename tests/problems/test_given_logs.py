@@ -1,5 +1,6 @@
 """Logs need not be files: data frames, tables of arrays and recordings do as well."""
 
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -16,6 +17,7 @@ from consistent_id import (
     load_robot,
 )
 from consistent_id.problems import drafting, select_model
+from consistent_id.problems.given_logs import given_logs
 
 
 def arrays_of(log):
@@ -171,3 +173,16 @@ def test_what_judges_is_read_when_the_model_is_fixed(arm, monkeypatch):
     draft_problem(urdf, arrays_of(log), validation=judge, drive=["viscous"])
     assert events[0] == "the model is fixed"
     assert "validation is read" in events[1:]
+
+
+def test_a_log_at_a_url_is_fetched_into_the_cache(tmp_path, monkeypatch):
+    memory = pytest.importorskip("fsspec").filesystem("memory")
+    memory.pipe("/runs/log.csv", b"time,q\n0,1\n")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    for word in ("memory://runs/log.csv", Path("memory://runs/log.csv")):
+        (path,) = given_logs(word, ()).training
+        assert path.read_text() == "time,q\n0,1\n"
+        assert path.name == "log.csv" and tmp_path in path.parents
+    with pytest.raises(RecordingError, match=r"runs/no\.csv: cannot be fetched"):
+        given_logs("memory://runs/no.csv", ())
+    assert given_logs("C:/log.csv", ()).training == (Path("C:/log.csv"),)

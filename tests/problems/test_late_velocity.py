@@ -81,6 +81,27 @@ def test_a_velocity_that_the_user_names_is_read(arm_with_late_velocity):
     assert draft.columns.velocity == "dq_{joint}"
 
 
+@pytest.mark.parametrize(
+    ("noise", "scale", "is_read"),
+    [(0.0, 1.0, True), (0.3, 1.0, False), (0.3, 1.3, True)],
+)
+def test_a_velocity_that_predicts_worse_is_not_read_unless_its_scale_is_a_fault(
+    tmp_path, noise, scale, is_read
+):
+    """A wrong clock shows in the velocity's scale: it has to stay in sight."""
+    urdf, log = write_arm(tmp_path)
+    table = np.loadtxt(log, delimiter=",", skiprows=1)
+    rates = scale * np.gradient(table[:, 1:3], 1.0 / RATE, axis=0)
+    rates += noise * np.random.default_rng(0).normal(size=rates.shape)
+    header = "time,q_shoulder,q_elbow,tau_shoulder,tau_elbow,dq_shoulder,dq_elbow"
+    table = np.column_stack([table, rates])
+    np.savetxt(log, table, "%.9g", ",", header=header, comments="")
+    draft = draft_problem(urdf, log, select=False)
+    assert (draft.columns.velocity is not None) == is_read
+    said = [note for note in draft.notes if note.startswith("the velocity is not read")]
+    assert bool(said) != is_read
+
+
 @pytest.fixture(scope="module")
 def arm_with_early_position(tmp_path_factory):
     urdf, log = write_arm(tmp_path_factory.mktemp("early"))

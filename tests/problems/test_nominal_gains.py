@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from schemas import parsed
 
 import consistent_id as ci
 from consistent_id.cli import main
@@ -46,11 +47,12 @@ def motion():
     return t, q, dq, ddq
 
 
-def currents(arm, rotor=0.5):
+def currents(arm, rotor=0.5, bodies=None):
     """Return currents of Newton and Euler's torque, friction and rotors."""
     t, q, dq, ddq = motion()
     still = ci.Recording(arm.joint_names, t, q, velocity=dq, acceleration=ddq)
-    bodies = np.concatenate([link.nominal.vector for link in arm.links])
+    if bodies is None:
+        bodies = np.concatenate([link.nominal.vector for link in arm.links])
     torque = ci.simulate_torque(ci.TorqueModel(arm), bodies, still).torque
     return (torque + rotor * ddq + 2.0 * dq + 3.0 * np.tanh(dq / 0.05)) / GAINS
 
@@ -66,10 +68,66 @@ def test_gains_are_those_of_the_bodies_whatever_rotors_and_friction_are(arm):
     assert "standard errors shoulder" in found.sentence
 
 
+def test_the_ratio_of_gains_does_not_depend_on_wrong_centres_of_mass(arm):
+    upper, fore = (link.nominal for link in arm.links)
+    moved = [
+        ci.InertialParameters.from_central(b.mass, b.com * k, b.central_inertia).vector
+        for b, k in ((upper, 1.2), (fore, 0.8))
+    ]
+    t, q, _, _ = motion()
+    torque = currents(arm, bodies=np.concatenate(moved))
+    found = nominal_gains(arm, ci.Recording(arm.joint_names, t, q, torque=torque))
+    ratio = found.values[0] / found.values[1]
+    # The nominal bodies make the elbow's gravity torque 1.25 times the true one.  The
+    # shoulder carries the same link, so the two together show the link's centre.
+    assert ratio == pytest.approx(GAINS[0] / GAINS[1], rel=0.1)
+    assert found.values[1] == pytest.approx(GAINS[1], rel=0.1)
+    off = abs(found.values - GAINS)
+    assert (off <= 2.0 * found.errors).all()
+
+
+def test_logs_together_have_smaller_errors_and_one_table(tmp_path, arm, capsys):
+    t, q, _, _ = motion()
+    log = ci.Recording(arm.joint_names, t, q, torque=currents(arm))
+    one, two = nominal_gains(arm, log), nominal_gains(arm, log, log)
+    np.testing.assert_allclose(two.values, GAINS, rtol=0.01)
+    assert (two.errors <= one.errors).all()
+    names = [f"{word}{k}" for word in ("q", "current") for k in (1, 2)]
+    np.savetxt(
+        tmp_path / "log.csv",
+        np.column_stack([t, q, currents(arm)]),
+        delimiter=",",
+        header=",".join(["t", *names]),
+        comments="",
+    )
+    words = ["gains", str(tmp_path / "arm.urdf"), str(tmp_path / "log.csv"), "--json"]
+    assert main(words) == 0
+    found = parsed(capsys.readouterr().out, "model-gains-1")
+    for joint, gain in zip(arm.joint_names, GAINS, strict=True):
+        known = found["gains"][joint]
+        assert abs(known["gain"] - gain) <= known["half_interval"]
+    assert main(words[:2]) == 2
+    assert main([*words, "--known-mass", "2"]) == 2
+
+
+def test_reversed_columns_are_said(arm):
+    t, q, _, _ = motion()
+    backwards = currents(arm) * np.sign(GAINS) * -1.0
+    found = nominal_gains(arm, ci.Recording(arm.joint_names, t, q, torque=backwards))
+    assert "all are negative, so the columns are reversed" in found.sentence
+
+
 def test_noise_has_no_known_gain(arm):
     t, q, _, _ = motion()
     noise = np.random.default_rng(0).normal(size=q.shape)
     assert nominal_gains(arm, ci.Recording(arm.joint_names, t, q, torque=noise)) is None
+
+
+def test_a_resting_arm_that_is_touched_implies_no_gains(arm):
+    t, q, _, _ = motion()
+    torque = 30.0 + 2.0 * q  # bends the arm a little where it is pushed
+    resting = ci.Recording(arm.joint_names, t, 0.7 + 1e-3 * q, torque=torque)
+    assert nominal_gains(arm, resting) is None
 
 
 def unnamed(folder, arm, *, twice=False):
@@ -158,6 +216,26 @@ def test_repeated_runs_with_one_clock_are_no_tables_of_one_recording(
     shoulder, elbow = arm.joint_names
     mapped = [f"Wrist 1={shoulder}", f"B's={elbow}"]
     assert words[words.index("--names") + 1 :][:2] == mapped
+
+
+@pytest.mark.parametrize(
+    ("column", "factor"), [("curr_{}_mA", 1e3), ("Torque J{}[%]", 100.0)]
+)
+def test_currents_in_other_units_have_implied_gains(tmp_path, arm, column, factor):
+    t, q, _, _ = motion()
+    names = ["pos_1", "pos_2", column.format(1), column.format(2)]
+    np.savetxt(
+        tmp_path / "log.csv",
+        np.column_stack([t, q, factor * currents(arm)]),
+        delimiter=",",
+        header=",".join(["t", *names]),
+        comments="",
+    )
+    with pytest.raises(RecordingError) as refused:
+        robot_logs(tmp_path / "arm.urdf", tmp_path / "log.csv")
+    words = shlex.split(refused.value.options)
+    assert words[0] == "--torque-gain" and words[3:] == ["--gain-source", "model"]
+    np.testing.assert_allclose([float(w) for w in words[1:3]], GAINS, rtol=0.02)
 
 
 def test_no_command_is_proposed_that_replaces_what_is_stated(tmp_path, arm, capsys):

@@ -1,6 +1,11 @@
-"""Which joints a log may have, of a robot with branches."""
+"""Which joints a log may have that has fewer than the robot."""
 
-from consistent_id.problems.robot_logs import chains_of
+import numpy as np
+import pytest
+
+from consistent_id.errors import RecordingError
+from consistent_id.problems.nominal_gains import joint_rows
+from consistent_id.problems.robot_logs import robot_logs
 from consistent_id.robot import load_urdf
 
 _LINK = (
@@ -23,7 +28,7 @@ def _robot(folder, *pairs):
     return load_urdf(file)
 
 
-def test_of_a_robot_with_branches_chains_are_known_by_their_length(tmp_path):
+def test_rows_of_joints_follow_one_another_from_the_base_on(tmp_path):
     robot = _robot(
         tmp_path,
         ("base", "wheel"),
@@ -32,9 +37,58 @@ def test_of_a_robot_with_branches_chains_are_known_by_their_length(tmp_path):
         ("torso", "head"),
         ("arm", "hand"),
     )
-    # Two chains have one joint, and two have two.
-    assert chains_of(robot) == {3: ("torso_joint", "arm_joint", "hand_joint")}
+    torso, arm, hand, head = (f"{n}_joint" for n in ("torso", "arm", "hand", "head"))
+    assert joint_rows(robot, 3) == ((torso, arm, hand),)
+    assert set(joint_rows(robot, 2)) == {(torso, arm), (torso, head), (arm, hand)}
+    assert joint_rows(robot, 2)[-1] == (arm, hand)
+    assert joint_rows(robot, 4) == ()
 
 
-def test_of_a_robot_without_branches_the_first_joints_are_the_chain(tmp_path):
-    assert chains_of(_robot(tmp_path, ("base", "arm"), ("arm", "hand"))) is None
+_TURNED = """<robot name="r"><link name="base"/>{links}
+<joint name="rail" type="prismatic"><parent link="base"/><child link="cart"/>
+<axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="9" velocity="9"/></joint>
+<joint name="a" type="revolute"><parent link="cart"/><child link="upper"/>
+<axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="9" velocity="9"/></joint>
+<joint name="b" type="revolute"><origin xyz="0.4 0 0"/><parent link="upper"/>
+<child link="fore"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="9" velocity="9"/></joint></robot>"""
+_BODY = (
+    '<link name="{}"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>'
+    '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+)
+
+
+def _arm_on_a_rail(folder, header, table):
+    links = "".join(map(_BODY.format, ("cart", "upper", "fore")))
+    (folder / "robot.urdf").write_text(_TURNED.format(links=links))
+    np.savetxt(folder / "log.csv", table, delimiter=",", header=header, comments="")
+    return folder / "robot.urdf", folder / "log.csv"
+
+
+def _torque_of_the_arm():
+    """Gravity's torque on both joints of the arm on the rail, in closed form."""
+    t = np.arange(0.0, 20.0, 0.02)
+    q = np.column_stack([np.sin(0.5 * t), np.cos(0.8 * t)])
+    upper, both = np.cos(q[:, 0]), np.cos(q.sum(axis=1))
+    fore = -9.81 * 2 * 0.2 * both
+    torque = np.column_stack([-9.81 * 2 * (0.2 + 0.4) * upper + fore, fore])
+    return t, q, torque
+
+
+def test_the_row_of_joints_whose_torque_the_log_has_is_proposed(tmp_path):
+    t, q, torque = _torque_of_the_arm()
+    files = _arm_on_a_rail(
+        tmp_path, "time,q1,q2,tau1,tau2", np.column_stack([t, q, torque])
+    )
+    with pytest.raises(RecordingError, match="from a to b, lock") as refused:
+        robot_logs(*files)
+    assert refused.value.options == "--lock rail"
+
+
+def test_arrays_and_tables_without_names_propose_the_same(tmp_path):
+    t, q, torque = _torque_of_the_arm()
+    files = _arm_on_a_rail(tmp_path, "time,q1,q2,tau1,tau2", np.column_stack([t, q]))
+    np.savez(tmp_path / "log.npz", time=t, q=q, tau=torque)
+    with pytest.raises(RecordingError, match="shape") as refused:
+        robot_logs(files[0], tmp_path / "log.npz")
+    assert refused.value.options == "--lock rail"

@@ -51,6 +51,7 @@ WORDS = {
     "max_gap": "0.5",
     "most_joint_speed": "model",
     "duplicates": "first",
+    "missing": "omit",
     "wraps": "undo",
     "angular_velocity": "gx,gy,gz",
     "acceleration": "ax,ay,az",

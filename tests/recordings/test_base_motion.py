@@ -56,6 +56,15 @@ def test_a_pose_tells_what_the_base_feels(swing, order):
     same(found, truth, 1e-3)
 
 
+def test_a_pose_that_turns_evenly_has_the_same_rate_at_both_ends():
+    half = 0.5 * 3.0 * TIME
+    spin = np.column_stack([0 * half, 0 * half, np.sin(half), np.cos(half)])
+    still = np.zeros((len(TIME), 3))
+    found = base_from_pose(TIME, still, spin, order="xyzw", cutoff=None)
+    expected = np.tile([0.0, 0.0, 3.0], (len(TIME), 1))
+    np.testing.assert_allclose(found.angular_velocity, expected, atol=1e-9)
+
+
 def test_an_imu_beside_the_origin_tells_what_the_origin_feels(swing):
     *_, truth = swing
     r, mounting = np.array([0.1, -0.2, 0.3]), about_z(np.array([0.7]))[0]

@@ -281,10 +281,78 @@ def test_what_a_lerobot_follower_is_told_is_a_command_of_position():
 def test_of_a_robot_with_branches_what_is_not_of_the_chain_is_proposed(tmp_path):
     names = ["time", *numbered("q_{}", "tau_{}", first=0, count=4)]
     arm = ("axis_b", "axis_c", "axis_d", "axis_e")
-    with pytest.raises(RecordingError, match=r"from axis_b to axis_e.*axis_a axis_f$"):
-        guessed(tmp_path, names, chains={4: arm})
+    both = r"from axis_b to axis_e \(those from axis_a to axis_d .*axis_a axis_f$"
+    with pytest.raises(RecordingError, match=both):
+        guessed(tmp_path, names, rows={4: [arm, SIX[:4]]})
     with pytest.raises(RecordingError, match=r"the joints at rest: --lock JOINT"):
-        guessed(tmp_path, names, chains={})
+        guessed(tmp_path, names, rows={})
+
+
+@pytest.mark.parametrize(
+    ("position", "torque", "unit"),
+    [
+        ("J{}", "TRQ{}", None),
+        ("J{} [deg]", "Torque J{} [Nm]", "deg"),
+        ("A{}", "eff_{}", None),
+        ("Joint {} (deg)", "jts_{}", "deg"),
+    ],
+)
+def test_bare_names_of_joints_are_positions(tmp_path, position, torque, unit):
+    names = ["time", *numbered(position, torque)]
+    found = guessed(tmp_path, names).columns
+    assert found.position == position.replace("{}", "{number}")
+    assert found.torque == torque.replace("{}", "{number}")
+    assert found.units.get("position") == unit
+
+
+def test_bare_names_give_way_to_a_word(tmp_path):
+    names = ["time", *numbered("J{}", "pos_{}", "tau_{}")]
+    assert guessed(tmp_path, names).columns.position == "pos_{number}"
+    names = ["time", *(f"{j}_deg" for j in SIX), *(f"{j}_torque" for j in SIX)]
+    found = guessed(tmp_path, names).columns
+    assert (found.position, found.units["position"]) == ("{joint}_deg", "deg")
+
+
+@pytest.mark.parametrize(
+    ("name", "channel"),
+    [
+        ("q_dot_{number}", "velocity"),
+        ("pos_dot{number}", "velocity"),
+        ("q_ddot_{number}", ""),
+        ("q_err_{number}", ""),
+        ("pos_acc_{number}", ""),
+        ("tau_gravity_{number}", ""),
+        ("tau_est_{number}", "torque"),
+    ],
+)
+def test_rates_errors_and_computed_torques_are_told_apart(name, channel):
+    assert channel_of(name) == channel
+
+
+def test_the_only_unknown_columns_are_proposed_as_the_torque(tmp_path):
+    names = ["time", *numbered("q_{}", "Ist_{}", "q_err_{}")]
+    with pytest.raises(RecordingError, match=r"only Ist_\{1\.\.6\}") as refused:
+        guessed(tmp_path, names)
+    assert refused.value.options == "--torque 'Ist_{number}'"
+
+
+def test_arrays_with_brackets_are_not_mapped_by_their_digits(tmp_path):
+    names = ["time", *numbered("q[{}]", "tau_J[{}]", first=0, count=5)]
+    with pytest.raises(RecordingError) as refused:
+        guessed(tmp_path, names, joints=SIX)
+    assert refused.value.options == "--lock axis_f"
+
+
+@pytest.mark.parametrize("fraction", ["nanosec", "nsec", "usec"])
+def test_a_clock_of_two_columns_is_their_sum(tmp_path, fraction):
+    names = ["stamp.sec", f"stamp.{fraction}", *numbered("q{}", "tau{}", count=2)]
+    columns = guessed(tmp_path, names, joints=SIX[:2]).columns
+    assert columns.time == f"stamp.sec + stamp.{fraction}"
+    unit = 1e-6 if fraction == "usec" else 1e-9
+    rows = [f"7,{round(k / 100 / unit)},1,1,1,1" for k in range(9)]
+    (tmp_path / "log.csv").write_text("\n".join([",".join(names), *rows]))
+    log = read_recording(tmp_path / "log.csv", SIX[:2], columns)
+    np.testing.assert_allclose(log.time, 7 + np.arange(9) / 100, rtol=1e-12)
 
 
 class Watched(str):

@@ -257,7 +257,7 @@ def test_parts_between_gaps_hold_every_sample_but_short_runs():
     assert all(np.diff(p.time).max() < 0.05 for p in parts)
     assert len(signals.split_at_gaps(recording, 0.05, shortest=0.5)) == 2
     assert signals.split_at_gaps(recording, 1.0) == (recording,)
-    with pytest.raises(RecordingError, match="none has two samples"):
+    with pytest.raises(RecordingError, match="none of 3 parts has two samples"):
         signals.split_at_gaps(recording, 0.05, shortest=100.0)
 
 

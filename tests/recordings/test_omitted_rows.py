@@ -159,3 +159,34 @@ def test_broken_samples_are_those_that_a_random_fault_broke():
         # Far from the log's clock, so that the faulty stamps cannot fit between others.
         time[broken] = rng.choice([np.nan, np.inf, -5.0, 1e3, 1e200], 3)
         np.testing.assert_array_equal(broken_samples(time, []), broken)
+
+
+@pytest.mark.parametrize("nothing", ["", "nan", "NA"])
+def test_rows_with_missing_values_are_left_out_when_asked(tmp_path, nothing):
+    """A table of two topics has rows in which only the other topic has values."""
+    lines = ["time,q_elbow,tau_elbow,other"]
+    for k in range(SAMPLES):
+        t = k / 100
+        lines.append(f"{t:.3f},{np.sin(t):.6f},{np.cos(t):.6f},{nothing}")
+        lines.append(f"{t + 0.004:.3f},{nothing},{nothing},1")
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(lines))
+    with pytest.raises(RecordingError) as refused:
+        read_recording(path, ["elbow"], COLUMNS)
+    assert refused.value.options == ("--missing omit" if nothing != "NA" else "")
+    log = read_recording(path, ["elbow"], COLUMNS, missing="omit")
+    whole = _whole(tmp_path)
+    np.testing.assert_array_equal(log.time, whole.time)
+    np.testing.assert_array_equal(log.torque, whole.torque)
+
+
+def test_channels_that_are_never_complete_together_are_refused():
+    nan = np.nan
+    table = {"time": [0.0, 0.1], "q_elbow": [1.0, nan], "tau_elbow": [nan, 1.0]}
+    with pytest.raises(RecordingError, match=r"no row of 2 has all.*1, 1 complete"):
+        recording_from(
+            {k: np.array(v) for k, v in table.items()},
+            ["elbow"],
+            COLUMNS,
+            missing="omit",
+        )

@@ -205,11 +205,11 @@ def test_a_missing_file_is_refused(tmp_path, name):
         read_recording(tmp_path / name, JOINTS)
 
 
-@pytest.mark.parametrize("name", ["log.doc", "log", "log.csv.gz", "log.npy"])
+@pytest.mark.parametrize("name", ["log.doc", "log"])
 def test_an_ending_that_cannot_be_read_is_refused(tmp_path, name):
     path = written(tmp_path, "time,q_elbow\n0,1\n1,2\n", name)
     with pytest.raises(
-        RecordingError, match=rf"{name}: cannot read .*\.csv, .*bag's folder"
+        RecordingError, match=rf"{name}: cannot read .*\.csv, .*folder of a ROS bag"
     ):
         read_recording(path, ["elbow"])
 
@@ -268,3 +268,12 @@ def test_a_cut_parquet_file_is_refused(tmp_path, keep):
     path.write_bytes(path.read_bytes()[:keep])
     with pytest.raises(RecordingError, match=r"log\.parquet: not readable as Parquet"):
         read_recording(path, ["elbow"])
+
+
+@pytest.mark.parametrize(
+    ("name", "advice"),
+    [("log.pkl", "run any code"), ("log.csv.gz", "unpack"), ("log.xlsx", "as CSV")],
+)
+def test_files_that_are_not_read_have_advice(tmp_path, name, advice):
+    with pytest.raises(RecordingError, match=advice):
+        read_recording(tmp_path / name, JOINTS)

@@ -1,5 +1,6 @@
 """Files and tables of arrays: NPZ, HDF5, MATLAB, data frames and mappings."""
 
+import json
 import os
 import pickle
 import sys
@@ -389,3 +390,41 @@ def test_without_h5py_the_message_says_how_to_install_it(tmp_path, monkeypatch, 
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(RecordingError, match=r"pip install 'consistent-id\[hdf5\]'"):
         read_recording(path, ["elbow"])
+
+
+RECORDS = [{"t": 0.1 * k, "state": {"q": [0.5 * k, -k], "on": True}} for k in range(9)]
+
+
+@pytest.mark.parametrize("form", ["lines", "list", "object"])
+def test_records_of_json_are_arrays(tmp_path, form):
+    path = tmp_path / ("log.jsonl" if form == "lines" else "log.json")
+    if form == "lines":
+        path.write_text("\n".join(map(json.dumps, RECORDS)) + "\n\n")
+    elif form == "list":
+        path.write_text(json.dumps(RECORDS))
+    else:
+        whole = {"t": [r["t"] for r in RECORDS], "name": "run 1"}
+        whole["state"] = {"q": [r["state"]["q"] for r in RECORDS]}
+        path.write_text(json.dumps(whole))
+    columns = Columns("t", "state.q", array_joints=("a", "b"))
+    log = read_recording(path, ["b", "a"], columns)
+    np.testing.assert_array_equal(log.time, [r["t"] for r in RECORDS])
+    expected = [r["state"]["q"][::-1] for r in RECORDS]
+    np.testing.assert_array_equal(log.position, expected)
+
+
+@pytest.mark.parametrize("text", ["[1, 2]", "{", "3", '"t"', "[]", '[{"t": 1}, 2]'])
+def test_json_without_records_is_refused(tmp_path, text):
+    path = tmp_path / "log.json"
+    path.write_text(text)
+    with pytest.raises(RecordingError, match=r"log\.json"):
+        read_recording(path, ["a"], Columns("t", "q_{joint}"))
+
+
+@pytest.mark.parametrize("lying", [False, True])
+def test_columns_of_one_array_are_numbered(tmp_path, lying):
+    t = np.arange(30) * 0.1
+    table = np.column_stack([t, np.sin(t), np.cos(t)])
+    np.save(tmp_path / "log.npy", table.T if lying else table)
+    log = read_recording(tmp_path / "log.npy", ["a"], Columns("column1", "column3"))
+    np.testing.assert_array_equal(log.position[:, 0], np.cos(t))

@@ -24,9 +24,8 @@ def test_tables_of_one_clock_are_read_side_by_side_and_others_named(tmp_path):
     log = read_recording(tmp_path, ["hip"], columns)
     np.testing.assert_allclose(log.position[:, 0], TIME**2)
     np.testing.assert_allclose(log.torque[:, 0], -TIME)
-    assert (
-        "wrench.csv: of another clock, or no table" in table_folder.notes(tmp_path)[0]
-    )
+    (note,) = table_folder.notes(tmp_path)
+    assert note.endswith("they have another clock or no table: wrench.csv")
 
 
 def test_what_is_no_table_is_named_and_a_faulty_clock_is_an_error(tmp_path):
@@ -35,7 +34,7 @@ def test_what_is_no_table_is_named_and_a_faulty_clock_is_an_error(tmp_path):
     (tmp_path / "README.txt").write_text("Logs of a hip, in rad.\nBy hand.\n")
     (tmp_path / "empty.csv").touch()
     assert len(table_folder.array_names(tmp_path)) == 3
-    assert "README.txt, empty.csv: of another" in table_folder.notes(tmp_path)[0]
+    assert "no table: README.txt, empty.csv" in table_folder.notes(tmp_path)[0]
     (tmp_path / "wrench.csv").write_text("t,fx\n0,1\nx,2\n")
     with pytest.raises(RecordingError, match="'x' is not a number"):
         table_folder.array_names(tmp_path)
@@ -62,3 +61,38 @@ def test_files_of_one_recording_have_their_folder(tmp_path):
     files = [tmp_path / "a.csv", tmp_path / "b.csv"]
     assert table_folder.one_recording(files) == tmp_path
     assert table_folder.one_recording(files[:1]) is None
+
+
+def test_a_table_of_another_clock_is_interpolated_to_the_slower_one(tmp_path):
+    slow, fast = np.arange(0.0, 2.0, 0.02), np.arange(0.0111, 2.0, 0.005)
+    for name, t, values in (("pos", slow, 3.0 * slow), ("tau", fast, 5.0 * fast)):
+        np.savetxt(
+            tmp_path / f"{name}.csv",
+            np.column_stack([t, values]),
+            delimiter=",",
+            header=f"t,{name}_a",
+            comments="",
+        )
+    columns = Columns("t", "pos_a", torque="tau_a")
+    with pytest.raises(RecordingError) as refused:  # the torque begins later
+        read_recording(tmp_path, ["a"], columns)
+    assert refused.value.options == "--missing omit"
+    log = read_recording(tmp_path, ["a"], columns, missing="omit")
+    np.testing.assert_allclose(log.time, slow[1:], rtol=1e-12)
+    np.testing.assert_allclose(log.torque[:, 0], 5.0 * slow[1:], rtol=1e-12)
+    (said,) = table_folder.notes(tmp_path)
+    assert "tau.csv: interpolated to the clock of pos.csv" in said
+
+
+def test_runs_of_one_kind_with_like_clocks_stay_apart(tmp_path):
+    for k, start in enumerate((0.0, 0.004)):
+        t = start + np.arange(0.0, 2.0, 0.02)
+        np.savetxt(
+            tmp_path / f"run{k}.csv",
+            np.column_stack([t, t]),
+            delimiter=",",
+            header="t,q_a",
+            comments="",
+        )
+    with pytest.raises(RecordingError, match="no two of its 2 tables"):
+        table_folder.array_names(tmp_path)

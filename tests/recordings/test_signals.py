@@ -147,6 +147,13 @@ def test_steps_may_differ_by_a_thousandth_and_no_more():
         signals.uniform_rate(log(time + 1.1 * late, time))
 
 
+def test_a_single_step_that_is_too_short_makes_a_clock_uneven():
+    time = clock(2000)
+    more = np.insert(time, 1200, time[1199] + 0.3 / RATE)
+    with pytest.raises(RecordingError, match=r"after sample 1199 is"):
+        signals.uniform_rate(log(more, more))
+
+
 @pytest.mark.parametrize("function", FUNCTIONS[:3])
 def test_functions_that_need_a_uniform_clock_refuse_another(function):
     time = jittered(200, 2.0)

@@ -157,7 +157,7 @@ def test_arrays_of_a_matlab_structure_are_found_with_their_clock(tmp_path):
 
 def test_of_two_clocks_none_is_taken(tmp_path):
     path = in_a_structure(tmp_path, time_ref=motion()[0])
-    with pytest.raises(RecordingError, match="--time NAME"):
+    with pytest.raises(RecordingError, match=r"rec.time_cont, time_ref: numbers that"):
         guess_columns(path, KnownColumns(JOINTS))
 
 
@@ -170,3 +170,30 @@ def test_datasets_of_hdf5_are_found(tmp_path):
     found = guess_columns(tmp_path / "log.h5", KnownColumns(JOINTS))
     assert found.columns.position == "run/q"
     assert found.columns.torque == "run/tau"
+
+
+def test_fewer_joints_than_the_robots_are_found_by_the_columns(tmp_path):
+    t, q, dq, torque = motion()
+    path = written(tmp_path, np.column_stack([t, q, dq, torque]))
+    with pytest.raises(RecordingError) as refused:
+        guess_columns(path, KnownColumns((*JOINTS, "finger")))
+    assert refused.value.options == (
+        "--lock finger --time column1 --position 'column{2..3}' "
+        "--velocity 'column{4..5}' --torque 'column{6..7}'"
+    )
+
+
+def test_without_a_clock_a_rate_is_asked_for_and_used(tmp_path):
+    _, q, dq, torque = motion()
+    path = written(tmp_path, np.column_stack([q, dq, torque]))
+    with pytest.raises(RecordingError, match="state their rate") as refused:
+        guess_columns(path, KnownColumns(JOINTS))
+    assert refused.value.options == "--time RATEHz"
+    with pytest.raises(RecordingError) as refused:
+        guess_columns(path, KnownColumns(JOINTS, {"time": "100Hz"}))
+    assert refused.value.options == (
+        "--position 'column{1..2}' --velocity 'column{3..4}' --torque 'column{5..6}'"
+    )
+    columns = Columns("100Hz", "column{1..2}", torque="column{5..6}")
+    log = read_recording(path, JOINTS, columns)
+    np.testing.assert_allclose(log.time, np.arange(200) / 100.0, rtol=1e-15)

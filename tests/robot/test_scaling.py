@@ -17,6 +17,17 @@ def test_a_robot_whose_joints_are_all_in_one_place_is_a_metre_long():
     assert scales.mass.tolist() == [1.0, 1.0]
 
 
+def test_sizes_scale_with_the_units_of_length_as_their_dimensions_say():
+    metres, feet = (
+        link_scales(from_modified_dh("arm", [DHRow(0, 0), DHRow(0, 0.4 * unit)]))
+        for unit in (1.0, 1.0 / 0.3048)
+    )
+    ratio = (feet.units / metres.units).reshape(2, 10)
+    powers = [0, 1, 1, 1, 2, 2, 2, 2, 2, 2]  # mass, first moments, inertia
+    np.testing.assert_allclose(ratio, (1.0 / 0.3048) ** np.array([powers] * 2))
+    np.testing.assert_allclose(metres.units[14:], 0.4**2)  # 1 kg, 0.4 m
+
+
 @pytest.mark.parametrize("mass", [0.02, 30.0])
 def test_a_nominal_body_is_the_reference_however_light(mass):
     arm = from_modified_dh("arm", [DHRow(0, 0), DHRow(0, 0.4)])

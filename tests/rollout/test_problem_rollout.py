@@ -22,6 +22,7 @@ from consistent_id.rollout.chosen_settings import (  # noqa: E402
     RIDGES,
     _Candidates,
     _with_slopes,
+    _with_terms,
     chosen_ridge,
     chosen_settings,
 )
@@ -252,6 +253,39 @@ def test_slopes_are_given_to_the_motors_that_are_worth_it():
         found = _with_slopes(Settings(friction_slope=begin), groups, error)
         # A slope of c brings less than its worth, one of d does harm.
         assert found.friction_slope == ("a", "b")
+
+
+@pytest.mark.parametrize("spring", [True, False])
+def test_springs_and_coupled_gears_are_those_that_rollouts_confirm(
+    folder, tmp_path, spring
+):
+    """The file has a spring at the hip, and a coupled gear, as selected by torque."""
+    for name in ("leg.xml", "log.csv"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    more = """
+[joints.hip]
+spring = true
+[[couplings]]
+first = "hip"
+second = "knee"
+viscous = true
+"""
+    (tmp_path / "problem.toml").write_text(PROBLEM + more)
+    problem = load_problem(tmp_path)
+
+    def error(settings):
+        model = with_settings(problem, settings).model
+        springs = sum(terms.spring for terms in model.terms)
+        return 2.0 + len(model.couplings) + (-springs if spring else springs)
+
+    found = _with_terms(Settings(), problem, error)
+    assert found == Settings(spring=spring, couplings=False)
+    model = with_settings(problem, found).model
+    assert [terms.spring for terms in model.terms] == [spring, spring]
+    assert not model.couplings
+    stated = with_settings(problem, Settings()).model
+    assert [terms.spring for terms in stated.terms] == [True, False]
+    assert len(stated.couplings) == 1
 
 
 @pytest.mark.slow

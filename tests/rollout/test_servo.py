@@ -19,6 +19,7 @@ from consistent_id.rollout.servo_fit import evolved
 from consistent_id.rollout.servo_log import duty_law, logged_joints, read_servo_sets
 from consistent_id.rollout.servo_motion import (
     STEP,
+    _friction_by_load,
     cut_pieces,
     position_errors,
     rigid_model,
@@ -460,7 +461,7 @@ def test_a_joint_that_follows_another_one_is_refused(tmp_path):
 @pytest.mark.slow
 def test_at_a_border_the_other_intervals_are_conditional(pendulum, monkeypatch):
     quick(monkeypatch, 12)
-    limits = {"stall": (2.0, 4.0)}
+    limits = {"stall": (2.0, 4.0), "viscous": (0.0, 0.1), "coulomb": (0.0, 0.1)}
 
     def narrow(*known):
         return replace(box := box_of(*known), limits=box.limits | limits)
@@ -473,6 +474,32 @@ def test_at_a_border_the_other_intervals_are_conditional(pendulum, monkeypatch):
     assert 0 < len(servo.chosen.at_border) < len(half)
     assert any("hold only if this value" in note for note in servo.table().notes)
     assert any("ended at the border for" in note for note in servo.table().notes)
+
+
+@pytest.mark.parametrize(
+    ("motor", "outer", "square"),
+    [(3.0, -2.0, 0.5 * 4.0), (-1.0, 2.0, 0.25 * 1.0), (3.0, 2.0, 0.0)],
+)
+def test_squares_count_where_motor_and_bodies_pull_against_each_other(
+    motor, outer, square
+):
+    known = {
+        "stribeck": 0.1,
+        "stribeck_velocity": 0.2,
+        "stribeck_power": 2.0,
+        "motor_load": 0.3,
+        "outer_load": 0.4,
+        "motor_load_stribeck": 0.05,
+        "outer_load_stribeck": 0.06,
+        "motor_square": 0.25,
+        "outer_square": 0.5,
+    }
+    law = _friction_by_load({name: np.array(value) for name, value in known.items()})
+    slow = np.exp(-((0.1 / 0.2) ** 2))
+    expected = abs(0.3 * motor - 0.4 * outer)
+    expected += slow * (0.1 + abs(0.05 * motor - 0.06 * outer) + square)
+    found = law(np.array(motor), np.array(outer), np.array(0.1))
+    assert float(found) == pytest.approx(expected, rel=1e-12)
 
 
 def test_a_motion_that_is_not_finite_is_refused_not_hidden(pendulum):

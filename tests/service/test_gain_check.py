@@ -9,11 +9,11 @@ import pytest
 from carrying import JOINTS, LOAD, urdf, write_log, write_robot
 from schemas import parsed
 
-from consistent_id import ModelError, ProblemError, draft_problem
+from consistent_id import ModelError, ProblemError, RecordingError, draft_problem
 from consistent_id.cli import main
 from consistent_id.problems.file import GainsTable
 from consistent_id.service import check_gains, weigh_load
-from consistent_id.service.gain_check import gains_off
+from consistent_id.service.gain_check import gains_off, problem_gains
 
 GAINS = np.array([12.0, 11.0, 9.0, 7.0])  # N m/A, of the simulated drives
 STATED = [12.0, 10.0, 10.0, 7.0]
@@ -73,15 +73,6 @@ def test_a_wrong_mass_makes_all_gains_wrong_by_the_same_factor(files, found):
 
 
 @pytest.mark.slow
-def test_the_shell_gives_the_gains_of_the_file_s_bodies(files, capsys):
-    words = ["gains", files["robot"], files["empty"], *WORDS]
-    assert main(list(map(str, words))) == 0
-    out = capsys.readouterr().out
-    assert out.startswith("use with care: gains; assumed gains")
-    assert "torque_gain = [" in out
-
-
-@pytest.mark.slow
 def test_the_shell_prints_and_writes_gains(files, found, tmp_path, capsys):
     words = ["gains", files["robot"], files["empty"], "--loaded", files["loaded"]]
     words += ["--known-mass", LOAD.mass, *WORDS, "--output", tmp_path / "out"]
@@ -93,26 +84,31 @@ def test_the_shell_prints_and_writes_gains(files, found, tmp_path, capsys):
     assert record["verdict"] == found.verdict.word
 
 
-def test_without_a_load_the_file_s_bodies_give_the_gains(files):
-    """The simulated arm has the bodies of its file."""
-    problem = draft_problem(
+def test_without_a_load_a_problem_s_bodies_imply_the_gains(files, capsys):
+    """The simulated arm has the bodies of its file; stated gains do not matter."""
+    draft = draft_problem(
         files["robot"], files["empty"], select=False, cutoff=8.0, torque_gain=STATED
-    ).problem()
-    found = check_gains(problem)
-    assert (abs(found.gains - GAINS) < 1.5 * found.half_intervals).all()
-    assert (found.half_intervals[1:] < 0.05 * GAINS[1:]).all()
-    assert found.verdict.word == "use with care"
-    assert "assumed gains" in [reason.kind for reason in found.verdict.grounds]
+    )
+    file = files["robot"].parent / "problem.toml"
+    file.write_text(draft.text(file.parent))
+    assert main(["gains", str(file), "--json"]) == 0
+    of_problem = parsed(capsys.readouterr().out, "model-gains-1")["gains"]
+    words = ["gains", files["robot"], files["empty"], *WORDS, "--json"]
+    assert main(list(map(str, words))) == 0
+    of_log = parsed(capsys.readouterr().out, "model-gains-1")["gains"]
+    assert of_problem.keys() == of_log.keys() == set(JOINTS)
+    for joint, gain in zip(JOINTS, GAINS, strict=True):
+        one, other = of_problem[joint], of_log[joint]
+        assert abs(one["gain"] - gain) < one["half_interval"]
+        # The problem cuts the log into rows for training and for validation.
+        assert one["gain"] == pytest.approx(other["gain"], rel=0.01)
 
 
-def test_a_load_and_its_mass_are_stated_together(files):
-    problem = draft_problem(
-        files["robot"], files["empty"], select=False, cutoff=8.0, torque_gain=STATED
-    ).problem()
-    with pytest.raises(ProblemError, match=r"state the mass \(--known-mass\) too"):
-        check_gains(problem, files["loaded"])
-    with pytest.raises(ProblemError, match=r"state logs \(--loaded\) too"):
-        check_gains(problem, known_mass=3.0)
+def test_a_load_and_its_mass_are_stated_together(files, capsys):
+    words = ["gains", str(files["robot"]), str(files["empty"]), *WORDS]
+    for alone in (["--loaded", str(files["loaded"])], ["--known-mass", "3"]):
+        assert main([*words, *alone]) == 2
+        assert "needs both its logs and its mass" in capsys.readouterr().err
 
 
 def test_a_file_without_masses_needs_a_load(files, tmp_path):
@@ -121,8 +117,8 @@ def test_a_file_without_masses_needs_a_load(files, tmp_path):
     problem = draft_problem(
         file, files["empty"], select=False, cutoff=8.0, torque_gain=STATED
     ).problem()
-    with pytest.raises(ProblemError, match="has no masses: gains need a load"):
-        check_gains(problem)
+    with pytest.raises(RecordingError, match=r"implies no gains.* weigh a known load"):
+        problem_gains(problem)
 
 
 @pytest.mark.slow

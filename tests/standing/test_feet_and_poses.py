@@ -1,10 +1,13 @@
 """Soles by the boxes of a biped's feet; poses by its keyframes or as stated."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
+from published_robots import FOLDER
 
 import consistent_id as ci
 from consistent_id.errors import ProblemError
+from consistent_id.robot.loaders import load_robot
 from consistent_id.standing import standing_feet, standing_pose
 
 BODY = '<inertial pos="0 0 0" mass="1" diaginertia="0.02 0.03 0.04"/>'
@@ -89,3 +92,23 @@ def test_of_a_file_without_keyframes_joints_that_are_not_stated_stay_at_zero(tmp
     assert pose == pytest.approx([0.4 * (n == "left_knee") for n in robot.joint_names])
     with pytest.raises(ci.ConsistentIdError, match="left_knee"):
         standing_pose(robot, file, feet, {"left_nee": 0.4})
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not FOLDER.exists(), reason="example-robot-data is missing")
+@pytest.mark.parametrize("name", ["go2", "a1", "b1"])
+def test_the_centre_of_mass_is_above_the_middle_of_the_feet(name):
+    """Of quadrupeds without a keyframe, by Pinocchio; Go2 fell over its rear feet."""
+    file = FOLDER / f"{name}_description" / "urdf" / f"{name}.urdf"
+    robot = load_robot(file, base="floating")
+    feet = standing_feet(robot, file, ())
+    pose = standing_pose(robot, file, feet)
+    model = pin.buildModelFromUrdf(str(file), pin.JointModelFreeFlyer())
+    data, q = model.createData(), pin.neutral(model)
+    for joint, position in zip(robot.joint_names, pose, strict=True):
+        q[model.joints[model.getJointId(joint)].idx_q] = position
+    centre = pin.centerOfMass(model, data, q)
+    pin.framesForwardKinematics(model, data, q)
+    places = [data.oMf[model.getFrameId(foot.frame)].translation for foot in feet]
+    assert np.linalg.norm((np.mean(places, axis=0) - centre)[:2]) < 2e-3
+    assert abs(np.ptp(places, axis=0)[2]) < 1e-3  # and they stand on a level floor

@@ -211,7 +211,7 @@ class Uncertainty:
         raise ProblemError(f"no parameter {name!r}; {near}")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything as plain numbers and text; None for what is not finite."""
+        """Return everything as plain numbers and text; None for values not finite."""
         resampled = self.bootstrap
         return {
             "parameters": [_plain(asdict(p)) for p in self.parameters],

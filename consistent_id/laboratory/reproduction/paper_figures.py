@@ -64,7 +64,7 @@ def scatter_figure(study: PaperStudy) -> Any:
 
 
 def exciting_figure(study: PaperStudy) -> Any:
-    """Return the scatter of each parameter by what was moved along."""
+    """Return the scatter of each parameter by the motions of the experiments."""
     rows = []
     for k, (name, done) in enumerate(study.with_friction.items()):
         rows.append((name, done.scatter(done.tables[0]), "o", _COLOURS[k]))

@@ -89,8 +89,8 @@ def inertia_table(study: PaperStudy, table: InertiaTable) -> Table:
         ),
         tuple(rows),
         (
-            "kg m^2; over the experiments along the tasks; of the mean: divided by "
-            "their root, right only if they err independently",
+            "kg m^2; over the experiments along the tasks; of the mean: divided by the "
+            "root of their number, right only if they err independently",
             "convention: torque determines only sums that contain the entry; the "
             "deviation shows how steady the conventional choice is",
             *(
@@ -119,9 +119,9 @@ def verification_table(study: PaperStudy, found: Verification, title: str) -> Ta
         tuple(rows),
         (
             "mean of squares of measured minus predicted torque, (N m)^2, by the mean "
-            "of each method's estimates; truth: what is left is the sensors' noise "
+            "of each method's estimates; truth: these errors are the sensors' noise "
             "and offsets",
-            "of the paper's motions one is printed; the columns of the others are "
+            "the paper prints one of its motions; the columns of the others are "
             "not for the same motions",
         ),
     )
@@ -223,7 +223,7 @@ def cause_table(study: PaperStudy) -> Table:
         ),
         _rows(study, columns),
         (
-            "standard deviation over the experiments; printed: of the paper's; found: "
+            "standard deviation over the experiments; printed: in the paper; found: "
             "in the laboratory, without the parts along which no torque changes",
             "causes add up experiment by experiment, not in this table; rest: found "
             "less all causes; predicted noise: from load cell and cameras alone",

@@ -395,5 +395,5 @@ def _edge(
     """Warn of a value at the edge of those that were tried."""
     if len(tried) > 1 and value in (tried[0], tried[-1]):
         ends = f"{tried[0]:g} to {tried[-1]:g} {unit}"
-        return (f"{name} = {value:g} is at the edge of what was tried, {ends}",)
+        return (f"{name} = {value:g} is at the edge of the values tried, {ends}",)
     return ()

@@ -161,7 +161,9 @@ def wanted(columns: Columns, joints: Sequence[str], where: str) -> WantedChannel
     joints = at_least_one(joints, where)
     for channel in ("time", *CHANNELS):
         pattern = getattr(columns, channel)
-        if pattern is not None and channel not in columns.units:
+        if pattern is None or channel in columns.units:
+            continue
+        if channel != "time" or " + " not in pattern:  # whose parts have units
             refuse_units_of_a_name(where, channel, pattern)
     in_log = columns.in_log(joints)
     single, arrays = _by_channel(columns, in_log)

@@ -2,7 +2,7 @@
 
 Columns of a file without a header are called ``column1``, ``column2`` and so on.
 
-PyArrow reads the numbers if it is installed, some five times as fast as the csv module.
+PyArrow reads the numbers if it is installed, several times as fast as the csv module.
 Where it refuses them the csv module reads the file again, row by row: it knows the row
 and the column of each fault.
 """
@@ -25,15 +25,33 @@ import numpy as np
 from consistent_id._support.arrays import Matrix
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import require
-from consistent_id.recordings.readers.named_arrays import Arrays, omit_advice
+from consistent_id.recordings.readers.named_arrays import (
+    MISSING_ADVICE,
+    OMIT_MISSING,
+    Arrays,
+    Missing,
+    omit_advice,
+)
+from consistent_id.recordings.readers.printed_messages import (
+    as_table,
+    is_printed,
+    named_columns,
+)
 
 _SEPARATORS = (",", ";", "\t")
 _SPACE = " "  # separates where no other mark does: names may contain spaces
 _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
+_SECONDS_OF = {"sec": 1.0, "s": 1.0, "ms": 1e-3, "min": 60.0, "hr": 3600.0}
+_DURATION = re.compile(
+    rf"(?P<number>[-+]?\d+\.?\d*(?:e[-+]?\d+)?) ?(?P<unit>{'|'.join(_SECONDS_OF)})"
+    r"|(?:(?P<days>\d+) days? \+?)?(?:(?P<hours>\d+):)?(?P<minutes>\d\d?):"
+    r"(?P<seconds>\d\d?(?:\.\d+)?)"
+)
 _PIECE = 2**22  # characters of text that are read at a time
 _UTF_16, _WINDOWS = "utf-16", "cp1252"
 _WITHOUT_NAMES = "column"
 _NUMBERED = 3  # columns from which on 1, 2, 3 or 0, 1, 2 is a header, not a row
+_NOTHING = {"", "NA", "N/A", "NULL", "null", "None"}  # fields of missing values
 _CONTROLS = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
 
 
@@ -51,6 +69,8 @@ class _CsvHeader:
         Number of rows between the header and the text that is read next.
     worded : _CsvHeader, optional
         The same line as a header, if its numbers are taken as a row.
+    repeated : str
+        What each row has to contain: the names of the joints, of printed messages.
     """
 
     names: tuple[str, ...]
@@ -59,9 +79,15 @@ class _CsvHeader:
     end: int
     rows: int = 0
     worded: "_CsvHeader | None" = None
+    repeated: str = ""
 
 
-def read_arrays(path: Path, names: Sequence[str], omit: Collection[int] = ()) -> Arrays:
+def read_arrays(
+    path: Path,
+    names: Sequence[str],
+    omit: Collection[int] = (),
+    missing: Missing = "refuse",
+) -> Arrays:
     """Return the named columns.
 
     The separator is the one of comma, semicolon and tab by which the header has all
@@ -73,6 +99,8 @@ def read_arrays(path: Path, names: Sequence[str], omit: Collection[int] = ()) ->
     omit : collection of int
         Rows below the header, counted from 1, that may hold anything: NaN stands for
         what is no number.
+    missing : {"refuse", "omit"}
+        Whether NaN stands for empty fields of all rows.
 
     Raises
     ------
@@ -80,9 +108,9 @@ def read_arrays(path: Path, names: Sequence[str], omit: Collection[int] = ()) ->
         If the file is not such a text; with the row and the column of the first fault.
     """
     with _readable(path):
-        text = path.read_bytes().decode(encoding_of(path))
+        text = _text(path)
         header = _header(path, text, names)
-        values = _values(path, text[header.end :], header, names, omit)
+        values = _values(path, text[header.end :], header, names, omit, missing)
     return dict(zip(names, values.T, strict=True))
 
 
@@ -177,11 +205,21 @@ def lacks_names(names: Sequence[str]) -> bool:
     return len(names) > 1 and tuple(names) == tuple(numbered)
 
 
+def _text(path: Path) -> str:
+    """Return the text of a file; printed messages as a table."""
+    text = path.read_bytes().decode(encoding_of(path))
+    return as_table(text) if is_printed(text) else text
+
+
 def _pieces_of_lines(path: Path) -> Iterator[str]:
-    """Yield the text of a file in pieces of whole lines."""
-    rest = ""
+    """Yield a file's text in pieces of whole lines; printed messages as a table."""
+    rest, first = "", True
     with path.open(encoding=encoding_of(path), newline="") as file:
         while piece := file.read(_PIECE):
+            if first and is_printed(piece):
+                yield _text(path)
+                return
+            first = False
             whole, newline, end = (rest + piece).rpartition("\n")
             rest = end
             if newline:
@@ -249,7 +287,10 @@ def _headers(text: str) -> tuple[list[_CsvHeader], list[_CsvHeader]]:
     first = [_split(lines, start, mark) for mark in _marks(line)]
     above = [_split(io.StringIO(comment), 0, mark) for mark in _marks(comment)]
     return (
-        [_named(replace(h, line=comments + h.line), start) for h in first],
+        [
+            _of_messages(_named(replace(h, line=comments + h.line), start), text, start)
+            for h in first
+        ],
         [replace(h, line=comments, end=start) for h in above if comment],
     )
 
@@ -264,6 +305,18 @@ def _named(header: _CsvHeader, start: int) -> _CsvHeader:
     if len(given) >= _NUMBERED and list(given) in counts:
         return replace(header, names=names, worded=header)
     return replace(header, names=names, line=header.line - 1, end=start, worded=header)
+
+
+def _of_messages(header: _CsvHeader, text: str, start: int) -> _CsvHeader:
+    """Return a header with the joints' names, if the rows hold them."""
+    lines = io.StringIO(text, newline="")
+    below = _split(lines, header.end, header.separator).names
+    found = named_columns(header.names, below)
+    if found is None:
+        return header
+    line, end = (header.line - 1, start) if found.is_row else (header.line, header.end)
+    repeated = header.separator.join(found.repeated)
+    return replace(header, names=found.names, line=line, end=end, repeated=repeated)
 
 
 def _marks(line: str) -> tuple[str, ...]:
@@ -293,18 +346,28 @@ def _values(
     header: _CsvHeader,
     names: Sequence[str],
     omit: Collection[int],
+    missing: Missing = "refuse",
 ) -> Matrix:
     """Return the named columns of the rows below a header, shape (rows, names)."""
+    if header.repeated and body.count(header.repeated) < len(body.split("\n")) - 1:
+        raise RecordingError(
+            f"{path}: not all rows are of the joints {header.repeated}, which the "
+            "first row names: write the messages of one topic"
+        )
     at = {name: k for k, name in reversed(list(enumerate(header.names)))}
     places = [at[name] for name in names]
     if header.separator == _SPACE:
         lines = body.replace("\r\n", "\n").replace("\r", "\n").split("\n")
         body = "\n".join(" ".join(line.split()) for line in lines)
-    values = _fast(body, header, places)
-    return _exact(path, body, header, places, omit) if values is None else values
+    values = _fast(body, header, places, missing)
+    if values is None:
+        return _exact(path, body, header, places, omit, missing)
+    return values
 
 
-def _fast(body: str, header: _CsvHeader, places: Sequence[int]) -> Matrix | None:
+def _fast(
+    body: str, header: _CsvHeader, places: Sequence[int], missing: Missing = "refuse"
+) -> Matrix | None:
     """Return the columns as PyArrow reads them; None if it refuses them or is missing.
 
     Decimal commas are tried where commas do not separate.  Lines of a single column, of
@@ -329,7 +392,7 @@ def _fast(body: str, header: _CsvHeader, places: Sequence[int]) -> Matrix | None
                 arrow.ConvertOptions(
                     include_columns=wanted,
                     column_types=dict.fromkeys(wanted, pa.float64()),
-                    null_values=[],
+                    null_values=sorted(_NOTHING) if missing == "omit" else [],
                     decimal_point=mark,
                 ),
             )
@@ -337,7 +400,7 @@ def _fast(body: str, header: _CsvHeader, places: Sequence[int]) -> Matrix | None
             continue
         values = np.empty((len(table), len(places)), order="F")
         for k, column in enumerate(wanted):
-            values[:, k] = np.from_dlpack(table[column].combine_chunks())
+            values[:, k] = table[column].to_numpy()
         return values
     return None
 
@@ -348,6 +411,7 @@ def _exact(
     header: _CsvHeader,
     places: Sequence[int],
     omit: Collection[int] = (),
+    missing: Missing = "refuse",
 ) -> Matrix:
     """Return the columns as the csv module reads them, NaN in rows to omit."""
     reader = csv.reader(
@@ -357,27 +421,34 @@ def _exact(
     )
     mark = "." if header.separator == "," else None
     rows: list[list[float | None]] = []
-    first, broken = "", list[int]()
+    first, broken, lacking = "", list[int](), True
     for fields in filter(None, reader):
         number, row = header.rows + len(rows) + 1, list[float | None]()
         if number in omit:
             rows.append([nan] * len(places))
             continue
-        fault = _miscounted(fields, header)
+        fault, cells = _miscounted(fields, header), list[str]()
         if not fault:
             cells = [fields[k] for k in places]
             mark = mark or _decimal_mark(cells)
-            row = [_number(cell, mark) for cell in cells]
+            row = [
+                nan if missing == "omit" and cell in _NOTHING else _number(cell, mark)
+                for cell in cells
+            ]
             if None in row:
                 column = header.names[places[row.index(None)]]
                 fault = f", column {column!r}" + _fault(cells, row, mark, not rows)
         if fault:
             line = header.line + reader.line_num
             first = first or f"{path}, row {number} (line {line}){fault}"
+            lacking = lacking and "" in cells
             broken.append(number)
         rows.append(row)
     if broken:
-        raise RecordingError(f"{first}{omit_advice(broken, len(rows))}")
+        raise RecordingError(
+            f"{first}{omit_advice(broken, len(rows))}{MISSING_ADVICE * lacking}",
+            options=OMIT_MISSING * lacking,
+        )
     if not rows:
         raise RecordingError(f"{path}: no row below the header")
     return np.array(rows, dtype=np.float64)
@@ -424,7 +495,25 @@ def _number(cell: str, mark: str | None) -> float | None:
     try:
         return float(cell)
     except ValueError:
-        return _seconds_of_date(cell)
+        return _seconds_of_date(cell) if cell[:4].isdigit() else _duration(cell)
+
+
+def _duration(cell: str) -> float | None:
+    """Return the seconds of a duration, as MATLAB's timetables and pandas write them.
+
+    Examples
+    --------
+    >>> _duration("0.25 sec"), _duration("01:00:02.5"), _duration("0 days 00:00:01")
+    (0.25, 3602.5, 1.0)
+    """
+    found = _DURATION.fullmatch(cell)
+    if found is None:
+        return None
+    if found["number"] is not None:
+        return float(found["number"]) * _SECONDS_OF[found["unit"]]
+    days, hours = (float(found[part] or 0.0) for part in ("days", "hours"))
+    minutes, seconds = float(found["minutes"]), float(found["seconds"])
+    return 86400.0 * days + 3600.0 * hours + 60.0 * minutes + seconds
 
 
 def _seconds_of_date(cell: str) -> float | None:

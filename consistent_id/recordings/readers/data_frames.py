@@ -8,7 +8,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import Columns, require, wanted
-from consistent_id.recordings.readers.named_arrays import Duplicates, recording_of
+from consistent_id.recordings.readers.named_arrays import (
+    Duplicates,
+    Missing,
+    parts_of,
+    recording_of,
+    stored_names,
+)
 from consistent_id.recordings.readers.units import is_time
 from consistent_id.recordings.recording import Recording
 
@@ -29,6 +35,7 @@ def recording_from(
     name: str = "table",
     omit: Sequence[int] = (),
     duplicates: Duplicates = "refuse",
+    missing: Missing = "refuse",
 ) -> Recording:
     """Return the recording in a data frame or in a mapping of arrays.
 
@@ -42,7 +49,7 @@ def recording_from(
         Factor from the torque column to torque.
     name : str
         Name of the recording; used in messages.
-    omit, duplicates
+    omit, duplicates, missing
         See `read_recording`.
 
     Raises
@@ -61,16 +68,18 @@ def recording_from(
     index = _index(table)
     if index in want.names and index not in names:
         raise _of_index(index, name)
-    require(name, want.names, names)
-    arrays = {column: _array(table[column], column, name) for column in want.names}
+    stored = stored_names(want.names)
+    require(name, stored, names)
+    arrays = {column: _array(table[column], column, name) for column in stored}
     return recording_of(
-        arrays,
+        parts_of(arrays, want.names, name),
         want,
         where=name,
         name=name,
         torque_gain=torque_gain,
         omit=omit,
         duplicates=duplicates,
+        missing=missing,
     )
 
 

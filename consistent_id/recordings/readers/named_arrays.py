@@ -26,7 +26,14 @@ from consistent_id.errors import RecordingError
 from consistent_id.recordings.log_formats import log_format
 from consistent_id.recordings.readers.beside_columns import BesideColumns
 from consistent_id.recordings.readers.columns import WantedChannels
-from consistent_id.recordings.readers.units import Units, factors, needs_gain
+from consistent_id.recordings.readers.units import (
+    Units,
+    clock_columns,
+    factors,
+    fraction_unit,
+    needs_gain,
+    rate_of,
+)
 from consistent_id.recordings.recording import LATEST, Recording, SampleError
 
 _log = logging.getLogger(__name__)
@@ -35,6 +42,13 @@ Arrays = Mapping[str, NDArray[Any]]
 
 Duplicates = Literal["refuse", "first", "last"]
 """The row that is used if several have one time stamp."""
+
+Missing = Literal["refuse", "omit"]
+"""Whether rows with empty or NaN values are left out."""
+
+OMIT_MISSING = "--missing omit"
+
+MISSING_ADVICE = f". Rows with missing values are left out by {OMIT_MISSING}"
 
 _MOST = 20  # rows to leave out that are listed; more are no single broken ones
 _GAP = 10.0  # usual steps without a sample
@@ -58,6 +72,7 @@ def recording_of(
     torque_gain: ArrayLike,
     omit: Sequence[int] = (),
     duplicates: Duplicates = "refuse",
+    missing: Missing = "refuse",
     numbers: IntArray | None = None,
 ) -> Recording:
     """Return the recording of the wanted arrays.
@@ -74,6 +89,8 @@ def recording_of(
         Rows to leave out, counted from 1.
     duplicates : {"refuse", "first", "last"}
         The row that is used if several successive ones have one time stamp.
+    missing : {"refuse", "omit"}
+        Whether rows in which a value is NaN are left out.
     numbers : ndarray of int, shape (samples,), optional
         Numbers of the samples' rows in the file, by default from 1 on.
 
@@ -98,6 +115,8 @@ def recording_of(
                 )
         channels[channel] = np.column_stack(columns)
     keep = _kept(len(time), omit, where)
+    if missing == "omit":
+        keep &= _complete(time, [*channels.values()], where)
     keep[keep] = _distinct(time[keep], duplicates)
     second = 1.0 / float(factors(want.units, "time", want.joints[:1])[0])
     time = _of_one_clock(time, keep, second, where)
@@ -121,7 +140,11 @@ def recording_of(
         broken = broken_samples(seconds, [*channels.values(), *beside.values()])
         rows = np.arange(1, len(time) + 1) if numbers is None else numbers
         advice = omit_advice(rows[keep][broken].tolist(), len(seconds))
-        raise RecordingError(f"{cause}{advice}", options=cause.options) from None
+        options = cause.options
+        if any(np.isnan(values).any() for values in channels.values()):
+            advice = f"{advice}{MISSING_ADVICE}"
+            options = f"{options} {OMIT_MISSING}".strip()
+        raise RecordingError(f"{cause}{advice}", options=options) from None
     return recording
 
 
@@ -227,6 +250,29 @@ def _distinct(time: Vector, duplicates: Duplicates) -> BoolArray:
     return ~repeated
 
 
+def _complete(time: Vector, channels: Sequence[Matrix], where: str) -> BoolArray:
+    """Return the rows in which no value is missing.
+
+    Raises
+    ------
+    RecordingError
+        If there are none.
+    """
+    complete = ~np.isnan(time)
+    for values in channels:
+        complete &= ~np.isnan(values).any(axis=1)
+    if not complete.any():
+        counts = ", ".join(
+            str(int((~np.isnan(values)).all(axis=1).sum())) for values in channels
+        )
+        raise RecordingError(
+            f"{where}: no row of {len(time)} has all values: the channels have "
+            f"{counts} complete rows, but not the same ones. They were written at "
+            "other times: export them resampled to one clock"
+        )
+    return np.asarray(complete)
+
+
 def _by_sample(values: NDArray[Any], samples: int) -> NDArray[Any]:
     """Return an array whose first axis is that of samples, if one is."""
     flat = values.reshape(-1) if values.ndim == 2 and 1 in values.shape else values
@@ -261,12 +307,8 @@ def gained(
 
     Torque of joints at the indices `without_torque` becomes zero.
     """
-    if (unit := needs_gain(units)) and np.ndim(torque_gain) == 0 and torque_gain == 1.0:
-        raise RecordingError(
-            f"{name}: torque is in {unit}, without a gain. Give the conversion to "
-            f"torque at each joint, gear ratio included, the rated torque in N m or "
-            f"N m per ampere: --torque-gain NUMBER ... (torque_gain)"
-        )
+    if np.ndim(torque_gain) == 0 and torque_gain == 1.0:
+        require_gain(units, name)
     time = time * factors(units, "time", joints[:1])
     channels = {
         channel: _times(values, factors(units, channel, joints))
@@ -279,6 +321,22 @@ def gained(
         torque[:, list(without_torque)] = 0.0
         channels = channels | {"torque": torque}
     return Recording(joints, time, name=name, **cast(dict[str, Any], channels))
+
+
+def require_gain(units: Units, where: str) -> None:
+    """Refuse a torque in a unit that only a gain converts.
+
+    Raises
+    ------
+    RecordingError
+        With the option that states the gain.
+    """
+    if unit := needs_gain(units):
+        raise RecordingError(
+            f"{where}: torque is in {unit}, without a gain. Give the conversion to "
+            f"torque at each joint, gear ratio included, the rated torque in N m or "
+            f"N m per ampere: --torque-gain NUMBER ... (torque_gain)"
+        )
 
 
 def _times(values: Matrix, factor: Vector) -> Matrix:
@@ -359,7 +417,11 @@ def stored_name(name: str) -> str:
 
 
 def read_parts(
-    reader: Any, path: Path, names: Sequence[str], omit: Collection[int] = ()
+    reader: Any,
+    path: Path,
+    names: Sequence[str],
+    omit: Collection[int] = (),
+    missing: Missing = "refuse",
 ) -> dict[str, NDArray[Any]]:
     """Return named arrays, and parts of arrays, by the requested names.
 
@@ -370,26 +432,32 @@ def read_parts(
     omit : collection of int
         Rows that are left out afterwards, counted from 1; of text they may hold
         anything.
+    missing : {"refuse", "omit"}
+        Whether empty fields of text are NaN.
 
     Raises
     ------
     RecordingError
         If there is no such array, or it has no such columns.
     """
-    given = (omit,) if log_format(path).is_text else ()
+    given = (omit, missing) if log_format(path).is_text else ()
     arrays = reader.read_arrays(path, stored_names(names), *given)
     return parts_of(arrays, names, path)
 
 
 def stored_names(names: Sequence[str]) -> list[str]:
     """Return the names of the arrays that are requested as a whole or in part."""
-    return list(dict.fromkeys(map(stored_name, names)))
+    parts = (part for name in names for part in clock_columns(name))
+    return list(dict.fromkeys(map(stored_name, parts)))
 
 
 def parts_of(
-    arrays: Mapping[str, NDArray[Any]], names: Sequence[str], where: Path | str
+    arrays: Mapping[str, NDArray[Any]],
+    names: Sequence[str],
+    where: Path | str,
+    first: int = 0,
 ) -> dict[str, NDArray[Any]]:
-    """Return the requested arrays and parts of arrays.
+    """Return the requested arrays and parts of arrays, which begin at a row.
 
     Raises
     ------
@@ -398,11 +466,24 @@ def parts_of(
     """
     found: dict[str, NDArray[Any]] = {}
     for name in names:
+        if clock_columns(name) != (name,):
+            found[name] = _clock(name, arrays, str(where), first)
+            continue
         part, whole = _PART.fullmatch(name), arrays[stored_name(name)]
         found[name] = (
             whole if part is None else _columns(whole, part, f"{where}: {name}")
         )
     return found
+
+
+def _clock(name: str, arrays: Arrays, where: str, first: int) -> Vector:
+    """Return a clock of two columns, or of a rate, from a row on."""
+    if rate := rate_of(name):
+        rows = max(max(values.shape) for values in arrays.values())
+        return np.asarray((first + np.arange(rows)) / rate)
+    whole, fraction = clock_columns(name)
+    unit = fraction_unit(where, fraction)
+    return vector_of(arrays, whole, where) + unit * vector_of(arrays, fraction, where)
 
 
 def _columns(whole: NDArray[Any], part: re.Match[str], where: str) -> NDArray[Any]:

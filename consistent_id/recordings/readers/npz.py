@@ -1,4 +1,8 @@
-"""Arrays of an NPZ file; nothing in it is ever unpickled."""
+"""Arrays of an NPZ file, or the columns of an NPY file; nothing is ever unpickled.
+
+Columns of a plain two-dimensional array are called ``column1``, ``column2`` and so on,
+those of a structured one by their fields.
+"""
 
 import math
 import struct
@@ -14,6 +18,8 @@ from consistent_id._support.files import require_unpacked
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import require
 from consistent_id.recordings.readers.named_arrays import Arrays
+
+_SINGLE = ".npy"
 
 # Exceptions of zipfile and NumPy for files that are cut or overwritten.
 _UNREADABLE = (
@@ -39,6 +45,10 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
     RecordingError
         If the file is not NPZ, or an array is missing or contains pickled objects.
     """
+    if path.suffix.lower() == _SINGLE:
+        columns = _columns(path)
+        require(str(path), names, tuple(columns))
+        return {name: columns[name] for name in names}
     require(str(path), names, array_names(path))
     try:
         _require_sizes(path, names)
@@ -50,11 +60,30 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
 
 def array_names(path: Path) -> tuple[str, ...]:
     """Return the names of the arrays."""
+    if path.suffix.lower() == _SINGLE:
+        return tuple(_columns(path))
     try:
         with zipfile.ZipFile(path) as members:
             return tuple(name.removesuffix(".npy") for name in members.namelist())
     except _UNREADABLE as cause:
         raise RecordingError(f"{path}: not readable as NPZ: {cause}") from None
+
+
+def _columns(path: Path) -> dict[str, np.ndarray]:
+    """Return the columns of a file with one array; the longer axis is that of time."""
+    try:
+        whole = np.load(path, mmap_mode="r", allow_pickle=False)
+    except _UNREADABLE as cause:
+        raise RecordingError(f"{path}: not readable as NPY: {cause}") from None
+    if whole.dtype.names:
+        return {name: np.asarray(whole[name]) for name in whole.dtype.names}
+    if whole.ndim != 2 or whole.dtype.kind not in "iuf":
+        raise RecordingError(
+            f"{path}: one array of {whole.dtype} with shape {whole.shape}, expected "
+            "numbers in rows and columns; numpy.savez keeps several arrays by name"
+        )
+    upright = whole if whole.shape[0] >= whole.shape[1] else whole.T
+    return {f"column{k}": np.asarray(c) for k, c in enumerate(upright.T, start=1)}
 
 
 def _require_sizes(path: Path, names: Sequence[str]) -> None:

@@ -36,6 +36,7 @@ from consistent_id.recordings.readers.jointstate import (
 from consistent_id.recordings.readers.named_arrays import (
     Arrays,
     Duplicates,
+    Missing,
     parts_of,
     read_parts,
     recording_of,
@@ -45,6 +46,7 @@ from consistent_id.recordings.readers.named_arrays import (
 )
 from consistent_id.recordings.readers.units import (
     KNOWN,
+    clock_columns,
     factors,
     is_other_unit,
     standard_unit,
@@ -64,6 +66,7 @@ def read_recording(
     topic: str | None = None,
     omit: Sequence[int] = (),
     duplicates: Duplicates = "refuse",
+    missing: Missing = "refuse",
 ) -> Recording:
     """Read a recording from a file, or a folder of a ROS 2 bag or LeRobot data set.
 
@@ -73,11 +76,12 @@ def read_recording(
         CSV (``.csv``, ``.tsv``, ``.txt``, ``.dat``; comma, semicolon, tab or spaces; a
         decimal comma where the comma does not separate), Parquet (``.parquet``), a
         LeRobot data set (its folder, or a file of it), Feather (``.feather``,
-        ``.arrow``), NPZ (``.npz``), HDF5 (``.h5``, ``.hdf5``), MATLAB (``.mat``),
-        PyTorch (``.pt``, ``.pth``: tensors of ``torch.save``); a folder of tables with
-        one clock, side by side; a ROS bag with ``sensor_msgs/JointState`` (``.mcap``,
-        ``.db3``, ``.bag`` or a folder). `BesideColumns` name fields of other topics as
-        ``TOPIC.FIELD``, such as ``"/imu/data.angular_velocity"``.
+        ``.arrow``), NPZ (``.npz``), NPY (``.npy``), JSON (``.json``, ``.jsonl``,
+        ``.ndjson``), HDF5 (``.h5``, ``.hdf5``), MATLAB (``.mat``), PyTorch (``.pt``,
+        ``.pth``: tensors of ``torch.save``); a folder of tables with one clock, side by
+        side; a ROS bag with ``sensor_msgs/JointState`` (``.mcap``, ``.db3``, ``.bag``
+        or a folder). `BesideColumns` name fields of other topics as ``TOPIC.FIELD``,
+        such as ``"/imu/data.angular_velocity"``.
     joints : sequence of str
         Names of the joints to read.
     columns : Columns
@@ -92,6 +96,8 @@ def read_recording(
         Broken rows to leave out, counted from 1.  Not for bags.
     duplicates : {"refuse", "first", "last"}
         The row that is used if several have one time stamp.  Not for bags.
+    missing : {"refuse", "omit"}
+        Whether rows with empty or NaN values are left out.  Not for bags.
 
     Raises
     ------
@@ -112,10 +118,10 @@ def read_recording(
     """
     path = Path(path)
     if log_format(path).holds == "joint states":
-        if len(omit) or duplicates != "refuse":
+        if len(omit) or duplicates != "refuse" or missing != "refuse":
             raise RecordingError(
-                f"{path}: omit and duplicates are for rows of tables; bags have "
-                f"messages, not rows"
+                f"{path}: omit, duplicates and missing are for rows of tables; bags "
+                "have messages, not rows"
             )
         columns = columns or JOINT_STATE
         joint_state_fields(columns, joints, str(path))  # before a long read
@@ -141,13 +147,14 @@ def read_recording(
     if log_format(path).in_pieces(path):
         _require_room(path)
     return recording_of(
-        read_parts(reader, path, want.names, omit),
+        read_parts(reader, path, want.names, omit, missing),
         want,
         where=str(path),
         name=path.name,
         torque_gain=torque_gain,
         omit=omit,
         duplicates=duplicates,
+        missing=missing,
     )
 
 
@@ -247,9 +254,10 @@ class LogRows:
     def times(self) -> Iterator[Vector]:
         """Yield the times of all rows, in pieces [s]."""
         name = self.columns.time
-        units = wanted_of(self.path, self.columns, self.joints).units
-        (unit,) = set(factors(units, "time", self.joints[:1]).tolist())
-        for arrays in self._batches([name], 0):
+        want = wanted_of(self.path, self.columns, self.joints)
+        (unit,) = set(factors(want.units, "time", self.joints[:1]).tolist())
+        names = [name] if clock_columns(name) else want.names
+        for arrays in self._batches(names, 0):
             yield vector_of(arrays, name, str(self.path)) * unit
 
     def windows(self, rows: Iterable[tuple[int, int]]) -> Iterator[Recording]:
@@ -303,7 +311,7 @@ class LogRows:
         given = (self.omit,) if log_format(self.path).is_text else ()
         reader = reader_of(self.path)
         for batch in reader.read_batches(self.path, stored, at, *given):
-            arrays = parts_of(batch, names, self.path)
+            arrays = parts_of(batch, names, self.path, at)
             rows = _rows(arrays)
             if len(omitted):
                 keep = ~np.isin(np.arange(at, at + rows), omitted)
@@ -346,7 +354,8 @@ def wanted_of(path: Path, columns: Columns, joints: Sequence[str]) -> WantedChan
     want = wanted(columns, joints, str(path))
     if not log_format(path).states_units:
         return want
-    stored = {name: stored_name(name) for name in want.names}
+    plain = [name for name in want.names if clock_columns(name) == (name,)]
+    stored = {name: stored_name(name) for name in plain}
     said = reader_of(path).array_units(path, list(dict.fromkeys(stored.values())))
     of_names = {name: said[at] for name, at in stored.items() if at in said}
     return _in_stated_units(want, of_names, str(path))

@@ -1,7 +1,10 @@
 """A recording in several tables of a folder, side by side: one for each channel.
 
 Tables are one recording if their clocks are equal; tables without a clock belong to it
-if they have as many rows.  The largest such group is read, and the others are named.
+if they have as many rows.  If no clocks are equal, tables of other columns whose clocks
+cover the same time are one: they are interpolated to the slowest of these clocks, and
+values are NaN where a table has none.  The largest such group is read, and the others
+are named.
 """
 
 from collections.abc import Sequence
@@ -17,6 +20,9 @@ from consistent_id.recordings.log_formats import log_format, tables_in
 from consistent_id.recordings.readers.columns import require
 from consistent_id.recordings.readers.named_arrays import Arrays
 from consistent_id.recordings.readers.units import is_time
+
+_RATES = 20.0  # most ratio of the rates of two tables of one recording
+_COMMON = 0.8  # share of the longer clock that two tables of one recording cover
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,28 +43,35 @@ def read_arrays(path: Path, names: Sequence[str]) -> Arrays:
     RecordingError
         If there is no such column, or no two tables have one clock.
     """
-    places = _places(path)
+    parts = _parts(path)
+    places, clock = _places(parts), _slowest(parts)
     require(str(path), names, tuple(places))
     found: dict[str, Any] = {}
     for file in dict.fromkeys(places[name][0] for name in names):
         own = {n: places[n][1] for n in names if places[n][0] == file}
         read = log_format(file).reader(file).read_arrays(file, [*own.values()])
-        found |= {name: read[column] for name, column in own.items()}
+        (part,) = (part for part in parts if part.file == file)
+        for name, column in own.items():
+            found[name] = _at(clock, part, np.asarray(read[column]))
     return found
 
 
 def array_names(path: Path) -> tuple[str, ...]:
     """Return the names of all columns; a name of several tables follows its table's."""
-    return tuple(_places(path))
+    return tuple(_places(_parts(path)))
 
 
 def notes(path: Path) -> tuple[str, ...]:
     """Return sentences on the tables that are read, and on those that are not."""
-    files = [part.file for part in _parts(path)]
+    parts = _parts(path)
+    files, clock = [part.file for part in parts], _slowest(parts)
+    moved = ", ".join(p.file.name for p in parts if not _has_clock(p, clock))
+    if moved:
+        moved = f"; {moved}: interpolated to the clock of {clock.file.name}"
     said = ", ".join(file.name for file in files)
     rest = ", ".join(file.name for file in tables_in(path) if file not in files)
-    more = f"; {rest}: of another clock, or no table, not read" if rest else ""
-    return (f"{said} have one clock and are one recording{more}",)
+    more = f"; not read, as they have another clock or no table: {rest}" if rest else ""
+    return (f"{said} are one recording{moved}{more}",)
 
 
 def one_recording(files: Sequence[Path]) -> Path | None:
@@ -76,14 +89,14 @@ def one_recording(files: Sequence[Path]) -> Path | None:
     return None
 
 
-def _places(path: Path) -> dict[str, tuple[Path, str]]:
+def _places(parts: Sequence[_TablePart]) -> dict[str, tuple[Path, str]]:
     """Return the table and the column of each name."""
-    parts = _parts(path)
+    clock = _slowest(parts)
     every = [n for part in parts for n in part.names if n != part.clock]
     places: dict[str, tuple[Path, str]] = {}
+    if clock.clock is not None:
+        places[clock.clock] = (clock.file, clock.clock)
     for part in parts:
-        if part.clock is not None:
-            places.setdefault(part.clock, (part.file, part.clock))
         for name in part.names:
             if name != part.clock:
                 own = name if every.count(name) == 1 else f"{part.file.stem}.{name}"
@@ -95,10 +108,15 @@ def _parts(path: Path) -> list[_TablePart]:
     """Return the tables of the largest group with one clock."""
     tables = [part for file in tables_in(path) if (part := _part(file)) is not None]
     timed = [part for part in tables if part.clock is not None]
-    groups = [
-        [other for other in tables if _belongs(other, part)] for part in timed or tables
-    ]
-    best = max(groups, key=len, default=[])
+    best = list[_TablePart]()
+    for together in (_has_clock, _belongs):  # interpolated only where no clocks agree
+        groups = [
+            [other for other in tables if together(other, part)]
+            for part in timed or tables
+        ]
+        best = max(groups, key=len, default=[])
+        if len(best) > 1:
+            break
     if len(best) < 2:
         raise RecordingError(
             f"{path}: no two of its {len(tables)} tables have the same clock, so they "
@@ -129,6 +147,48 @@ def _part(file: Path) -> _TablePart | None:
 
 
 def _belongs(other: _TablePart, part: _TablePart) -> bool:
+    if _has_clock(other, part):
+        return True
+    if other.clock is None or part.clock is None:
+        return False
+    if {*other.names} & {*part.names} - {other.clock, part.clock}:
+        return False  # runs of one kind
+    return _cover_the_same(other.time, part.time)
+
+
+def _has_clock(other: _TablePart, part: _TablePart) -> bool:
+    """Return whether rows of a table are those of another one."""
     if other.clock is None or part.clock is None:
         return len(other.time) == len(part.time)
     return bool(np.array_equal(other.time, part.time))
+
+
+def _cover_the_same(one: Vector, other: Vector) -> bool:
+    """Return whether two clocks increase and cover nearly the same time."""
+    if any(time.dtype.kind not in "iuf" or len(time) < 2 for time in (one, other)):
+        return False
+    if any((np.diff(time) <= 0.0).any() for time in (one, other)):
+        return False
+    if not 1.0 / _RATES <= len(one) / len(other) <= _RATES:
+        return False
+    common = min(one[-1], other[-1]) - max(one[0], other[0])
+    return bool(common >= _COMMON * max(np.ptp(one), np.ptp(other)))
+
+
+def _slowest(parts: Sequence[_TablePart]) -> _TablePart:
+    """Return the table whose clock is that of the recording."""
+    timed = [part for part in parts if part.clock is not None]
+    return min(timed or parts, key=lambda part: len(part.time))
+
+
+def _at(clock: _TablePart, part: _TablePart, values: np.ndarray) -> np.ndarray:
+    """Return values of a table at the times of another one; NaN where it has none."""
+    if _has_clock(part, clock):
+        return values
+    if values.ndim != 1 or values.dtype.kind not in "iuf":
+        raise RecordingError(
+            f"{part.file}: arrays cannot be interpolated to the clock of "
+            f"{clock.file.name}, only columns of numbers"
+        )
+    moved = np.interp(clock.time, part.time, values, left=np.nan, right=np.nan)
+    return np.asarray(moved)

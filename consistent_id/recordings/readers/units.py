@@ -1,8 +1,12 @@
-"""Units in column names, and the factors to s, rad, m, N m and N."""
+"""Units in column names, and the factors to s, rad, m, N m and N.
+
+A clock may be the sum of two columns, ``stamp.sec + stamp.nanosec``, or, if samples are
+evenly spaced and the log has no clock, their rate, ``5000Hz``.
+"""
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -89,6 +93,22 @@ _CLOCKS: tuple[str, ...] = (
     "t_s",
 )
 _CLOCKS += ("sim_time", "zeitinsec", "elapsed", "elapsed_time")
+
+
+_RATE = re.compile(r"(?P<rate>\d+(?:\.\d+)?(?:e\d+)?) ?hz", re.IGNORECASE)
+_AND = " + "  # between the columns of a clock
+_FRACTIONS = {
+    word: factor
+    for factor, words in {
+        1e-3: ("ms", "msec", "msecs", "millisec", "milliseconds"),
+        1e-6: ("us", "usec", "usecs", "microsec", "microseconds"),
+        1e-9: ("ns", "nsec", "nsecs", "nanosec", "nanosecs", "nanoseconds"),
+    }.items()
+    for word in words
+}
+RATE = "RATEHz"  # in place of a rate that no log holds
+_SECONDS = ("s", "sec", "secs", "second", "seconds")
+_LAST_WORD = re.compile(r"[A-Za-z]+$")
 
 
 def standard_unit(channel: str, unit: str) -> str:
@@ -223,3 +243,57 @@ def is_time(name: str) -> bool:
     last = name.strip().lower().replace("/", ".").rpartition(".")[2].lstrip("_")
     bare = _UNIT_OF_TIME.sub("", last.replace("_", " ")).replace(" ", "_")
     return last in _CLOCKS or bare in _CLOCKS
+
+
+def clock_columns(name: str) -> tuple[str, ...]:
+    """Return the columns of a name: itself, two of a clock, or none of a rate.
+
+    Examples
+    --------
+    >>> clock_columns("time"), clock_columns("t.sec + t.ns"), clock_columns("5e3Hz")
+    (('time',), ('t.sec', 't.ns'), ())
+    """
+    return () if _RATE.fullmatch(name) else tuple(name.split(_AND))
+
+
+def split_clock(names: Collection[str]) -> str | None:
+    """Return the clock in two columns, seconds and their fraction, if there is one.
+
+    Examples
+    --------
+    >>> split_clock(["header.stamp.sec", "header.stamp.nanosec", "position0"])
+    'header.stamp.sec + header.stamp.nanosec'
+    """
+    for name in names:
+        last = _LAST_WORD.search(name)
+        if last is None or last[0].lower() not in _SECONDS:
+            continue
+        stem = name[: last.start()]
+        for other in names:
+            if other.startswith(stem) and other[len(stem) :].lower() in _FRACTIONS:
+                return f"{name}{_AND}{other}"
+    return None
+
+
+def rate_of(clock: str) -> float | None:
+    """Return the rate [Hz] that stands for a clock; None if it is a column."""
+    found = _RATE.fullmatch(clock)
+    return None if found is None else float(found["rate"])
+
+
+def fraction_unit(where: str, name: str) -> float:
+    """Return the unit [s] of the column with a clock's fractions of a second.
+
+    Raises
+    ------
+    RecordingError
+        If its name does not end in one.
+    """
+    last = _LAST_WORD.search(name)
+    factor = _FRACTIONS.get("" if last is None else last[0].lower())
+    if factor is None:
+        raise RecordingError(
+            f"{where}: no unit ends {name!r}, expected the fraction of a second of a "
+            "clock in ms, usec or nanosec"
+        )
+    return factor

@@ -42,8 +42,8 @@ def low_passed(
     """Filter with a zero-phase Butterworth filter.
 
     Motion is filtered forwards and backwards.  Torque passes the same filter as a
-    kernel, and the recording keeps what it was before, so that `build_regression` can
-    filter its rows like the torque: ``F Y x = F tau`` holds exactly, also where
+    kernel, and the recording keeps its torque from before, so that `build_regression`
+    can filter its rows like the torque: ``F Y x = F tau`` holds exactly, also where
     friction jumps.
 
     Parameters

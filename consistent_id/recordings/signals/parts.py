@@ -275,7 +275,7 @@ def _parts(
     ]
     if not kept:
         raise RecordingError(
-            f"{recording.name}: of {len(runs)} parts none has two samples and lasts "
+            f"{recording.name}: none of {len(runs)} parts has two samples and lasts "
             f"{shortest:g} s; record longer parts"
         )
     if len(kept) == 1 and len(kept[0]) == len(recording):

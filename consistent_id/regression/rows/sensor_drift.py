@@ -77,7 +77,7 @@ def driftless_regression(
     ProblemError
         If the model has a bias.
     NotExcitedError
-        If a recording is no longer than what is taken out of it.
+        If a recording has no more samples than parameters that are taken out.
     """
     _require_no_bias(model, drift)
     parts = [_rows_without_drift(model, log, drift) for log in recordings]
@@ -201,8 +201,8 @@ def _rows_without_drift(
     lost = 2 if drift == "linear" else 1
     if n <= lost:
         raise NotExcitedError(
-            f"{log.name} has {n} samples, of which its bias takes {lost}; join short "
-            "recordings, or take drift='none'"
+            f"{log.name} has {n} samples, and its bias takes {lost} of them; join "
+            "short recordings, or take drift='none'"
         )
     for own, N in zip(rows, _drifts(motion, log, drift), strict=True):
         Q, _ = np.linalg.qr(N)

@@ -17,9 +17,9 @@ from consistent_id.errors import ModelError
 from consistent_id.robot.chains import Selection, selected
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.kinematics import FixedPlace, snapped, turn
-from consistent_id.robot.loaders.mjcf_files import mjcf_elements
 from consistent_id.robot.loaders.mjcf_spec import (
     joint_name,
+    mjcf_elements,
     read_spec,
     refuse_unsupported,
 )

@@ -1,4 +1,4 @@
-"""URDF text changed in place: only the bytes of what changes differ.
+"""URDF text changed in place: only the bytes of changed values differ.
 
 Comments, CDATA, white space, quotes, encodings and elements of other programs stay as
 they are, because nothing is parsed and written anew: edits are cut into the bytes.
@@ -269,7 +269,7 @@ def set_numbers(
 
 
 def _same(stated: Array, wanted: Array) -> bool:
-    """Return whether numbers differ by no more than what arithmetic rounds off."""
+    """Return whether numbers differ by no more than rounding."""
     if stated.shape != wanted.shape:
         return False
     return bool(np.allclose(stated, wanted, rtol=_ROUNDED, atol=0.0))
@@ -306,7 +306,7 @@ def set_body(document: XmlText, link: Element, body: InertialParameters) -> list
 def _parts(
     body: InertialParameters, link: Element
 ) -> dict[str, dict[str, Sequence[float]]]:
-    """Return elements of an inertial and their numbers; what is massless stays put."""
+    """Return elements of an inertial and their numbers; massless links keep theirs."""
     if body.mass == 0.0:
         com, inertia = body_com(link), body.inertia
     else:

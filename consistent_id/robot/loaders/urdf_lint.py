@@ -438,8 +438,8 @@ def joints_between(root: Element, base: str | None, tip: str | None) -> frozense
 def readable_numbers(value: str, count: int, most: float = inf) -> bool:
     """Return whether text consists of so many finite decimal numbers, none too large.
 
-    Limits may be as large as numbers get, in place of none at all; products of what a
-    body states (`LARGEST_OF_A_BODY`) must be numbers, too.
+    Limits may be as large as numbers get, in place of none at all. Products of a body's
+    values (`LARGEST_OF_A_BODY`) must be finite, too.
     """
     words = value.split()
     numbers = [float(word) for word in words if _NUMBER.fullmatch(word)]

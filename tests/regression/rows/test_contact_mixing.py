@@ -52,6 +52,19 @@ def test_contact_forces_leave_no_trace(robot, log):
     assert abs(mixing.mixed(acting)).max() < 1e-10 * abs(acting).max()
 
 
+def test_the_mixed_rows_of_the_true_parameters_are_the_mixed_torque(robot):
+    model = ci.TorqueModel(robot)
+    exact = replace(standing(robot, np.array(THREE * 2)), wrenches=())
+    motion = motion_of(model, exact, None)
+    kept = [np.arange(len(model.layout))] * 18
+    ((part, blocks),) = motion.rows(model, kept)
+    assert part == slice(0, len(exact)) and abs(motion.torque).max() > 1.0
+    for row, block in enumerate(blocks):
+        measured, predicted = block[:, -1], block[:, :-1] @ robot.nominal
+        np.testing.assert_allclose(measured, motion.torque[:, row], atol=1e-12)
+        np.testing.assert_allclose(predicted, measured, atol=1e-9)
+
+
 def test_contacts_whose_wrenches_are_measured_are_no_unknowns(robot):
     whole = standing(robot, np.array(THREE * 5))
     assert motion_of(ci.TorqueModel(robot), whole, None).mixing is None

@@ -1,18 +1,94 @@
-"""``consistent-id help TOPIC``: a page of the documentation, a command, or a reason."""
+"""What the package brings with it: ``consistent-id demo`` and ``consistent-id help``.
+
+The first copies the example problems, the second prints a page of the documentation,
+the help of a command, or the meaning of a reason.
+"""
 
 import argparse
 import re
+import shlex
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from consistent_id.cli.answers import Answer, show
-from consistent_id.cli.options import Option, add_command
+from consistent_id.cli.options import WRITES, Option, add_command
 from consistent_id.errors import ProblemError
 
-_MORE = """TOPIC is a page of the documentation, a command, or the kind of a reason or a
-finding, in quotes. Without a topic, all pages are listed."""
-_EXAMPLES = """
+_OF_DEMO = """The simulated RX-60 and quadruped and the KUKA KR300 are complete; the
+README among them says where the recordings of the other robots are."""
+_DEMOS = """
+consistent-id demo
+consistent-id compare problems/rx60
+consistent-id compare problems/kuka_kr300
+"""
+
+
+def add_demo(command: argparse.ArgumentParser) -> None:
+    """Give the command its options."""
+    add_command(
+        command,
+        run_demo,
+        Option("--output FOLDER", "folder to write to", default=Path("problems")),
+        *WRITES,
+        more=_OF_DEMO,
+        examples=_DEMOS,
+        reads=False,
+    )
+
+
+def run_demo(options: argparse.Namespace) -> int:
+    """Copy the problems; return the exit code.
+
+    Existing files are kept if they are equal, and refused if not.
+    """
+    from consistent_id._support.files import require_replaceable, write_atomically
+
+    source, folder = _problems(), options.output
+    files = sorted(path for path in source.rglob("*") if path.is_file())
+    contents = {folder / path.relative_to(source): path.read_bytes() for path in files}
+    if not options.dry_run:
+        for path, content in contents.items():
+            require_replaceable(path, content)
+
+    def write() -> Sequence[Path]:
+        for path, content in contents.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(path, content)
+        return list(contents)
+
+    names = sorted(path.parent.name for path in files if path.name == "problem.toml")
+    text = f"Problems in {folder}: {', '.join(names)}\n" + "\n".join(
+        f"try: consistent-id compare {shlex.quote(str(folder / name))}"
+        for name in _COMPLETE
+    )
+    record = {
+        "format": "consistent_id demo 1",
+        "folder": str(folder),
+        "written": [str(path) for path in contents],
+    }
+    return show(options, Answer(0, text, record, write))
+
+
+_COMPLETE = ("rx60", "kuka_kr300")
+
+
+def _problems() -> Path:
+    """Return the folder of problems, of a wheel or of the source tree."""
+    package = Path(__file__).parents[1]
+    for folder in (package / "_problems", package.parent / "problems"):
+        if (folder / "rx60" / "problem.toml").is_file():
+            return folder
+    raise ProblemError(
+        f"{package / '_problems'} is missing; install the package again, or copy "
+        "problems/ of its source archive"
+    )
+
+
+_OF_HELP = """TOPIC is a page of the documentation, a command, or the kind of a reason
+or a finding, in quotes. Without a topic, all pages are listed."""
+_TOPICS = """
 consistent-id help
 consistent-id help bad-result
 consistent-id help "mostly guessed"
@@ -28,8 +104,8 @@ def add_help(command: argparse.ArgumentParser) -> None:
         command,
         run_help,
         Option("[topic]", "page, command, or kind of a reason"),
-        more=_MORE,
-        examples=_EXAMPLES,
+        more=_OF_HELP,
+        examples=_TOPICS,
         reads=False,
     )
 

@@ -1,0 +1,174 @@
+"""Messages printed as text: joint states of ROS, and KUKA's sensor interface.
+
+``rostopic echo -p`` and ``ros2 topic echo --csv`` write rows in which the joints' names
+are fields, so that numbered columns would not say which joint they are of.  ``echo``
+alone writes a block of YAML for each message, KUKA's interface an element of XML.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+_CHANNELS = ("position", "velocity", "effort")
+_STAMP = ("header.stamp.sec", "header.stamp.nanosec")
+_BEFORE_NAMES = 3  # fields of a header: seconds, nanoseconds, frame
+_NAMED = re.compile(r"(?P<before>.*?)name(?P<after>[._\[]*)(?P<number>\d+)\]?$")
+_INTEGER = re.compile(r"\d+")
+
+_YAML = re.compile(r"\A(?:---\s+)?header:\s*\n\s+(?:seq|stamp):", re.MULTILINE)
+_XML = re.compile(r"\A\s*<(?P<root>Rob|Sen)\b[^>]*>")
+_ELEMENT = re.compile(r"<(\w+)((?:\s+[\w.]+=\"[^\"]*\")+)\s*/>")
+_ATTRIBUTE = re.compile(r"([\w.]+)=\"([^\"]*)\"")
+_VALUE = re.compile(r"<(\w+)>\s*([-+.\deE]+)\s*</\1>")
+
+
+@dataclass(frozen=True, slots=True)
+class NamedColumns:
+    """Columns whose joints are named in the rows.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of all columns, with the joints' names.
+    repeated : tuple of str
+        Successive fields that each row has to have, the joints' names.
+    is_row : bool
+        Whether the first line is a row, and no header.
+    """
+
+    names: tuple[str, ...]
+    repeated: tuple[str, ...]
+    is_row: bool
+
+
+def named_columns(first: Sequence[str], second: Sequence[str]) -> NamedColumns | None:
+    """Return the columns of joint states whose first two lines these are, or None.
+
+    Examples
+    --------
+    >>> line = ["5", "0", "", "hip", "knee", "0.1", "0.2", "3.0", "4.0"]
+    >>> named_columns(line, line).names[3:7]
+    ('name0', 'name1', 'position.hip', 'position.knee')
+    >>> named_columns(["%time", "name0", "effort0"], ["17", "hip", "0.1"]).names
+    ('%time', 'name0', 'effort.hip')
+    """
+    return _without_header(first) or _with_header(first, second)
+
+
+def _without_header(line: Sequence[str]) -> NamedColumns | None:
+    """Read seconds, nanoseconds, a frame, and the arrays of joint states."""
+    stamp, rest = line[:2], list(line[_BEFORE_NAMES:])
+    if not all(map(_INTEGER.fullmatch, stamp)) or _is_number("".join(line[2:3])):
+        return None
+    joints = _leading_names(rest)
+    arrays, left = divmod(len(rest), len(joints)) if joints else (0, 1)
+    if left or not 1 < arrays <= len(_CHANNELS) + 1 or len(set(joints)) < len(joints):
+        return None
+    numbers = [f"name{k}" for k in range(len(joints))]
+    values = [f"{c}.{j}" for c in _CHANNELS[: arrays - 1] for j in joints]
+    names = (*_STAMP, "header.frame_id", *numbers, *values)
+    return NamedColumns(names, tuple(joints), is_row=True)
+
+
+def _leading_names(fields: Sequence[str]) -> list[str]:
+    found = list[str]()
+    for text in fields:
+        if not text or _is_number(text):
+            break
+        found.append(text)
+    return found
+
+
+def _with_header(first: Sequence[str], second: Sequence[str]) -> NamedColumns | None:
+    """Replace the numbers of columns by the names in the row below."""
+    if len(first) != len(second):
+        return None
+    places = {
+        k: match for k, name in enumerate(first) if (match := _NAMED.fullmatch(name))
+    }
+    joints = tuple(second[k] for k in places)
+    if not joints or any(not j or _is_number(j) for j in joints):
+        return None
+    named = {
+        first[k].replace("name", channel): f"{match['before']}{channel}.{joint}"
+        for (k, match), joint in zip(places.items(), joints, strict=True)
+        for channel in _CHANNELS
+    }
+    names = tuple(named.get(name, name) for name in first)
+    return None if names == tuple(first) else NamedColumns(names, joints, is_row=False)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def is_printed(text: str) -> bool:
+    """Return whether a text begins with a message in YAML or XML."""
+    return bool(_YAML.match(text) or _XML.match(text))
+
+
+def as_table(text: str) -> str:
+    """Return messages of YAML or XML as a table with commas and a header.
+
+    Messages with other fields than most have are left out, such as a gripper's.
+    """
+    if (found := _XML.match(text)) is not None:
+        parts = text.split(f"</{found['root']}>")
+        rows = [_of_xml(part) for part in parts if "<" in part]
+    else:
+        parts = re.split(r"^---\s*$", text, flags=re.MULTILINE)
+        rows = [row for part in parts for row in _of_yaml(part)]
+    sizes = Counter({names: 0 for names in map(tuple, rows)})
+    for row in rows:
+        sizes[tuple(row)] += len(row)
+    names = max(sizes, key=sizes.__getitem__, default=())
+    lines = [",".join(row.values()) for row in rows if tuple(row) == names]
+    return "\n".join([",".join(names), *lines, ""])
+
+
+def _of_yaml(text: str) -> Iterator[dict[str, str]]:
+    """Yield the fields of one joint state, if it is one."""
+    stamp = [
+        re.search(rf"^\s+{word}:\s*(\d+)", text, re.MULTILINE)
+        for word in ("secs?", "n(?:ano)?secs?")
+    ]
+    joints = _list(text, "name")
+    if None in stamp or not joints:
+        return
+    row = {n: found[1] for n, found in zip(_STAMP, stamp, strict=True) if found}
+    for channel in _CHANNELS:
+        values = _list(text, channel)
+        if len(values) == len(joints):
+            row |= {f"{channel}.{j}": v for j, v in zip(joints, values, strict=True)}
+    yield row
+
+
+def _list(text: str, key: str) -> list[str]:
+    """Return the items of a list of YAML, in one line or in several."""
+    found = re.search(
+        rf"^{key}:\s*(?:\[(?P<line>[^\]]*)\]|(?P<lines>(?:\n\s*- .*)+))",
+        text,
+        re.MULTILINE,
+    )
+    if found is None:
+        return []
+    if found["line"] is not None:
+        items = found["line"].replace("\n", " ").split(",")
+    else:
+        items = [line.strip()[2:] for line in found["lines"].strip().splitlines()]
+    return [item.strip().strip("'\"") for item in items if item.strip()]
+
+
+def _of_xml(text: str) -> dict[str, str]:
+    """Return attributes by ELEMENT.ATTRIBUTE, and values by their element."""
+    row = {
+        f"{element}.{name}": value
+        for element, attributes in _ELEMENT.findall(text)
+        for name, value in _ATTRIBUTE.findall(attributes)
+    }
+    return row | dict(_VALUE.findall(text))

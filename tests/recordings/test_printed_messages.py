@@ -1,0 +1,135 @@
+"""Messages that ROS and KUKA print are read by the joints' names in them."""
+
+import numpy as np
+import pytest
+
+from consistent_id.errors import RecordingError
+from consistent_id.recordings.column_guess import KnownColumns, guess_columns
+from consistent_id.recordings.readers import read_recording
+
+JOINTS = ("shoulder", "elbow")
+PRINTED = ("elbow", "shoulder")  # ROS sorts names
+SAMPLES = 40
+
+
+def values(k):
+    """Position, velocity and effort of both joints, of which no two are equal."""
+    return {
+        "position": [0.1 * k + 1.0, -0.2 * k],
+        "velocity": [0.5, 0.001 * k],
+        "effort": [3.0 + k, 7.0 - k],
+    }
+
+
+def numbers(k):
+    return [repr(v) for each in values(k).values() for v in each]
+
+
+def csv_of_ros2(frame=""):
+    return "".join(
+        ",".join([str(100 + k // 10), str(10**8 * (k % 10)), frame, *PRINTED])
+        + ","
+        + ",".join(numbers(k))
+        + "\n"
+        for k in range(SAMPLES)
+    )
+
+
+def csv_of_ros1():
+    fields = [f"field.{w}{j}" for w in ("name", *values(0)) for j in range(2)]
+    header = ["%time", "field.header.seq", "field.header.stamp", *fields]
+    rows = [
+        [str(10**11 + 7), str(k), str(10**11 + 10**8 * k), *PRINTED, *numbers(k)]
+        for k in range(SAMPLES)
+    ]
+    return "\n".join(",".join(row) for row in [header, *rows]) + "\n"
+
+
+def yaml_of_ros2():
+    def message(k):
+        lists = {"name": PRINTED, **values(k)}
+        stamp = f"  stamp:\n    sec: {100 + k // 10}\n    nanosec: {10**8 * (k % 10)}\n"
+        body = "".join(
+            f"{key}:\n" + "".join(f"- {item}\n" for item in items)
+            for key, items in lists.items()
+        )
+        return f"header:\n{stamp}  frame_id: base\n{body}---\n"
+
+    return "".join(map(message, range(SAMPLES)))
+
+
+def yaml_of_ros1():
+    def message(k):
+        lists = {"name": PRINTED, **values(k)}
+        stamp = f"    secs: {100 + k // 10}\n    nsecs: {10**8 * (k % 10)}\n"
+        body = "".join(
+            f"{key}: [{', '.join(map(str, items))}]\n" for key, items in lists.items()
+        )
+        return f"header: \n  seq: {k}\n  stamp: \n{stamp}  frame_id: ''\n{body}---\n"
+
+    return "".join(map(message, range(SAMPLES)))
+
+
+FORMS = {
+    "ros2 topic echo --csv": csv_of_ros2(),
+    "ros2 topic echo --csv, with a frame": csv_of_ros2("base_link"),
+    "rostopic echo -p": csv_of_ros1(),
+    "ros2 topic echo": yaml_of_ros2(),
+    "rostopic echo": yaml_of_ros1(),
+}
+
+
+@pytest.mark.parametrize("text", FORMS.values(), ids=FORMS)
+def test_joint_states_are_read_by_the_names_in_them(tmp_path, text):
+    file = tmp_path / "log.txt"
+    file.write_text(text)
+    found = guess_columns(file, KnownColumns(JOINTS)).columns
+    if found.time == "field.header.stamp":  # whose unit no name states
+        found = guess_columns(file, KnownColumns(JOINTS, units={"time": "ns"})).columns
+    log = read_recording(file, JOINTS, found)
+    np.testing.assert_allclose(np.diff(log.time), 0.1, rtol=1e-5)
+    expected = [values(k) for k in range(SAMPLES)]
+    for channel, ours in (("position",) * 2, ("velocity",) * 2, ("effort", "torque")):
+        stated = np.array([row[channel][::-1] for row in expected])
+        np.testing.assert_array_equal(getattr(log, ours), stated)
+
+
+def test_a_message_of_other_joints_is_named(tmp_path):
+    file = tmp_path / "log.csv"
+    text = csv_of_ros2().replace("elbow,shoulder", "shoulder,elbow")
+    file.write_text(csv_of_ros2() + text)
+    columns = guess_columns(file, KnownColumns(JOINTS)).columns
+    with pytest.raises(RecordingError, match="not all rows are of the joints"):
+        read_recording(file, JOINTS, columns)
+
+
+def test_a_grippers_messages_between_those_of_the_arm_are_left_out(tmp_path):
+    gripper = yaml_of_ros2().replace("elbow", "finger").replace("- shoulder\n", "")
+    parts = zip(yaml_of_ros2().split("---\n"), gripper.split("---\n"), strict=True)
+    file = tmp_path / "log.txt"
+    file.write_text("---\n".join(text for pair in parts for text in pair))
+    columns = guess_columns(file, KnownColumns(JOINTS)).columns
+    log = read_recording(file, JOINTS, columns)
+    assert len(log) == SAMPLES
+
+
+def test_kukas_elements_are_columns(tmp_path):
+    file = tmp_path / "log.txt"
+    file.write_text(
+        "".join(
+            f'<Rob Type="KUKA"><AIPos A1="{k}.5" A2="-{k}"/><GearTorque A1="{k}" '
+            f'A2="7"/><IPOC>{12 * k + 5}</IPOC></Rob>\n'
+            for k in range(SAMPLES)
+        )
+    )
+    with pytest.raises(RecordingError, match="IPOC: numbers that rise") as refused:
+        guess_columns(file, KnownColumns(("joint_a1", "joint_a2")))
+    assert refused.value.options == "--time IPOC --units time=ms"
+    known = KnownColumns(
+        ("joint_a1", "joint_a2"), {"time": "IPOC"}, units={"time": "ms"}
+    )
+    found = guess_columns(file, known)
+    log = read_recording(file, found.joints, found.columns)
+    np.testing.assert_allclose(np.diff(log.time), 0.012)
+    np.testing.assert_allclose(log.position[:, 0], np.radians(np.arange(SAMPLES) + 0.5))
+    np.testing.assert_array_equal(log.torque[:, 1], np.full(SAMPLES, 7.0))
