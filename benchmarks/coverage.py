@@ -237,11 +237,12 @@ This table alone is measured by
 | robot on its feet, radius of feet, delay of its torque | `identify` | robot on its feet, radius of feet |
 | errors that a design predicts | `excite`, `rehearse` | design on feet, design on a wrist sensor; [rehearsal](rehearsal.md) |
 
-Four figures are not measured here. The delay in `rollout` has the scatter between blocks
+Five figures are not measured here. The delay in `rollout` has the scatter between blocks
 of the motion, and not errors of the model. The drift of a residual counts independent
 samples alone. The share that a choice of `select` takes off has the standard error over
 blocks, but it was chosen because it is large. Parameters of a [servo](servos.md) have the
-curvature of its misfit, and none where a parameter is at its bound.
+curvature of its misfit, and none where a parameter is at its bound. Gains that the
+model's bodies imply assume usual errors of these bodies, which a log cannot show.
 
 ## Real robots
 
