@@ -241,9 +241,8 @@ Five figures are not measured here. The delay in `rollout` has the scatter betwe
 of the motion, and not errors of the model. The drift of a residual counts independent
 samples alone. The share that a choice of `select` takes off has the standard error over
 blocks, but it was chosen because it is large. Parameters of a [servo](servos.md) have the
-curvature of its misfit, and none where a parameter is at its bound. Gains that nominal
-bodies imply ([motor currents](motor-currents.md)) have usual errors of such bodies, which
-no log shows.
+curvature of its misfit, and none where a parameter is at its bound. Gains that the
+model's bodies imply assume usual errors of these bodies, which a log cannot show.
 
 ## Real robots
 

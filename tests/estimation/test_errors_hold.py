@@ -94,7 +94,7 @@ PRINTED = {
     "export/export_formats.py": "Raw logs",
     "fleet/fleet_result.py": "fleet",
     "problems/log_check.py": "radius of feet",
-    "problems/nominal_gains.py": "Gains that nominal",
+    "problems/nominal_gains.py": "model's bodies imply",
     "problems/selection/model_selection.py": "a choice of `select`",
     "report/residuals_section.py": "drift of a residual",
     "rollout/problem_rollout.py": "delay in `rollout`",
