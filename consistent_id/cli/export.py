@@ -148,7 +148,7 @@ def _read_back(chosen: _Chosen, form: str, file: Path, delay: float) -> list[str
     problem, gains = chosen.problem, chosen.gains
     if problem is None or gains is None or find_spec("mujoco") is None:
         return []
-    from consistent_id.rollout.file_error import error_lines
+    from consistent_id.rollout.commanded_motion import error_lines
 
     return error_lines(
         form,

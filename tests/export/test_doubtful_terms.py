@@ -15,7 +15,7 @@ from consistent_id import (
 )
 from consistent_id.export.export_formats import exported, without_doubtful
 from consistent_id.robot.inertia import InertialParameters
-from consistent_id.rollout.file_error import FileError
+from consistent_id.rollout.commanded_motion import FileError
 
 
 @pytest.fixture(scope="module")
