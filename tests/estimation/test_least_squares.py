@@ -94,6 +94,15 @@ def test_each_column_has_a_singular_value_of_unit_columns(rows):
     assert np.allclose(found**2, np.linalg.eigvalsh(unit.T @ unit)[::-1], atol=1e-14)
 
 
+def test_open_directions_change_nothing_whatever_the_columns_units():
+    rng = np.random.default_rng(3)
+    A = rng.normal(size=(20, 3)) @ rng.normal(size=(3, 5)) * [1.0, 0.1, 10.0, 3.0, 0.3]
+    found = solve_linear(A, rng.normal(size=20)).kernel
+    assert found.shape == (5, 2)
+    sizes = np.linalg.norm(A, axis=0) @ abs(found)
+    assert (abs(A @ found).max(axis=0) < 1e-12 * sizes).all()
+
+
 def test_open_directions_are_named_and_the_smallest_solution_is_taken():
     # Columns 0 and 1 stand only as a sum; 2 alone.
     A = np.array([[1.0, 1.0, 0.0], [2.0, 2.0, 1.0], [0.0, 0.0, 3.0], [1.0, 1.0, 1.0]])

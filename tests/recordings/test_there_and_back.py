@@ -135,3 +135,17 @@ def test_what_does_not_come_back_is_refused(arm):
     base = ci.regression.sensor_motion(arm, log, "link3")
     with pytest.raises(ci.RecordingError, match="the base moves"):
         ci.signals.there_and_back(replace(log, base=base))
+
+
+@pytest.mark.parametrize(("travel", "share"), [(0.05, 0.1), (0.05, 0.01), (5.0, 0.01)])
+def test_both_ways_may_differ_by_a_fiftieth_of_the_travel(travel, share):
+    time = np.arange(2001) / 200.0
+    path = 0.5 * (1.0 - np.cos(2 * np.pi * time / 10.0))
+    late = np.where(time > 5.0, np.sin(np.pi * time / 5.0) ** 2, 0.0)
+    log = ci.Recording(("slide",), time, travel * (path + share * late)[:, None])
+    log = replace(log, torque=np.ones((2001, 1)))
+    if share > 0.02:
+        with pytest.raises(ci.RecordingError, match="expected one path both ways"):
+            ci.signals.there_and_back(log, turn=5.0)
+    else:
+        ci.signals.there_and_back(log, turn=5.0)
