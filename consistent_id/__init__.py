@@ -8,7 +8,7 @@ Public names are those of ``__init__.pyi`` and of submodules such as
 imported when it is first used.
 """
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 
 def __getattr__(name: str) -> object:

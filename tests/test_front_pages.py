@@ -122,6 +122,15 @@ def test_version_and_authors_are_stated_alike():
     assert PROJECT["license"] == re.search(r"license: (.*)", citation)[1]
 
 
+def test_the_changelog_has_the_version_below_what_is_unreleased():
+    changes = (ROOT / "CHANGELOG.md").read_text()
+    titles = re.findall(r"^## (.*)$", changes, re.MULTILINE)
+    version, day = titles[1].split(" - ")
+    assert (titles[0], version) == ("Unreleased", consistent_id.__version__)
+    citation = (ROOT / "CITATION.cff").read_text()
+    assert f"\ndate-released: {day}\n" in citation
+
+
 def test_placeholders_of_addresses_stand_in_one_place():
     (root,) = {url.split("/consistent_id")[0] for url in PROJECT["urls"].values()}
     pages = [
