@@ -46,7 +46,6 @@ WITHOUT = {
     "excite-my-robot.md": "a range of friction over torque at full speed",
     "glossary.md": "names a script only",
     "large-logs-and-fleets.md": "seconds and bytes, of simulated fleets and streams",
-    "scarce-data.md": "measured before its command stated them: to be measured again",
     "rx60-story.md": "a published study done again: its problem is the paper's",
 }
 """Pages that name a script which reads problem files, and why they state none."""
