@@ -9,13 +9,14 @@ seconds of the processor in each: what else the machine does is not counted.
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 from excitation_cases import Case, problem_of
 from excitation_designs import PROCESSES
-from joblib import Parallel, delayed
+from loky import get_reusable_executor
 from scipy.optimize import differential_evolution, minimize
 
 from consistent_id._support.executors import single_threaded
@@ -168,10 +169,9 @@ def missing(method: str) -> str:
 
 def trace(method: str, case: Case, seconds: float) -> Trace:
     """Run a method for a time, in all processes, and merge what they found."""
-    single = Parallel(n_jobs=PROCESSES)(
-        delayed(_run)(method, case, seed, seconds) for seed in range(PROCESSES)
-    )
-    return merged(method, single)
+    runs = partial(_run, method, case, seconds=seconds)
+    single = get_reusable_executor(PROCESSES).map(runs, range(PROCESSES))
+    return merged(method, list(single))
 
 
 def merged(method: str, single: list[list[tuple[float, float]]]) -> Trace:
@@ -222,9 +222,8 @@ def _run(
 
 def single_starts(case: Case, seeds: int) -> tuple[list[float], list[float]]:
     """Return what single searches reach, and the processor time each takes."""
-    results = Parallel(n_jobs=PROCESSES)(
-        delayed(_single)(case, seed) for seed in range(seeds)
-    )
+    runs = get_reusable_executor(PROCESSES).map(partial(_single, case), range(seeds))
+    results = list(runs)
     return [value for value, _ in results], [seconds for _, seconds in results]
 
 
