@@ -208,7 +208,7 @@ def test_an_estimate_is_exported_for_other_programmes(
 def test_what_is_exported_is_what_identify_delivers(identified, tmp_path, capsys):
     file = identified[0] / "delivered.json"
     delivered = json.loads(file.read_text())["parameters"]
-    arguments = ["export", RX60, "--format", "json", "--output"]
+    arguments = ["export", RX60, "--verbose", "--format", "json", "--output"]
     assert main([*arguments, str(tmp_path / "robot.json")]) == 0
     assert "fitted again, after its verdict" in capsys.readouterr().out
     links = json.loads((tmp_path / "robot.json").read_text())["links"]

@@ -283,8 +283,8 @@ def test_bodies_known_worse_pull_less(kind, place, size):
         ("clock", 2.1, 2.6, 0.17, "fault"),
         ("masses or gain", 1.9, 4.9, 0.30, "warning"),
         ("masses or gain", 1.9, 5.1, 0.30, "fault"),
-        ("masses or gain", 2.1, 2.9, 0.30, "warning"),
-        ("masses or gain", 2.1, 3.1, 0.30, "fault"),
+        ("masses or gain", 2.1, 4.9, 0.30, "warning"),
+        ("masses or gain", 2.1, 5.1, 0.30, "fault"),
     ],
 )
 def test_a_factor_is_a_fault_if_it_is_sure_or_likely_and_harmful(
