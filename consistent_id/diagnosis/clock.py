@@ -21,8 +21,16 @@ _CHANCE = 3.0  # standard errors beyond chance
 _COUNTS = 30.0  # ratio above which the clock is not the cause
 
 _RATIOS = {
-    1e3: ("clock", "the clock counts milliseconds", "divide the time by 1000"),
-    1e6: ("clock", "the clock counts microseconds", "divide the time by 1e6"),
+    1e3: (
+        "clock",
+        "the clock counts milliseconds",
+        "divide the time by 1000 (--units time=ms)",
+    ),
+    1e6: (
+        "clock",
+        "the clock counts microseconds",
+        "divide the time by 1e6 (--units time=us)",
+    ),
     180 / np.pi: (
         "degrees",
         "velocities are in degrees per second, positions in radians",
@@ -42,8 +50,12 @@ def clock_findings(recording: Recording) -> list[LogFinding]:
     if step < _SLOW and not (step >= _SLOWLY and _creeps(recording)):
         return []
     # Robots log at 10 Hz to 10 kHz: the unit is the one in which the step fits.
-    units = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9))
-    unit, factor = next((u for u in units if step / u[1] < _SLOW), units[-1])
+    units = (
+        ("milliseconds", "ms", 1e3),
+        ("microseconds", "us", 1e6),
+        ("nanoseconds", "ns", 1e9),
+    )
+    unit, short, factor = next((u for u in units if step / u[2] < _SLOW), units[-1])
     return [
         LogFinding(
             "clock",
@@ -51,7 +63,7 @@ def clock_findings(recording: Recording) -> list[LogFinding]:
             recording.name,
             f"the median step between samples is {step:g}, too long for a log in "
             f"seconds; it looks like {unit}",
-            f"divide the time by {factor:g}",
+            f"divide the time by {factor:g} (--units time={short})",
             step / _SLOW,
         )
     ]

@@ -17,9 +17,9 @@ the model.  Their coefficients explain the squares ``W``, in units of noise; ``k
 them explain ``k`` by noise alone.  The parameters move by ``d`` with them
 [Hausman1978]_, of which ``1 - k / W`` is not noise [James1961]_.  So the variance is
 ``1 + (1 - k / W) d^2 / s^2`` times that by noise, ``s^2``, the median over parameters.
-Terms that resemble the model's own move parameters far, by noise as well: they count
-only if noise alone explains ``W`` with a chance of at most 2 %.
-The terms are not added to the estimate: a term that helps it would have been selected.
+Terms that resemble the model's own move parameters far by noise as well, so they count
+only if noise alone explains ``W`` with a chance of at most 2 %.  They are not added to
+the estimate: a term that helps it would have been selected.
 """
 
 from collections.abc import Sequence
@@ -63,7 +63,7 @@ _ROUNDS = 3  # of weights and solution; joints' levels settle to a few per cent
 _EXACT = 1e-6  # residual, relative to the torque, that counts as none
 _FADING = 0.2  # of a joint's RMS speed, at which friction at rest fades
 _SHARP = 0.05  # the same, at which dry friction changes its sign
-_BY_CHANCE = 0.02  # chance of noise alone to explain so much, above which it may be
+_BY_CHANCE = 0.02  # chance that noise alone explains as much, below which terms count
 _BEYOND = 1e-2  # least part of a term that the model's own columns must leave
 
 
@@ -292,8 +292,8 @@ def lacking_ratio(fit: JointFit, rows: Matrix) -> float:
     explained = (U.T @ R[rank:-1, -1])[: len(s)][beyond]
     W, k = float(explained @ explained), int(beyond.sum())
     own = np.linalg.svd(R[:rank, :rank], compute_uv=False)
-    chance = chdtri(k, _BY_CHANCE) if k else np.inf
-    if W <= chance or own.min() <= DATA_RANK_TOLERANCE * own.max():
+    by_noise_alone = chdtri(k, _BY_CHANCE) if k else np.inf
+    if W <= by_noise_alone or own.min() <= DATA_RANK_TOLERANCE * own.max():
         return 1.0
     coefficients = Vt[: len(s)][beyond].T @ (explained / s[beyond])
     moved = fit.steps @ np.linalg.solve(
