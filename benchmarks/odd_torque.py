@@ -3,10 +3,9 @@
 ``python benchmarks/odd_torque.py [--problems 1000] [--first 1] [--minutes 10]
 [--small]`` prints a table for ``docs/certificates.md``.  It takes the random robots and
 motions of ``robustness.py``, with ``--small`` of up to 4 joints and 200 samples; their
-torque is reversed, of another robot's motion, noise, constant, tiny or huge.
-Where an optimum is not proven, CVXPY
-with Clarabel and SCS solve the same problem anew; agreement to 1e-5 of the objective
-means that the doubt was needless.
+torque is reversed, of another robot's motion, noise, constant, tiny or huge.  Where an
+optimum is not proven, CVXPY with Clarabel and SCS solve the same problem anew;
+agreement to 1e-5 of the objective means that the doubt was needless.
 """
 
 import argparse

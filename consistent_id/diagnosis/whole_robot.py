@@ -32,6 +32,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Vector
+from consistent_id.diagnosis.alternatives import last_links
 from consistent_id.diagnosis.factor_findings import (
     FARTHEST,
     LIKELY,
@@ -56,6 +57,7 @@ from consistent_id.diagnosis.factor_rows import (
     least_costs,
     least_misfit,
     relative_noise,
+    solution_of,
 )
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.regression.base import base_parameters
@@ -469,9 +471,16 @@ def of_usual_size(as_is: FactorLogs) -> FactorLogs:
 def _distance_of_loaded(as_is: FactorLogs) -> float:
     """Return the same with free loads on the last links, and without factors.
 
-    Bodies of all last links and all factors together would explain too much.
+    Bodies of all last links and all factors together would explain too much.  A last
+    link with less mass than none carries no load: infinite.
     """
-    left, of_drives = least_costs(replace(as_is, loaded=True))
+    loaded, robot = replace(as_is, loaded=True), as_is.model.robot
+    masses = solution_of(loaded)[: 10 * len(robot.links) : 10]
+    last = {link.name for link in last_links(robot)}
+    ends = np.array([link.name in last for link in robot.links])
+    if masses[ends].min() < 0.0:
+        return float("inf")
+    left, of_drives = least_costs(loaded)
     return (left - of_drives) / _inertial(as_is.model)
 
 
