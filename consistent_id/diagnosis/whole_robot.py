@@ -441,10 +441,10 @@ def _distance(as_is: FactorLogs) -> float:
     costs = []
     for nominal in (True, False):
         system = factor_system(as_is, factors, nominal=nominal, scatter=False)
-        rows = system.whole[:, [*range(len(factors)), -1]]
-        prior = np.column_stack([pull, np.zeros(len(factors))])
-        R = np.linalg.qr(np.vstack([rows, prior]), mode="r")
-        costs.append(float(R[-1, -1]) ** 2)
+        columns = np.vstack([system.whole[:, : len(factors)], pull])
+        values = np.append(system.whole[:, -1], np.zeros(len(factors)))
+        sizes = np.linalg.lstsq(columns, values, rcond=None)[0]
+        costs.append(float(np.sum((columns @ sizes - values) ** 2)))
     linear = costs[0] - costs[1]
     first = [f for f in _estimated(as_is, factors) if np.isfinite(f.error)]
     best = max(first, key=lambda f: f.explained, default=None)
@@ -462,8 +462,8 @@ def of_usual_size(as_is: FactorLogs) -> FactorLogs:
     bodies = reference_bodies(as_is.model.robot).ravel()
     A, torque = as_is.rows.columns, as_is.rows.torque
     drawn = np.einsum("jps,p->js", A[:, : len(bodies)], bodies)
-    squares = (np.mean(values**2, axis=1) for values in (torque, drawn))
-    measured, model = (np.maximum(np.sqrt(s), 1e-300) for s in squares)
+    squares = np.array([np.mean(values**2, axis=1) for values in (torque, drawn)])
+    measured, model = np.maximum(np.sqrt(squares), 1e-300)
     gain = next(f for f in factors_of(as_is.model) if f.where == "all joints")
     return as_is.without(gain, float(np.median(np.log(measured / model))))
 
