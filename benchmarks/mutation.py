@@ -3,8 +3,9 @@
 ``python benchmarks/mutation.py --count 60 --seed 0`` copies the repository to a
 temporary folder, changes one operator, sign, comparison or constant, and runs the fast
 tests: first those of the room that the token is in, then of the room next to it, then
-all others. A mutant that no test notices is printed with its line. Mutants that cannot be noticed, because the program
-does the same, are listed in ``mutation.toml`` with the reason.
+all others. A mutant that no test notices is printed with its line. Mutants that cannot
+be noticed, because the program does the same, are listed in ``mutation.toml`` with the
+reason.
 
 The sample is ordered by a hash of seed, file and line, so that a change elsewhere in
 the code does not draw another one.
