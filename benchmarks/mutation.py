@@ -32,7 +32,8 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 PACKAGE = "consistent_id"
 
-#: What is changed: folders and files of the package, all that decides a number.
+#: What is changed: folders and files of the package, all that decides a number; of
+#: these, not the figures (``*_plot.py``).
 CORE = "regression constraints estimation comparison recordings/signals".split()
 CORE += [f"robot/{n}.py" for n in "inertia log_cholesky model scaling solids".split()]
 #: Folders of tests that a room's mutants meet first, in this order.
@@ -155,6 +156,7 @@ def sample(seed: int, count: int) -> list[Mutant]:
     """Return the first `count` mutants of the core in the order of the seed."""
     files = [ROOT / PACKAGE / name for name in CORE]
     paths = [p for f in files for p in ([f] if f.suffix else sorted(f.rglob("*.py")))]
+    paths = [path for path in paths if not path.stem.endswith("_plot")]
     found = [m for p in paths for m in mutants_of(p, random.Random(f"{seed} {p.name}"))]
     return sorted(found, key=lambda mutant: mutant.rank(seed))[:count]
 
