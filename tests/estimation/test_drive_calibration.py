@@ -148,3 +148,5 @@ def test_bodies_that_are_not_known_leave_the_bias_of_the_last_encoder_open():
     # Gravity shows the first joint's; turning the last body's axes undoes the other.
     assert fit.known[3:].tolist() == [True, False]
     assert fit.calibration.encoder_bias[0] == pytest.approx(0.02, abs=1e-3)
+    assert 0.0 < fit.standard_errors[3] < 1e-3
+    assert fit.standard_errors[4] == pytest.approx(0.05, rel=1e-3)  # of the prior
