@@ -339,6 +339,19 @@ def test_steep_ramps_that_stay_for_twenty_milliseconds_are_not_at_a_limit():
         assert signals.saturated(log(time, time, torque=tau)).any() == limited
 
 
+def test_equal_readings_show_a_limit_that_noise_interrupts():
+    # Noise of 10 % leaves single samples at the limit.
+    rng = np.random.default_rng(1)
+    time = np.arange(3000) / 250.0
+    smooth = np.sin(3.0 * time) + 0.1 * rng.normal(size=len(time))
+    for step in (0.0, 1e-3):
+        whole = np.round(smooth / step) * step if step else smooth
+        tau = np.clip(whole, -1.15, 1.15)[:, None]
+        mask = signals.saturated(log(time, time, torque=tau))
+        assert (mask[:, 0] == (abs(tau[:, 0]) >= 1.15)).all() and mask.sum() > 20
+        assert not signals.saturated(log(time, time, torque=whole[:, None])).any()
+
+
 def test_a_limit_is_found_beside_more_rests_at_less_than_half_of_it():
     # Six times at the limit for 0.43 s, and seven times at a fifth of it for 0.5 s.
     time = np.arange(7700) / 1000.0
