@@ -17,7 +17,7 @@ from consistent_id import (
     least_squares,
     simulate_torque,
 )
-from consistent_id.comparison.feasibility import consistency_test
+from consistent_id.comparison.feasibility import ConsistencyTest, consistency_test
 from consistent_id.constraints import ParameterBounds
 from consistent_id.regression import base_parameters
 from consistent_id.regression.residual_noise import joint_noise, unconstrained_fit
@@ -200,3 +200,12 @@ def test_a_contradiction_goes_with_the_consistent_estimates_as_worth_knowing():
     assert plain.evidence.contradicted == ""
     reasons = {r.kind: r.word for r in constrained.verdict.reasons}
     assert reasons["physical consistency"] == "use"
+
+
+@pytest.mark.parametrize(("p_value", "contradicted"), [(0.001, True), (0.5, False)])
+def test_only_a_small_p_value_is_called_a_contradiction(p_value, contradicted):
+    found = ConsistencyTest(increase=12.3, p_value=p_value, draws=200, white=False)
+    assert found.significant == contradicted
+    assert ("no consistent robot" in found.sentence) == contradicted
+    assert ("chi^2 rises by 12.3" in found.contradiction) == contradicted
+    assert bool(found.contradiction) == contradicted

@@ -143,3 +143,11 @@ def test_folds_and_weights_that_are_none_are_refused():
     for weights in ([], [0.0, 1.0], [-1.0]):
         with pytest.raises(ProblemError, match="positive"):
             cross_validated(model, segments, weights=weights)
+
+
+def test_two_folds_are_enough_and_one_is_not():
+    model, segments, _ = simulated(0, right=True, samples=60, noise=0.1, joints=1)
+    found = cross_validated(model, segments, constraints=BODIES, weights=[1.0], folds=2)
+    assert found.penalty.weight == 1.0
+    with pytest.raises(ProblemError, match="1 folds of 12 segments"):
+        cross_validated(model, segments, constraints=BODIES, weights=[1.0], folds=1)

@@ -15,6 +15,7 @@ from consistent_id import (
 )
 from consistent_id.estimation import judge
 from consistent_id.estimation.influence import (
+    _determined,
     confirmed_slopes,
     influence,
     least_squares_on,
@@ -59,6 +60,16 @@ def test_parameters_that_do_not_move_have_no_influence():
     assert (nothing.parameters, nothing.torque) == (0.0, 0.0)
     assert nothing.elsewhere == 0.0
     assert nothing.small
+
+
+def test_what_data_determine_is_spanned_by_orthonormal_combinations():
+    model, log = logged(0)
+    free = least_squares_on(estimated(model, log), [log])
+    size = np.random.default_rng(0).uniform(0.1, 10.0, len(model.layout))
+    rows = _determined(free, size)
+    np.testing.assert_allclose(rows @ rows.T, np.eye(len(free.base)), atol=1e-9)
+    seen = free.base.projection / size  # what they determine, of scaled parameters
+    np.testing.assert_allclose(seen @ rows.T @ rows, seen, atol=1e-9 * abs(seen).max())
 
 
 @pytest.mark.slow

@@ -471,3 +471,9 @@ def test_a_quantum_is_told_by_steps_of_up_to_three_thousand_of_it(far, found):
     # Half of the steps have to tell of it; of those here, eighteen of 34 are far ones.
     multiples = [1] * 10 + [2, 3, 4, 5, 6, 7] + [far] * 18
     assert quantum(np.cumsum(multiples) * 2.0**-10) == found
+
+
+@pytest.mark.parametrize(("steps", "found"), [(11, 0.0), (12, 2.0**-10)])
+def test_a_quantum_is_known_from_twelve_steps_on(steps, found):
+    multiples = np.r_[0, 1 + np.arange(steps) % 3]
+    assert quantum(np.cumsum(multiples) * 2.0**-10) == found

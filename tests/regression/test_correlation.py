@@ -10,6 +10,7 @@ from scipy import signal
 from consistent_id import Recording, build_regression, least_squares, simulate_torque
 from consistent_id.regression.correlated_noise import (
     correlation_lengths,
+    spectral_errors,
     spectral_noise,
 )
 from consistent_id.regression.segments import merged, segment_regressions
@@ -184,3 +185,13 @@ def test_the_degrees_of_freedom_are_those_by_which_the_variance_scatters(a):
     # within the band of a running mean.
     assert np.mean(freedoms) == pytest.approx(expected, rel=0.25)
     assert 3.0 < expected < 40.0
+
+
+def test_errors_of_a_column_are_in_its_own_unit():
+    rng = np.random.default_rng(3)
+    rows = np.column_stack([rng.normal(size=(800, 3)), ar1(rng, 0.5, 800)])
+    units = np.array([1e-4, 1.0, 1e5])
+    scaled = rows * np.append(units, 1.0)
+    np.testing.assert_allclose(
+        spectral_errors([scaled]) * units, spectral_errors([rows]), rtol=1e-9
+    )

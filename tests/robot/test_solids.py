@@ -60,6 +60,14 @@ def test_a_mesh_is_read_in_metres(tmp_path):
     assert len(Polytope.hull(vertices).normals) == 6
 
 
+def test_points_of_the_hull_inside_the_ellipsoid_do_not_move_it():
+    cube = 2.0 * np.array(CUBE) - 1.0
+    bumps = [[1.3, 0.2, 0.1], [1.2, -0.3, 0.0], [0.1, 1.4, 0.0], [0.0, 0.0, 1.1]]
+    ball = Ellipsoid.around(np.vstack([bumps, cube]))
+    np.testing.assert_allclose(ball.centre, 0.0, atol=1e-4)
+    np.testing.assert_allclose(ball.semi_axes, np.sqrt(3.0), rtol=1e-4)
+
+
 @pytest.mark.parametrize("content", [None, "garbage", ""])
 def test_what_is_no_mesh_is_refused_with_its_file(tmp_path, content):
     file = tmp_path / "part.stl"
