@@ -109,7 +109,6 @@ def test_a_load_is_recovered_within_its_errors():
     assert 0.5 < np.mean(np.square(misses)) < 1.8
 
 
-@pytest.mark.slow
 def test_a_known_mass_is_kept_and_sharpens_the_rest():
     model, loaded, unloaded = _loaded_first(runs(0.05))
     sheet = Datasheet(mass=3.0, com_box=[[-0.2] * 3, [0.2] * 3])
@@ -139,7 +138,6 @@ def test_exchanged_runs_are_noticed_by_the_loads_weight():
         identify_payload(model, unloaded, loaded)
 
 
-@pytest.mark.slow
 def test_constraints_on_the_robot_leave_the_load_alone_and_the_reverse():
     model, loaded, unloaded = _loaded_first(runs(0.02))
     found = identify_payload(

@@ -194,7 +194,6 @@ def test_tiagos_velocity_comes_some_190_ms_after_its_position():
         assert found.correlations.min() > 0.99
 
 
-@pytest.mark.slow
 def test_three_clocks_are_brought_to_the_slowest():
     rng = np.random.default_rng(4)
     motion, step = tones(rng), 1e-3

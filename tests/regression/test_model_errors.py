@@ -33,14 +33,12 @@ def noisy(seed, *, shift=0.0, samples=4000):
     return model, replace(log, torque=torque)
 
 
-@pytest.mark.slow
 def test_white_noise_has_a_ratio_near_one():
     found = [ci.build_regression(*noisy(seed)).noise.beyond for seed in range(12)]
     assert min(found) >= 1.0
     assert np.median(found) < 1.4
 
 
-@pytest.mark.slow
 def test_parameters_that_shift_from_block_to_block_show():
     still, shifting = (
         np.mean(
