@@ -23,7 +23,7 @@ from consistent_id import (
 from consistent_id.constraints import ParameterBounds, TotalMass
 from consistent_id.estimation import identify_payload
 from consistent_id.estimation.loaded_robot import likely_body, loaded_robot
-from consistent_id.estimation.payload import gain_slopes
+from consistent_id.estimation.payload import _gain_covariance, gain_slopes
 from consistent_id.robot import Datasheet, Link
 from consistent_id.robot.inertia import INERTIAL_NAMES, InertialParameters
 from consistent_id.robot.loaders.urdf import from_pinocchio
@@ -263,3 +263,11 @@ def test_gains_that_are_all_larger_make_the_load_heavier_by_the_same_factor():
     for wrong in ([0.1, 0.1], -0.1, [0.1, 0.1, 0.1, np.inf], indefinite):
         with pytest.raises(ProblemError, match="expected one share or 4"):
             identify_payload(model, loaded, unloaded, gain_errors=wrong)
+
+
+def test_errors_of_gains_may_be_zero_or_common_to_all_joints():
+    assert not _gain_covariance(0.0, 3).any()
+    common = np.full((3, 3), 0.01)  # one error of all gains: eigenvalues of zero
+    assert np.array_equal(_gain_covariance(common, 3), common)
+    with pytest.raises(ProblemError, match="zero or more"):
+        _gain_covariance(np.diag([1.0, -1e-3, 1.0]), 3)

@@ -10,6 +10,7 @@ import consistent_id as ci
 from consistent_id.regression.model_errors import (
     BLOCKS,
     BlockPart,
+    _lacking,
     block_part,
     block_ratio,
     joint_fit,
@@ -222,3 +223,12 @@ def test_exact_torque_has_no_scatter():
     noise = ci.build_regression(model, log).noise
     assert np.isfinite(noise.beyond)
     assert noise.beyond >= 1.0
+
+
+def test_terms_that_a_joint_lacks_are_those_that_its_drive_does_not_have():
+    lacking = {
+        name
+        for law in _lacking(ci.DriveTerms(viscous=True, offset=True), 1.0)
+        for name in law.names
+    }
+    assert lacking == {"drag", "spring", "rotor_inertia", "coulomb"}
