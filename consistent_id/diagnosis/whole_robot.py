@@ -32,6 +32,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Vector
+from consistent_id.diagnosis.alternatives import last_links
 from consistent_id.diagnosis.factor_findings import (
     FARTHEST,
     LIKELY,
@@ -56,6 +57,7 @@ from consistent_id.diagnosis.factor_rows import (
     least_costs,
     least_misfit,
     relative_noise,
+    solution_of,
 )
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.regression.base import base_parameters
@@ -439,10 +441,10 @@ def _distance(as_is: FactorLogs) -> float:
     costs = []
     for nominal in (True, False):
         system = factor_system(as_is, factors, nominal=nominal, scatter=False)
-        rows = system.whole[:, [*range(len(factors)), -1]]
-        prior = np.column_stack([pull, np.zeros(len(factors))])
-        R = np.linalg.qr(np.vstack([rows, prior]), mode="r")
-        costs.append(float(R[-1, -1]) ** 2)
+        columns = np.vstack([system.whole[:, : len(factors)], pull])
+        values = np.append(system.whole[:, -1], np.zeros(len(factors)))
+        sizes = np.linalg.lstsq(columns, values, rcond=None)[0]
+        costs.append(float(np.sum((columns @ sizes - values) ** 2)))
     linear = costs[0] - costs[1]
     first = [f for f in _estimated(as_is, factors) if np.isfinite(f.error)]
     best = max(first, key=lambda f: f.explained, default=None)
@@ -460,8 +462,8 @@ def of_usual_size(as_is: FactorLogs) -> FactorLogs:
     bodies = reference_bodies(as_is.model.robot).ravel()
     A, torque = as_is.rows.columns, as_is.rows.torque
     drawn = np.einsum("jps,p->js", A[:, : len(bodies)], bodies)
-    squares = (np.mean(values**2, axis=1) for values in (torque, drawn))
-    measured, model = (np.maximum(np.sqrt(s), 1e-300) for s in squares)
+    squares = np.array([np.mean(values**2, axis=1) for values in (torque, drawn)])
+    measured, model = np.maximum(np.sqrt(squares), 1e-300)
     gain = next(f for f in factors_of(as_is.model) if f.where == "all joints")
     return as_is.without(gain, float(np.median(np.log(measured / model))))
 
@@ -469,9 +471,16 @@ def of_usual_size(as_is: FactorLogs) -> FactorLogs:
 def _distance_of_loaded(as_is: FactorLogs) -> float:
     """Return the same with free loads on the last links, and without factors.
 
-    Bodies of all last links and all factors together would explain too much.
+    Bodies of all last links and all factors together would explain too much.  A last
+    link with less mass than none carries no load: infinite.
     """
-    left, of_drives = least_costs(replace(as_is, loaded=True))
+    loaded, robot = replace(as_is, loaded=True), as_is.model.robot
+    masses = solution_of(loaded)[: 10 * len(robot.links) : 10]
+    last = {link.name for link in last_links(robot)}
+    ends = np.array([link.name in last for link in robot.links])
+    if masses[ends].min() < 0.0:
+        return float("inf")
+    left, of_drives = least_costs(loaded)
     return (left - of_drives) / _inertial(as_is.model)
 
 
