@@ -60,6 +60,7 @@ from consistent_id.diagnosis.factor_rows import (
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.scaling import reference_bodies
 
 _TURNS = 3  # most linearisations until the axis of a leaning base settles
 _ROUNDS = 8  # most linearisations until a factor settles
@@ -70,6 +71,7 @@ _TRIED = 3  # most factors that are corrected
 # torque; one alone is enough.  In right logs of five real arms they are up to 6.1 and
 # 0.12; in 36 simulated logs of other arms, 2 to 310 and 0.03 to 0.34.
 _OTHER, _UNEXPLAINED = 10.0, 0.2
+_PULLS = 3.0  # standard errors that the farthest factor is away from none
 _USUAL = 1.0  # bodies as near as this once a factor is free are those of the model
 _AS_RIGHT = 0.12  # the largest of these right logs
 
@@ -428,24 +430,40 @@ def _distance(as_is: FactorLogs) -> float:
     """Return the cost of nominal bodies for each base parameter, with free factors.
 
     It is the squared distance in units of the widths: the smaller of that with all
-    factors, linearised, and that with the best factor, converged.
+    factors, linearised, and that with the best factor, converged.  Factors of a size
+    that no fault of a right robot's log has do not count: the best one is at most
+    `FARTHEST`, and together they are pulled to none by a third of that.
     """
     factors = factors_of(as_is.model)
+    pull = np.diag([_PULLS / FARTHEST[f.kind] for f in factors])
     costs = []
     for nominal in (True, False):
         system = factor_system(as_is, factors, nominal=nominal, scatter=False)
-        free = system.whole[:, : len(factors)]
-        seen = np.flatnonzero(np.linalg.norm(free, axis=0) > 0.0)
-        costs.append(system.misfit(seen.tolist()) ** 2)
+        rows = system.whole[:, [*range(len(factors)), -1]]
+        prior = np.column_stack([pull, np.zeros(len(factors))])
+        R = np.linalg.qr(np.vstack([rows, prior]), mode="r")
+        costs.append(float(R[-1, -1]) ** 2)
     linear = costs[0] - costs[1]
     first = [f for f in _estimated(as_is, factors) if np.isfinite(f.error)]
     best = max(first, key=lambda f: f.explained, default=None)
     if best is not None:
-        size = _converged(as_is, best).size
+        most = FARTHEST[best.factor.kind]
+        size = float(np.clip(_converged(as_is, best).size, -most, most))
         left, of_drives = least_costs(as_is.without(best.factor, size))
         settled = left - of_drives
         linear = min(linear, settled)
     return linear / _inertial(as_is.model)
+
+
+def of_usual_size(as_is: FactorLogs) -> FactorLogs:
+    """Return logs with the torque in a unit in which it is as large as the model's."""
+    bodies = reference_bodies(as_is.model.robot).ravel()
+    A, torque = as_is.rows.columns, as_is.rows.torque
+    drawn = np.einsum("jps,p->js", A[:, : len(bodies)], bodies)
+    squares = (np.mean(values**2, axis=1) for values in (torque, drawn))
+    measured, model = (np.maximum(np.sqrt(s), 1e-300) for s in squares)
+    gain = next(f for f in factors_of(as_is.model) if f.where == "all joints")
+    return as_is.without(gain, float(np.median(np.log(measured / model))))
 
 
 def _distance_of_loaded(as_is: FactorLogs) -> float:

@@ -61,7 +61,6 @@ def _slack(constraint, x):
 places = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
 
 
-@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(place=places, mass=st.floats(0.1, 10.0))
 def test_a_point_mass_is_in_the_ellipsoid_iff_its_row_says_so(place, mass):
@@ -72,7 +71,6 @@ def test_a_point_mass_is_in_the_ellipsoid_iff_its_row_says_so(place, mass):
     )
 
 
-@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(first=places, second=places)
 def test_the_centre_of_mass_is_in_the_shape_iff_the_constraint_holds(first, second):
