@@ -56,6 +56,11 @@ HEADER = (
     *("robot", "judged by", "tool", "its error", "recommended here"),
     *("recommended less the tool", "", "CPU s"),
 )
+ALIKE = (
+    *("robot", "judged by", "tool", "its error", "recommended here, its columns"),
+    *("this package less the tool", "", "CPU s", "CPU s here"),
+    "drives of the tool below zero",
+)
 SAME = 1e-4  # by which errors of least squares on the same columns may differ, relative
 TRIALS = 2800  # simulations of each friction model
 
@@ -79,8 +84,11 @@ def row(
     return [name, judge, tool, *cells, f"{seconds:.2f}"]
 
 
-def of_figaroh(name: str, python: str) -> Iterator[list[str]]:
-    """Yield the rows of FIGAROH's stages on a problem of a robot with torque."""
+def of_figaroh(name: str, python: str, alike: list[list[str]]) -> Iterator[list[str]]:
+    """Yield the rows of FIGAROH's stages on a problem of a robot with torque.
+
+    Rows of its direct fits against this package on the same columns go to `alike`.
+    """
     problem = ci.load_problem(HERE.parent / "problems" / name, trust=True)
     study = Study(problem)
     model, best = problem.model, study.estimate(study.recommendation.method)
@@ -93,15 +101,18 @@ def of_figaroh(name: str, python: str) -> Iterator[list[str]]:
     def error(sums: np.ndarray) -> float:
         return relative_error(model, sums)
 
-    def against(squares: Sequence[np.ndarray], tool: str, seconds: float) -> list[str]:
-        both = np.stack([in_blocks(squares), in_blocks(ours)], axis=1)
+    def against(stage: str, ours: Sequence[np.ndarray], tool: str) -> list[str]:
+        both = np.stack([in_blocks(squares[stage]), in_blocks(ours)], axis=1)
+        seconds = about[stage]["seconds"]
         return row(problem.name, "torque [%]", tool, both, error, seconds)
 
-    squares = {}
+    squares: dict[str, list[np.ndarray]] = {}
+    tools = {}
     for stage, said in about.items():
         tool = f"FIGAROH, {stage}"
         if said["said"]:
             tool += f" ({said['said']})"
+        tools[stage] = tool
         if stage not in predicted:
             blank = ("-", "-", "-", f"{said['seconds']:.2f}")
             yield [problem.name, "torque [%]", tool, "rejected", *blank]
@@ -112,11 +123,11 @@ def of_figaroh(name: str, python: str) -> Iterator[list[str]]:
             missed = weights * (motion.torque - tau)
             parts = [missed**2, (weights * motion.torque) ** 2]
             squares[stage].append(np.hstack(parts))
-        yield against(squares[stage], tool, said["seconds"])
+        yield against(stage, ours, tool)
     began = process_time()
     same = Study(replace(problem, model=with_its_columns(model)))
     least = same.estimate(Method.LEAST_SQUARES)
-    fit = same.estimate(study.recommendation.method)
+    fit = same.estimate(same.recommendation.method)
     seconds = process_time() - began
     check = [
         error(sum(one.sum(axis=0) for one in parts))
@@ -126,9 +137,12 @@ def of_figaroh(name: str, python: str) -> Iterator[list[str]]:
         )
     ]
     if not np.isclose(*check, rtol=SAME, atol=0.0):
-        raise SystemExit(f"{name}: least squares {check} on FIGAROH's columns and here")
+        raise SystemExit(f"{name}: errors of least squares there and here, {check}")
     mine = [torque_squares(fit, log) for log in same.validation]
-    yield against(mine, "this package on FIGAROH's columns", seconds)
+    for stage in squares:
+        if stage.startswith("physical_fit"):
+            cells = against(stage, mine, tools[stage])
+            alike.append([*cells, f"{seconds:.2f}", about[stage]["below zero"]])
 
 
 def with_its_columns(model: ci.TorqueModel) -> ci.TorqueModel:
@@ -275,11 +289,13 @@ def of_servos() -> Iterator[list[str]]:
         yield row("servo_pendulum", "position [mrad]", tool, *figures)
 
 
-def every_row(figaroh: str | None, only: Sequence[str] | None) -> Iterator[list[str]]:
-    """Yield all rows."""
+def every_row(
+    figaroh: str | None, only: Sequence[str] | None, alike: list[list[str]]
+) -> Iterator[list[str]]:
+    """Yield all rows; those of the same columns go to `alike`."""
     for name in BY_TORQUE:
         if figaroh is not None and (not only or name in only):
-            yield from of_figaroh(name, figaroh)
+            yield from of_figaroh(name, figaroh, alike)
     for name in BY_ROLLOUT:
         if not only or name in only:
             yield of_sysid(name)
@@ -287,17 +303,28 @@ def every_row(figaroh: str | None, only: Sequence[str] | None) -> Iterator[list[
         yield from of_servos()
 
 
+def show(header: Sequence[str]) -> None:
+    """Print the head of a table."""
+    print(f"| {' | '.join(header)} |")
+    print("|---" * len(header) + "|", flush=True)
+
+
 def main() -> None:
-    """Print the table."""
+    """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--figaroh", help="Python that has FIGAROH, see peers/")
     parser.add_argument("--only", nargs="*", metavar="ROBOT")
     parser.add_argument("--write", type=Path, help="page with marks of the table")
     options = parser.parse_args()
     with written_to(options.write, "rivals", (*BY_TORQUE, *BY_ROLLOUT)):
-        print(f"| {' | '.join(HEADER)} |")
-        print("|---" * len(HEADER) + "|", flush=True)
-        for cells in every_row(options.figaroh, options.only):
+        alike: list[list[str]] = []
+        show(HEADER)
+        for cells in every_row(options.figaroh, options.only, alike):
+            print(f"| {' | '.join(cells)} |", flush=True)
+        if alike:
+            print("\nFIGAROH's direct fit, and this package on FIGAROH's columns:\n")
+            show(ALIKE)
+        for cells in alike:
             print(f"| {' | '.join(cells)} |", flush=True)
 
 

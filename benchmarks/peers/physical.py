@@ -24,7 +24,7 @@ def names_of(joints: Sequence[str], width: int) -> list[str]:
 
 
 class Found(NamedTuple):
-    """Parameters, None if they are rejected, and what solvers said who found none."""
+    """Parameters, None if they are rejected, and which solvers failed, or why."""
 
     parameters: np.ndarray | None
     said: str
@@ -66,8 +66,8 @@ def fitted(
     for solver in SOLVERS:
         record = direct.solve_direct_effort_fit(problem, solver=solver)
         if record.accepted:
-            said += [f"found by {solver}"] * bool(said)
-            return Found(record.theta, "; ".join(said))
+            failed = ", ".join(SOLVERS[: SOLVERS.index(solver)])
+            return Found(record.theta, f"{failed} failed, by {solver}" * bool(failed))
         if record.solver_status == "optimal":
             bad = [link for link, seen in record.feasibility.items() if not seen["ok"]]
             said.append(f"{solver}: not consistent, {', '.join(bad)}")

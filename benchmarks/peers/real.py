@@ -126,6 +126,19 @@ class Stages:
         x[: self.bodies] = np.concatenate([consistent[j] for j in self.joints])
         self.state("consistent links by projection", began, self.held @ x)
 
+    def below_zero(self, x: np.ndarray) -> str:
+        """Return how many frictions and rotor inertias are negative, and of how many.
+
+        Those of joints without torque, and of coupled joints, are not asked.
+        """
+        names = names_of(self.joints, len(x))
+        asked = [
+            x[k]
+            for k, name in enumerate(names)
+            if name[:3] in ("fv_", "fs_", "ia_") and self.W[:, k].any()
+        ]
+        return f"{sum(value < 0.0 for value in asked)} of {len(asked)}"
+
     def _fitted(self, weighted: bool, given: bool, prior: float = 1e-6) -> Found:
         return fitted(
             *(self.W, self.tau, self.joints, self.reference),
@@ -144,13 +157,15 @@ class Stages:
             began = process_time()
             found = self._fitted(weighted, given)
             x = found.parameters
-            self.state(
-                stage, began, None if x is None else self.held @ x, said=found.said
-            )
+            torque = None if x is None else self.held @ x
+            self.state(stage, began, torque, said=found.said)
+            if x is not None:
+                self.about[stage]["below zero"] = self.below_zero(x)
 
     def hindsight(self) -> None:
         """Choose the settings of the direct fit by the very rows that judge it."""
-        began, least, best, chosen = process_time(), np.inf, None, "all rejected"
+        began, least, best = process_time(), np.inf, None
+        chosen, below = "all rejected", "-"
         for settings in product((False, True), (False, True), PRIORS):
             x = self._fitted(*settings).parameters
             if x is None:
@@ -161,8 +176,10 @@ class Stages:
                 weighted, given, prior = settings
                 words = ["weighted"] * weighted + ["masses given"] * given
                 chosen = ", ".join([*words, f"prior {prior:g}"])
-                least, best = error, torque
-        self.state("physical_fit, best in hindsight", began, best, said=chosen)
+                least, best, below = error, torque, self.below_zero(x)
+        stage = "physical_fit, best in hindsight"
+        self.state(stage, began, best, said=chosen)
+        self.about[stage]["below zero"] = below
 
 
 def fit(folder: Path) -> None:
