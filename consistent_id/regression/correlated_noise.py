@@ -13,7 +13,7 @@ strongest at the lowest frequencies, where robots move and a fit leaves little o
 changes within the first band.  So spectra are whitened before they are smoothed
 [Andrews1992]_, with the shapes ``f^-a`` from white noise to pink noise.  ``P`` is the
 mean over these shapes, each of which counts by Whittle's likelihood [Whittle1953]_ in
-the first four bands.  Steeper noise is a drift, which has findings of its own.
+the first eight bands.  Steeper noise is a drift, which has findings of its own.
 
 A shorter measure is the number of samples that carry as much information as one
 independent sample.  The mean of ``n`` samples of noise whose autocorrelation is ``rho``
@@ -68,7 +68,7 @@ frequencies; narrower ones scatter.  `benchmarks/coverage.py` shows what comes o
 _EXPONENTS = np.array([0.0, 0.5, 1.0])
 """Exponents ``a`` of shapes ``f^-a``: 0 is white noise, 1 is pink noise."""
 
-_LOWEST = 4
+_LOWEST = 8
 """Bands in which the exponent is found, from the lowest frequency on."""
 
 _TINY = np.finfo(np.float64).tiny

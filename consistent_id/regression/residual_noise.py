@@ -28,6 +28,7 @@ from consistent_id.regression.regressor import TorqueModel
 _EXACT = 1e-6  # residual, relative to the torque, that counts as none
 _FEW = 3.0  # spare effective samples for each parameter, below which errors are rough
 _SHOWN = 1.1  # ratio of variances from which errors of the model are stated
+_WIDE = 2.05  # standard errors of a 95 % interval from which they are stated
 WHITE = 1.5  # samples of correlation up to which noise is called white
 
 
@@ -245,6 +246,16 @@ class ResidualNoise:
         untouched = float(np.mean(self.level_freedom))
         return np.asarray(np.where(touched, np.maximum(combined, 1.0), untouched))
 
+    @cached_property
+    def quantiles(self) -> Vector:
+        """Standard errors either way of a 95 % interval, shape (base,).
+
+        Student's quantiles for the degrees of freedom of each base parameter.
+        """
+        from scipy.special import stdtrit
+
+        return np.asarray(stdtrit(self.freedoms(np.eye(len(self.steps))), 0.975))
+
     def squared_misfit(self, functionals: Matrix) -> Vector:
         """Return the squared misfit of one standard error of each functional.
 
@@ -278,6 +289,13 @@ class ResidualNoise:
             f"; they are {np.sqrt(self.beyond):.1f} times as large again, because "
             "errors of the model move parameters by more than noise"
             if self.beyond > _SHOWN
+            else ""
+        )
+        width = float(np.median(self.quantiles))
+        more += (
+            f"; a 95 % interval is {width:.1f} standard errors either way (median), as "
+            "their size is an estimate, too"
+            if width >= _WIDE
             else ""
         )
         if most <= WHITE:
