@@ -42,7 +42,7 @@ from consistent_id.estimation.uncertainties.block_scatter import (
     block_scatter,
 )
 from consistent_id.excitation.accuracy import predicted_accuracy
-from consistent_id.regression.residual_noise import joint_noise
+from consistent_id.regression.residual_noise import joint_noise, unconstrained_fit
 from consistent_id.regression.segments import segment_regressions
 from consistent_id.robot.scaling import USUAL_WIDTHS, body_sizes, link_scales
 from consistent_id.standing.forces_and_limits import StandingLimits, standing_motion
@@ -233,8 +233,10 @@ def walks(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
     for _ in range(replicates):
         torque = clean.torque + TORQUE * noise(clean.torque.shape, rng)
         log = replace(clean, torque=torque)
-        found = ci.least_squares(model, ci.build_regression(model, log), base=base)
-        yield (found.base_values - true) / found.standard_errors
+        regression = ci.build_regression(model, log)
+        found = ci.least_squares(model, regression, base=base)
+        widths = NORMAL / unconstrained_fit(regression, base).noise.quantiles
+        yield widths * (found.base_values - true) / found.standard_errors
 
 
 def fleets(noise: Noise, replicates: int) -> Iterator[np.ndarray]:

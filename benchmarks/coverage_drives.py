@@ -79,7 +79,10 @@ def command_delays(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
 
 
 def springs(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
-    """Yield errors of the compliance of a spring between a motor and its link."""
+    """Yield errors of the compliance of a spring between a motor and its link.
+
+    Only logs count in which the spring is found.
+    """
     time, slow = np.arange(1600) / 200.0, 2.0 * np.pi / 8.0
     tones = 2.0 * np.pi * np.array([0.5, 1.25, 2.0, 3.0, 3.5])
     tones = np.concatenate([tones, tones + slow, tones - slow])  # they swell and fade
@@ -105,7 +108,8 @@ def springs(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
         seen = tau + LEVEL * tau.std() * noise(tau.shape, rng)
         log = ci.Recording(robot.joint_names, time, q, dq, ddq, seen)
         found = ci.estimation.joint_springs(model, [log])
-        yield (found.compliance - 1.0 / SPRING) / found.standard_errors
+        if found.misfit < 1.0:
+            yield (found.compliance - 1.0 / SPRING) / found.standard_errors
 
 
 def calibrations(noise: Noise, replicates: int) -> Iterator[np.ndarray]:

@@ -26,6 +26,7 @@ from coverage_methods import KINDS, noise
 from pages import stamp
 
 import consistent_id as ci
+from consistent_id.regression.residual_noise import unconstrained_fit
 
 ARMS = ("ur5", "kinova", "xarm7")
 SECONDS = (20.0, 5.0)  # of which 70 % are training
@@ -105,10 +106,11 @@ def prepared(
 
 
 def errors(of: Case, kind: str, logs: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield errors over standard errors: of base and of standard parameters.
+    """Yield errors of base and of standard parameters.
 
-    Base parameters are those of weighted least squares, standard ones those of the
-    weighted constrained estimate that have a standard error.
+    Base parameters are those of weighted least squares, in half 95 % intervals over
+    1.96; standard ones are those of the weighted constrained estimate that have a
+    standard error, in standard errors.
     """
     true = dict(zip(of.model.layout.names, of.truth, strict=True))
     for problem, log in prepared(of, kind, logs):
@@ -117,6 +119,10 @@ def errors(of: Case, kind: str, logs: int) -> Iterator[tuple[np.ndarray, np.ndar
         truth = np.array([true.get(name, 0.0) for name in model.layout.names])
         regression = ci.build_regression(model, log)
         free = ci.estimation.weighted_least_squares(model, regression, base=base)
+        widths = (
+            1.96
+            / unconstrained_fit(regression.weighted(free.sigma), base).noise.quantiles
+        )
         z = (free.base_values - base.projection @ truth) / free.standard_errors
         bound = ci.constrained_least_squares(
             model,
@@ -126,7 +132,7 @@ def errors(of: Case, kind: str, logs: int) -> Iterator[tuple[np.ndarray, np.ndar
             base=base,
         )
         known = np.isfinite(bound.parameter_errors) & (bound.parameter_errors > 0.0)
-        yield z, ((bound.parameters - truth) / bound.parameter_errors)[known]
+        yield z * widths, ((bound.parameters - truth) / bound.parameter_errors)[known]
 
 
 def table(logs: int, arms: Sequence[str] = ARMS) -> str:

@@ -48,6 +48,7 @@ from consistent_id.robot.model import Datasheet, Link
 
 _CERTAIN = 5.0  # standard errors
 _ROUNDED = 1e-9  # of the largest entry of a covariance
+_TINY = np.finfo(np.float64).tiny
 
 
 @brief
@@ -66,8 +67,9 @@ class Payload:
         uncertainty of gains; infinite on the diagonal where not identifiable, and zero
         beside it.
     quantile : float
-        Standard errors of half a 95 % interval: Student's, for the least degrees of
-        freedom of the identifiable parameters.
+        Standard errors of half a 95 % interval: Student's, for the degrees of freedom
+        of the identifiable parameters' variance, their harmonic mean.  Errors of gains
+        are stated, and not estimated from few data.
     correlation : float
         Samples that carry the information of one independent sample.
     gain_errors : array_like, shape (torque joints,)
@@ -335,14 +337,20 @@ def _scatter(
     covariance = np.diag(np.full(10, np.inf))
     if free.base_covariance is None or not rows:
         return _LoadScatter(covariance, float(stdtrit(1.0, 0.975)))
+    by_noise = np.diag(free.base_covariance)[places]
     found = (free.base_covariance + of_gains)[np.ix_(places, places)]
-    unknown = ~np.isfinite(np.diag(found))
+    total = np.diag(found).copy()
+    unknown = ~np.isfinite(total)
+    # [Satterthwaite1946]_: shares of the variance by noise.
+    shares = (by_noise / total)[~unknown]
     found[unknown, :] = found[:, unknown] = 0.0
     found[unknown, unknown] = np.inf
     covariance[np.ix_(rows, rows)] = found
     noise = unconstrained_fit(regression, robot.base).noise
-    freedom = noise.freedoms(np.eye(len(independent))[places]).min()
-    return _LoadScatter(covariance, float(stdtrit(freedom, 0.975)))
+    known = np.array(places)[~unknown]
+    freedoms = noise.freedoms(np.eye(len(independent))[known])
+    few = float(np.mean(shares**2 / freedoms)) if len(known) else 1.0
+    return _LoadScatter(covariance, float(stdtrit(1.0 / max(few, _TINY), 0.975)))
 
 
 def gain_slopes(regression: Regression, base: BaseParameters) -> Matrix:

@@ -14,10 +14,12 @@ import numpy as np
 from consistent_id._support.arrays import BoolArray, Vector, freeze_arrays
 from consistent_id._support.tables import Table, brief
 from consistent_id.constraints import Constraint
-from consistent_id.estimation.equalities import FreeParameters
+from consistent_id.estimation.equalities import FreeParameters, least_squares
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.drive_torque import stiffness_of
+from consistent_id.regression.correlated_noise import SHOWN, spectral_errors
 from consistent_id.regression.elastic_joints import as_rigid, link_inertias
+from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.regression.regression import build_regression
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import joint_noise
@@ -36,7 +38,7 @@ stiff gears every spring that is tried increases the misfit.
 
 _HALVINGS = 4  # refinements of the factor between frequencies, each with two more fits
 _FACTOR = 2.0**0.5  # between frequencies
-_AROUND = 0.05  # step of the compliance to either side, for the curvature of the misfit
+_AROUND = 0.05  # step of the compliance, for the misfit's parabola and its effect
 
 
 @brief
@@ -50,8 +52,8 @@ class JointSprings:
     compliance : array_like, shape (joints,), [rad/(N m) or m/N]
         Zero for a rigid joint.
     standard_errors : array_like, shape (joints,)
-        Standard errors of the compliance, from the curvature of the misfit, with the
-        number of independent samples; zero for a rigid joint.
+        Standard errors of the compliance, for noise as correlated as the residuals;
+        zero for a rigid joint.
     misfit : float
         Least weighted squared misfit, over that of a rigid robot.
     """
@@ -134,7 +136,7 @@ def joint_springs(
     for unit in found:
         soft = search.at_vertex(search.finer(soft, unit), unit)
     for unit in found:
-        errors[unit > 0.0] = search.standard_error(soft, unit)
+        errors[unit > 0.0] = search.error(soft, unit)
     return JointSprings(names, soft, errors, search.misfit(soft) / stiff)
 
 
@@ -143,13 +145,14 @@ class _SpringSearch:
     """The state of the search.
 
     A unit is the compliance of a group's joints on which their links vibrate at 1 Hz,
-    zero elsewhere.  The number of independent samples is that of the fit with springs,
-    because the residual of a rigid robot is as correlated as the motion.
+    zero elsewhere.  The standard error is that of a compliance and the group whose it
+    is, from residuals of the fit with springs: those of a rigid robot are as correlated
+    as the motion.
     """
 
     units: tuple[Vector, ...]
     misfit: Callable[[Vector], float]
-    effective: Callable[[Vector], float]
+    error: Callable[[Vector, Vector], float]
 
     def softened(self, soft: Vector, unit: Vector) -> Vector:
         """Return the compliances with the best spring of a group, of those tried."""
@@ -180,16 +183,6 @@ class _SpringSearch:
         """Return the misfit below, at and above a group's compliance."""
         return [self.misfit(soft + k * step * own) for k in (-1, 0, 1)]
 
-    def standard_error(self, soft: Vector, unit: Vector) -> float:
-        """Return the standard error of a group's compliance."""
-        own = unit > 0.0
-        step = _AROUND * float(soft[own][0])
-        low, least, high = self._around(soft, own, step)
-        bend = (low - 2.0 * least + high) / step**2
-        # The misfit over its noise is a chi-square in as many samples as independent.
-        curvature = bend / least * self.effective(soft)
-        return float(np.sqrt(2.0 / curvature)) if curvature > 0.0 else np.inf
-
 
 def _search(
     model: TorqueModel,
@@ -213,8 +206,10 @@ def _search(
             known[key] = free.misfit(regression.weighted(sigma))
         return known[key]
 
-    def effective(soft: Vector) -> float:
-        return float(build_regression(model, rigid(soft)).effective.sum())
+    def error(soft: Vector, unit: Vector) -> float:
+        own = unit > 0.0
+        step = _AROUND * float(soft[own][0])
+        return _standard_error(model, rigid(soft), rigid(soft + step * own), step, free)
 
     q = np.vstack([log.of(names).position for log in recordings])
     unit = 1.0 / (link_inertias(robot, q.mean(axis=0)) * (2.0 * np.pi) ** 2)
@@ -224,4 +219,56 @@ def _search(
     for group in (*groups, *alone):
         own = np.array([name in group for name in names])
         units.append(np.where(own, unit[own].mean(), 0.0))
-    return _SpringSearch(tuple(units), misfit, effective)
+    return _SpringSearch(tuple(units), misfit, error)
+
+
+def _standard_error(
+    model: TorqueModel,
+    here: Sequence[Recording],
+    softer: Sequence[Recording],
+    step: float,
+    free: FreeParameters,
+) -> float:
+    """Return the standard error of a compliance beside all free parameters.
+
+    Noise is as correlated as the residuals.
+
+    Parameters
+    ----------
+    here, softer : sequence of Recording
+        Without the effect of springs of the compliance found, and of one that is larger
+        by `step`.
+    """
+    regression = build_regression(model, here)
+    sigma = joint_noise(model, regression)
+    weighted = regression.weighted(sigma)
+    free = free.determined(weighted)
+    stacked = weighted.stacked()
+    y = least_squares(*free.reduced(stacked[:, :-1], stacked[:, -1]))
+    x = free.start + free.directions @ y
+    parts, count, total = [], 0, 0
+    for one, other in zip(here, softer, strict=True):
+        whole, moved = motion_of(model, one, None), motion_of(model, other, None)
+        first = max(len(whole.q) - SHOWN, 0) // 2
+        shown, beside = (m.samples(first, first + SHOWN) for m in (whole, moved))
+        count, total = count + len(shown.q), total + len(whole.q)
+        parts += [
+            np.column_stack(
+                [
+                    Y.T @ free.directions,
+                    ((Z - Y).T @ x - (late - torque)) / step,
+                    torque - Y.T @ free.start,
+                ]
+            )
+            / s
+            for Y, Z, torque, late, s in zip(
+                shown.regressor(model),
+                beside.regressor(model),
+                shown.torque.T,
+                beside.torque.T,
+                sigma,
+                strict=True,
+            )
+        ]
+    # The samples that are not shown are like those that are.
+    return float(spectral_errors(parts)[-1] * np.sqrt(count / total))

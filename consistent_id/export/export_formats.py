@@ -67,7 +67,7 @@ class ExportFormat:
 
 
 _PLAIN = ("damping", "friction", "armature")
-_MJCF = (*_PLAIN, "stiffness", "offset", "friction_slope")
+_MJCF = (*_PLAIN, "stiffness", "offset", "friction_slope", "drag")
 _GEARS = ("coupling_viscous", "coupling_coulomb", "coupling_rotor_inertia")
 
 EXPORT_FORMATS = (

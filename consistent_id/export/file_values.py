@@ -391,6 +391,7 @@ def _of_mjcf(file: Path, selection: Selection) -> FileContents | None:
             "armature": float(compiled.dof_armature[dof]),
             "stiffness": stiffness,
             "offset": -stiffness * float(compiled.qpos_spring[place]),
+            "drag": float(compiled.dof_dampingpoly[dof, 0]),
         }
     return FileContents(_bodies(robot), drives)
 

@@ -7,8 +7,13 @@ noise in the motion's frequency band affects the parameters.  A fit takes the sh
 
 ``P = smoothed |r(f)|^2 / smoothed (1 - h(f))``
 
-is right on average however many parameters were fitted to however few samples.  White
-noise has the same ``P`` everywhere.
+is right on average however many parameters were fitted to however few samples, if ``P``
+hardly changes within a band.  White noise has the same ``P`` everywhere.  Noise that is
+strongest at the lowest frequencies, where robots move and a fit leaves little of it,
+changes within the first band.  So spectra are whitened before they are smoothed
+[Andrews1992]_, with the shapes ``f^-a`` from white noise to pink noise.  ``P`` is the
+mean over these shapes, each of which counts by Whittle's likelihood [Whittle1953]_ in
+the first eight bands.  Steeper noise is a drift, which has findings of its own.
 
 A shorter measure is the number of samples that carry as much information as one
 independent sample.  The mean of ``n`` samples of noise whose autocorrelation is ``rho``
@@ -25,6 +30,7 @@ how much, and `CorrelatedNoise.beyond` is the ratio.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
+from typing import NamedTuple
 
 import numpy as np
 
@@ -59,6 +65,13 @@ _BAND = 0.5
 thousand.  Wider bands miss that noise is strongest where robots move, at the lowest
 frequencies; narrower ones scatter.  `benchmarks/coverage.py` shows what comes of it."""
 
+_EXPONENTS = np.array([0.0, 0.5, 1.0])
+"""Exponents ``a`` of shapes ``f^-a``: 0 is white noise, 1 is pink noise."""
+
+_LOWEST = 8
+"""Bands in which the exponent is found, from the lowest frequency on."""
+
+_TINY = np.finfo(np.float64).tiny
 _AUTOCOVARIANCE_WINDOW = 2**16
 """Samples whose autocorrelation is found at a time; pairs across windows are left out,
 which are few beside noise of up to a thousand samples."""
@@ -247,7 +260,8 @@ class JointNoise:
         of parameters is, on average.
     freedom : float
         Degrees of freedom of that variance: ``2 mean^2 / variance`` of the estimate.
-        They are few, because parameters depend on a few low frequencies.
+        They are few, because parameters depend on a few low frequencies.  That the
+        spectrum's shape is uncertain there is part of the variance.
     """
 
     scores: Matrix
@@ -278,23 +292,79 @@ def spectral_noise(rows: Matrix, residual: Vector, steps: Matrix) -> JointNoise:
     fitted = y @ triangle(np.array(steps.T, order="F")).T
     leverage = np.einsum("fr,fr->f", fitted, fitted).reshape(2, -1).sum(axis=0)
     width = int(_BAND * np.cbrt(n)) + 1
-    left = np.maximum(_smoothed(1.0 - leverage, width), LEFT)
-    power = _smoothed(abs(r) ** 2, width) / left
+    spectrum = _spectrum(abs(r) ** 2, leverage, width)
+    power = spectrum.chances @ spectrum.powers
     mean = float(np.average(power, weights=twice))
     spent = float(twice @ leverage)
     felt = float((twice * leverage) @ power)
     # The variance is a sum of |r|^2 with these weights, for each of all frequencies.
-    shares = _spread(twice * leverage / left, width) / twice * power
+    weights = _spread(twice * leverage * spectrum.weights, width)
+    shares = weights / twice * power
     gram = fitted.T @ (np.tile(twice * shares, 2)[:, None] * fitted)
     expected = float((twice * (1.0 - leverage)) @ shares)
     variance = 2.0 * float((twice * (1.0 - 2.0 * leverage)) @ shares**2)
     variance += 2.0 * float(np.sum(gram**2))
+    uncertain = variance / expected**2 if expected > 0.0 else 0.0
+    if felt > 0.0:
+        of_shapes = spectrum.powers @ (twice * leverage) / felt
+        uncertain += float(spectrum.chances @ (of_shapes - 1.0) ** 2)
     y *= np.tile(np.sqrt(twice * power), 2)[:, None]
     return JointNoise(
         scores=_compressed(y),
         length=felt / (spent * mean) if spent * mean > 0.0 else 1.0,
-        freedom=max(2.0 * expected**2 / variance, 1.0) if variance > 0.0 else float(n),
+        freedom=max(2.0 / uncertain, 1.0) if uncertain > 0.0 else float(n),
     )
+
+
+class _NoiseSpectrum(NamedTuple):
+    """Spectra of noise by the shape that they may have.
+
+    Parameters
+    ----------
+    powers : ndarray, shape (shapes, frequencies)
+    chances : ndarray, shape (shapes,)
+        Probabilities of the shapes.
+    weights : ndarray, shape (frequencies,)
+        Factors by which means of ``|r|^2`` over a band are multiplied, on average over
+        shapes.
+    """
+
+    powers: Matrix
+    chances: Vector
+    weights: Vector
+
+
+def _spectrum(squares: Vector, leverage: Vector, width: int) -> _NoiseSpectrum:
+    """Estimate the spectrum of noise from ``|r|^2`` and the leverage.
+
+    Parameters
+    ----------
+    squares, leverage : ndarray, shape (frequencies,)
+    width : int
+        Frequencies of a band.
+    """
+    left = 1.0 - leverage
+    last = min(_LOWEST * width, len(squares))
+    # The band of zero frequency, where a shape is infinite, ends at half of the next.
+    places = np.maximum(np.arange(len(squares)), 0.5)
+    shapes = np.minimum(places, max(last - 1, 1)) ** -_EXPONENTS[:, None]
+    means = _smoothed(squares, width)
+    lost = np.array(
+        [
+            np.maximum(_smoothed(s * left, width), LEFT * _smoothed(s, width)) / s
+            for s in shapes
+        ]
+    )
+    low = slice(1, last)
+    expected = shapes[:, low] * np.maximum(left[low], LEFT)
+    ratios = squares[low] / expected
+    spare = np.maximum(left[low], 0.0)
+    levels = np.maximum(ratios @ spare / max(spare.sum(), _TINY), _TINY)
+    # Whittle's likelihood at each shape's best level.
+    likelihood = -(np.log(levels[:, None] * expected) @ spare)
+    chances = np.exp(likelihood - likelihood.max())
+    chances /= chances.sum()
+    return _NoiseSpectrum(means / lost, chances, chances @ (1.0 / lost))
 
 
 def spectral_errors(parts: Sequence[Matrix], prior: Matrix | None = None) -> Vector:

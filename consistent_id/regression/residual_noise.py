@@ -28,6 +28,7 @@ from consistent_id.regression.regressor import TorqueModel
 _EXACT = 1e-6  # residual, relative to the torque, that counts as none
 _FEW = 3.0  # spare effective samples for each parameter, below which errors are rough
 _SHOWN = 1.1  # ratio of variances from which errors of the model are stated
+_WIDE = 2.05  # standard errors of a 95 % interval from which they are stated
 WHITE = 1.5  # samples of correlation up to which noise is called white
 
 
@@ -158,6 +159,8 @@ class ResidualNoise:
         `RecordingScatter`.
     level_freedom : ndarray, shape (joints,)
         Degrees of freedom of `level`; see `CorrelatedNoise.freedom`.
+    of_joints : tuple of ndarray, each shape (rows, rank)
+        ``N_j`` of each joint, with ``inflation = sum_j N_j^T N_j``.
     beyond : float
         Variance with errors of the model over that by noise; see `CorrelatedNoise`.
         One where scatter between recordings contains it.
@@ -171,6 +174,7 @@ class ResidualNoise:
     inflation: Matrix
     root: Matrix
     level_freedom: Vector
+    of_joints: tuple[Matrix, ...]
     between: tuple[Scatter, ...] = ()
     beyond: float = 1.0
 
@@ -222,21 +226,35 @@ class ResidualNoise:
         """Return the degrees of freedom of each functional's standard error.
 
         Those of noise and of scatter between recordings, combined [Satterthwaite1946]_.
-        For noise they are those of one joint, on average: a parameter depends mostly on
-        the noise of a joint or two, which is estimated from their own residuals.
+        For noise they are those of the joints, by their shares in the variance: a
+        parameter depends mostly on the noise of a few joints, which is estimated from
+        their own residuals at the motion's few frequencies.
         """
-        own = max(self.freedom / len(self.sigma), 1.0)
-        if not self.between:
-            return np.full(len(functionals), own)
         G = functionals @ self.steps
-        total, squares = np.zeros(len(G)), np.zeros(len(G))
-        for covariance, freedom in (Scatter(self.inflation, own), *self.between):
-            variance = np.einsum("ij,jk,ik->i", G, covariance, G)
-            total += variance
-            squares += variance**2 / freedom
+        parts = [
+            (np.sum(np.square(G @ own.T), axis=1), freedom)
+            for own, freedom in zip(self.of_joints, self.level_freedom, strict=True)
+        ]
+        parts += [
+            (np.einsum("ij,jk,ik->i", G, covariance, G), freedom)
+            for covariance, freedom in self.between
+        ]
+        total = np.sum([variance for variance, _ in parts], axis=0)
+        squares = np.sum([variance**2 / freedom for variance, freedom in parts], axis=0)
         touched = squares > np.finfo(np.float64).tiny
         combined = total**2 / np.where(touched, squares, 1.0)
-        return np.asarray(np.where(touched, np.maximum(combined, 1.0), own))
+        untouched = float(np.mean(self.level_freedom))
+        return np.asarray(np.where(touched, np.maximum(combined, 1.0), untouched))
+
+    @cached_property
+    def quantiles(self) -> Vector:
+        """Standard errors either way of a 95 % interval, shape (base,).
+
+        Student's quantiles for the degrees of freedom of each base parameter.
+        """
+        from scipy.special import stdtrit
+
+        return np.asarray(stdtrit(self.freedoms(np.eye(len(self.steps))), 0.975))
 
     def squared_misfit(self, functionals: Matrix) -> Vector:
         """Return the squared misfit of one standard error of each functional.
@@ -271,6 +289,13 @@ class ResidualNoise:
             f"; they are {np.sqrt(self.beyond):.1f} times as large again, because "
             "errors of the model move parameters by more than noise"
             if self.beyond > _SHOWN
+            else ""
+        )
+        width = float(np.median(self.quantiles))
+        more += (
+            f"; a 95 % interval is {width:.1f} standard errors either way (median), as "
+            "their size is an estimate, too"
+            if width >= _WIDE
             else ""
         )
         if most <= WHITE:
@@ -341,7 +366,7 @@ def unconstrained_fit(regression: Regression, base: BaseParameters) -> Unconstra
         if regression.noise is not None:
             own = regression.noise.scores[j][:, columns]
             scores = _product(own, steps) / weight**2
-        parts += [scores, floor[j] * rows]
+        parts.append(np.vstack([scores, floor[j] * rows]))
     root = triangle(np.asfortranarray(np.vstack(parts)))
     inflation, between, beyond = root.T @ root, tuple[Scatter, ...](), 1.0
     if regression.noise is not None and regression.noise.beyond > 1.0:
@@ -359,6 +384,7 @@ def unconstrained_fit(regression: Regression, base: BaseParameters) -> Unconstra
         inflation=inflation,
         root=root,
         level_freedom=white if regression.noise is None else regression.noise.freedom,
+        of_joints=tuple(parts),
         between=between,
         beyond=beyond,
     )

@@ -30,7 +30,6 @@ def noisy_pendulum(seed, noise=0.2):
     return model, truth, build_regression(model, log)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("errors", [1.5, 0.5, 3.0])
 def test_of_a_half_space_the_p_value_is_half_that_of_chi_square(errors):
     # Friction is asked to be some standard errors above what least squares says.
@@ -71,7 +70,6 @@ def test_an_estimated_noise_level_makes_it_that_of_an_f_distribution(errors):
     assert test.p_value == pytest.approx(p, abs=4 * np.sqrt(p * (1 - p) / 400) + 0.005)
 
 
-@pytest.mark.slow
 def test_what_is_not_rare_is_known_from_a_few_draws_and_what_is_rare_from_all():
     model, truth, log = experiment(4, joints=2, noise=0.0, samples=400)
     noise = log.torque.std(axis=0)
@@ -181,7 +179,6 @@ def test_no_draws_are_refused():
         consistency_test(model, regression, draws=0)
 
 
-@pytest.mark.slow
 def test_a_contradiction_goes_with_the_consistent_estimates_as_worth_knowing():
     model, truth, log = experiment(4, joints=2, noise=0.0, samples=400)
     wrong = truth.copy()

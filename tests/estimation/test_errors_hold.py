@@ -53,6 +53,9 @@ def test_intervals_hold_the_truth_neither_too_rarely_nor_too_often(methods, name
         ("blocks of a motion", "pink", 30),
         ("radius of feet", "white", 20),
         ("robot on its feet", "AR(1) 0.9", 5),
+        ("robot on its feet", "pink", 5),
+        ("drive calibration", "pink", 30),
+        ("spring of a gear", "pink", 30),
         ("design on a wrist sensor", "white", 30),
         ("design on feet", "white", 20),
     ],
@@ -70,16 +73,17 @@ def test_they_hold_for_robots_on_feet_blocks_and_designs(methods, name, kind, lo
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["white", "AR(1) 0.9"])
+@pytest.mark.parametrize("kind", ["white", "AR(1) 0.9", "pink"])
 def test_they_hold_for_raw_logs_as_drafts_prepare_them(kind):
     logs = _benchmark("coverage_logs")
     found = list(logs.errors(logs.case("ur5", 20.0), kind, 12))
     inside = np.array([np.mean(abs(z) <= 1.96) for z, _ in found])
     error = inside.std(ddof=1) / np.sqrt(len(inside))
     assert 0.93 - 3.0 * error < inside.mean() < 0.97 + 3.0 * error
-    # Where constraints are active, errors are too large, and never too small.
+    # Where constraints are active, errors are too large, and never too small; under
+    # pink noise their size is itself uncertain.
     bound = np.mean([np.mean(abs(z) <= 1.96) for _, z in found])
-    assert bound > 0.93
+    assert bound > (0.88 if kind == "pink" else 0.93)
 
 
 PRINTED = {

@@ -37,7 +37,7 @@ def noisy_pendulum():
 
 def freedom_of(regression):
     """Freedom of noise, and of ten blocks for the variance that they add."""
-    own, more = float(regression.effective[0]) - 4, regression.noise.beyond - 1.0
+    own, more = float(regression.noise.freedom[0]), regression.noise.beyond - 1.0
     return (1.0 + more) ** 2 / (1.0 / own + more**2 / 9.0)
 
 

@@ -221,7 +221,6 @@ def test_an_unproven_optimum_asks_for_care():
     assert doubted.verdict.word == "use with care"
 
 
-@pytest.mark.slow
 def test_a_contradicting_mass_is_said_by_the_excess():
     arm, _, recording = pendulum()
     regression = build_regression(arm, recording)
@@ -382,7 +381,6 @@ def said(verdict, kind):
     return [r for r in verdict.reasons if r.kind == kind]
 
 
-@pytest.mark.slow
 def test_correlated_residuals_are_worth_knowing_and_change_no_verdict():
     white, coloured = noisy(4000, 0.0), noisy(4000, 0.9)
     assert not said(white.verdict, "correlated residuals")
@@ -708,7 +706,6 @@ def test_what_mends_a_fault_is_said_before_the_slopes_that_show_it():
     assert kinds(verdict)[:2] == ["torque sign", "torque sign"]
 
 
-@pytest.mark.slow
 def test_a_guess_by_a_good_prior_is_a_note():
     for errors, word in (
         ([0.05, 0.1], "use"),

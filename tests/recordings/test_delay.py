@@ -118,6 +118,21 @@ def test_the_error_of_a_delay_is_that_of_delays_found_again_without_a_block():
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.03)
 
 
+def test_a_joint_of_much_noise_does_not_widen_the_error_of_a_delay():
+    first, late, _ = pair(0, "position", "velocity", (100, 100), (1e-5, 0.002))
+    noise = np.random.default_rng(1).normal(size=len(late.time))
+    spoilt = late.values.copy()
+    spoilt[:, 1:] += noise[:, None] * 3.0
+    both = signals.Track("velocity", NAMES, late.time, spoilt)
+    one, other = (
+        signals.Track(t.channel, NAMES[:1], t.time, t.values[:, :1])
+        for t in (first, late)
+    )
+    alone = signals.estimate_delay(one, other, cutoff=5.0).standard_error
+    beside = signals.estimate_delay(first, both, cutoff=5.0).standard_error
+    assert beside < 1.5 * alone
+
+
 def test_a_delay_longer_than_the_longest_is_refused():
     # Slow signals are similar at the longest delay, too: they are still 0.1 s apart.
     time = np.arange(4000) / 100.0
@@ -194,7 +209,6 @@ def test_tiagos_velocity_comes_some_190_ms_after_its_position():
         assert found.correlations.min() > 0.99
 
 
-@pytest.mark.slow
 def test_three_clocks_are_brought_to_the_slowest():
     rng = np.random.default_rng(4)
     motion, step = tones(rng), 1e-3

@@ -156,19 +156,37 @@ def test_degrees_of_freedom_of_two_variances_are_those_of_satterthwaite(noise, b
     found = ResidualNoise(
         sigma=np.ones(1),
         length=np.ones(1),
-        effective=41.0,  # 40 beside one parameter
+        effective=41.0,
         measured=True,
         steps=one,
         inflation=noise * one,
         root=np.sqrt(noise) * one,
         level_freedom=np.array([9.0]),
+        of_joints=(np.sqrt(noise) * one,),
         between=(Scatter(between * one, 5.0),),
     )
-    # (a + b)^2 / (a^2 / 40 + b^2 / 5), of any functional of the one parameter.
-    expected = (noise + between) ** 2 / (noise**2 / 40.0 + between**2 / 5.0)
+    # (a + b)^2 / (a^2 / 9 + b^2 / 5), of any functional of the one parameter.
+    expected = (noise + between) ** 2 / (noise**2 / 9.0 + between**2 / 5.0)
     freedoms = found.freedoms(np.array([[1.0], [-3.0], [0.0]]))
-    assert freedoms == pytest.approx([expected, expected, 40.0])
-    assert replace(found, between=()).freedoms(one) == pytest.approx([40.0])
+    assert freedoms == pytest.approx([expected, expected, 9.0])
+    assert replace(found, between=()).freedoms(one) == pytest.approx([9.0])
+
+
+def test_degrees_of_freedom_of_two_joints_count_by_their_shares_of_the_variance():
+    one = np.eye(2)
+    found = ResidualNoise(
+        sigma=np.ones(2),
+        length=np.ones(2),
+        effective=100.0,
+        measured=True,
+        steps=one,
+        inflation=np.diag([4.0, 10.0]),
+        root=np.diag(np.sqrt([4.0, 10.0])),
+        level_freedom=np.array([9.0, 3.0]),
+        of_joints=(np.diag([2.0, 1.0]), np.diag([0.0, 3.0])),
+    )
+    # The first parameter has the noise of one joint, the second 1 and 9 parts of both.
+    assert found.freedoms(one) == pytest.approx([9.0, 100.0 / (1.0 / 9.0 + 81.0 / 3.0)])
 
 
 @pytest.mark.slow

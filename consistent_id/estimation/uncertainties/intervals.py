@@ -185,9 +185,12 @@ def _added(
     of_parameters = base.lift(np.eye(len(base)))
     freedom = noise.freedoms(of_parameters)
     squared = noise.squared_misfit(of_parameters)
-    if blocks is not None:
-        freedom = np.minimum(freedom, blocks.freedom)
-        squared = squared + blocks.squared_misfit
+    if blocks is not None and blocks.freedom > 0.0:
+        added = blocks.squared_misfit
+        # [Satterthwaite1946]_
+        each = squared**2 / freedom + added**2 / blocks.freedom
+        squared = squared + added
+        freedom = squared**2 / each
     if shifts is not None:
         squared = squared + shifts.squared_misfit
     if joint:
