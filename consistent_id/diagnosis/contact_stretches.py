@@ -139,23 +139,27 @@ def resting(log: Recording) -> BoolArray:
 def joint_residuals(as_is: FittedLog, rows: BoolArray) -> list[JointResidual]:
     """Return residuals of the model with a lag and further friction, at samples `rows`.
 
-    The lag is computed from the whole log.
+    The lag is computed from the whole log.  Samples of a joint that rests, or nearly
+    does, while others move, are zero: dry friction can hold any remaining torque of it.
     """
     model = as_is.factors.model
     log = SampleRows.of(model, as_is.recording)
+    alone = [as_is.recording.of((name,)) for name in model.torque_joints]
+    moving = np.array([~resting(one)[rows] for one in alone])
     Y = log.regressor()
     torque = np.einsum("jps,p->js", Y, as_is.fit.parameters)
     friction = log.frictions(log.along.predicted(model, as_is.fit.parameters).T)
     late = np.gradient(torque, axis=1)[:, None]
     lacking = np.concatenate([friction, late], axis=1)
     found = []
-    for row, more, tau in zip(Y, lacking, log.torque, strict=True):
-        columns = np.vstack([row[list(as_is.factors.base.independent)], more]).T[rows]
+    independent = list(as_is.factors.base.independent)
+    for row, more, tau, moves in zip(Y, lacking, log.torque, moving, strict=True):
+        columns = np.vstack([row[independent], more]).T[rows] * moves[:, None]
         norms = np.linalg.norm(columns, axis=0)
         unit = columns[:, norms > 0.0] / norms[norms > 0.0]
         U, s, _ = np.linalg.svd(unit, full_matrices=False)
         spanned = U[:, s > _RANK * s.max(initial=0.0)]
-        felt = tau[rows]
+        felt = tau[rows] * moves
         rest = felt - spanned @ (spanned.T @ felt)
         size = max(float(np.linalg.norm(felt)), _TINY)
         found.append(JointResidual(spanned, rest / size))
