@@ -105,10 +105,11 @@ def part_of(arm: str) -> dict[str, str]:
     return {"base": base, "tip": tip} if tip else {}
 
 
-def clean_log(seed: int) -> ci.Recording:
-    """Return a seed's log."""
+def clean_log(seed: int, robot: ci.RobotModel | None = None) -> ci.Recording:
+    """Return a seed's log, by default of the seed's arm."""
     rng = np.random.default_rng([seed, 27])
-    robot = ci.load_robot(arm_file(arm_of(seed)), **part_of(arm_of(seed)))
+    if robot is None:
+        robot = ci.load_robot(arm_file(arm_of(seed)), **part_of(arm_of(seed)))
     rate = float(rng.choice(RATES))
     time = np.arange(round(rate * rng.uniform(10.0, 25.0))) / rate
     states = drawn_motion(robot, rng, time[-1]).at(robot.joint_names, time)

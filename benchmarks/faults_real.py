@@ -43,6 +43,13 @@ HARM, FAR = 0.10, 2.0  # the same, that harms
 OF_MOTION = ("short", "small motion", "slow motion", "rank", "hidden factor")
 """Kinds that are true of a log without its fault, and name no cause."""
 
+POSSIBLE = {
+    "torque gain": ("gain or unit", "nominal model"),
+    "clock": ("gain or unit", "hidden factor"),
+    "offset zero": ("hidden factor",),
+}
+"""Kind of a fault -> reasons of a verdict that state it as one of several causes."""
+
 
 @dataclass(frozen=True)
 class Log:
@@ -262,6 +269,13 @@ class Outcome:
         """The kinds that were named as a cause."""
         return {*self.faults, *self.warnings} - {*UNNAMED, *OF_MOTION}
 
+    @property
+    def possible(self) -> bool:
+        """Whether the verdict states the fault, perhaps among other causes."""
+        kinds = SPOILS[self.label][0]
+        more = {reason for kind in kinds for reason in POSSIBLE.get(kind, ())}
+        return bool((self.causes & {*kinds}) | ({*self.reasons} & more))
+
     def answer(self, whole: float) -> str:
         """Return how it was answered, beside the error from the whole log."""
         kinds = SPOILS[self.label][0]
@@ -351,9 +365,14 @@ def page(outcomes: dict[str, Outcome]) -> str:
         arm = found.name.partition("/")[0]
         whole = outcomes[f"{arm}/whole"].error
         error = "-" if np.isnan(found.error) else f"{found.error:.1%}"
-        said = ", ".join((*found.faults, *found.warnings)) or "-"
+        named = dict.fromkeys((*found.faults, *found.warnings, *found.reasons))
+        said = (
+            ", ".join(named)
+            if not np.isnan(found.error)
+            else ", ".join((*found.faults, *found.warnings))
+        )
         rows.append(
-            (found.label, arm, found.said, said, error, found.answer(whole)),
+            (found.label, arm, found.said, said or "-", error, found.answer(whole)),
         )
     answers = [row[-1] for row in rows if row[0] != "whole"]
     counts = ", ".join(f"{answers.count(a)} {a}" for a in dict.fromkeys(answers))
@@ -372,7 +391,7 @@ def page(outcomes: dict[str, Outcome]) -> str:
         "",
         *_figures(outcomes),
         "",
-        "| spoilt by | arm | verdict | findings | error | answer |",
+        "| spoilt by | arm | verdict | findings and reasons | error | answer |",
         "|---|---|---|---|---:|---|",
         *(f"| {' | '.join(row)} |" for row in sorted(rows)),
     ]
@@ -382,19 +401,24 @@ def page(outcomes: dict[str, Outcome]) -> str:
 def _figures(outcomes: dict[str, Outcome]) -> list[str]:
     """Return verdicts on harmful estimates, and how often a named cause is right."""
     spoilt = [found for found in outcomes.values() if found.label != "whole"]
-    words = [
-        found.said
+    harmful = [
+        found
         for found in spoilt
         if found.harmful(outcomes[f"{found.name.partition('/')[0]}/whole"].error)
     ]
+    words = [found.said for found in harmful]
+    careful = [found for found in harmful if found.said == "use with care"]
+    stated = sum(found.possible for found in careful)
     named = [found for found in spoilt if found.causes]
     right = sum(bool(f.causes & set(SPOILS[f.label][0])) for f in named)
     return [
         f"The error is above {HARM:.0%} and above {FAR:g} times that without the fault",
         f"for {len(words)} estimates: {words.count('use')} of them are `use`,",
         f"{words.count('use with care')} `use with care`, {words.count('do not use')}",
-        f"`do not use`. A cause is named for {len(named)} logs; for {right} of them it",
-        "is among those of the fault.",
+        f"`do not use`. Of those `use with care`, {stated} name the fault, or state it",
+        "as one of the causes that the log does not separate (`gain or unit`,",
+        "`nominal model`, `hidden factor`). A cause is named for",
+        f"{len(named)} logs; for {right} of them it is among those of the fault.",
     ]
 
 

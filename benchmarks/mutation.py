@@ -2,9 +2,10 @@
 
 ``python benchmarks/mutation.py --count 60 --seed 0`` copies the repository to a
 temporary folder, changes one operator, sign, comparison or constant, and runs the fast
-tests of the room that the token is in and of the room next to it. A mutant that no test
-notices is printed with its line. Mutants that cannot be noticed, because the program
-does the same, are listed in ``mutation.toml`` with the reason.
+tests: first those of the room that the token is in, then of the room next to it, then
+all others. A mutant that no test notices is printed with its line. Mutants that cannot
+be noticed, because the program does the same, are listed in ``mutation.toml`` with the
+reason.
 
 The sample is ordered by a hash of seed, file and line, so that a change elsewhere in
 the code does not draw another one.
@@ -31,10 +32,11 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 PACKAGE = "consistent_id"
 
-#: What is changed: folders and files of the package, all that decides a number.
+#: What is changed: folders and files of the package, all that decides a number; of
+#: these, not the figures (``*_plot.py``).
 CORE = "regression constraints estimation comparison recordings/signals".split()
 CORE += [f"robot/{n}.py" for n in "inertia log_cholesky model scaling solids".split()]
-#: Folders of tests that a room's mutants have to get past, in this order.
+#: Folders of tests that a room's mutants meet first, in this order.
 TESTS = {
     "robot": ("robot", "regression"),
     "recordings": ("recordings", "estimation"),
@@ -154,6 +156,7 @@ def sample(seed: int, count: int) -> list[Mutant]:
     """Return the first `count` mutants of the core in the order of the seed."""
     files = [ROOT / PACKAGE / name for name in CORE]
     paths = [p for f in files for p in ([f] if f.suffix else sorted(f.rglob("*.py")))]
+    paths = [path for path in paths if not path.stem.endswith("_plot")]
     found = [m for p in paths for m in mutants_of(p, random.Random(f"{seed} {p.name}"))]
     return sorted(found, key=lambda mutant: mutant.rank(seed))[:count]
 
@@ -162,9 +165,8 @@ def stages(folder: Path, mutant: Mutant) -> Iterator[list[str]]:
     """Yield tests of a mutant, first those that name what its module defines."""
     module = folder / PACKAGE / mutant.path
     rooms = TESTS[Path(mutant.path).parts[0]]
-    files = [
-        f for r in rooms for f in sorted((folder / "tests" / r).rglob("test_*.py"))
-    ]
+    tests = folder / "tests"
+    files = [f for r in rooms for f in sorted((tests / r).rglob("test_*.py"))]
     names = {
         node.name
         for node in ast.parse(mutant.source).body
@@ -173,6 +175,8 @@ def stages(folder: Path, mutant: Mutant) -> Iterator[list[str]]:
     near = [f for f in files if names & set(re.findall(r"\w+", f.read_text()))]
     yield [str(module), *map(str, near)]
     yield [str(f) for f in files if f not in near]
+    every = sorted(tests.rglob("test_*.py"))
+    yield [str(f) for f in every if f not in files]
 
 
 def fate(folder: Path, mutant: Mutant, timeout: float) -> str:
@@ -225,8 +229,7 @@ def main() -> None:
         folder = Path(place) / "repository"
         ignored = shutil.ignore_patterns(".*", "__pycache__", "results", "build")
         shutil.copytree(ROOT, folder, ignore=ignored)
-        rooms = {r for m in mutants for r in TESTS[Path(m.path).parts[0]]}
-        tests = [str(folder / "tests" / room) for room in sorted(rooms)]
+        tests = [str(folder / "tests")]
         if not options.list and _ends_with(folder, tests, 10 * options.timeout):
             parser.exit(1, "the tests fail already without a mutant\n")
         for mutant in mutants:

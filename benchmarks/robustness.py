@@ -8,6 +8,7 @@ fixed or free; motions from rich to next to nothing, some joints standing still.
 import argparse
 import sys
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -60,10 +61,18 @@ class Result:
     wrong: tuple[str, ...]
 
 
-def case(seed: int) -> Case:
-    """Return a problem; every twentieth has a datasheet that no robot satisfies."""
+def case(seed: int, *, joints: int = 9, samples: Sequence[int] = SAMPLES) -> Case:
+    """Return a problem; every twentieth has a datasheet that no robot satisfies.
+
+    Parameters
+    ----------
+    joints : int
+        At most.
+    samples : sequence of int
+        Of which one is drawn.
+    """
     rng = np.random.default_rng(seed)
-    joints = int(rng.integers(2, 10))
+    joints = int(rng.integers(2, joints + 1))
     _, robot = random_robot(rng, joints, tree=bool(rng.integers(2)))
     drive = ci.DriveTerms(
         viscous=True,
@@ -75,7 +84,7 @@ def case(seed: int) -> Case:
     extra = rng.uniform(0.0, 1.0, len(model.layout) - 10 * joints)
     bodies = [scaled_to(link.nominal.mass, random_body(rng)) for link in robot.links]
     truth = np.concatenate([*bodies, extra])
-    motion = random_motion(rng, robot.joint_names, int(rng.choice(SAMPLES)))
+    motion = random_motion(rng, robot.joint_names, int(rng.choice(samples)))
     noise = 10.0 ** rng.uniform(-4, 0)
     recording = ci.simulate_torque(model, truth, motion, noise=noise, rng=rng)
     constraints: list[Constraint] = [

@@ -4,22 +4,29 @@
 
 - FIGAROH 1.0.2, in the Python of `peers/`: its regressor with friction, rotor inertia
   and offset, on the motion that the problem file prepares, filtered like the torque;
-  its base parameters, and its consistent links.
+  its base parameters, its consistent links by projection, and its direct fit under LMIs
+  (`physical_fit`), whose settings hindsight chooses in the last of its rows.  Least
+  squares here on the same columns must have the error of its base parameters.
 - ``mujoco.sysid``, if MuJoCo has the extra ``sysid``: see `rollout_rivals.py`.
 - Friction models M1 to M6 of BAM, written here: see `servos.py`.
 
 What is missing is left out, and said.  Intervals are those of `table.py`, of the same
 blocks; beside each error is that of the recommended estimate of the problem file.
+Seconds are of the processor: of FIGAROH those from the filtered rows to the estimate,
+of others those of the fit.
 """
 
 import argparse
+import json
 import os
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -34,8 +41,10 @@ from table import (
 )
 
 import consistent_id as ci
+from consistent_id.estimation.method import Method
 from consistent_id.problems.study import Study
 from consistent_id.regression.motion_arrays import Motion, motion_of
+from consistent_id.robot.scaling import reference_bodies
 from consistent_id.rollout import identify_servos, read_servo_logs
 from consistent_id.rollout.problem_rollout import rollout_of
 
@@ -45,47 +54,112 @@ BY_ROLLOUT = ("unitree_go2", "unitree_z1")
 COUPLED = {"staubli_tx40": (4, 5)}
 HEADER = (
     *("robot", "judged by", "tool", "its error", "recommended here"),
-    *("recommended less the tool", ""),
+    *("recommended less the tool", "", "CPU s"),
 )
+ALIKE = (
+    *("robot", "judged by", "tool", "its error", "recommended here, its columns"),
+    *("this package less the tool", "", "CPU s", "CPU s here"),
+    "drives of the tool below zero",
+)
+SAME = 1e-4  # by which errors of least squares on the same columns may differ, relative
 TRIALS = 2800  # simulations of each friction model
 
 
-def row(name: str, judge: str, tool: str, both: np.ndarray, figure: Any) -> list[str]:
+def row(
+    name: str, judge: str, tool: str, both: np.ndarray, figure: Any, seconds: float
+) -> list[str]:
     """Return a row: a tool's figure, ours, and their difference with its interval.
 
     Parameters
     ----------
     both : ndarray, shape (blocks, 2, ...)
         Sums of each block, of the tool and of the recommended estimate.
+    seconds : float
+        Processor time of the tool.
     """
     scale = 100.0 if judge.startswith("torque") else 1e3
     its, ours = (jackknife(both[:, k], figure) for k in (0, 1))
     less: Interval = jackknife(both, lambda sums: figure(sums[1]) - figure(sums[0]))
     cells = (its.text(scale), ours.text(scale), less.text(scale), less.word)
-    return [name, judge, tool, *cells]
+    return [name, judge, tool, *cells, f"{seconds:.2f}"]
 
 
-def of_figaroh(name: str, python: str) -> Iterator[list[str]]:
-    """Yield the rows of FIGAROH's stages on a problem of a robot with torque."""
+def of_figaroh(name: str, python: str, alike: list[list[str]]) -> Iterator[list[str]]:
+    """Yield the rows of FIGAROH's stages on a problem of a robot with torque.
+
+    Rows of its direct fits against this package on the same columns go to `alike`.
+    """
     problem = ci.load_problem(HERE.parent / "problems" / name, trust=True)
     study = Study(problem)
     model, best = problem.model, study.estimate(study.recommendation.method)
     training = [motion_of(model, log, None) for log in study.training]
     judged = [motion_of(model, log, None) for log in study.validation]
     with TemporaryDirectory() as made:
-        predicted = stages(problem, training, judged, python, Path(made))
+        predicted, about = stages(problem, training, judged, python, Path(made))
     ours = [torque_squares(best, log) for log in study.validation]
-    for stage, torque in predicted.items():
-        theirs = []
-        for motion, tau in zip(judged, torque, strict=True):
-            weights = 1.0 if motion.weights is None else motion.weights
-            error = weights * (motion.torque - tau)
-            theirs.append(np.hstack([error**2, (weights * motion.torque) ** 2]))
-        both = np.stack([in_blocks(theirs), in_blocks(ours)], axis=1)
+
+    def error(sums: np.ndarray) -> float:
+        return relative_error(model, sums)
+
+    def against(stage: str, ours: Sequence[np.ndarray], tool: str) -> list[str]:
+        both = np.stack([in_blocks(squares[stage]), in_blocks(ours)], axis=1)
+        seconds = about[stage]["seconds"]
+        return row(problem.name, "torque [%]", tool, both, error, seconds)
+
+    squares: dict[str, list[np.ndarray]] = {}
+    tools = {}
+    for stage, said in about.items():
         tool = f"FIGAROH, {stage}"
-        yield row(
-            problem.name, "torque [%]", tool, both, lambda s: relative_error(model, s)
+        if said["said"]:
+            tool += f" ({said['said']})"
+        tools[stage] = tool
+        if stage not in predicted:
+            blank = ("-", "-", "-", f"{said['seconds']:.2f}")
+            yield [problem.name, "torque [%]", tool, "rejected", *blank]
+            continue
+        squares[stage] = []
+        for motion, tau in zip(judged, predicted[stage], strict=True):
+            weights = 1.0 if motion.weights is None else motion.weights
+            missed = weights * (motion.torque - tau)
+            parts = [missed**2, (weights * motion.torque) ** 2]
+            squares[stage].append(np.hstack(parts))
+        yield against(stage, ours, tool)
+    began = process_time()
+    same = Study(replace(problem, model=with_its_columns(model)))
+    least = same.estimate(Method.LEAST_SQUARES)
+    fit = same.estimate(same.recommendation.method)
+    seconds = process_time() - began
+    check = [
+        error(sum(one.sum(axis=0) for one in parts))
+        for parts in (
+            squares["base parameters"],
+            [torque_squares(least, log) for log in same.validation],
         )
+    ]
+    if not np.isclose(*check, rtol=SAME, atol=0.0):
+        raise SystemExit(f"{name}: errors of least squares there and here, {check}")
+    mine = [torque_squares(fit, log) for log in same.validation]
+    for stage in squares:
+        if stage.startswith("physical_fit"):
+            cells = against(stage, mine, tools[stage])
+            alike.append([*cells, f"{seconds:.2f}", about[stage]["below zero"]])
+
+
+def with_its_columns(model: ci.TorqueModel) -> ci.TorqueModel:
+    """Return a model with the drives of FIGAROH's columns, and the same couplings."""
+    drive = ci.DriveTerms(viscous=True, coulomb="sign", offset=True, rotor_inertia=True)
+    couplings = tuple(
+        replace(c, coulomb="sign", velocity_scale=None) for c in model.couplings
+    )
+    return replace(model, drive=drive, couplings=couplings)
+
+
+def nominal_bodies(robot: Any) -> np.ndarray:
+    """Return the bodies that priors are of here, with the masses that are stated."""
+    bodies = np.array(reference_bodies(robot))
+    stated = [link.datasheet.mass for link in robot.links]
+    masses = [m or body[0] for m, body in zip(stated, bodies, strict=True)]
+    return bodies * (np.array(masses) / bodies[:, 0])[:, None]
 
 
 def stages(
@@ -94,8 +168,12 @@ def stages(
     judged: Sequence[Motion],
     python: str,
     folder: Path,
-) -> dict[str, list[np.ndarray]]:
-    """Return the torque of judged motions, (samples, joints), by FIGAROH's stages."""
+) -> tuple[dict[str, list[np.ndarray]], dict[str, dict[str, Any]]]:
+    """Return the torque of judged motions, (samples, joints), by FIGAROH's stages.
+
+    With the seconds of each stage, and what its solvers said; what was rejected has no
+    torque.
+    """
     robot = problem.model.robot
     (folder / "robot.urdf").write_bytes(problem.model_files["urdf"].read_bytes())
     np.save(folder / "joints.npy", np.array(robot.joint_names))
@@ -123,14 +201,19 @@ def stages(
         W=W.reshape(-1, width),
         tau=tau.ravel(),
         held=held.reshape(-1, width),
+        judged=np.concatenate([m.torque for m in judged]).T.ravel(),
+        reference=nominal_bodies(robot),
+        joints=len(joints),
     )
     subprocess.run([*command, "fit", str(folder)], check=True)
     ends = np.cumsum([len(m.torque) for m in judged])[:-1]
+    about = json.loads((folder / "about.json").read_text())
     with np.load(folder / "predicted.npz") as found:
-        return {
+        predicted = {
             stage: np.split(found[stage].reshape(len(joints), -1).T, ends)
             for stage in found
         }
+    return predicted, about
 
 
 def with_coupling(name: str, W: np.ndarray, motion: Motion) -> np.ndarray:
@@ -161,8 +244,10 @@ def of_sysid(name: str) -> list[str]:
 
     problem = ci.load_problem(HERE.parent / "problems" / name, trust=True)
     (log,) = problem.logs("training")
+    began = process_time()
     with redirect_stdout(sys.stderr):  # its optimiser reports each step
         found, _ = rollout_rivals.fitted(problem, log)
+    seconds = process_time() - began
     theirs = rollout_rivals.replay_errors(problem, found, problem.logs("validation"))
     done = rollout_of(Study(problem), refine=True, choose=True)
     ours = [r.errors for r in next(iter(done.rollout.replays.values()))]
@@ -179,6 +264,7 @@ def of_sysid(name: str) -> list[str]:
         "mujoco.sysid",
         both,
         lambda s: float(np.sqrt(s[0] / s[1])),
+        seconds,
     )
 
 
@@ -193,20 +279,23 @@ def of_servos() -> Iterator[list[str]]:
     ours = np.array(list(own.validation[own.chosen.name].values()))
     pieces = [servos._whole(robot, part) for part in (training, judged)]
     for model in servos.MODELS:
+        began = process_time()
         _, theirs = servos.rival(model, *pieces, TRIALS // servos.POPULATION)
+        seconds = process_time() - began
         ones = np.ones(len(theirs))
         both = np.stack([np.column_stack([e, ones]) for e in (theirs, ours)], axis=1)
         tool = f"BAM's {model}, own code"
-        yield row(
-            "servo_pendulum", "position [mrad]", tool, both, lambda s: s[0] / s[1]
-        )
+        figures = (both, lambda s: s[0] / s[1], seconds)
+        yield row("servo_pendulum", "position [mrad]", tool, *figures)
 
 
-def every_row(figaroh: str | None, only: Sequence[str] | None) -> Iterator[list[str]]:
-    """Yield all rows."""
+def every_row(
+    figaroh: str | None, only: Sequence[str] | None, alike: list[list[str]]
+) -> Iterator[list[str]]:
+    """Yield all rows; those of the same columns go to `alike`."""
     for name in BY_TORQUE:
         if figaroh is not None and (not only or name in only):
-            yield from of_figaroh(name, figaroh)
+            yield from of_figaroh(name, figaroh, alike)
     for name in BY_ROLLOUT:
         if not only or name in only:
             yield of_sysid(name)
@@ -214,17 +303,28 @@ def every_row(figaroh: str | None, only: Sequence[str] | None) -> Iterator[list[
         yield from of_servos()
 
 
+def show(header: Sequence[str]) -> None:
+    """Print the head of a table."""
+    print(f"| {' | '.join(header)} |")
+    print("|---" * len(header) + "|", flush=True)
+
+
 def main() -> None:
-    """Print the table."""
+    """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--figaroh", help="Python that has FIGAROH, see peers/")
     parser.add_argument("--only", nargs="*", metavar="ROBOT")
     parser.add_argument("--write", type=Path, help="page with marks of the table")
     options = parser.parse_args()
     with written_to(options.write, "rivals", (*BY_TORQUE, *BY_ROLLOUT)):
-        print(f"| {' | '.join(HEADER)} |")
-        print("|---" * len(HEADER) + "|", flush=True)
-        for cells in every_row(options.figaroh, options.only):
+        alike: list[list[str]] = []
+        show(HEADER)
+        for cells in every_row(options.figaroh, options.only, alike):
+            print(f"| {' | '.join(cells)} |", flush=True)
+        if alike:
+            print("\nFIGAROH's direct fit, and this package on FIGAROH's columns:\n")
+            show(ALIKE)
+        for cells in alike:
             print(f"| {' | '.join(cells)} |", flush=True)
 
 

@@ -127,7 +127,7 @@ def figaroh(folder: Path, log: dict[str, np.ndarray]) -> Answer:
 
 
 def figaroh_lmi(folder: Path, log: dict[str, np.ndarray]) -> Answer:
-    """FIGAROH to consistent links: nearest to the URDF's, then projected by its LMI."""
+    """FIGAROH to consistent links: nearest to the URDF's, then projected by an LMI."""
     from figaroh.identification.physical_consistency import project_robot_p10_lmi
     from figaroh.identification.reconstruction import reconstruct_full_parameters
 
@@ -147,6 +147,33 @@ def figaroh_lmi(folder: Path, log: dict[str, np.ndarray]) -> Answer:
     consistent, _ = project_robot_p10_lmi(named)
     x = np.concatenate([consistent[joint] for joint in model.names[1:]])
     return Answer(regressor=fit.seconds, predict=lambda *m: fit.regressor(*m) @ x)
+
+
+def figaroh_physical(folder: Path, log: dict[str, np.ndarray]) -> Answer:
+    """FIGAROH to consistent links by its direct fit under LMIs, the URDF's as prior."""
+    from figaroh.tools.regressor import build_regressor_basic
+    from physical import fitted
+
+    model = _loaded(folder)
+    robot = SimpleNamespace(model=model, data=model.createData())
+    config = {"is_joint_torques": True, "act_idxv": list(range(model.nv))}
+    nominal = [link.toDynamicParameters() for link in model.inertias.tolist()[1:]]
+    started = process_time()
+    W = np.asarray(build_regressor_basic(robot, *_motion(log), config))
+    seconds = process_time() - started
+    tau, joints = log["tau"].T.ravel(), list(model.names)[1:]
+    found = fitted(W, tau, joints, np.concatenate(nominal))
+    if found.parameters is None:
+        raise SystemExit(f"rejected, {found.said}")
+    x = found.parameters
+    return Answer(
+        regressor=seconds,
+        predict=lambda *m: build_regressor_basic(robot, *m, config) @ x,
+    )
+
+
+def _motion(log: dict[str, np.ndarray]) -> tuple[np.ndarray, ...]:
+    return log["q"], log["dq"], log["ddq"]
 
 
 def idyntree(folder: Path, log: dict[str, np.ndarray]) -> Answer:
@@ -201,7 +228,8 @@ CASES: dict[str, Callable[[Path, dict[str, np.ndarray]], Answer]] = {
     "Pinocchio loop + lstsq": pinocchio,
     "Pinocchio loop + CVXPY, consistent links": cvxpy,
     "FIGAROH 1.0.2, base parameters": figaroh,
-    "FIGAROH 1.0.2, consistent links by its LMI": figaroh_lmi,
+    "FIGAROH 1.0.2, consistent links by projection": figaroh_lmi,
+    "FIGAROH 1.0.2, consistent links by physical_fit": figaroh_physical,
     "iDynTree loop + lstsq": idyntree,
 }
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 _MORE = f"""The formats are {", ".join(known.content for known in EXPORT_FORMATS)}. In
 the problem's own URDF only numbers change. What a format cannot express is printed.
 Exit code 1: do not use the estimate; nothing was written."""
+_NOTHING = "nothing was written"
 _EXAMPLES = """
 consistent-id export problems/ur10e --format urdf --output ur10e.urdf
 consistent-id export problems/rx60 --format c --output rx60.c
@@ -101,44 +102,104 @@ class _Chosen:
     delay: float
     results: "Results | None" = None
     problem: "Problem | None" = None
+    study: "Study | None" = None
 
 
 def _export(options: argparse.Namespace) -> Answer:
-    from consistent_id._support.files import require_writable_file
+    from consistent_id._support.files import require_writable_file, write_atomically
+    from consistent_id.export.actuator_config import readme
     from consistent_id.export.export_formats import exported
 
     if not options.dry_run:
         require_writable_file(options.output)
     chosen = _chosen(options)
     verdict = chosen.verdict
-    record = {"format": options.format, **chosen.answer, "notes": [], "written": None}
+    record = {
+        **{"format": options.format, **chosen.answer, "notes": [], "written": None},
+        **{"torque_error": None, "readme": None},
+    }
     if not verdict.usable:
         kinds = " ".join(f"--accept {r.kind!r}" for r in verdict.grounds)
         lines = (verdict.sentence, *verdict.lines, f"{kinds} writes it anyway")
         print("\n".join(lines), file=sys.stderr)
-        return Answer(1, "nothing was written", record)
+        return Answer(1, _NOTHING, record)
     figures = chosen.estimate.certificate.figures
+    delay = figures.get("delay of commands", chosen.delay)
+    source = options.source or chosen.source
     export = exported(
         replace(chosen.estimate, judged=verdict),
         options.format,
-        source=options.source or chosen.source,
+        source=source,
         folder=options.output.parent,
         copy_files=options.copy_files,
         gains=chosen.gains,
-        delay=figures.get("delay of commands", chosen.delay),
+        delay=delay,
     )
     written = None if options.dry_run else export.save(options.output)
-    beside, more = (*chosen.stated, *export.notes), chosen.estimate.notes
+    more = chosen.estimate.notes
+    cost, errors = _torque_error(chosen, options.format, source)
     if written is not None:
-        delay = figures.get("delay of commands", chosen.delay)
-        beside = (*beside, *_read_back(chosen, options.format, written, delay))
-    record |= {"format": export.format, "notes": [*beside, *more]}
-    record |= {"written": written and str(written)}
+        errors += _read_back(chosen, options.format, written, delay)
+        page = readme(
+            chosen.estimate,
+            options.format,
+            written.name,
+            (*errors, *export.notes),
+            delay=delay,
+        )
+        beside_it = written.with_suffix(page.suffix)
+        record["readme"] = str(write_atomically(beside_it, page.content))
+    beside = [*errors, *chosen.stated, *export.notes, *more]
+    record |= {"format": export.format, "notes": beside}
+    record |= {"written": written and str(written), "torque_error": cost}
     if more and not options.verbose:
         more = (f"{len(more)} notes on how it was estimated: --verbose prints them",)
-    lines = (verdict.sentence, *(f"  {n}" for n in (*verdict.lines, *beside, *more)))
-    last = f"written: {written}" if written else "nothing was written"
+    said = (*errors, *verdict.lines, *chosen.stated, *export.notes, *more)
+    lines = (verdict.sentence, *(f"  {note}" for note in said))
+    last = f"written: {written}, {record['readme']}" if written else _NOTHING
     return Answer(0, "\n".join([*lines, last]), record)
+
+
+def _torque_error(
+    chosen: _Chosen, form: str, source: Path | None
+) -> tuple[dict[str, Any] | None, list[str]]:
+    """Return the torque error of a file, for JSON and as a sentence; a reason if none.
+
+    The estimate that is exported was fitted to all recordings, so the recommended one,
+    which was fitted to the training data alone, goes through the same format.
+    """
+    from dataclasses import asdict
+
+    from consistent_id.errors import ConsistentIdError
+    from consistent_id.export.export_formats import format_cost
+    from consistent_id.problems.study import Study
+    from consistent_id.robot.chains import Selection
+
+    try:
+        problem = chosen.problem
+        if problem is None and chosen.results is not None:
+            problem = chosen.results.problem
+        if problem is None:
+            return None, []
+        study, estimate = chosen.study or Study(problem), chosen.estimate
+        logs, held_out = study.validation, False
+        if chosen.study is not None and chosen.problem is not None and logs:
+            if estimate is study.delivered:
+                estimate, held_out = study.recommended.with_verdict, True
+            elif unseen := study.unseen(estimate):
+                logs, held_out = unseen, True
+        model = problem.table.model
+        cost = format_cost(
+            estimate,
+            form,
+            logs or study.training,
+            selection=Selection(model.base, model.tip, model.joints, model.locked),
+            source=source,
+            held_out=held_out,
+        )
+    except ConsistentIdError as cause:
+        return None, [f"the torque error of the file is not known: {cause}"]
+    return asdict(cost), [str(cost)]
 
 
 def _read_back(chosen: _Chosen, form: str, file: Path, delay: float) -> list[str]:
@@ -200,6 +261,7 @@ def _chosen(options: argparse.Namespace) -> _Chosen:
         problem.gains,
         problem.delay_of_commands,
         problem=problem,
+        study=study,
     )
 
 

@@ -155,6 +155,7 @@ def _simulator(
     from consistent_id.errors import ModelError
     from consistent_id.rollout.servo_export import (
         FORM,
+        replayed_file,
         replayed_in_mujoco,
         servo_mjcf,
     )
@@ -170,12 +171,14 @@ def _simulator(
             log.name: float(replayed_in_mujoco(file, fit, log, gains(log), held).mean())
             for log in logs
         }
-        text = servo_mjcf(file, fit, gains(logs[0]), held)
+        text = servo_mjcf(file, fit, gains(logs[0]), held, log=logs[0])
+        own = [1e3 * float(replayed_file(text, fit, log).mean()) for log in logs]
     except ModelError as cause:  # such as: MuJoCo is not installed
         return Table("No MuJoCo file", (), (), (str(cause),)), {}, ""
-    mean = sum(errors.values()) / len(errors)
+    mean, alone = (sum(some) / len(logs) for some in (errors.values(), own))
     notes = (
-        f"error of the actuators replayed in MuJoCo: {1e3 * mean:.1f} mrad",
-        f"gain of the file: that of {logs[0].name}; goals have no delay in it",
+        f"error of the actuators replayed in MuJoCo: {1e3 * mean:.1f} mrad with each "
+        f"log's gain, supply and temperature; {alone:.1f} mrad of the file, read back",
+        f"gain, supply and temperature of the file: those of {logs[0].name}",
     )
     return Table("MuJoCo actuators, friction plain", (), (), notes), errors, text

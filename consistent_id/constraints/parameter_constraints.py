@@ -174,6 +174,8 @@ class NonNegativeDrive:
     Both Coulomb levels of an asymmetric joint are positive; friction at rest is no less
     than the Coulomb level (``stribeck >= 0``); loaded gears have more of it.  Where
     friction varies with position, its level is positive at both limits of the joint.
+    Friction may grow less than in proportion to the speed: `drag` may be negative where
+    it and viscous friction together dissipate up to the joint's speed limit.
 
     Parameters
     ----------
@@ -219,11 +221,13 @@ class NonNegativeDrive:
                 f"drive terms {unknown} are unknown; known: {', '.join(known)}"
             )
         sloped = _sloped(model) if "coulomb" in names else {}
+        dragged = _dragged(model) if self.terms is None else {}
         indices = [
             i
             for name in names
             for i in layout.drive_indices(name)
             if not (name == "coulomb" and layout.names[i] in sloped)
+            and layout.names[i] not in dragged
         ]
         rows = [-unit_row(layout, layout.names[i]) for i in indices]
         labels = [f"{layout.names[i]} >= 0" for i in indices]
@@ -231,6 +235,9 @@ class NonNegativeDrive:
             for q in limits:
                 rows.append(-unit_row(layout, level) - q * unit_row(layout, slope))
                 labels.append(f"{level} + {q:.4g} {slope} >= 0")
+        for drag, (viscous, speed) in dragged.items():
+            rows.append(-unit_row(layout, viscous) - speed * unit_row(layout, drag))
+            labels.append(f"{viscous} + {speed:.4g} {drag} >= 0")
         return inequalities(rows, [0.0] * len(rows), labels, model)
 
 
@@ -353,6 +360,16 @@ class LinearRelation:
         if np.isfinite(high):
             whole &= ConicSet.at_most(row, np.array([high]), [f"{text} <= {high:g}"])
         return whole
+
+
+def _dragged(model: TorqueModel) -> dict[str, tuple[str, float]]:
+    """Return drag beside viscous friction: the latter, and the joint's speed limit."""
+    return {
+        f"{joint.name}.drag": (f"{joint.name}.viscous", joint.limits.velocity)
+        for joint, terms in zip(model.robot.driven, model.terms, strict=True)
+        if {"viscous", "drag"} <= set(terms.names)
+        and 0.0 < joint.limits.velocity < np.inf
+    }
 
 
 def _sloped(model: TorqueModel) -> dict[str, tuple[str, tuple[float, float]]]:

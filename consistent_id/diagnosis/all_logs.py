@@ -49,6 +49,7 @@ from consistent_id.diagnosis.small_shifts import (
 from consistent_id.diagnosis.whole_robot import (
     contradicted,
     doubted,
+    of_usual_size,
     other_robot,
     weighed_gain,
     whole_robot_findings,
@@ -72,8 +73,10 @@ _WORTH = 0.008
 _LARGE = 2.0  # a gain with this score or more is large
 # Findings that matter only where a log is fitted.
 _OF_FITS = ("rank", "motion noise", "encoder resolution")
-# Faults that the log of another robot shows.
+# Faults and doubts that the log of another robot shows.
 _OF_OTHER_ROBOTS = {
+    "speed limit",
+    "hidden factor",
     "clock",
     "torque gain",
     "masses or gain",
@@ -168,15 +171,16 @@ def diagnose(
             found += [replace(f, recording=log.name) for f in of_one]
     found += _of_all(open_) if open_ else []
     found = _of_the_robot(found, {log.name for log in training})
+    units = [f for f in found if f.kind == "torque unit" and f.where == "all joints"]
     signs = [f for f in found if f.severity != "note" and f.kind in _OF_OTHER_ROBOTS]
-    if signs:
+    if signs := [*signs, *units]:
         joints = model.robot.joint_names
         own = [log.of(joints) for log in training]
         # A recording with a wrong clock or channel cannot be prepared.
         logs = [
             rows(log) for log in own if not _has_faults(signal_findings(model, log))
         ]
-        others = _of_another_robot(model, logs, constraints) if logs else []
+        others = _of_another_robot(model, logs, constraints, unit_known=not units)
         # It comes before its effects, and is not graver than they are.
         first = max(f.score for f in found)
         severity = min((f.severity for f in signs), key=["fault", "warning"].index)
@@ -381,13 +385,18 @@ def _of_whole_robot(logs: Sequence[FittedLog]) -> list[LogFinding]:
 
 
 def _of_another_robot(
-    model: TorqueModel, logs: Sequence[Recording], constraints: Sequence[Constraint]
+    model: TorqueModel,
+    logs: Sequence[Recording],
+    constraints: Sequence[Constraint],
+    *,
+    unit_known: bool,
 ) -> list[LogFinding]:
     """Report that logs may be another robot's, before faults that follow from it."""
-    if not _bodies_known(model):
+    if not logs or not _bodies_known(model):
         return []
     few = [thinned(log, SAMPLES) for log in logs]
-    return other_robot(FactorLogs.of(model, few, masses_known=_known(constraints)))
+    as_is = FactorLogs.of(model, few, masses_known=_known(constraints))
+    return other_robot(as_is if unit_known else of_usual_size(as_is))
 
 
 def _known(constraints: Sequence[Constraint]) -> bool:

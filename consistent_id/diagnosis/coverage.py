@@ -32,6 +32,7 @@ _STILL = 0.02  # of a joint's largest velocity: slower joints stand still
 _IDLE = 0.2  # least share of samples with all joints at rest that is reported
 _RESTS = 0.9  # with this share of samples at rest or more, a joint does not move
 _PINNED = 5  # least number of samples at a limit that is reported
+_STAY = 0.03  # s at a limit from which on a torque is not cut off by noise alone
 _SMALL, _SLOW = 0.05, 0.1  # rad or m; rad/s or m/s, of the joint that moves most
 _BRIEF = 3.0  # s: in a shorter log joints may not turn back
 _TURNS, _TURNING = 2.5, 0.05  # least turns of the median joint; share of top speed
@@ -107,6 +108,9 @@ def saturation_findings(
 ) -> list[LogFinding]:
     """Find torques that stay at their largest value (`saturated`).
 
+    Peaks that are cut off for less than 0.03 s each, such as those of noise, bias an
+    estimate little: they are a warning.
+
     Parameters
     ----------
     limits : mapping of str to float, optional, [N m or N]
@@ -119,7 +123,7 @@ def saturation_findings(
     return [
         LogFinding(
             "saturation",
-            "fault",
+            "fault" if _stays(at, recording.time) else "warning",
             joint,
             f"{joint}: torque stays at {abs(tau[at]).max():.4g} in {int(at.sum())} of "
             f"{len(tau)} samples",
@@ -134,6 +138,13 @@ def saturation_findings(
         and abs(tau[at]).max() > 0.0
         and not np.isclose(abs(tau[at]).max(), limits.get(joint, np.inf))
     ]
+
+
+def _stays(mask: BoolArray, time: Vector) -> bool:
+    """Return whether a mask holds for most samples of some stretch of `_STAY`."""
+    samples = max(round(_STAY / float(np.median(np.diff(time)))), 1)
+    within = np.convolve(mask, np.ones(samples), "valid")
+    return bool(within.max(initial=0.0) > 0.5 * samples)
 
 
 def extent_findings(prepared: Recording) -> list[LogFinding]:

@@ -340,13 +340,18 @@ def fit_of(
     least = regression.residual_rms(free.parameters)
     has_drive = len(model.layout) > model.layout.inertial_size
     effective = np.nan if regression.noise is None else regression.effective.sum()
-    moving = moving_shares(model, regression)
-    held = holding(model, x, moving)
 
     def stacked(rms: Vector) -> float:
         return float(np.sqrt((counts * rms**2).sum() / (counts * size**2).sum()))
 
     equalities = np.zeros((0, len(x))) if known is None else known
+    guessed = guessed_share(model, free, x, equalities)
+    by_prior = np.full(len(size), np.nan)
+    if pulled:
+        by_prior = prior_errors(model, free, x, equalities)
+    shares, efforts = torque_shares(model, size), _effort_limits(model)
+    of_nominal = _on_nominal(model, regression)
+    moving = moving_shares(model, regression)
     return Fit(
         joints=regression.joints,
         misfit=stacked(residual),
@@ -355,17 +360,15 @@ def fit_of(
         drive_share=stacked(of_drive) if has_drive else np.nan,
         correlation=float(counts.sum() / effective),
         spare=float(effective / max(rank, 1)),
-        guessed=guessed_share(model, free, x, equalities),
+        guessed=guessed,
         torque=size,
         misfits=residual / size,
-        shares=torque_shares(model, size),
-        **_on_nominal(model, regression),
-        efforts=regression.peaks / _effort_limits(model),
+        shares=shares,
+        **of_nominal,
+        efforts=regression.peaks / efforts,
         moving=moving,
-        holding=held,
-        prior_errors=prior_errors(model, free, x, equalities)
-        if pulled
-        else np.full(len(size), np.nan),
+        holding=holding(model, x, moving),
+        prior_errors=by_prior,
     )
 
 

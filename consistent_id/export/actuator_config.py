@@ -1,19 +1,31 @@
-"""Drives as configurations of learning environments: Isaac Lab, and mjlab.
+"""Drives as configurations of learning environments, and a page on what a file lacks.
 
-They are Python source, to be imported where the environment is installed, without this
-package.
+The configurations, for Isaac Lab and mjlab, are Python source, to be imported where the
+environment is installed, without this package.  The page beside an exported file says
+how to add terms and a delay that the format does not have.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pprint import pformat
 from typing import NamedTuple
 
 import numpy as np
 
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.export.export_formats import Export, exporter, provenance
-from consistent_id.export.file_values import joint_drives, not_expressed
+from consistent_id.export.export_formats import (
+    EXPORT_FORMATS,
+    Export,
+    SideFile,
+    exporter,
+    provenance,
+)
+from consistent_id.export.file_values import (
+    held_parameters,
+    joint_drives,
+    not_expressed,
+)
 from consistent_id.recordings.signals import PDGains
+from consistent_id.regression.drive.term import DriveTerm
 
 _ISAAC_LAB = '''"""{line}.
 
@@ -76,6 +88,52 @@ def actuators(timestep):
         for joint in JOINTS
     )
 '''
+
+_README = """<!-- {line} -->
+# {file}: {content}
+
+## Error of the file, and notes
+
+{notes}
+
+## Terms that the file does not have
+
+{terms}{delay}
+"""
+
+_NO_TERMS = "None: the file has every drive term of the estimate."
+
+_TERMS = """Take each from the torque that drives the joint, in every step. `q`, `dq`,
+`ddq` are position, velocity and acceleration of the joint in SI units; `s(dq)` is the
+sign of the velocity, smoothed as `tanh(dq / velocity_scale)` where a scale is given;
+`load` is the torque that the bodies demand of the joint. A rotor inertia goes into the
+simulator's `armature` of the joint, if it has one. `consistent-id export --format
+numpy` writes a function with all terms.
+
+| joint | coefficient | value | torque |
+|---|---|---|---|"""
+
+_DELAY = """
+
+## Delay of the commands: {ms:.3g} ms
+
+MuJoCo, in Python:
+
+```python
+import collections
+
+n = round({delay:g} / model.opt.timestep)
+late = collections.deque([command] * (n + 1), maxlen=n + 1)
+# in every step:
+late.append(command)
+data.ctrl[:] = late[0]
+mujoco.mj_step(model, data)
+```
+
+Isaac Lab: `DelayedPDActuatorCfg` with `min_delay` and `max_delay` both
+`round({delay:g} / physics_dt)`, as `consistent-id export --format isaaclab` writes it.
+mjlab: `DelayedActuatorCfg`, as `--format mjlab` writes it. Other simulators: keep the
+last commands in a buffer, as above."""
 
 
 @exporter("isaaclab")
@@ -187,3 +245,63 @@ def _values(estimate: Estimate, parameter: str) -> dict[str, float]:
 def _by_joint(estimate: Estimate, values: np.ndarray) -> dict[str, float]:
     names = estimate.model.robot.joint_names
     return dict(zip(names, values.tolist(), strict=True))
+
+
+def readme(
+    estimate: Estimate,
+    form: str,
+    file: str,
+    notes: Sequence[str] = (),
+    *,
+    delay: float = 0.0,
+) -> SideFile:
+    """Return the page beside an exported file: what the file lacks, and how to add it.
+
+    Parameters
+    ----------
+    form : str
+        Name of an entry of `EXPORT_FORMATS`.
+    file : str
+        Name of the exported file.
+    notes : sequence of str
+        Sentences on its error and its contents.
+    delay : float, [s]
+        Delay of commands; it is part of the formats that take gains.
+    """
+    known = next(entry for entry in EXPORT_FORMATS if entry.name == form)
+    rows = "".join(_missing(estimate, known.holds))
+    late = delay != 0.0 and not known.takes_gains
+    text = _README.format(
+        line=provenance(estimate).replace("--", "- -"),
+        file=file,
+        content=known.content,
+        notes="\n".join(f"- {note}" for note in notes) or "None.",
+        terms=f"{_TERMS}{rows}" if rows else _NO_TERMS,
+        delay=_DELAY.format(delay=delay, ms=1e3 * delay) if late else "",
+    )
+    return SideFile(".README.md", text.encode())
+
+
+def _missing(estimate: Estimate, holds: Sequence[str] | None) -> Iterator[str]:
+    """Yield rows on coefficients that differ in a file."""
+    left, model = held_parameters(estimate, holds), estimate.model
+    columns = {
+        (joint.name, name): _column(term)
+        for joint, terms in zip(model.robot.driven, model.terms, strict=True)
+        for term in terms.terms
+        for name in term.names
+    }
+    for i, (owner, name) in enumerate(model.layout.drive, model.layout.inertial_size):
+        value = estimate.parameters[i] - left[i]
+        if value != 0.0:
+            column, unit = columns.get((owner, name), name), model.layout.units[i]
+            yield f"\n| {owner} | {name} | {value:.6g} {unit} | {column} |"
+
+
+def _column(term: DriveTerm) -> str:
+    """Return the law in the first line of a term's description, and its shapes."""
+    first = (type(term).__doc__ or "").strip().partition("\n")[0]
+    law = first.split("``")[1] if "``" in first else ", ".join(term.names)
+    law = law.replace("|", "\\|")
+    shapes = ", ".join(f"{name} {value:g}" for name, value in term.shapes.items())
+    return f"`{law}`" + (f", {shapes}" if shapes else "")

@@ -8,7 +8,7 @@ cannot express.
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import wraps
 from importlib import import_module
@@ -21,7 +21,9 @@ from consistent_id.errors import ProblemError
 
 if TYPE_CHECKING:  # `consistent-id --help` lists the formats
     from consistent_id.estimation.estimate import Estimate
+    from consistent_id.recordings.recording import Recording
     from consistent_id.recordings.signals import PDGains
+    from consistent_id.robot.chains import Selection
     from consistent_id.robot.loaders.urdf_in_place import Edit, XmlText
 
 P = ParamSpec("P")
@@ -47,6 +49,10 @@ class ExportFormat:
         Whether that file refers to others, so that it matters where it is written.
     takes_gains : bool
         Whether gains and delay of PD-controlled joints are part of it.
+    holds : tuple of str, optional
+        Parameters of simulators (``damping``, ``friction``, ``armature``,
+        ``stiffness``) and further drive terms that it has, or that the file has which
+        it goes with; None if it has every term.
     """
 
     name: str
@@ -57,11 +63,22 @@ class ExportFormat:
     takes_source: bool = False
     has_assets: bool = False
     takes_gains: bool = False
+    holds: tuple[str, ...] | None = None
 
+
+_PLAIN = ("damping", "friction", "armature")
+_MJCF = (*_PLAIN, "stiffness", "offset", "friction_slope", "drag")
+_GEARS = ("coupling_viscous", "coupling_coulomb", "coupling_rotor_inertia")
 
 EXPORT_FORMATS = (
     ExportFormat(
-        "urdf", "URDF", "urdf_export", "to_urdf", floating=True, takes_source=True
+        "urdf",
+        "URDF",
+        "urdf_export",
+        "to_urdf",
+        floating=True,
+        takes_source=True,
+        holds=("damping", "friction"),
     ),
     ExportFormat(
         "mjcf",
@@ -71,10 +88,16 @@ EXPORT_FORMATS = (
         floating=True,
         takes_source=True,
         has_assets=True,
+        holds=(*_MJCF, *_GEARS),
     ),
     ExportFormat("json", "JSON", "json_record", "to_json", floating=True),
     ExportFormat(
-        "pin", "pinocchio.Model", "pinocchio_model", "pinocchio_file", floating=True
+        "pin",
+        "pinocchio.Model",
+        "pinocchio_model",
+        "pinocchio_file",
+        floating=True,
+        holds=_PLAIN,
     ),
     ExportFormat("numpy", "stand-alone NumPy", "numpy_source", "to_numpy"),
     ExportFormat("casadi", "CasADi function", "casadi_functions", "casadi_file"),
@@ -86,6 +109,7 @@ EXPORT_FORMATS = (
         "to_isaac_lab",
         floating=True,
         takes_gains=True,
+        holds=_PLAIN,
     ),
     ExportFormat(
         "mjlab",
@@ -94,6 +118,7 @@ EXPORT_FORMATS = (
         "to_mjlab",
         floating=True,
         takes_gains=True,
+        holds=(*_MJCF, *_GEARS),
     ),
 )
 
@@ -213,6 +238,96 @@ def exported(
     export: Export = function(estimate, allow_refused=True, **options)
     notes = _of_springs(estimate, gains)
     return replace(export, notes=(*export.notes, *notes)) if notes else export
+
+
+@dataclass(frozen=True, slots=True)
+class FormatCost:
+    """Torque error of a file, beside that of the estimate in it.
+
+    Parameters
+    ----------
+    error, own : float
+        Relative torque errors over the recordings: of the file, of the estimate.
+    recordings : tuple of str
+        Names of the recordings.
+    held_out : bool
+        Whether the estimate that was exported for it was not fitted to them.
+    read_back : bool
+        Whether the file was read back; otherwise the error is that of the estimate
+        without the terms that the format does not have.
+    """
+
+    error: float
+    own: float
+    recordings: tuple[str, ...]
+    held_out: bool
+    read_back: bool
+
+    def __str__(self) -> str:
+        kind = "held-out error" if self.held_out else "error on its own data,"
+        how = "read back" if self.read_back else "by the terms that it has"
+        return (
+            f"{kind} of the file, {how}: {100.0 * self.error:.2g} %; of the estimate: "
+            f"{100.0 * self.own:.2g} % (all joints, {', '.join(self.recordings)})"
+        )
+
+
+def format_cost(
+    estimate: "Estimate",
+    form: str,
+    recordings: "Sequence[Recording]",
+    *,
+    selection: "Selection",
+    source: Path | None = None,
+    held_out: bool = True,
+) -> FormatCost:
+    """Export an estimate, read the file back and return its torque error.
+
+    Friction that a format has as one Coulomb level changes its sign as the estimate's
+    does.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Fitted to other recordings, or the error is too small.
+    recordings : sequence of Recording
+        With torque; prepared as for a comparison.
+    selection : Selection
+        Joints of the source that are the robot's.
+    source : Path, optional
+        See `exported`.
+
+    Raises
+    ------
+    ProblemError, ModelError
+        If the format cannot express the robot, or its file is refused.
+    """
+    from tempfile import TemporaryDirectory
+
+    from consistent_id.estimation.estimate import torque_errors
+    from consistent_id.estimation.torque_error import stacked_error
+    from consistent_id.export.file_values import held_parameters, read_contents
+    from consistent_id.robot.chains import FLOATING, Selection
+
+    known, robot = _format(form), estimate.model.robot
+    if source is None:
+        selection = Selection(
+            base=FLOATING if robot.floating else None,
+            joints=None if robot.floating else robot.joint_names,
+        )
+    with TemporaryDirectory() as folder:
+        place = Path(folder)
+        export = exported(
+            estimate, form, source=source, folder=place, allow_refused=True
+        )
+        file = place / ("robot.xml" if form == "mjcf" else f"robot.{form}")
+        file.write_bytes(export.content)
+        read = read_contents(form, file, estimate, selection)
+    left = replace(estimate, parameters=held_parameters(estimate, known.holds, read))
+    pairs = [torque_errors([left, estimate], log) for log in recordings]
+    of_file, own = (stacked_error([pair[i] for pair in pairs]) for i in (0, 1))
+    names = tuple(dict.fromkeys(log.name for log in recordings))
+    return FormatCost(of_file or 0.0, own or 0.0, names, held_out, read is not None)
 
 
 def without_doubtful(estimate: "Estimate") -> tuple["Estimate", tuple[str, ...]]:

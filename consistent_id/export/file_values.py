@@ -6,8 +6,10 @@ move against each other has no effect on torque.
 """
 
 from collections.abc import Collection, Container, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from math import isfinite
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,8 +17,9 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.drive.gear_coupling import GearCoupling
+from consistent_id.robot.chains import Selection
 from consistent_id.robot.inertia import InertialParameters
-from consistent_id.robot.model import Joint
+from consistent_id.robot.model import Joint, RobotModel
 
 _ROUNDING = 1e-12  # of the largest eigenvalue: the digits of a difference of inertias
 
@@ -252,3 +255,201 @@ def _rounded_signs(
             f"two of {', '.join(uneven)}"
         )
     return tuple(notes)
+
+
+@dataclass(frozen=True, slots=True)
+class FileContents:
+    """Bodies and drives that were read from a file.
+
+    Parameters
+    ----------
+    bodies : dict of str to ndarray, shape (10,)
+        By link, in the link's frame.
+    drives : dict of str to dict
+        By joint: ``damping``, ``friction``, ``armature``, ``stiffness``, or names of
+        drive terms.
+    """
+
+    bodies: Mapping[str, Vector] = field(default_factory=dict)
+    drives: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+
+def held_parameters(
+    estimate: Estimate, holds: Collection[str] | None, read: FileContents | None = None
+) -> Vector:
+    """Return the parameters of an estimate that are left in a file.
+
+    Terms that the format does not have are zero, and friction by direction or position
+    is one level.  Friction changes its sign as the estimate's does: a simulator lets
+    joints stick there instead.
+
+    Parameters
+    ----------
+    holds : collection of str, optional
+        Parameters of simulators, and names of further terms, that the format has; None
+        if it has all.
+    read : FileContents, optional
+        Values of the file, in place of the estimate's.
+    """
+    model, x = estimate.model, estimate.parameters.copy()
+    layout, read = model.layout, FileContents() if read is None else read
+    for k, link in enumerate(model.robot.links):
+        x[layout.link_slice(k)] = read.bodies.get(link.name, x[layout.link_slice(k)])
+    for drive in joint_drives(estimate):
+        stated = read.drives.get(drive.joint, {})
+        for name, value in _held(drive, holds, stated).items():
+            x[layout.index(f"{drive.joint}.{name}")] = value
+    for coupling, values in coupling_values(estimate):
+        for name in values:
+            if holds is not None and name not in holds:
+                x[layout.index(f"{coupling.label}.{name}")] = 0.0
+    return x
+
+
+def _held(
+    drive: JointDrive, holds: Collection[str] | None, stated: Mapping[str, float]
+) -> dict[str, float]:
+    """Return the coefficients of one joint's terms in a file."""
+    sloped = drive.values.get("friction_slope", 0.0) != 0.0
+    found = {}
+    for term in drive.terms.terms:
+        parameter = term.simulated_as
+        for name in term.names:
+            if holds is None or name in holds:
+                found[name] = stated.get(name, drive.values[name])
+            elif parameter is None or parameter not in holds:
+                found[name] = 0.0
+            elif parameter == "friction" and sloped and "friction_slope" in holds:
+                found[name] = drive.values[name]  # a tendon has a part of it
+            else:
+                own = drive.simulated(parameter) or 0.0
+                found[name] = stated.get(parameter, own)
+    return found
+
+
+def read_contents(
+    form: str, file: Path, estimate: Estimate, selection: Selection
+) -> FileContents | None:
+    """Return what a written file holds; None if this package does not read the format.
+
+    Parameters
+    ----------
+    selection : Selection
+        The joints of the file that are the robot's.
+
+    Raises
+    ------
+    ModelError
+        If it is refused.
+    """
+    if form == "urdf":
+        return _of_urdf(file, selection)
+    if form == "mjcf":
+        return _of_mjcf(file, selection)
+    if form == "json":
+        return _of_json(file)
+    if form == "pin":
+        return _of_pinocchio(file, estimate)
+    return _of_source(file) if form == "isaaclab" else None
+
+
+def _of_urdf(file: Path, selection: Selection) -> FileContents:
+    from consistent_id.robot.loaders.urdf import load_urdf
+    from consistent_id.robot.loaders.xml import parse
+
+    robot = load_urdf(file, **asdict(selection))
+    drives = {}
+    for joint in parse(file.read_bytes()).all("joint"):
+        stated = joint.child("dynamics")
+        words = {} if stated is None else stated.attributes
+        drives[joint.name] = {
+            name: float(words.get(name, 0.0)) for name in ("damping", "friction")
+        }
+    return FileContents(_bodies(robot), drives)
+
+
+def _bodies(robot: RobotModel) -> dict[str, Vector]:
+    return {k.name: k.nominal.vector for k in robot.links if k.nominal is not None}
+
+
+def _of_mjcf(file: Path, selection: Selection) -> FileContents | None:
+    """Return the values as MuJoCo compiles them; None where tendons carry some."""
+    from consistent_id.robot.loaders.mjcf import compiled_file, load_mjcf
+
+    compiled = compiled_file(file)
+    if compiled.ntendon:
+        return None
+    robot = load_mjcf(file, **asdict(selection))
+    drives = {}
+    for joint in robot.driven:
+        j = compiled.joint(joint.name)
+        stiffness = float(compiled.jnt_stiffness[j.id])
+        dof, place = int(compiled.jnt_dofadr[j.id]), int(compiled.jnt_qposadr[j.id])
+        drives[joint.name] = {
+            "damping": float(compiled.dof_damping[dof]),
+            "friction": float(compiled.dof_frictionloss[dof]),
+            "armature": float(compiled.dof_armature[dof]),
+            "stiffness": stiffness,
+            "offset": -stiffness * float(compiled.qpos_spring[place]),
+            "drag": float(compiled.dof_dampingpoly[dof, 0]),
+        }
+    return FileContents(_bodies(robot), drives)
+
+
+def _of_json(file: Path) -> FileContents:
+    import json
+
+    record = json.loads(file.read_text(encoding="utf-8"))
+    bodies = {
+        link["name"]: InertialParameters.from_central(
+            link["mass"], link["com"], link["inertia"]
+        ).vector
+        for link in record["links"]
+    }
+    drives = {
+        joint: {name: float(term["value"]) for name, term in drive["terms"].items()}
+        for joint, drive in record["drives"].items()
+    }
+    return FileContents(bodies, drives)
+
+
+def _of_pinocchio(file: Path, estimate: Estimate) -> FileContents:
+    import pinocchio as pin
+
+    model, robot = pin.Model(), estimate.model.robot
+    model.loadFromString(file.read_text())
+    bodies = {
+        link.name: np.array(model.inertias[k].toDynamicParameters())
+        for k, link in enumerate(robot.links, start=1)
+    }
+    levels = getattr(model, "upperDryFrictionLimit", None)
+    levels = model.friction if levels is None else levels  # of older versions
+    drives = {
+        joint.name: {
+            "damping": float(model.damping[i]),
+            "friction": float(levels[i]),
+            "armature": float(model.armature[i]),
+        }
+        for joint in robot.driven
+        for i in [int(model.idx_vs[model.getJointId(joint.name)])]
+    }
+    return FileContents(bodies, drives)
+
+
+def _of_source(file: Path) -> FileContents:
+    """Return the tables of a Python source, which is read but not run."""
+    import ast
+
+    tables: dict[str, Any] = {}
+    for statement in ast.parse(file.read_text(encoding="utf-8")).body:
+        if isinstance(statement, ast.Assign) and isinstance(statement.value, ast.Dict):
+            tables[ast.unparse(statement.targets[0])] = ast.literal_eval(
+                statement.value
+            )
+    names = {"damping": "VISCOUS", "friction": "FRICTION", "armature": "ARMATURE"}
+    return FileContents(
+        drives={
+            joint: {name: float(tables[of][joint]) for name, of in names.items()}
+            for joint in tables["FRICTION"]
+        }
+    )

@@ -331,6 +331,7 @@ def mujoco_spec(
         more += [in_leader(drive.joint)] if _resists(joint) else []
         _set_drive(spec, joint, drive)
     exempt = _preloads(estimate) | add_gears(spec, tree.joints, estimate)
+    exempt |= _add_drag(tree.joints, estimate)
     sloped, of_slopes = add_slopes(spec, tree.joints, estimate)
     exempt |= sloped
     more = [*more, *of_slopes]
@@ -341,6 +342,17 @@ def mujoco_spec(
 def _preloads(estimate: Estimate) -> set[tuple[str, str]]:
     """Return offsets, which are those of springs: ``spring (q - springref)``."""
     return {(drive.joint, "offset") for drive in joint_drives(estimate)}
+
+
+def _add_drag(joints: Mapping[str, Any], estimate: Estimate) -> set[tuple[str, str]]:
+    """Set the second number of dampings, which newer versions of MuJoCo have."""
+    expressed = set()
+    for drive in joint_drives(estimate):
+        drag, damping = drive.values.get("drag", 0.0), joints[drive.joint].damping
+        if drag and np.ndim(damping):
+            joints[drive.joint].damping = [damping[0], drag, *damping[2:]]
+            expressed.add((drive.joint, "drag"))
+    return expressed
 
 
 def _weak_springs(estimate: Estimate) -> list[str]:

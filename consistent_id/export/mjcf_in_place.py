@@ -74,11 +74,17 @@ def _written_joint(
         "ref": [model.qpos0[place]],
         "springref": [model.qpos_spring[place]],
         "stiffness": [model.jnt_stiffness[j]],
-        "damping": [model.dof_damping[dof]],
+        "damping": _damping(model, dof),
         "armature": [model.dof_armature[dof]],
         "frictionloss": [model.dof_frictionloss[dof]],
     }
     return _exact(document, element, exact)
+
+
+def _damping(model: Any, dof: int) -> list[float]:
+    """Return the damping, and coefficients of powers of the speed if there are any."""
+    powers = getattr(model, "dof_dampingpoly", np.zeros((dof + 1, 0)))[dof]
+    return [float(model.dof_damping[dof]), *np.trim_zeros(powers, "b").tolist()]
 
 
 def _tendon(document: XmlText, element: Element, model: Any) -> list[Edit]:
@@ -112,6 +118,7 @@ def _set(document: XmlText, element: Element, **values: Iterable[float]) -> list
 _CLOSE = 1e-9  # of the largest; difference of values that are read back
 _READ_BACK = (
     "dof_damping",
+    "dof_dampingpoly",
     "dof_armature",
     "dof_frictionloss",
     "jnt_stiffness",
@@ -237,7 +244,7 @@ def _require_same(content: bytes, after: Any, source: Path) -> None:
         raise ModelError(f"MuJoCo refuses the estimate: {cause}") from None
     for name in ("bodies", *_READ_BACK):
         one, other = (
-            _bodies_of(model) if name == "bodies" else getattr(model, name)
+            _bodies_of(model) if name == "bodies" else getattr(model, name, np.zeros(0))
             for model in (found, after)
         )
         size = float(abs(other).max(initial=0.0))
@@ -412,21 +419,21 @@ def _joint(
     changed = {name: value for name, value in wanted.items() if value != found[name]}
     hinge = after.jnt_type[j] == require_mujoco().mjtJoint.mjJNT_HINGE
     if change.degree and hinge and "springref" in changed:
-        changed["springref"] = float(np.rad2deg(changed["springref"]))
-    values = {name: number(value) for name, value in changed.items()}
+        changed["springref"] = [float(np.rad2deg(x)) for x in changed["springref"]]
+    values = {name: _text(value) for name, value in changed.items()}
     if not element.name:  # as `load_mjcf` calls it, so that it can be found
         values["name"] = after.jnt(j).name
     return document.set(element, values)
 
 
-def _drive(model: Any, j: int) -> dict[str, float]:
+def _drive(model: Any, j: int) -> dict[str, list[float]]:
     dof, place = int(model.jnt_dofadr[j]), int(model.jnt_qposadr[j])
     return {
-        "damping": float(model.dof_damping[dof]),
-        "frictionloss": float(model.dof_frictionloss[dof]),
-        "armature": float(model.dof_armature[dof]),
-        "stiffness": float(model.jnt_stiffness[j]),
-        "springref": float(model.qpos_spring[place]),
+        "damping": _damping(model, dof),
+        "frictionloss": [float(model.dof_frictionloss[dof])],
+        "armature": [float(model.dof_armature[dof])],
+        "stiffness": [float(model.jnt_stiffness[j])],
+        "springref": [float(model.qpos_spring[place])],
     }
 
 

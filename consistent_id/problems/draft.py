@@ -189,6 +189,7 @@ class Draft:
             duplicates=stated.duplicates or "refuse",
             missing=stated.missing or "refuse",
             wraps=stated.wraps or "keep",
+            coupled=dict(stated.coupled or {}),
             torque_gain=gain if len(gain) > 1 else gain[0],
             gain_source=stated.gain_source or "drives",
             torque_joints=list(self.columns.torque_joints),

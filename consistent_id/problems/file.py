@@ -194,6 +194,7 @@ class DataTable(FileTable, frozen=True, kw_only=True):
     duplicates: Literal["refuse", "first", "last"] = "refuse"
     missing: Literal["refuse", "omit"] = "refuse"
     wraps: Literal["keep", "undo"] = "keep"
+    coupled: dict[str, str] = {}
     torque_gain: float | list[float] = 1.0
     gain_source: Literal["drives", "model"] = "drives"
     torque_joints: list[str] = []

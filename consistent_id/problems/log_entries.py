@@ -1,6 +1,6 @@
 """Logs and drives in a problem file: columns, rows, gains, calibration."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -22,6 +22,7 @@ from consistent_id.recordings.signals.drive_torque import (
     calibrated,
 )
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.parameters import require_known
 
 if TYPE_CHECKING:
     from consistent_id.estimation.drive_calibration import CalibrationFit, CommandDelay
@@ -42,6 +43,56 @@ def span_of(raw: Recording, entry: RecordingTable) -> tuple[float, float]:
     require_rows(raw.name, entry, len(raw))
     first, last = rows
     return float(raw.time[first]), float(raw.time[last])
+
+
+def uncoupled(recording: Recording, coupled: Mapping[str, str]) -> Recording:
+    """Return the motion of the joints of a log that has sums of two of them.
+
+    Positions, velocities, accelerations and commands are changed.  Torques are not:
+    each drive acts at its own joint.
+
+    Parameters
+    ----------
+    coupled : mapping of str to str
+        ``{"J3": "J2"}``: the log's J3 is the position of J3 plus that of J2;
+        ``{"J3": "-J2"}``: less that of J2.
+
+    Raises
+    ------
+    ProblemError
+        If there is no such joint.
+
+    Examples
+    --------
+    >>> log = Recording(("J2", "J3"), [0.0, 1.0], [[0.1, 0.3], [0.2, 0.5]])
+    >>> uncoupled(log, {"J3": "J2"}).position[:, 1].round(3).tolist()
+    [0.2, 0.3]
+    """
+    places, signs = list(recording.joints), np.eye(len(recording.joints))
+    for joint, word in coupled.items():
+        other = word.removeprefix("-")
+        require_known([joint, other], places, f"coupled {joint} = {word!r}: no joint")
+        if other in coupled or joint == other:
+            raise ProblemError(
+                f"coupled: {other} is to be the position of one joint, for {joint}"
+            )
+        sign = -1.0 if word.startswith("-") else 1.0
+        signs[places.index(joint), places.index(other)] = sign
+    if not coupled:
+        return recording
+    back = np.linalg.inv(signs).T
+    known = {name: getattr(recording, name) for name in _COUPLED}
+    moved = {name: value @ back for name, value in known.items() if value is not None}
+    return replace(recording, **moved)
+
+
+_COUPLED = (
+    "position",
+    "velocity",
+    "acceleration",
+    "position_command",
+    "velocity_command",
+)
 
 
 def rows_of(entry: RecordingTable) -> tuple[int, int] | None:

@@ -216,6 +216,7 @@ class Problem:
         omit : sequence of int
             Broken rows to leave out, counted from 1.
         """
+        from consistent_id.problems.log_entries import uncoupled
         from consistent_id.recordings.readers.recording_file import read_recording
         from consistent_id.recordings.signals import unwrapped
 
@@ -233,6 +234,7 @@ class Problem:
             )
             if data.wraps == "undo":
                 raw = unwrapped(raw)
+            raw = uncoupled(raw, data.coupled)
             self._read[path, *omit] = raw
         return self._read[path, *omit]
 

@@ -16,6 +16,7 @@ from consistent_id.problems.floating.floating_draft import (
     base_in_log,
     floating_columns,
 )
+from consistent_id.problems.log_entries import uncoupled
 from consistent_id.problems.nominal_gains import (
     LogRowsOfJoints,
     NominalGains,
@@ -109,7 +110,8 @@ class RobotLogs:
             raw = recording_from(table, joints, self.columns, name=log.name, **how)
         else:
             raw = read_recording(log, joints, self.columns, topic=stated.topic, **how)
-        return unwrapped(raw) if stated.wraps == "undo" else raw
+        raw = unwrapped(raw) if stated.wraps == "undo" else raw
+        return uncoupled(raw, stated.coupled or {})
 
 
 def robot_logs(

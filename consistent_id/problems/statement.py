@@ -257,6 +257,14 @@ class Statement:
         "data.wraps",
         choices=("keep", "undo"),
     )
+    coupled: Mapping[str, str] | None = _said(
+        "log",
+        "--coupled JOINT=JOINT ...",
+        "joints whose position in the log is the sum with another's, as of a forearm "
+        "given against the horizontal: J3=J2, or J3=-J2 if it is the difference",
+        "data.coupled",
+        read=words.pairs("--coupled JOINT=JOINT or JOINT=-JOINT"),
+    )
     angular_velocity: words.Names | None = _said(
         "base",
         "--angular-velocity NAMES",

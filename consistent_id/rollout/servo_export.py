@@ -2,9 +2,10 @@
 
 MuJoCo's joint friction is viscous and Coulomb, so the form ``plain`` is written: it was
 fitted by itself, not cut out of a richer one.  The actuator is ``stall gain (goal +
-zero - q)`` within the stall torque; the motor's back-EMF is part of the joint's
-damping.  A delay of the goals is not part of the file.  Joints without an identified
-servo are removed, and their bodies placed where these joints were.
+zero - q)`` within the stall torque, which is that at the supply and the temperature of
+one log; the motor's back-EMF is part of the joint's damping, and the delay of the goals
+that of the actuator.  Joints without an identified servo are removed, and their bodies
+placed where these joints were.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,11 +19,12 @@ from consistent_id.errors import ModelError
 from consistent_id.export.mjcf_bodies import require_mujoco, spec_tree
 from consistent_id.robot.loaders import mjcf_spec
 from consistent_id.rollout.servo_log import ServoLog
-from consistent_id.rollout.servo_motion import STEP
+from consistent_id.rollout.servo_motion import STEP, supply_of, warmth_of
 from consistent_id.rollout.servo_result import JointServo, ServoFit, ServoForm
 
 FORM = "plain"
 _HARD = (0.999, 0.9999, 1e-3, 0.5, 2.0)  # friction that hardly creeps (solimp)
+_LINEAR = 1  # interpolation of delayed goals
 _TIME = (2.0 * STEP, 1.0)  # its time constant and damping ratio (solref)
 
 
@@ -31,6 +33,8 @@ def servo_spec(
     fit: ServoFit,
     gains: Sequence[float],
     held: Mapping[str, float] | None = None,
+    *,
+    log: ServoLog | None = None,
 ) -> Any:
     """Return a robot's ``mujoco.MjSpec`` with the identified servos.
 
@@ -44,6 +48,8 @@ def servo_spec(
     held : mapping of str to float, optional, [rad] or [m]
         Where joints without an identified servo are; by default those that did not move
         where the fit says, others at zero.
+    log : ServoLog, optional
+        At whose supply and temperature motors pull; by default nominal ones.
 
     Raises
     ------
@@ -71,13 +77,14 @@ def servo_spec(
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     for servo, gain in zip(fit.joints, gains, strict=True):
         values = _plain(servo).values
+        stall = values["stall"] * (1.0 if log is None else _pull(servo, fit, log))
         joint = joints[servo.joint]
         joint.armature = values["armature"]
         joint.damping[0] = values["viscous"] + values.get("back_emf", 0.0)
         joint.frictionloss = values["coulomb"]
         joint.solimp_friction, joint.solref_friction = _HARD, _TIME
         joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
-        stiffness = values["stall"] * gain
+        stiffness, delay = stall * gain, values["delay"]
         drive = spec.add_actuator(name=servo.joint)
         drive.target, drive.trntype = servo.joint, mujoco.mjtTrn.mjTRN_JOINT
         drive.gaintype = mujoco.mjtGain.mjGAIN_FIXED
@@ -85,8 +92,18 @@ def servo_spec(
         drive.gainprm[0] = stiffness
         drive.biasprm[:3] = stiffness * values["zero"], -stiffness, 0.0
         drive.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
-        drive.forcerange = [-values["stall"], values["stall"]]
+        drive.forcerange = [-stall, stall]
+        if delay > 0.0:
+            drive.delay, drive.interp = delay, _LINEAR
+            drive.nsample = int(np.ceil(delay / STEP)) + 2
     return spec
+
+
+def _pull(servo: JointServo, fit: ServoFit, log: ServoLog) -> float:
+    """Return the stall torque at a log's supply and temperature over `stall`."""
+    warmth = warmth_of(log, log.joints.index(servo.joint))
+    warm = 1.0 - _plain(servo).values.get("heat", 0.0) * warmth
+    return supply_of(log, fit.volts) * warm
 
 
 def _lock(spec: Any, joints: Mapping[str, Any], places: Mapping[str, float]) -> None:
@@ -152,9 +169,11 @@ def servo_mjcf(
     fit: ServoFit,
     gains: Sequence[float],
     held: Mapping[str, float] | None = None,
+    *,
+    log: ServoLog | None = None,
 ) -> str:
     """Return the MJCF text of `servo_spec`."""
-    spec = servo_spec(robot, fit, gains, held)
+    spec = servo_spec(robot, fit, gains, held, log=log)
     compiled(spec)
     return str(spec.to_xml())
 
@@ -168,16 +187,25 @@ def replayed_in_mujoco(
 ) -> Vector:
     """Return mean absolute position errors of a log's goals in MuJoCo [rad].
 
-    Goals are delayed as identified, and a motor that is not driven has no torque and no
-    back-EMF.  All joints move together.
+    Motors pull as the log's supply and temperature let them.  All joints move together.
 
     Returns
     -------
     ndarray, shape (joints,)
         Values of the joints with an identified servo.
     """
+    return _replayed(servo_spec(robot, fit, gains, held, log=log), fit, log)
+
+
+def replayed_file(text: str, fit: ServoFit, log: ServoLog) -> Vector:
+    """Return the same errors of a file that `servo_mjcf` wrote, read back."""
     mujoco = require_mujoco()
-    spec = servo_spec(robot, fit, gains, held)
+    return _replayed(mujoco.MjSpec.from_string(text), fit, log)
+
+
+def _replayed(spec: Any, fit: ServoFit, log: ServoLog) -> Vector:
+    """Return position errors; a motor that is not driven has no torque or back-EMF."""
+    mujoco = require_mujoco()
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
     model = compiled(spec)
@@ -192,18 +220,19 @@ def replayed_in_mujoco(
     usual = model.actuator_gainprm.copy(), model.actuator_biasprm.copy()
     emf = np.array([form.values.get("back_emf", 0.0) for form in forms])
     damping = model.dof_damping[dofs].copy()
-    delays = [form.values["delay"] for form in forms]
+    for drive, column in zip(drives, columns, strict=True):
+        count = int(model.actuator_history[drive, 0])
+        if count:
+            before = np.full((count, 1), log.goal[0, column])
+            mujoco.mj_initCtrlHistory(model, data, drive, None, before)
     steps = int(log.time[-1] / STEP) + 2
     q: Matrix = np.empty((steps, len(joints)))
     for step in range(steps):
         q[step] = data.qpos[at] - zero
+        data.ctrl[drives] = log.goal[_row(log, (step + 0.5) * STEP), columns]
         driven = np.ones(len(joints))
-        for place, delay in enumerate(delays):
-            row = _row(log, (step + 0.5) * STEP - delay)
-            data.ctrl[drives[place]] = log.goal[row, columns[place]]
-            if log.enabled is not None:
-                now = log.enabled[_row(log, step * STEP), columns[place]]
-                driven[place] = now > 0.5
+        if log.enabled is not None:
+            driven[log.enabled[_row(log, step * STEP), columns] <= 0.5] = 0.0
         model.actuator_gainprm[drives] = usual[0][drives] * driven[:, None]
         model.actuator_biasprm[drives] = usual[1][drives] * driven[:, None]
         model.dof_damping[dofs] = damping - emf * (1.0 - driven)

@@ -151,8 +151,8 @@ def cut_pieces(
         speed=of([m.velocity_at(b)[joint] for _, _, m, b, *_ in made]),
         gain=of([law[0] for _, law, *_ in made]),
         deadband=of([law[1] for _, law, *_ in made]),
-        supply=of([_supply(log, nominal_volts) for log, *_ in made]),
-        warmth=of([_warmth(log, joint) for log, *_ in made]),
+        supply=of([supply_of(log, nominal_volts) for log, *_ in made]),
+        warmth=of([warmth_of(log, joint) for log, *_ in made]),
         driven=np.column_stack(
             [_driven(log, joint, begin + grid[:-1]) for log, _, _, begin, *_ in made]
         ),
@@ -233,11 +233,13 @@ def _basis(q: Array) -> Array:
     return np.stack([term(q) for term in _TERMS], axis=-1)
 
 
-def _supply(log: ServoLog, nominal: float | None) -> float:
+def supply_of(log: ServoLog, nominal: float | None) -> float:
+    """Return a log's supply over the nominal one; 1 if either is not known."""
     return 1.0 if nominal is None or log.volts is None else log.volts / nominal
 
 
-def _warmth(log: ServoLog, joint: int) -> float:
+def warmth_of(log: ServoLog, joint: int) -> float:
+    """Return a motor's temperature above `REFERENCE_TEMPERATURE` [K]; 0 if unknown."""
     if log.temperature is None or not np.isfinite(log.temperature[joint]):
         return 0.0
     return float(log.temperature[joint]) - REFERENCE_TEMPERATURE

@@ -41,6 +41,7 @@ WORDS = {
     "duplicates": ["first"],
     "missing": ["omit"],
     "wraps": ["undo"],
+    "coupled": ["elbow=shoulder"],
     "gain-source": ["model"],
     "quaternion": ["wxyz"],
     "contact": ["foot=always"],

@@ -68,7 +68,6 @@ def test_the_constrained_robot_is_consistent_and_its_mass_matrix_positive():
     assert bodily.base_feasibility.answer == "consistent"
 
 
-@pytest.mark.slow
 def test_consistent_links_are_counted_by_their_pseudo_inertia():
     comparison, expected = _with_one_impossible_link(), []
     for report in comparison.reports:
@@ -83,7 +82,6 @@ def test_consistent_links_are_counted_by_their_pseudo_inertia():
     assert expected[-2:] == ["3 of 3", "2 of 3"]
 
 
-@pytest.mark.slow
 def test_what_base_parameters_rule_out_has_other_words():
     comparison = _with_one_impossible_link()
     (table,) = (t for t in comparison_tables(comparison) if "Physical" in t.title)
@@ -100,7 +98,6 @@ def _with_one_impossible_link():
     return compare([*estimates, anti], [logs[1]])
 
 
-@pytest.mark.slow
 def test_base_parameters_of_no_body_are_refused_however_well_they_fit():
     _, _, truth, logs, (plain, _) = _estimates()
     impossible = truth.copy()
@@ -113,7 +110,6 @@ def test_base_parameters_of_no_body_are_refused_however_well_they_fit():
     assert "j2" in report.base_feasibility.summary
 
 
-@pytest.mark.slow
 def test_comparing_nothing_or_different_models_is_refused():
     _, _, _, logs, (plain, _) = _estimates()
     with pytest.raises(ProblemError, match="no estimate"):

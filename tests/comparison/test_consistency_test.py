@@ -17,7 +17,7 @@ from consistent_id import (
     least_squares,
     simulate_torque,
 )
-from consistent_id.comparison.feasibility import consistency_test
+from consistent_id.comparison.feasibility import ConsistencyTest, consistency_test
 from consistent_id.constraints import ParameterBounds
 from consistent_id.regression import base_parameters
 from consistent_id.regression.residual_noise import joint_noise, unconstrained_fit
@@ -30,7 +30,6 @@ def noisy_pendulum(seed, noise=0.2):
     return model, truth, build_regression(model, log)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("errors", [1.5, 0.5, 3.0])
 def test_of_a_half_space_the_p_value_is_half_that_of_chi_square(errors):
     # Friction is asked to be some standard errors above what least squares says.
@@ -71,7 +70,6 @@ def test_an_estimated_noise_level_makes_it_that_of_an_f_distribution(errors):
     assert test.p_value == pytest.approx(p, abs=4 * np.sqrt(p * (1 - p) / 400) + 0.005)
 
 
-@pytest.mark.slow
 def test_what_is_not_rare_is_known_from_a_few_draws_and_what_is_rare_from_all():
     model, truth, log = experiment(4, joints=2, noise=0.0, samples=400)
     noise = log.torque.std(axis=0)
@@ -181,7 +179,6 @@ def test_no_draws_are_refused():
         consistency_test(model, regression, draws=0)
 
 
-@pytest.mark.slow
 def test_a_contradiction_goes_with_the_consistent_estimates_as_worth_knowing():
     model, truth, log = experiment(4, joints=2, noise=0.0, samples=400)
     wrong = truth.copy()
@@ -200,3 +197,12 @@ def test_a_contradiction_goes_with_the_consistent_estimates_as_worth_knowing():
     assert plain.evidence.contradicted == ""
     reasons = {r.kind: r.word for r in constrained.verdict.reasons}
     assert reasons["physical consistency"] == "use"
+
+
+@pytest.mark.parametrize(("p_value", "contradicted"), [(0.001, True), (0.5, False)])
+def test_only_a_small_p_value_is_called_a_contradiction(p_value, contradicted):
+    found = ConsistencyTest(increase=12.3, p_value=p_value, draws=200, white=False)
+    assert found.significant == contradicted
+    assert ("no consistent robot" in found.sentence) == contradicted
+    assert ("chi^2 rises by 12.3" in found.contradiction) == contradicted
+    assert bool(found.contradiction) == contradicted

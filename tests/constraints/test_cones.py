@@ -32,7 +32,6 @@ from consistent_id.constraints.cones.sets import (
 )
 
 
-@pytest.mark.slow
 @settings(deadline=None)
 @given(st.lists(st.integers(1, 5), max_size=6), st.integers(0, 2**31))
 def test_matrices_of_unlike_orders_go_and_come_back_and_are_treated_one_by_one(
@@ -218,7 +217,6 @@ def test_rows_on_one_parameter_hold_to_the_last_digit():
     assert domain.snapped(np.array([0.3, 1.5])).tolist() == [0.3, 1.5]
 
 
-@pytest.mark.slow
 @settings(deadline=None)  # the first solve imports the solver
 @given(st.integers(0, 2**31), st.sampled_from([0.0, 1e-6, 0.1, 10.0]))
 def test_a_lower_bound_is_below_every_feasible_point_whatever_the_multipliers(

@@ -36,6 +36,7 @@ from consistent_id.constraints import (
     TotalMass,
 )
 from consistent_id.regression import GearCoupling
+from consistent_id.robot import JointLimits
 
 MODEL = TorqueModel(random_robot(np.random.default_rng(0), 2)[1])
 LINK = MODEL.layout.links[0]
@@ -60,7 +61,6 @@ def _slack(constraint, x):
 places = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
 
 
-@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(place=places, mass=st.floats(0.1, 10.0))
 def test_a_point_mass_is_in_the_ellipsoid_iff_its_row_says_so(place, mass):
@@ -71,7 +71,6 @@ def test_a_point_mass_is_in_the_ellipsoid_iff_its_row_says_so(place, mass):
     )
 
 
-@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(first=places, second=places)
 def test_the_centre_of_mass_is_in_the_shape_iff_the_constraint_holds(first, second):
@@ -261,6 +260,26 @@ def test_signs_hold_for_springs_and_leave_coupled_gears_alone():
     }
     named = NonNegativeDrive(("coupling_viscous",)).lower(model)
     assert named.in_labels == ("joint1+joint2.coupling_viscous >= 0",)
+
+
+def test_drag_may_be_negative_as_far_as_friction_dissipates_at_the_speed_limit():
+    limited, free = (
+        from_modified_dh("arm", [DHRow(0.0, 0.1, limits=JointLimits(velocity=v))])
+        for v in (2.0, np.inf)
+    )
+    terms = DriveTerms(viscous=True, coulomb="sign", drag=True)
+    domain = NonNegativeDrive().lower(TorqueModel(limited, terms))
+    assert "joint1.viscous + 2 joint1.drag >= 0" in domain.in_labels
+    x = np.zeros(13)
+    x[10:] = 0.4, -0.19, 1.0  # viscous, drag, Coulomb
+    assert (domain.A_in @ x <= domain.b_in).all()
+    x[11] = -0.21
+    assert not (domain.A_in @ x <= domain.b_in).all()
+    plain = NonNegativeDrive().lower(TorqueModel(free, terms))
+    alone = NonNegativeDrive().lower(TorqueModel(limited, DriveTerms(drag=True)))
+    named = NonNegativeDrive(("drag",)).lower(TorqueModel(limited, terms))
+    for other in (plain, alone, named):
+        assert "joint1.drag >= 0" in other.in_labels
 
 
 def _wrist(rotor=True):

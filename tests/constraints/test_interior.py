@@ -201,3 +201,10 @@ def test_equalities_that_hold_have_the_size_of_their_smallest_point(A, b, size):
 
 def test_where_nothing_is_demanded_the_margin_is_one():
     assert find_interior(ConicSet.everything(2)).margin == 1.0
+
+
+def test_a_residual_that_rounding_explains_proves_no_contradiction():
+    # Its slope is 1e-16 of entries of 1e15, which outweighs the residual in the ball.
+    A = 1e15 * np.array([[1.0 / 3.0], [0.7], [1.1]])
+    found, scale = _contradiction(rows(ConicSet.equal, A, [0.0, 1.0, 0.3]))
+    assert found is None and scale == 1.0

@@ -159,3 +159,18 @@ def test_a_link_is_as_large_as_a_thin_ball_of_its_mass(mass):
     )
     radius = (3.0 * mass / (4.0 * np.pi * 100.0)) ** (1.0 / 3.0)
     np.testing.assert_allclose(size.size, max(radius, 0.01), rtol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+def test_a_small_link_at_the_end_is_judged_only_if_it_slides(kind):
+    large, small = (
+        InertialParameters.from_central(m, [0.1, 0.0, 0.0], 0.01 * m * np.eye(3))
+        for m in (20.0, 0.01)
+    )
+    arm = from_modified_dh("arm", [DHRow(0, 0), DHRow(0, 0.02, kind=kind)])
+    robot = replace(arm, links=(Link("link1", large), Link("link2", small)))
+    model = TorqueModel(robot, DriveTerms(rotor_inertia=True))
+    size = robot_size(model, _parameters(model, [large, small]))
+    assert np.isfinite([size.radius[0], size.centre[0]]).all()
+    slides = kind == "prismatic"
+    assert np.isfinite([size.radius[1], size.centre[1]]).tolist() == 2 * [slides]

@@ -277,6 +277,19 @@ def test_torque_that_stays_at_its_limit_is_saturated():
     assert saturation_findings(log) == []
 
 
+def test_noise_that_is_cut_off_is_a_warning():
+    log = clean_log(0)
+    rng = np.random.default_rng(0)
+    noisy = log.torque.copy()
+    noisy[:, 1] += 0.3 * np.std(noisy[:, 1]) * rng.normal(size=len(noisy))
+    limit = float(np.quantile(abs(noisy[:, 1]), 0.995))
+    clipped = noisy.copy()
+    clipped[:, 1] = np.clip(clipped[:, 1], -limit, limit)
+    (finding,) = saturation_findings(replace(log, torque=clipped))
+    assert (finding.severity, finding.where) == ("warning", "joint2")
+    assert saturation_findings(replace(log, torque=noisy)) == []
+
+
 def test_rests_are_counted():
     log = logs().resting(clean_case(0), np.random.default_rng(0)).log
     (finding,) = standstill_findings(log)

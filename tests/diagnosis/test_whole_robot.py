@@ -7,7 +7,7 @@ import pytest
 from known_arm import OTHER_ROWS, arm, logged, pendulum
 from robots import random_robot, random_states
 
-from consistent_id import InertialParameters, Recording, TorqueModel
+from consistent_id import InertialParameters, Recording, TorqueModel, simulate_torque
 from consistent_id.diagnosis import LogFinding, diagnose
 from consistent_id.diagnosis.factor_findings import (
     FoundFactor,
@@ -29,9 +29,11 @@ from consistent_id.diagnosis.factor_rows import (
     relative_noise,
 )
 from consistent_id.diagnosis.whole_robot import (
+    _distance_of_loaded,
     contradicted,
     doubted_gain,
     gain_beside_bodies,
+    of_usual_size,
     other_robot,
     weighed_gain,
     whole_robot_factors,
@@ -179,6 +181,33 @@ def test_one_fault_makes_no_other_robot(kind, place, size):
 def test_a_diagnosis_names_another_robot_before_its_effects():
     _, log = logged(5, spread=0.5, friction=_LITTLE)
     assert diagnose(arm(OTHER_ROWS), [log]).findings[0].kind == "another robot"
+
+
+@pytest.mark.slow
+def test_torque_in_another_unit_makes_no_other_robot():
+    model, log = logged(6, spread=0.5)
+    far = _as_is(model, replace(log, torque=1e3 * log.torque))
+    assert other_robot(of_usual_size(far)) == []
+    (other,) = other_robot(of_usual_size(_as_is(arm(OTHER_ROWS), far.logs[0])))
+    assert other.kind == "another robot"
+
+
+@pytest.mark.slow
+def test_a_load_of_negative_mass_explains_nothing():
+    model, log = logged(5, spread=0.5)
+    n = 10 * len(model.robot.links)
+    last = np.zeros(n)
+    last[-10] = 2.0
+    lighter = _without_mass(model, log, last)
+    assert np.isfinite(_distance_of_loaded(_as_is(model, log)))
+    assert _distance_of_loaded(_as_is(model, lighter)) == np.inf
+
+
+def _without_mass(model, log, bodies):
+    """Return a log of a robot without some masses at its links' origins."""
+    rigid = TorqueModel(model.robot)
+    part = simulate_torque(rigid, bodies, replace(log, torque=None)).torque
+    return replace(log, torque=log.torque - part)
 
 
 def test_bodies_are_known_as_well_as_the_docs_say():

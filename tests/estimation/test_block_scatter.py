@@ -49,7 +49,6 @@ def found(scatter, seed=3, count=BLOCKS):
     return model, bodies, blocks, shifts[:, 10:]
 
 
-@pytest.mark.slow
 def test_scatter_that_is_there_is_found():
     model, bodies, blocks, shifts = found(0.05)
     known = block_scatter(model, blocks, constraints=[bodies])

@@ -63,7 +63,6 @@ def test_a_right_one_gets_much_where_data_are_scarce_and_noisy(seed, distance):
     assert path.error[path.best] < path.error[-1]
 
 
-@pytest.mark.slow
 def test_the_error_of_a_fold_is_that_of_predicting_its_samples():
     model, segments, log = simulated(3, right=False, samples=240, noise=0.3)
     path = cross_validated(
@@ -106,7 +105,6 @@ def test_the_path_finds_the_best_of_all_weights_without_trying_them_all(right, s
     assert path.misfits == pytest.approx(whole.misfits[places], rel=1e-5)
 
 
-@pytest.mark.slow
 def test_the_path_is_the_estimates_with_all_data():
     model, segments, log = simulated(4, right=False, samples=240, noise=0.3)
     path = cross_validated(model, segments, constraints=BODIES, weights=WEIGHTS)
@@ -127,7 +125,6 @@ def test_the_path_is_the_estimates_with_all_data():
     assert path.best == np.argmin(path.error)
 
 
-@pytest.mark.slow
 def test_the_number_of_workers_does_not_matter(monkeypatch):
     model, segments, _ = simulated(5, right=False, samples=120, noise=0.3)
     first = cross_validated(model, segments, constraints=BODIES, weights=[0.1])
@@ -143,3 +140,11 @@ def test_folds_and_weights_that_are_none_are_refused():
     for weights in ([], [0.0, 1.0], [-1.0]):
         with pytest.raises(ProblemError, match="positive"):
             cross_validated(model, segments, weights=weights)
+
+
+def test_two_folds_are_enough_and_one_is_not():
+    model, segments, _ = simulated(0, right=True, samples=60, noise=0.1, joints=1)
+    found = cross_validated(model, segments, constraints=BODIES, weights=[1.0], folds=2)
+    assert found.penalty.weight == 1.0
+    with pytest.raises(ProblemError, match="1 folds of 12 segments"):
+        cross_validated(model, segments, constraints=BODIES, weights=[1.0], folds=1)

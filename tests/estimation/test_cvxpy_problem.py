@@ -125,7 +125,6 @@ def test_own_terms_and_constraints_are_solved_and_proven(seed):
         assert float((form.problem.objective.expr + l1).value) >= value - 1e-5
 
 
-@pytest.mark.slow
 def test_an_own_objective_is_minimised():
     form, _ = problem(0)
     norms = sum(cp.norm1(r) for r in form.residuals.values())
@@ -165,7 +164,6 @@ def test_a_datasheet_is_kept_to_the_last_digit():
     assert form.solve()["link1.m"] == 2.0
 
 
-@pytest.mark.slow
 def test_what_cannot_be_is_refused():
     form, _ = problem(0)
     with pytest.raises(InfeasibleError, match="your own"):

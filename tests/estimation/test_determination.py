@@ -90,7 +90,6 @@ def test_a_small_value_is_called_small_with_its_relative_error():
     assert origin_text("loose", 0.1, 9.0) == "loose"
 
 
-@pytest.mark.slow
 def test_tables_call_small_what_the_data_determine_to_be_small():
     model, truth, log = pendulum()
     friction = model.layout.index("joint1.viscous")
@@ -110,7 +109,6 @@ def test_tables_call_small_what_the_data_determine_to_be_small():
     assert p.verdict == "data" and p.source.startswith("small (± ")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.05, 3.0])
 def test_estimate_and_uncertainty_agree_on_what_the_data_determine(noise):
     model, log = noisy(noise)

@@ -138,3 +138,31 @@ def test_a_drive_does_not_feel_its_encoder_s_bias():
     turned = calibrated(log, GAINS, DriveCalibration(encoder_bias=0.1))
     assert turned.torque == pytest.approx(plain.torque, abs=1e-12)
     assert turned.position == pytest.approx(plain.position - 0.1, abs=1e-15)
+
+
+def test_bodies_that_are_not_known_leave_the_bias_of_the_last_encoder_open():
+    model, x, _ = robot_of(5, 2)
+    none = DriveCalibration(0.0, [1.0, 1.0], [0.0, 0.0])
+    log = told(model, x, replace(none, encoder_bias=np.array([0.02, -0.01])))
+    fit = fit_calibration(model, recordings(log), ("encoder_bias",), start=none)
+    # Gravity shows the first joint's; turning the last body's axes undoes the other.
+    assert fit.known[3:].tolist() == [True, False]
+    assert fit.calibration.encoder_bias[0] == pytest.approx(0.02, abs=1e-3)
+    assert 0.0 < fit.standard_errors[3] < 1e-3
+    assert fit.standard_errors[4] == pytest.approx(0.05, rel=1e-3)  # of the prior
+
+
+def test_a_large_bias_is_found_as_exactly_as_a_small_one():
+    model, x, bodies = robot_of(5, 1)
+    none = DriveCalibration(0.0, [1.0], [0.0])
+    small, large = (
+        fit_calibration(
+            model,
+            recordings(told(model, x, replace(none, encoder_bias=np.array([bias])))),
+            ("encoder_bias",),
+            start=none,
+            constraints=[bodies],
+        ).calibration.encoder_bias[0]
+        for bias in (0.02, 0.2)
+    )
+    assert large - small == pytest.approx(0.18, abs=1e-4)

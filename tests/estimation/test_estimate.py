@@ -31,7 +31,6 @@ def estimated(seed=2, **options):
     return constrained_least_squares(model, regression, **options), log
 
 
-@pytest.mark.slow
 def test_an_estimate_knows_the_conditions_that_its_uncertainty_needs():
     conditions = [PhysicalConsistency(), FixedMasses()]
     estimate, log = estimated(constraints=conditions, prior=Penalty(0.1))
@@ -49,7 +48,6 @@ def test_an_estimate_knows_the_conditions_that_its_uncertainty_needs():
     np.testing.assert_allclose(values, estimate.parameters, rtol=1e-7, atol=1e-9)
 
 
-@pytest.mark.slow
 def test_a_weighted_estimate_keeps_its_weights_in_its_uncertainty():
     model, _, log = experiment(1, joints=2, noise=(0.1, 1.0), samples=900)
     regression = build_regression(model, log)

@@ -40,7 +40,6 @@ def test_the_range_is_that_of_one_more_draw_of_student_s_distribution():
     assert found.error / found.low == pytest.approx(factor, rel=1e-4)
 
 
-@pytest.mark.slow
 def test_four_of_five_further_errors_are_in_the_range():
     rng = np.random.default_rng(0)
     inside = []

@@ -44,7 +44,6 @@ def test_gains_are_recovered_within_their_errors_where_least_squares_is_biased()
     assert np.mean(bias) < -0.03
 
 
-@pytest.mark.slow
 def test_the_whole_load_known_tells_more_than_its_mass():
     every = {f"load.{n}": v for n, v in zip(AXES, LOAD.vector[1:4], strict=True)}
     more = _found(0.05, known=KNOWN | every)
@@ -52,7 +51,6 @@ def test_the_whole_load_known_tells_more_than_its_mass():
     assert np.allclose(more.gains, GAINS, rtol=0.05)
 
 
-@pytest.mark.slow
 def test_without_a_known_mass_only_ratios_are_told():
     found = _found(0.02, known={})
     assert not found.identifiable
@@ -70,7 +68,6 @@ def test_a_loaded_run_alone_does_not_tell_the_scale():
     assert "absolute scale is open" in found.verdict
 
 
-@pytest.mark.slow
 def test_what_is_not_known_well_enough_is_named():
     found = _found(0.3, accuracy=1e-3)
     assert not any(found.identified)
@@ -79,7 +76,6 @@ def test_what_is_not_known_well_enough_is_named():
     assert "10 % or better" not in found.verdict
 
 
-@pytest.mark.slow
 def test_a_gain_is_known_if_its_relative_error_is_below_the_accuracy():
     found = _found(0.3)
     errors = found.standard_errors / found.gains
@@ -107,7 +103,6 @@ def test_gains_refuse_what_does_not_fit():
         identify_gains(model, *dead, known=KNOWN)
 
 
-@pytest.mark.slow
 def test_exchanged_runs_settle_on_nothing():
     model, unloaded, loaded = runs(0.05, gains=GAINS)
     with pytest.raises(SolverError, match="exchanged"):

@@ -64,7 +64,6 @@ def test_errors_of_nominal_bodies_do_not_excuse_a_penalty(prior):
     assert known.all() if prior == PointToSet() else not known.any()
 
 
-@pytest.mark.slow
 def test_a_trunk_that_no_joint_torque_shows_is_guessed(quadruped):
     whole, log = quadruped
     legs = TorqueModel(whole.robot, torque_joints=whole.robot.joint_names)
@@ -212,7 +211,6 @@ def test_the_distance_of_nominal_bodies_is_that_of_the_nearest_that_fit(speed):
     assert (expected > AGREES) == (speed < 1.0)
 
 
-@pytest.mark.slow
 def test_of_a_penalty_no_errors_of_the_prior_are_known():
     model, log = logged(0)
     rows = build_regression(model, log)

@@ -15,6 +15,7 @@ from consistent_id import (
 )
 from consistent_id.estimation import judge
 from consistent_id.estimation.influence import (
+    _determined,
     confirmed_slopes,
     influence,
     least_squares_on,
@@ -61,6 +62,16 @@ def test_parameters_that_do_not_move_have_no_influence():
     assert nothing.small
 
 
+def test_what_data_determine_is_spanned_by_orthonormal_combinations():
+    model, log = logged(0)
+    free = least_squares_on(estimated(model, log), [log])
+    size = np.random.default_rng(0).uniform(0.1, 10.0, len(model.layout))
+    rows = _determined(free, size)
+    np.testing.assert_allclose(rows @ rows.T, np.eye(len(free.base)), atol=1e-9)
+    seen = free.base.projection / size  # what they determine, of scaled parameters
+    np.testing.assert_allclose(seen @ rows.T @ rows, seen, atol=1e-9 * abs(seen).max())
+
+
 @pytest.mark.slow
 def test_influence_is_the_change_of_a_draw_of_noise():
     # Another draw of the noise moves every parameter by the root of two errors.
@@ -96,7 +107,6 @@ def test_a_few_right_rows_change_less_than_an_error_and_wrong_ones_more():
     assert found.largest > 3.0
 
 
-@pytest.mark.slow
 def test_what_only_the_part_determines_is_not_small():
     # Others determine the bodies; the joint's own friction is lost with its torque.
     model, log = logged(1)
@@ -141,7 +151,6 @@ def test_a_wrong_gain_of_one_joint_is_not_confirmed(joint, gain):
     assert "nominal model" in [r.kind for r in verdict_on(estimate, log).grounds]
 
 
-@pytest.mark.slow
 def test_a_wrong_gain_beside_a_load_is_still_doubted():
     model, log = logged(5, load=LOAD)
     log = replace(log, torque=log.torque * [1.0, 1.0, 1.35, 1.0])

@@ -73,7 +73,6 @@ def test_the_error_of_a_compliance_is_that_of_noise_beside_the_inertia(noise):
     assert found == pytest.approx(error_of(noise), rel=0.3)
 
 
-@pytest.mark.slow
 def test_a_spring_between_those_that_are_tried_is_found_with_its_error():
     noise = 0.02
     found = joint_springs(one_joint(), [log_of(1.0 / SPRING, noise)])

@@ -30,7 +30,7 @@ from consistent_id.estimation import judge, weighted_least_squares
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of, usual_efforts
 from consistent_id.estimation.slope_reasons import doubtful_joints, slope_reasons
-from consistent_id.estimation.torque_error import Slopes
+from consistent_id.estimation.torque_error import Slopes, slopes_on
 from consistent_id.estimation.verdict import WORDS, Verdict, confirmed
 from consistent_id.export import to_json
 from consistent_id.recordings.recording import LogFinding
@@ -221,7 +221,6 @@ def test_an_unproven_optimum_asks_for_care():
     assert doubted.verdict.word == "use with care"
 
 
-@pytest.mark.slow
 def test_a_contradicting_mass_is_said_by_the_excess():
     arm, _, recording = pendulum()
     regression = build_regression(arm, recording)
@@ -382,7 +381,6 @@ def said(verdict, kind):
     return [r for r in verdict.reasons if r.kind == kind]
 
 
-@pytest.mark.slow
 def test_correlated_residuals_are_worth_knowing_and_change_no_verdict():
     white, coloured = noisy(4000, 0.0), noisy(4000, 0.9)
     assert not said(white.verdict, "correlated residuals")
@@ -708,7 +706,6 @@ def test_what_mends_a_fault_is_said_before_the_slopes_that_show_it():
     assert kinds(verdict)[:2] == ["torque sign", "torque sign"]
 
 
-@pytest.mark.slow
 def test_a_guess_by_a_good_prior_is_a_note():
     for errors, word in (
         ([0.05, 0.1], "use"),
@@ -719,3 +716,24 @@ def test_a_guess_by_a_good_prior_is_a_note():
         verdict = good_with(guessed=0.5, prior_errors=errors)
         assert verdict.word == word
         assert "mostly guessed" in [r.kind for r in verdict.reasons]
+
+
+def test_independent_samples_are_counted_for_each_parameter():
+    arm, truth, clean = experiment(0, joints=2, samples=300)
+    regression = build_regression(arm, clean)
+    free = unconstrained_fit(regression, base_parameters(arm))
+    spare = fit_of(arm, free, truth).spare
+    assert spare * free.solution.rank == pytest.approx(regression.effective.sum())
+
+
+def test_how_much_nominal_bodies_explain_does_not_depend_on_their_size():
+    arm, _, clean = experiment(0, joints=2, samples=300)
+    bodies = arm.robot.nominal.ravel()
+    light = replace(clean, torque=1e-6 * clean.torque)
+    whole, small = (
+        slopes_on(arm, build_regression(arm, log), body)
+        for log, body in ((clean, bodies), (light, 1e-6 * bodies))
+    )
+    assert whole.explained.min() > 0.5
+    np.testing.assert_allclose(small.explained, whole.explained, rtol=1e-6)
+    np.testing.assert_allclose(small.slopes, whole.slopes, rtol=1e-6)

@@ -48,7 +48,6 @@ def test_without_noise_the_true_base_parameters_come_back():
     assert estimate.certificate.verdict == "certified"
 
 
-@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 10**6),
@@ -148,7 +147,6 @@ def test_standard_errors_are_the_scatter_over_repeated_experiments(sigma):
     assert np.allclose(stated, scatter, rtol=0.2)
 
 
-@pytest.mark.slow
 def test_weights_follow_each_joints_noise_and_reduce_the_scatter():
     model, truth, log = _experiment(6, joints=2, samples=400)
     base = base_parameters(model)
@@ -172,7 +170,6 @@ def test_weights_follow_each_joints_noise_and_reduce_the_scatter():
     assert weighted < plain
 
 
-@pytest.mark.slow
 def test_hubers_loss_shrugs_off_outliers_that_ruin_least_squares():
     model, truth, log = _experiment(8, noise=0.1)
     torque = log.torque.copy()

@@ -23,7 +23,7 @@ from consistent_id import (
 from consistent_id.constraints import ParameterBounds, TotalMass
 from consistent_id.estimation import identify_payload
 from consistent_id.estimation.loaded_robot import likely_body, loaded_robot
-from consistent_id.estimation.payload import gain_slopes
+from consistent_id.estimation.payload import _gain_covariance, gain_slopes
 from consistent_id.robot import Datasheet, Link
 from consistent_id.robot.inertia import INERTIAL_NAMES, InertialParameters
 from consistent_id.robot.loaders.urdf import from_pinocchio
@@ -109,7 +109,6 @@ def test_a_load_is_recovered_within_its_errors():
     assert 0.5 < np.mean(np.square(misses)) < 1.8
 
 
-@pytest.mark.slow
 def test_a_known_mass_is_kept_and_sharpens_the_rest():
     model, loaded, unloaded = _loaded_first(runs(0.05))
     sheet = Datasheet(mass=3.0, com_box=[[-0.2] * 3, [0.2] * 3])
@@ -139,7 +138,6 @@ def test_exchanged_runs_are_noticed_by_the_loads_weight():
         identify_payload(model, unloaded, loaded)
 
 
-@pytest.mark.slow
 def test_constraints_on_the_robot_leave_the_load_alone_and_the_reverse():
     model, loaded, unloaded = _loaded_first(runs(0.02))
     found = identify_payload(
@@ -265,3 +263,11 @@ def test_gains_that_are_all_larger_make_the_load_heavier_by_the_same_factor():
     for wrong in ([0.1, 0.1], -0.1, [0.1, 0.1, 0.1, np.inf], indefinite):
         with pytest.raises(ProblemError, match="expected one share or 4"):
             identify_payload(model, loaded, unloaded, gain_errors=wrong)
+
+
+def test_errors_of_gains_may_be_zero_or_common_to_all_joints():
+    assert not _gain_covariance(0.0, 3).any()
+    common = np.full((3, 3), 0.01)  # one error of all gains: eigenvalues of zero
+    assert np.array_equal(_gain_covariance(common, 3), common)
+    with pytest.raises(ProblemError, match="zero or more"):
+        _gain_covariance(np.diag([1.0, -1e-3, 1.0]), 3)

@@ -289,7 +289,6 @@ def test_multipliers_too_coarse_for_a_proof_are_asked_for_again():
     assert again.u == pytest.approx(solution.u, abs=1e-5)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("joints", "seed", "weight"), [(7, 0, 1.0), (7, 2, 1e-6), (9, 1, 1e-2)]
 )
@@ -306,7 +305,6 @@ def test_newton_converges_on_long_robots_and_every_link_is_strictly_a_body(
         assert values[0] > 1e-9 * values[-1]
 
 
-@pytest.mark.slow
 def test_where_newton_starts_does_not_matter():
     model, regression = noisy(6, joints=3)
     fit, distance = dimensionless(model, regression)

@@ -18,14 +18,17 @@ from robots import random_body, random_robot
 import consistent_id
 from consistent_id import DriveTerms, ProblemError, TorqueModel, to_urdf
 from consistent_id.estimation.verdict import Reason, Verdict
-from consistent_id.export import export_formats, to_json
+from consistent_id.export import export_formats, to_json, urdf_export
+from consistent_id.export.actuator_config import readme
 from consistent_id.export.export_formats import (
     EXPORT_FORMATS,
     Export,
     ExportFormat,
     exported,
+    format_cost,
 )
 from consistent_id.robot import load_mjcf
+from consistent_id.robot.chains import Selection
 
 ROOT = Path(__file__).parents[2]
 
@@ -141,3 +144,70 @@ def test_the_table_imports_no_array_library():
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert "consistent_id.export.export_formats" in found.stdout.split()
     assert "numpy" not in found.stdout.split()
+
+
+READ_BACK = ("urdf", "mjcf", "json", "pin", "isaaclab")
+
+
+def cost_of(estimate, form, log, **options):
+    return format_cost(estimate, form, [log], selection=Selection(), **options)
+
+
+@pytest.fixture(scope="module")
+def driven():
+    """An estimate with terms that not every format has, and its own torque."""
+    rng = np.random.default_rng(7)
+    _, robot = random_robot(rng, 2)
+    terms = DriveTerms(
+        viscous=True, coulomb="tanh", velocity_scale=0.1, rotor_inertia=True
+    )
+    estimate = random_estimate(rng, robot, terms)
+    time = np.arange(400) / 100
+    q = np.column_stack([np.sin(time * w) for w in (2.0, 3.0)])
+    motion = consistent_id.differentiated(
+        consistent_id.Recording(robot.joint_names, time, q)
+    )
+    log = consistent_id.simulate_torque(estimate.model, estimate.parameters, motion)
+    return estimate, log
+
+
+@pytest.mark.parametrize("form", [known.name for known in EXPORT_FORMATS])
+def test_a_file_is_as_wrong_as_the_terms_that_it_lacks(driven, form):
+    if form == "mjcf":
+        pytest.importorskip("mujoco")
+    estimate, log = driven
+    cost = cost_of(estimate, form, log)
+    assert cost.own < 1e-12 and cost.recordings == (log.name,)
+    assert cost.read_back == (form in READ_BACK)
+    if form == "urdf":
+        rotor = [i for i, n in enumerate(estimate.model.layout.names) if "rotor" in n]
+        x = estimate.parameters.copy()
+        x[rotor] = 0.0
+        left = consistent_id.simulate_torque(estimate.model, x, log).torque
+        alone = np.linalg.norm(left - log.torque) / np.linalg.norm(log.torque)
+        assert cost.error == pytest.approx(alone, rel=0.05)  # joints weigh alike
+    else:
+        assert cost.error < 1e-9
+
+
+def test_a_file_with_another_mass_is_read_back_as_it_is(driven, monkeypatch):
+    estimate, log = driven
+    heavier = replace(estimate, parameters=estimate.parameters * 1.1)
+    wrong = to_urdf(heavier)
+    monkeypatch.setattr(urdf_export, "to_urdf", lambda *_, **__: wrong)
+    whole = cost_of(estimate, "json", log).error
+    assert cost_of(estimate, "urdf", log).error > max(whole, 0.05)
+
+
+def test_the_page_beside_a_file_says_what_to_add(driven):
+    estimate, _ = driven
+    text = readme(
+        estimate, "urdf", "arm.urdf", ["a note"], delay=0.004
+    ).content.decode()
+    assert "- a note" in text and "deque" in text and "4 ms" in text
+    name = f"{estimate.model.robot.joint_names[0]}.rotor_inertia"
+    layout = estimate.model.layout
+    value = f"{estimate[name]:.6g} {layout.units[layout.index(name)]}"
+    assert f"rotor_inertia | {value} | `rotor_inertia ddq` |" in text
+    text = readme(estimate, "isaaclab", "arm.py", delay=0.004).content.decode()
+    assert "has every drive term" in text and "deque" not in text

@@ -56,6 +56,7 @@ def _expected(estimate, states):
             tau[:, j] += estimate[f"{name}.viscous"] * dq[:, j]
             tau[:, j] += estimate[f"{name}.rotor_inertia"] * ddq[:, j]
             tau[:, j] += estimate[f"{name}.spring"] * q[:, j]
+            tau[:, j] += estimate[f"{name}.drag"] * dq[:, j] * abs(dq[:, j])
             tau[:, j] += estimate[f"{name}.offset"]
     return tau
 

@@ -5,7 +5,12 @@ import numpy as np
 from consistent_id import DriveTerms
 
 SPRUNG = DriveTerms(
-    viscous=True, coulomb="sign", offset=True, rotor_inertia=True, spring=True
+    viscous=True,
+    coulomb="sign",
+    offset=True,
+    rotor_inertia=True,
+    spring=True,
+    drag=True,
 )
 
 

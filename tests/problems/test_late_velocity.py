@@ -1,9 +1,14 @@
 """Velocities that drives log late are not read."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from logged import write_arm
+from scipy.signal import butter, sosfilt, sosfiltfilt
 
+from consistent_id import Study
+from consistent_id.estimation.estimate import torque_errors
 from consistent_id.problems.drafting import draft_problem, velocity_delay
 from consistent_id.problems.loading import load_problem
 from consistent_id.recordings.recording import Recording
@@ -100,6 +105,37 @@ def test_a_velocity_that_predicts_worse_is_not_read_unless_its_scale_is_a_fault(
     assert (draft.columns.velocity is not None) == is_read
     said = [note for note in draft.notes if note.startswith("the velocity is not read")]
     assert bool(said) != is_read
+
+
+@pytest.mark.parametrize("cutoff", [1.0, 1.5, 3.0, 5.0, 20.0])
+@pytest.mark.parametrize("delayed", [False, True])
+def test_a_smoothed_velocity_never_makes_the_draft_worse(tmp_path, cutoff, delayed):
+    """The truth is the torque of the motion, which has parts up to 1.3 Hz."""
+    urdf, log = write_arm(tmp_path)
+    table = np.loadtxt(log, delimiter=",", skiprows=1)
+    rates = np.gradient(table[:, 1:3], 1.0 / RATE, axis=0)
+    filters = butter(1, cutoff, fs=RATE, output="sos")
+    rates = (sosfilt if delayed else sosfiltfilt)(filters, rates, axis=0)
+    header = "time,q_shoulder,q_elbow,tau_shoulder,tau_elbow,dq_shoulder,dq_elbow"
+    full = np.column_stack([table, rates])
+    np.savetxt(log, full, "%.9g", ",", header=header, comments="")
+    draft = draft_problem(urdf, log, select=False, cutoff=10.0)
+    bare = replace(draft, columns=replace(draft.columns, velocity=None))
+    errors = [_error(d) for d in (draft, bare)]
+    assert errors[0] <= 1.05 * errors[1]
+    if cutoff <= 3.0:
+        assert draft.columns.velocity is None
+        late = "later than the position" if delayed else "is smoothed, and lacks"
+        assert any(late in note for note in draft.notes)
+
+
+def _error(draft):
+    """The error of a draft's estimate on the true motion: differentiated positions."""
+    problem = draft.problem()
+    estimate = Study(problem).constrained
+    unread = replace(draft, columns=replace(draft.columns, velocity=None))
+    (motion,) = unread.problem().validation
+    return torque_errors([estimate], motion)[0].stacked
 
 
 @pytest.fixture(scope="module")

@@ -53,6 +53,7 @@ WORDS = {
     "duplicates": "first",
     "missing": "omit",
     "wraps": "undo",
+    "coupled": ["elbow=-shoulder"],
     "angular_velocity": "gx,gy,gz",
     "acceleration": "ax,ay,az",
     "base_position": "x,y,z",
@@ -295,6 +296,36 @@ def test_of_rows_with_one_stamp_one_counts(arm, tmp_path, kept):
     assert np.array_equal(found.position, robot_logs(*arm).read(arm[1]).position)
     draft = ci.draft_problem(*files, duplicates=kept, select=False, cutoff=10.0)
     assert draft.problem().table.data.duplicates == kept
+
+
+@pytest.mark.parametrize("sign", ["", "-"])
+def test_a_forearm_against_the_horizontal_is_given_by_an_option(arm, tmp_path, sign):
+    def summed(lines):
+        cells = [line.split(",") for line in lines]
+        factor = -1.0 if sign else 1.0
+        rows = [
+            [t, q, repr(float(p) + factor * float(q)), *more]
+            for t, q, p, *more in cells
+        ]
+        return [",".join(row) for row in rows]
+
+    files = renamed(arm, tmp_path, rows=summed)
+    coupled = {"elbow": f"{sign}shoulder"}
+    true, found = (
+        robot_logs(*arm).read(arm[1]),
+        robot_logs(*files, Statement(coupled=coupled)).read(files[1]),
+    )
+    np.testing.assert_allclose(found.position, true.position, atol=1e-12)
+    np.testing.assert_array_equal(found.torque, true.torque)
+    draft = ci.draft_problem(*files, coupled=coupled, select=False, cutoff=10.0)
+    file = tmp_path / "problem.toml"
+    file.write_text(draft.text(tmp_path))
+    problem = ci.load_problem(file, trust=True)
+    assert problem.table.data.coupled == coupled
+    read = problem.read(problem.table.data.recordings[0].file).position
+    np.testing.assert_array_equal(read, found.position)
+    with pytest.raises(ci.ProblemError, match="coupled wrist = 'elbow': no joint"):
+        robot_logs(*files, Statement(coupled={"wrist": "elbow"})).read(files[1])
 
 
 def test_whole_turns_are_undone_in_drafts_and_in_problem_files(arm, tmp_path):

@@ -118,6 +118,21 @@ def test_the_error_of_a_delay_is_that_of_delays_found_again_without_a_block():
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.03)
 
 
+def test_a_joint_of_much_noise_does_not_widen_the_error_of_a_delay():
+    first, late, _ = pair(0, "position", "velocity", (100, 100), (1e-5, 0.002))
+    noise = np.random.default_rng(1).normal(size=len(late.time))
+    spoilt = late.values.copy()
+    spoilt[:, 1:] += noise[:, None] * 3.0
+    both = signals.Track("velocity", NAMES, late.time, spoilt)
+    one, other = (
+        signals.Track(t.channel, NAMES[:1], t.time, t.values[:, :1])
+        for t in (first, late)
+    )
+    alone = signals.estimate_delay(one, other, cutoff=5.0).standard_error
+    beside = signals.estimate_delay(first, both, cutoff=5.0).standard_error
+    assert beside < 1.5 * alone
+
+
 def test_a_delay_longer_than_the_longest_is_refused():
     # Slow signals are similar at the longest delay, too: they are still 0.1 s apart.
     time = np.arange(4000) / 100.0
@@ -194,7 +209,6 @@ def test_tiagos_velocity_comes_some_190_ms_after_its_position():
         assert found.correlations.min() > 0.99
 
 
-@pytest.mark.slow
 def test_three_clocks_are_brought_to_the_slowest():
     rng = np.random.default_rng(4)
     motion, step = tones(rng), 1e-3
@@ -339,6 +353,19 @@ def test_steep_ramps_that_stay_for_twenty_milliseconds_are_not_at_a_limit():
         assert signals.saturated(log(time, time, torque=tau)).any() == limited
 
 
+def test_equal_readings_show_a_limit_that_noise_interrupts():
+    # Noise of 10 % leaves single samples at the limit.
+    rng = np.random.default_rng(1)
+    time = np.arange(3000) / 250.0
+    smooth = np.sin(3.0 * time) + 0.1 * rng.normal(size=len(time))
+    for step in (0.0, 1e-3):
+        whole = np.round(smooth / step) * step if step else smooth
+        tau = np.clip(whole, -1.15, 1.15)[:, None]
+        mask = signals.saturated(log(time, time, torque=tau))
+        assert (mask[:, 0] == (abs(tau[:, 0]) >= 1.15)).all() and mask.sum() > 20
+        assert not signals.saturated(log(time, time, torque=whole[:, None])).any()
+
+
 def test_a_limit_is_found_beside_more_rests_at_less_than_half_of_it():
     # Six times at the limit for 0.43 s, and seven times at a fifth of it for 0.5 s.
     time = np.arange(7700) / 1000.0
@@ -457,4 +484,10 @@ def test_what_the_slower_clock_cannot_hold_does_not_come_back_as_an_alias(rates)
 def test_a_quantum_is_told_by_steps_of_up_to_three_thousand_of_it(far, found):
     # Half of the steps have to tell of it; of those here, eighteen of 34 are far ones.
     multiples = [1] * 10 + [2, 3, 4, 5, 6, 7] + [far] * 18
+    assert quantum(np.cumsum(multiples) * 2.0**-10) == found
+
+
+@pytest.mark.parametrize(("steps", "found"), [(11, 0.0), (12, 2.0**-10)])
+def test_a_quantum_is_known_from_twelve_steps_on(steps, found):
+    multiples = np.r_[0, 1 + np.arange(steps) % 3]
     assert quantum(np.cumsum(multiples) * 2.0**-10) == found

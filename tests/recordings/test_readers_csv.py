@@ -114,7 +114,6 @@ def test_plain_numbers_are_read_the_fast_way(separator):
     )
 
 
-@pytest.mark.slow
 @REPEATABLE
 @given(
     values=st.lists(st.tuples(NUMBER, NUMBER), min_size=2, max_size=5),

@@ -32,7 +32,6 @@ def from_messages(content, joints=JOINTS, columns=JOINT_STATE):
     )
 
 
-@pytest.mark.slow
 @settings(derandomize=True, deadline=None, max_examples=40)
 @given(st.data())
 def test_the_order_of_joints_may_change_from_message_to_message(data):

@@ -159,7 +159,6 @@ def test_wrenches_and_flags_of_other_topics(bag):
     assert np.array_equal(pressed.closed, log.time > 2.0 + 1e-6)
 
 
-@pytest.mark.slow
 def test_a_gap_of_a_topic_is_left_out_and_said(tmp_path, caplog):
     kind, messages = imu(200.0)
     messages = [m for m in messages if not 2.0 < at(m[0]) < 2.5]
@@ -191,7 +190,6 @@ def test_a_pose_with_jittered_stamps_is_differentiated_by_its_own_times(tmp_path
     assert np.allclose(base.specific_force[inside, 2], up[inside], atol=5e-3)
 
 
-@pytest.mark.slow
 def test_slower_topics_are_named_with_the_frequency_that_they_allow(tmp_path, caplog):
     topics = {"/joint_states": joints(), "/imu": imu(50.0)}
     read(ros.write_mcap(tmp_path / "bag", topics), base=UNIT)
@@ -220,7 +218,6 @@ def test_by_time_of_logging_all_topics_are(tmp_path):
     assert np.allclose(log.base.angular_velocity[inside, 2], expected, atol=1e-4)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "message"),
     [
@@ -241,7 +238,6 @@ def test_faulty_names_are_told(tmp_path, name, message):
         read(path, base=replace(UNIT, angular_velocity=name))
 
 
-@pytest.mark.slow
 def test_kinds_that_the_bag_defines_are_read(tmp_path):
     types = get_typestore(Stores.ROS2_HUMBLE)
     text = "std_msgs/Header header\nfloat32[4] force\n"

@@ -27,7 +27,6 @@ def random_trajectory(frequencies, seed, joints=3):
     )
 
 
-@pytest.mark.slow
 @REPEATABLE
 @given(st.integers(1, 4), st.sampled_from([0.05, 0.1, 0.13]), st.integers(0, 1000))
 def test_coefficients_of_several_bases_are_recovered_on_a_jittered_clock(
@@ -58,7 +57,6 @@ def test_a_fit_by_period_is_one_by_its_harmonics():
     assert by_frequency.criterion[0] == by_period.criterion[-1]
 
 
-@pytest.mark.slow
 def test_frequencies_are_refused_where_noise_would_be_ten_times_as_large():
     time, wave = np.arange(2000) / 100.0, np.zeros((2000, 1))
     rng = np.random.default_rng(0)

@@ -180,7 +180,6 @@ def test_base_parameters_check_and_freeze_their_map():
         BaseParameters(base.layout, base.independent, base.dependent, np.eye(3))
 
 
-@pytest.mark.slow
 @REPEATABLE
 @given(st.integers(0, 10**6), st.integers(1, 4), st.integers(1, 6))
 def test_columns_are_split_from_left_to_right_whatever_their_scale(seed, rows, columns):

@@ -67,7 +67,6 @@ def test_the_proven_torque_is_that_of_the_fastest_instant():
     assert -most * 1.001 <= bounds.lowest[0] <= -most
 
 
-@pytest.mark.slow
 def test_a_motion_is_designed_with_drag_and_its_torque_is_proven():
     one = np.ones(2)
     limits = MotionLimits(
@@ -87,7 +86,6 @@ def test_a_motion_is_designed_with_drag_and_its_torque_is_proven():
         assert most <= max(abs(b) for b in bounds) <= 40.0
 
 
-@pytest.mark.slow
 def test_exported_functions_have_the_same_torque_and_urdf_says_that_it_lacks_it():
     rng = np.random.default_rng(3)
     _, robot = random_robot(rng, 3)
@@ -104,7 +102,6 @@ def test_exported_functions_have_the_same_torque_and_urdf_says_that_it_lacks_it(
     assert note.startswith("URDF has no drag: j0 ")
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler cc")
 def test_compiled_c_has_the_same_torque(tmp_path):
     rng = np.random.default_rng(4)

@@ -10,6 +10,7 @@ import consistent_id as ci
 from consistent_id.regression.model_errors import (
     BLOCKS,
     BlockPart,
+    _lacking,
     block_part,
     block_ratio,
     joint_fit,
@@ -33,14 +34,12 @@ def noisy(seed, *, shift=0.0, samples=4000):
     return model, replace(log, torque=torque)
 
 
-@pytest.mark.slow
 def test_white_noise_has_a_ratio_near_one():
     found = [ci.build_regression(*noisy(seed)).noise.beyond for seed in range(12)]
     assert min(found) >= 1.0
     assert np.median(found) < 1.4
 
 
-@pytest.mark.slow
 def test_parameters_that_shift_from_block_to_block_show():
     still, shifting = (
         np.mean(
@@ -224,3 +223,12 @@ def test_exact_torque_has_no_scatter():
     noise = ci.build_regression(model, log).noise
     assert np.isfinite(noise.beyond)
     assert noise.beyond >= 1.0
+
+
+def test_terms_that_a_joint_lacks_are_those_that_its_drive_does_not_have():
+    lacking = {
+        name
+        for law in _lacking(ci.DriveTerms(viscous=True, offset=True), 1.0)
+        for name in law.names
+    }
+    assert lacking == {"drag", "spring", "rotor_inertia", "coulomb"}

@@ -153,7 +153,6 @@ def test_the_shape_of_an_own_term_is_found():
     assert found.model.terms[0].terms[-1].period == found["period"].value
 
 
-@pytest.mark.slow
 def test_exports_write_an_own_term_or_name_it():
     rng = np.random.default_rng(2)
     _, robot = random_robot(rng, 3)
@@ -190,7 +189,6 @@ def test_the_proven_torque_of_an_own_term_holds_and_is_tight(term):
     assert (bounds.highest <= bounds.most + 1e-3 * effort).all()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("term", [Cogging(), Rounded()])
 def test_a_smooth_term_or_one_with_a_stand_in_is_designed_with(term):
     model = TorqueModel(ARM, DriveTerms(viscous=True, terms=[term]))
@@ -210,7 +208,6 @@ def test_a_term_without_casadi_columns_is_refused_by_a_design_with_the_reason():
         casadi_regressor(TorqueModel(ARM, DriveTerms(terms=[Branch()])))
 
 
-@pytest.mark.slow
 def test_what_cannot_be_enclosed_is_refused_where_its_torque_is_to_be_proven():
     model = TorqueModel(ARM, DriveTerms(viscous=True, terms=[Gate()]))
     x = parameters(model)

@@ -209,7 +209,6 @@ def test_a_filtered_log_with_one_joint_masked_and_wrong_holds_the_truth():
     assert (np.array(found.counts) < 0.9 * len(log) / STEP).all()
 
 
-@pytest.mark.slow
 def test_workers_that_want_the_same_rows_at_once_compute_them_once(monkeypatch):
     model, _, log = _run(60_000)
     smooth = low_passed(log, torque_cutoff=CUTOFF)
@@ -227,7 +226,6 @@ def test_workers_that_want_the_same_rows_at_once_compute_them_once(monkeypatch):
     assert np.array_equal(every, motion_of(model, smooth, None).filtered.kept)
 
 
-@pytest.mark.slow
 def test_rows_that_are_kept_are_those_that_are_computed_piece_by_piece():
     model, _, log = _run(20_000)
     motion = motion_of(model, low_passed(log, torque_cutoff=CUTOFF), None)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from consistent_id import DHRow, InertialParameters, from_modified_dh
+from consistent_id.robot.inertia import second_moments
 from consistent_id.robot.model import Link
-from consistent_id.robot.scaling import link_scales, reference_bodies
+from consistent_id.robot.scaling import link_scales, placeholders, reference_bodies
 
 
 def test_a_robot_whose_joints_are_all_in_one_place_is_a_metre_long():
@@ -37,3 +38,30 @@ def test_a_nominal_body_is_the_reference_however_light(mass):
     robot = replace(arm, links=links)
     assert link_scales(robot).mass[1] == mass
     np.testing.assert_allclose(reference_bodies(robot)[1], body.vector, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("thickness", "raised"), [(2e-3, False), (5e-4, True)])
+def test_a_body_thinner_than_a_thousandth_of_its_link_is_made_thicker(
+    thickness, raised
+):
+    arm = from_modified_dh("arm", [DHRow(0, 0), DHRow(0, 0.4)])
+    spread = 3.0 * np.diag([0.1, 0.2, 0.4 * thickness]) ** 2
+    plate = InertialParameters.from_central(
+        3.0, [0.1, 0.0, 0.0], np.trace(spread) * np.eye(3) - spread
+    )
+    robot = replace(arm, links=(Link("link1", None), Link("link2", plate)))
+    reference = InertialParameters(reference_bodies(robot)[1])
+    least = np.linalg.eigvalsh(second_moments(reference.central_inertia))[0]
+    wanted = 0.1 if raised else thickness
+    assert least == pytest.approx(3.0 * (0.4 * wanted) ** 2, rel=1e-6)
+
+
+@pytest.mark.parametrize(("second", "alike"), [(1.0, True), (1.1, False)])
+def test_equal_point_masses_are_placeholders(second, alike):
+    arm = from_modified_dh("arm", [DHRow(0, 0), DHRow(0, 0.4)])
+    bodies = [
+        InertialParameters.from_central(m, np.zeros(3), np.zeros((3, 3)))
+        for m in (1.0, second)
+    ]
+    links = (Link("link1", bodies[0]), Link("link2", bodies[1]))
+    assert placeholders(replace(arm, links=links)) == alike

@@ -40,7 +40,6 @@ def test_the_ellipsoid_around_a_stretched_cube_stretches_with_it():
     )
 
 
-@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 2**31))
 def test_the_ellipsoid_contains_every_point_and_touches_some(seed):
@@ -58,6 +57,14 @@ def test_a_mesh_is_read_in_metres(tmp_path):
     assert vertices.min(axis=0) == pytest.approx([0.0] * 3, abs=1e-9)
     assert vertices.max(axis=0) == pytest.approx([1.0] * 3)
     assert len(Polytope.hull(vertices).normals) == 6
+
+
+def test_points_of_the_hull_inside_the_ellipsoid_do_not_move_it():
+    cube = 2.0 * np.array(CUBE) - 1.0
+    bumps = [[1.3, 0.2, 0.1], [1.2, -0.3, 0.0], [0.1, 1.4, 0.0], [0.0, 0.0, 1.1]]
+    ball = Ellipsoid.around(np.vstack([bumps, cube]))
+    np.testing.assert_allclose(ball.centre, 0.0, atol=1e-4)
+    np.testing.assert_allclose(ball.semi_axes, np.sqrt(3.0), rtol=1e-4)
 
 
 @pytest.mark.parametrize("content", [None, "garbage", ""])

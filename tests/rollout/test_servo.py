@@ -285,6 +285,28 @@ def test_mujoco_moves_like_the_simulation(pendulum, file):
         replayed_in_mujoco(file, rough, log, [GAIN])
 
 
+def test_the_file_holds_the_delay_and_pulls_as_supply_and_temperature_let_it(
+    pendulum, file
+):
+    pytest.importorskip("mujoco")
+    from consistent_id.rollout.servo_export import replayed_file, servo_mjcf
+
+    tick = 2 * np.pi / 4096
+    log = replace(a_log(pendulum), volts=6.0, temperature=np.array([50.0]))
+    fit = hand_made(stall=TRUTH["stall"] / (0.8 * 0.9), heat=0.005)
+    fit = replace(fit, volts=7.5)  # 6 V are 0.8 of it, and 50 degrees cost 0.1
+    text = servo_mjcf(file, fit, [GAIN], log=log)
+    assert replayed_file(text, fit, log)[0] < 2.0 * tick
+    nominal = servo_mjcf(file, fit, [GAIN])
+    assert replayed_file(nominal, fit, log)[0] > 5.0 * tick
+    late = a_log(pendulum, delay=0.03)
+    for delay, right in ((0.03, True), (0.005, False)):
+        fit = hand_made(delay=delay)
+        text = servo_mjcf(file, fit, [GAIN])
+        assert f'delay="{delay:g}"' in text
+        assert (replayed_file(text, fit, late)[0] < 2.0 * tick) == right
+
+
 def test_the_evolution_strategy_finds_a_narrow_valley():
     def valley(x):
         return (x[:, 0] - 0.7) ** 2 + 100.0 * (x[:, 1] - x[:, 0] ** 2) ** 2

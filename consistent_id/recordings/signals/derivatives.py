@@ -9,13 +9,15 @@ from functools import partial
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Matrix
+from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
 from consistent_id.recordings.signals.filtered_rows import altered
 
 _BUMP = 1e-4  # rad or m: small enough for methods that are not linear
+_BANDS = 12  # of frequency, with alike shares of velocity and acceleration
+_CENTRAL = 0.2  # of the sampling rate: above it central differences are mostly noise
 
 
 def differentiated(recording: Recording) -> Recording:
@@ -199,3 +201,61 @@ def _stacked_motion(motion: Recording) -> Array:
             f"{motion.name} has no velocity or no acceleration after its preparation"
         )
     return np.stack([motion.position, motion.velocity, motion.acceleration])
+
+
+def lost_acceleration(
+    time: Vector, position: Matrix, velocity: Matrix, *, highest: float
+) -> Vector:
+    """Return the share of the position's acceleration that a logged velocity lacks.
+
+    Per band of frequency, the velocity's gain over the differentiated position; it is
+    divided by that of the slowest band, so a wrong unit or clock counts as nothing.
+    Bands are weighed by their acceleration, of which the bodies' torque is made:
+    ``sqrt(sum a_b (1 - gain_b)^2 / sum a_b)`` over bands in which the gain is below 1.
+    A delay of the velocity does not count either.
+
+    Parameters
+    ----------
+    time : ndarray, shape (samples,), [s]
+        Evenly spaced.
+    position, velocity : ndarray, shape (samples, joints), [rad or m], [rad/s or m/s]
+        Of joints that move.
+    highest : float, [Hz]
+        Highest frequency that counts.
+
+    Returns
+    -------
+    ndarray, shape (joints,)
+
+    Examples
+    --------
+    >>> t = np.arange(2000) / 100
+    >>> q = np.sin(2 * t) + 0.2 * np.sin(9 * t)
+    >>> halved = 2 * np.cos(2 * t) + 0.9 * np.cos(9 * t)  # of the faster sine
+    >>> lost_acceleration(t, q[:, None], halved[:, None], highest=10.0).round(1)
+    array([0.5])
+    """
+    step = (time[-1] - time[0]) / (len(time) - 1)
+    slope, window = (position[2:] - position[:-2]) / (2.0 * step), len(time) - 2
+    frequency = np.fft.rfftfreq(window, step)
+    used = (frequency > 0.0) & (frequency <= min(highest, _CENTRAL / step))
+    angle = 2.0 * np.pi * frequency[used] * step
+    spectra = []
+    for signal in (slope, velocity[1:-1]):
+        centred = np.hanning(window)[:, None] * (signal - signal.mean(axis=0))
+        spectra.append(np.fft.rfft(centred, axis=0)[used])
+    D = spectra[0] * (angle / np.sin(angle))[:, None]  # undo the central difference
+    cross, energy = D.conj() * spectra[1], abs(D) ** 2
+    losses = []
+    for c, e in zip(cross.T, energy.T, strict=True):
+        fast = frequency[used] ** 2 * e
+        share = np.cumsum(e / e.sum() + fast / fast.sum()) / 2.0
+        band = np.minimum((share * _BANDS).astype(int), _BANDS - 1)
+        kept = np.unique(band)
+        real, imag, size, weight = (
+            np.bincount(band, values)[kept] for values in (c.real, c.imag, e, fast)
+        )
+        gain = np.hypot(real, imag) / size
+        missing = np.maximum(1.0 - gain / max(gain[0], np.finfo(float).tiny), 0.0)
+        losses.append(np.sqrt((weight * missing**2).sum() / weight.sum()))
+    return np.array(losses)

@@ -31,6 +31,11 @@ _FILLED = 0.5  # least share of a plateau at the limit (noise leaves it), and in
 # which a torque runs into a limit by far more.
 _SLOPE = 10.0
 _EVEN = 0.1  # of the same, from one sample to the next, where a torque is held
+# Readings at the largest value, per reading at the next three values: the top of a
+# parabola, rounded, has at most 2.4 times as many as the next value.
+_TIES = 5.0
+_TIED_PASSAGES = 5  # of readings that noise separates
+_TIED_READINGS = 2  # in half of these passages at most: longer ones are steps
 
 
 def saturated(recording: Recording, limit: ArrayLike | None = None) -> BoolArray:
@@ -46,7 +51,8 @@ def saturated(recording: Recording, limit: ArrayLike | None = None) -> BoolArray
         0.03 s, at least twice, while the robot moves.  It is within 5 % of the joint's
         largest absolute torque.  A torque that stays at lower values as often is held
         or computed in steps.  A reading that a slower channel holds for several samples
-        is counted once.
+        is counted once.  Where noise cuts the plateaus short, equal readings show the
+        limit: the largest value is read 5 times as often as each of the next three.
 
     Raises
     ------
@@ -161,10 +167,41 @@ def _limited(tau: Vector, step: float, moves: BoolArray) -> BoolArray:
         ]
         if passages:
             found, lengths = found | at, lengths + passages
-    if len(lengths) < _PASSAGES:
-        return none
-    elsewhere = _stays(tau, peak, flat, int(np.median(lengths)))
-    return found if len(lengths) > elsewhere else none
+    if len(lengths) >= _PASSAGES and len(lengths) > _stays(
+        tau, peak, flat, int(np.median(lengths))
+    ):
+        return found
+    return _tied(tau, moves, least)
+
+
+def _tied(tau: Vector, moves: BoolArray, least: int) -> BoolArray:
+    """Return where a torque has its largest value, if that value is a limit.
+
+    Readings of a torque that no limit cuts off are as rare at the largest value as at
+    the next ones.  Passages at the limit that noise interrupts need not be long; of
+    passages as long as `least` samples, one is enough beside others.
+    """
+    peak, rounding = float(abs(tau).max()), 0.5 * quantum(tau)
+    found, lengths = np.zeros(len(tau), dtype=np.bool_), []
+    for side in (tau, -tau):
+        top = float(side.max())
+        if top < _NEAR_PEAK * peak:
+            continue
+        at = side >= top - max(rounding, _FLAT**3 * peak)
+        _, next_ones = np.unique(side[~at & (side > 0.0)], return_counts=True)
+        tied = at & moves
+        if tied.sum() < _TIES * max(next_ones[-3:], default=1):
+            continue
+        flat = max(_FLAT * peak, rounding)
+        passages = [run for run in _runs(tied) if _runs_into(side, run, flat)]
+        found |= at
+        lengths += [run.stop - run.start for run in passages]
+    held = held_samples(tau)
+    noisy = len(lengths) >= _TIED_PASSAGES and (
+        np.median(lengths) <= _TIED_READINGS * held
+    )
+    long = len(lengths) >= _PASSAGES and max(lengths) >= least
+    return found if noisy or long else np.zeros_like(found)
 
 
 def _filled_runs(at: BoolArray, least: int) -> list[slice]:

@@ -80,7 +80,7 @@ def load_mjcf(
     """
     path, selection = Path(path), Selection(base, tip, joints, locked)
     _check(path)
-    model = _compiled(path)
+    model = compiled_file(path)
     try:
         chosen = _joints_between(model, selection, path)
         moving = {j for j in chosen if selection.moves(joint_name(model, j))}
@@ -186,7 +186,8 @@ def _check(path: Path) -> None:
     require_count(path, bodies * copies, LARGEST_TREE, "bodies and joints", ModelError)
 
 
-def _compiled(path: Path) -> Any:
+def compiled_file(path: Path) -> Any:
+    """Return the model that MuJoCo compiles of a file; refuse negative masses."""
     mujoco = needed("mujoco", "mjcf", f"{path}: reading MJCF", ModelError)
     spec = read_spec(path, mujoco)
     try:

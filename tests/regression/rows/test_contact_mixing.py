@@ -70,7 +70,6 @@ def test_contacts_whose_wrenches_are_measured_are_no_unknowns(robot):
     assert motion_of(ci.TorqueModel(robot), whole, None).mixing is None
 
 
-@pytest.mark.slow
 def test_predictions_are_of_the_same_rows_as_torque(robot, log):
     model = ci.TorqueModel(robot)
     exact = replace(standing(robot, np.array(THREE * 20)), wrenches=())
