@@ -147,7 +147,7 @@ def _export(options: argparse.Namespace) -> Answer:
             (*errors, *export.notes),
             delay=delay,
         )
-        beside_it = written.with_suffix(page.suffix)
+        beside_it = written.with_name(f"{written.name}{page.suffix}")
         record["readme"] = str(write_atomically(beside_it, page.content))
     beside = [*errors, *chosen.stated, *export.notes, *more]
     record |= {"format": export.format, "notes": beside}

@@ -73,10 +73,8 @@ _WORTH = 0.008
 _LARGE = 2.0  # a gain with this score or more is large
 # Findings that matter only where a log is fitted.
 _OF_FITS = ("rank", "motion noise", "encoder resolution")
-# Faults and doubts that the log of another robot shows.
+# Faults that the log of another robot shows.
 _OF_OTHER_ROBOTS = {
-    "speed limit",
-    "hidden factor",
     "clock",
     "torque gain",
     "masses or gain",

@@ -114,6 +114,12 @@ def test_json_is_of_the_schema_that_agents_read(command, tmp_path, capsys, monke
     schema, words = KEPT[command]
     assert main([command, *words, "--json", "--quiet"]) == 0
     record = parsed(capsys.readouterr().out, schema)
+    if command == "export":
+        page = (tmp_path / record["readme"]).read_text()
+        assert record["readme"] == "o.urdf.README.md" and "# o.urdf: URDF" in page
+        assert (
+            record["torque_error"]["read_back"] and record["torque_error"]["held_out"]
+        )
     if command not in ("info", "export"):
         assert record["format"] == f"consistent_id {schema.replace('-', ' ')}"
 
