@@ -209,7 +209,6 @@ def test_few_effective_samples_widen_intervals_by_students_quantile():
         z = abs(z) / estimate.standard_errors
         normal.append(np.mean(z <= 1.96))
         student.append(np.mean(z <= stdtrit(noise.freedoms(np.eye(len(base))), 0.975)))
-    # The mean over 120 sets is uncertain by 0.8 %.  The spectrum of ten seconds is
-    # rough; 95 % would need still fewer degrees of freedom.
+    # 93 to 97 %; the mean over 120 sets is uncertain by 0.8 %.
     assert np.mean(student) > np.mean(normal) + 0.007
-    assert 0.915 < np.mean(student) < 0.97
+    assert 0.93 < np.mean(student) < 0.97 + 0.008
