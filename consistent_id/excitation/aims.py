@@ -25,6 +25,7 @@ _HARMONICS = (5, 8, 12)  # in a path of ten seconds, for arms of usual speed
 _SECONDS = 10.0
 _USUAL = 0.1  # Hz; half a range at full speed, of arms between 0.05 and 0.2
 _FASTER = 10.0  # most times as fast as usual
+_MUCH = 5.0  # times as fast as usual, from where the usual harmonics are tried, too
 _MOST = 24  # harmonics; beyond it, the base frequency is raised
 
 
@@ -283,7 +284,8 @@ def forms_to_try(
 
     The highest frequencies of arms are 0.5, 0.8 and 1.2 Hz; those of robots that cross
     half of their range faster than in ten seconds, such as legs, are higher in
-    proportion.
+    proportion.  A search over few harmonics gets further in the same work: very fast
+    robots have 0.8 Hz as another form.
 
     Parameters
     ----------
@@ -302,9 +304,10 @@ def forms_to_try(
     speed = np.minimum(speed, np.cbrt(limits.jerk * half**2))
     crossing = float(np.median(speed / (2.0 * np.pi * half)))
     faster = float(np.clip(crossing / _USUAL, 1.0, _FASTER))
+    usual = [(_HARMONICS[1], 1.0)] if faster > _MUCH else []
     forms = []
-    for harmonics in _HARMONICS:
-        count = max(round(harmonics * duration / _SECONDS * faster), harmonics)
+    for harmonics, times in [*usual, *((one, faster) for one in _HARMONICS)]:
+        count = max(round(harmonics * duration / _SECONDS * times), harmonics)
         multiple = -(-count // _MOST)
         base = None if multiple == 1 else multiple / duration
         forms.append(

@@ -37,7 +37,6 @@ _APART = 1e-3  # least margin of rows
 _SAFER = 8.0  # times that margin, for each step in a row that violates a guard
 _FULL = 0.8  # share of the reach from which a step counts as full
 _CORRECTED = 4  # times that a step is computed, with the last one's curvature and rows
-_QUADRATIC = 0.05  # work of the quadratic programmes of a step
 _BEYOND = 12  # iterations in a row that violate a guard, after which a round ends
 _HALVED = 5  # times that the way to a path that violates a guard is halved
 _ROUNDS = 30  # of adding rows where a guard was violated
@@ -183,7 +182,7 @@ class _PathSearch:
             self._add_places(x)
             values, jacobian = self._rows(x)
             rows = LinearRows(values - _AIM + _APART, jacobian)
-            step = best_step(x.ravel(), local, rows, _FAR)
+            step = best_step(x.ravel(), local, rows, _FAR, self.meter)
             if step is None:
                 return
             x = self._problem.limits.within(x + step.reshape(x.shape))
@@ -284,9 +283,8 @@ class _PathSearch:
         for tried in range(_CORRECTED):
             apart = _APART * _SAFER**tried
             rows = LinearRows(np.minimum(values - _AIM + apart, 0.0), jacobian)
-            self.meter.spent += _QUADRATIC
-            step = best_step(x.ravel(), local, rows, reach)
-            if step is None:
+            step = best_step(x.ravel(), local, rows, reach, self.meter)
+            if step is None or (tried and self.over):
                 return None
             candidate = limits.within(x + step.reshape(x.shape))
             before = sum(map(len, self._places))

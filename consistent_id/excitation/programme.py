@@ -20,13 +20,17 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.errors import SolverError
 from consistent_id.excitation.basis import LimitRows
+from consistent_id.excitation.search_problem import Meter
 
 _TOLERANCE = 1e-4  # of the optimality conditions, in the objective's unit: a logarithm
 
 _NEAR = 0.4  # times the length of a row and the reach: room within which it is included
-_ADDED = 6  # most programmes of a step; rows that the last one violates are added
+_NEAREST = 2  # rows per variable that are included first, at most: few become active
+_ADDED = 10  # most programmes of a step; rows that the last one violates are added
 _BEYOND = 1e-3  # by which a step may exceed a row that is not included
 _STEADY = 1e-6  # of the curvature's mean, added to its diagonal
+_SOLVED = 2e-3  # work of a quadratic programme,
+_PRODUCT = 5e-7  # and per row and variable
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,16 +163,23 @@ class Local:
 
 
 def best_step(
-    start: Vector, local: Local, rows: LinearRows, reach: float
+    start: Vector,
+    local: Local,
+    rows: LinearRows,
+    reach: float,
+    meter: Meter | None = None,
 ) -> Vector | None:
     """Return the most promising step; None if the programme has no solution.
 
     ``min slope.d + d.curvature.d / 2`` within limits, rows and ``|d| <= reach``.
-    Limits and rows that are far off are only included if a step violates them.
+    Only the nearest limits and rows are included first, and others if a step violates
+    them: a path of many harmonics has thousands, of which dozens become active.
 
     Parameters
     ----------
     start : ndarray, shape (variables,)
+    meter : Meter, optional
+        To which the work is added; there is no step if it runs out.
     """
     from scipy import sparse
 
@@ -180,11 +191,17 @@ def best_step(
         [np.maximum(1.0 - here, 0.0), np.maximum(1.0 + here, 0.0), -rows.values]
     )
     length = np.sqrt(sparse.csr_array(A.multiply(A)).sum(axis=1))
-    chosen = room < _NEAR * reach * length
+    apart = room / np.maximum(length, _BEYOND)
+    few = min(_NEAREST * size, len(room) - 1)
+    chosen = apart < min(_NEAR * reach, np.partition(apart, few)[few])
     steady = _STEADY * np.trace(local.curvature) / size * np.eye(size)
     curvature = sparse.triu(sparse.csc_array(local.curvature + steady), format="csc")
     step: Vector | None = None
     for _ in range(_ADDED):
+        if meter is not None:
+            if step is not None and meter.over:
+                return None
+            meter.spent += _SOLVED + _PRODUCT * chosen.sum() * size
         step = _least(curvature, local.slope, A[chosen], room[chosen], reach)
         if step is None:
             break

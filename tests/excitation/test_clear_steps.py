@@ -10,7 +10,7 @@ from consistent_id.excitation.aims import PathForm
 from consistent_id.excitation.guards import ClearanceGuard
 from consistent_id.excitation.path_search import FoundPath, searched_path
 from consistent_id.excitation.programme import LinearRows, Local, best_step
-from consistent_id.excitation.search_problem import clear_start
+from consistent_id.excitation.search_problem import Meter, clear_start
 from consistent_id.motion import Body, Box, Capsule, build_scene, plane
 
 
@@ -89,3 +89,16 @@ def test_no_step_is_better_than_the_best_one():
     value = slope @ step + 0.5 * step @ B @ step
     assert gradient @ step - least.fun <= 1e-4 * abs(value)
     assert (c + J @ step).max() <= 1e-6 and abs(step).max() <= 0.05 + 1e-9
+
+
+def test_a_step_keeps_limits_that_were_not_included_first_and_its_work_is_counted():
+    of = arm_problem(TorqueModel(arm(2)), arm_limits(arm(2)))
+    x, A = 0.0 * of.random(0).ravel(), of.limits.fine.tocsr()
+    slope = np.random.default_rng(1).normal(size=len(x))
+    local = Local(100.0 * slope, np.eye(len(x)), A)
+    none, meter = LinearRows(np.zeros(0), np.zeros((0, len(x)))), Meter()
+    step = best_step(x, local, none, 10.0, meter)
+    assert A.shape[0] > 10 * len(x)  # most limits are not included first
+    assert abs(A @ step).max() == pytest.approx(1.0, abs=2e-3)
+    assert meter.spent > 0.0
+    assert best_step(x, local, none, 10.0, Meter(0.1 * meter.spent)) is None

@@ -108,6 +108,8 @@ def test_faster_joints_get_higher_frequencies():
     assert [form.frequencies[-1] for form in arm_like] == pytest.approx([0.5, 0.8, 1.2])
     assert leg_like[-1].frequencies[-1] > 5.0
     assert max(len(form.frequencies) for form in leg_like) <= 24
+    # a short search gets further over few harmonics
+    assert leg_like[0].frequencies[-1] == pytest.approx(0.8)
 
 
 def test_without_a_statement_noise_is_a_share_of_the_effort_limits():
