@@ -44,7 +44,7 @@ def test_the_python_of_the_readme_goes_from_two_files_to_a_consistent_robot(
     exec(compile(block, "README.md", "exec"), {})
     lines = capsys.readouterr().out.splitlines()
     assert any(re.search(r"least squares +do not use +0 of 6", line) for line in lines)
-    assert lines[-1].startswith("use with care: constrained, held-out error 6.1 %")
+    assert lines[-1].startswith("use with care: constrained, held-out error 4.3 %")
     written = consistent_id.load_robot(tmp_path / "identified.urdf")
     assert all(link.nominal.is_consistent() for link in written.links)
 

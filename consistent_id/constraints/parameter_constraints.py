@@ -174,14 +174,16 @@ class NonNegativeDrive:
     Both Coulomb levels of an asymmetric joint are positive; friction at rest is no less
     than the Coulomb level (``stribeck >= 0``); loaded gears have more of it.  Where
     friction varies with position, its level is positive at both limits of the joint.
-    Friction may grow less than in proportion to the speed: `drag` may be negative where
-    it and viscous friction together dissipate up to the joint's speed limit.
 
     Parameters
     ----------
     terms : tuple of str, optional
         Names of the coefficients; by default those of the joints' terms that are called
         `nonnegative` (see `DriveTerm`).
+    dissipative : bool
+        Whether friction may grow less than in proportion to the speed: `drag` may be
+        negative where it and viscous friction together dissipate up to the joint's
+        speed limit.
 
     Examples
     --------
@@ -193,6 +195,7 @@ class NonNegativeDrive:
     """
 
     terms: tuple[str, ...] | None = None
+    dissipative: bool = False
 
     def lower(self, model: TorqueModel) -> ConicSet:
         """Return ``x_i >= 0`` for the named terms of all joints.
@@ -221,7 +224,7 @@ class NonNegativeDrive:
                 f"drive terms {unknown} are unknown; known: {', '.join(known)}"
             )
         sloped = _sloped(model) if "coulomb" in names else {}
-        dragged = _dragged(model) if self.terms is None else {}
+        dragged = _dragged(model) if self.dissipative and "drag" in names else {}
         indices = [
             i
             for name in names

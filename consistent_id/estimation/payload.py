@@ -342,7 +342,7 @@ def _scatter(
     total = np.diag(found).copy()
     unknown = ~np.isfinite(total)
     # [Satterthwaite1946]_: shares of the variance by noise.
-    shares = (by_noise / total)[~unknown]
+    shares = by_noise[~unknown] / total[~unknown]
     found[unknown, :] = found[:, unknown] = 0.0
     found[unknown, unknown] = np.inf
     covariance[np.ix_(rows, rows)] = found

@@ -56,7 +56,8 @@ def constraints_of(
     chosen: list[Constraint] = [PhysicalConsistency(table.margin)]
     chosen += _of_bodies(table)
     if table.drive_signs:
-        chosen.append(NonNegativeDrive())
+        dissipative = table.drive_signs == "dissipative"
+        chosen.append(NonNegativeDrive(dissipative=dissipative))
     if table.shared_motors:
         chosen.append(SharedMotors())
     chosen += [EqualMotors(joints) for joints in table.equal_motors]

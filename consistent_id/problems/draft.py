@@ -224,6 +224,7 @@ class Draft:
             masses=self.masses,
             known_links=list(standing.known_links) if standing else [],
             fixed=dict(standing.rotors) if standing else {},
+            drive_signs="dissipative",
         )
 
     def problem(self, folder: Path | None = None) -> Problem:
@@ -304,6 +305,7 @@ def _of_constraints(draft: "Draft") -> dict[str, str]:
     return {
         "constraints": known if draft.masses == "datasheet" else "",
         "constraints.masses": masses,
+        "constraints.drive_signs": "drag may be negative up to the speed limit",
     }
 
 

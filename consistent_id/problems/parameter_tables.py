@@ -69,7 +69,7 @@ class ConstraintsTable(FileTable, frozen=True, kw_only=True):
     known_links: list[str] = []
     masses: Literal["datasheet", "bounds", "free"] = "datasheet"
     centres_of_mass: Literal["datasheet", "box", "free"] = "free"
-    drive_signs: bool = True
+    drive_signs: bool | Literal["dissipative"] = True
     shared_motors: bool = False
     equal_motors: list[Annotated[list[str], Meta(min_length=2)]] = []
     rotor_inertias: Literal["datasheet", "free"] = "datasheet"

@@ -268,17 +268,18 @@ def test_drag_may_be_negative_as_far_as_friction_dissipates_at_the_speed_limit()
         for v in (2.0, np.inf)
     )
     terms = DriveTerms(viscous=True, coulomb="sign", drag=True)
-    domain = NonNegativeDrive().lower(TorqueModel(limited, terms))
+    able = NonNegativeDrive(dissipative=True)
+    domain = able.lower(TorqueModel(limited, terms))
     assert "joint1.viscous + 2 joint1.drag >= 0" in domain.in_labels
     x = np.zeros(13)
     x[10:] = 0.4, -0.19, 1.0  # viscous, drag, Coulomb
     assert (domain.A_in @ x <= domain.b_in).all()
     x[11] = -0.21
     assert not (domain.A_in @ x <= domain.b_in).all()
-    plain = NonNegativeDrive().lower(TorqueModel(free, terms))
-    alone = NonNegativeDrive().lower(TorqueModel(limited, DriveTerms(drag=True)))
-    named = NonNegativeDrive(("drag",)).lower(TorqueModel(limited, terms))
-    for other in (plain, alone, named):
+    plain = able.lower(TorqueModel(free, terms))
+    alone = able.lower(TorqueModel(limited, DriveTerms(drag=True)))
+    strict = NonNegativeDrive().lower(TorqueModel(limited, terms))
+    for other in (plain, alone, strict):
         assert "joint1.drag >= 0" in other.in_labels
 
 
