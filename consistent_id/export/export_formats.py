@@ -237,6 +237,8 @@ def exported(
     # The gate is passed: the function need not check the estimate again.
     export: Export = function(estimate, allow_refused=True, **options)
     notes = _of_springs(estimate, gains)
+    if known.holds is None or "drag" in known.holds:
+        notes = (*notes, *_of_drag(estimate))
     return replace(export, notes=(*export.notes, *notes)) if notes else export
 
 
@@ -328,6 +330,24 @@ def format_cost(
     of_file, own = (stacked_error([pair[i] for pair in pairs]) for i in (0, 1))
     names = tuple(dict.fromkeys(log.name for log in recordings))
     return FormatCost(of_file or 0.0, own or 0.0, names, held_out, read is not None)
+
+
+def _of_drag(estimate: "Estimate") -> tuple[str, ...]:
+    """Return notes on joints whose friction would drive them beyond some speed."""
+    from consistent_id.export.file_values import joint_drives
+
+    beyond = []
+    for drive in joint_drives(estimate):
+        drag = drive.values.get("drag", 0.0)
+        if drag < 0.0:
+            speed = -drive.values.get("viscous", 0.0) / drag
+            beyond.append(f"{drive.joint} {speed:.3g}")
+    if not beyond:
+        return ()
+    return (
+        "drag is negative: beyond these speeds [rad/s or m/s], viscous friction and "
+        "drag drive the joint instead of braking it; stay below: " + ", ".join(beyond),
+    )
 
 
 def without_doubtful(estimate: "Estimate") -> tuple["Estimate", tuple[str, ...]]:

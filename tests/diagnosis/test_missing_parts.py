@@ -188,3 +188,18 @@ def test_a_rest_in_which_dry_friction_holds_a_torque_is_no_contact():
     first, last = (float(found.cause.statement.split()[k]) for k in (1, 4))
     assert first <= rest.time[len(log) // 5] < rest.time[len(log) // 4 - 1] <= last
     assert last < rest.time[len(log) // 2]
+
+
+@pytest.mark.parametrize("rests", [True, False])
+def test_a_joint_that_rests_while_others_move_shows_no_contact(rests):
+    ready, model = at_samples(clean_log(4)), arm()
+    first, last = (np.searchsorted(ready.time, t) for t in (9.0, 12.0))
+    pushed = (ready.time >= 9.75) & (ready.time < 11.25)  # rest is a while of 0.5 s
+    velocity, torque = np.array(ready.velocity), np.array(ready.torque)
+    if rests:
+        velocity[first:last, -1] = 0.0
+    torque[pushed, -1] += 10.0 * torque[:, -1].std()
+    log = replace(ready, velocity=velocity, torque=torque)
+    as_is = fitted_log(model, log, datasheet_constraints(model), base_parameters(model))
+    assert as_is.misfit > 0.03  # else it would not be looked for
+    assert bool(list(contact(as_is))) != rests

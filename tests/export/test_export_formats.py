@@ -199,6 +199,22 @@ def test_a_file_with_another_mass_is_read_back_as_it_is(driven, monkeypatch):
     assert cost_of(estimate, "urdf", log).error > max(whole, 0.05)
 
 
+@pytest.mark.parametrize(("drag", "noted"), [(-0.5, True), (0.5, False)])
+def test_a_speed_beyond_which_friction_would_drive_a_joint_is_stated(drag, noted):
+    rng = np.random.default_rng(7)
+    _, robot = random_robot(rng, 2)
+    estimate = random_estimate(rng, robot, DriveTerms(viscous=True, drag=True))
+    x, layout = estimate.parameters.copy(), estimate.model.layout
+    joint = robot.joint_names[1]
+    x[list(layout.drive_indices("drag"))] = 0.0
+    x[layout.index(f"{joint}.viscous")] = 1.2
+    x[layout.index(f"{joint}.drag")] = drag
+    dragged = replace(estimate, parameters=x)
+    for form, holds in (("json", True), ("numpy", True), ("urdf", False)):
+        notes = " ".join(exported(dragged, form).notes)
+        assert (f"stay below: {joint} 2.4" in notes) == (noted and holds)
+
+
 def test_the_page_beside_a_file_says_what_to_add(driven):
     estimate, _ = driven
     text = readme(
