@@ -111,14 +111,19 @@ class CorrelatedNoise:
 
 
 def joined_noise(parts: Sequence[CorrelatedNoise]) -> CorrelatedNoise:
-    """Return the noise behind several recordings, or parts of them: it adds."""
+    """Return the noise behind several recordings, or parts of them: it adds.
+
+    The ratio `beyond` is the mean, but not less than one: single recordings may have
+    less by chance.
+    """
     of_joints = zip(*(part.scores for part in parts), strict=True)
     samples = [float(part.effective.sum()) for part in parts]
+    beyond = float(np.average([part.beyond for part in parts], weights=samples))
     return CorrelatedNoise(
         np.sum([part.effective for part in parts], axis=0),
         tuple(_compressed(np.vstack(scores)) for scores in of_joints),
         np.sum([part.freedom for part in parts], axis=0),
-        float(np.average([part.beyond for part in parts], weights=samples)),
+        max(beyond, 1.0),
     )
 
 

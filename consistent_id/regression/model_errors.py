@@ -9,8 +9,11 @@ Shifts within a recording.  It is cut into `BLOCKS`, ``n``.  A block has the sco
 ``(1 - L_b)^-1 y_b``; the sum of these squares times ``(n - 1) / n`` is the variance of
 a jackknife [Efron1982]_, which contains shifts of the parameters from block to block.
 Blocks of short recordings have unequal information, so that noise alone makes it
-larger than its own variance [Bell2002]_: with the covariance ``L_b (1 - L_b)`` of
-``y_b`` under white noise, this is computed, and subtracted.
+larger than its own variance [Bell2002]_: with the covariance of ``y_b`` under white
+noise, ``L_b (1 - L_b)``, this is computed, and subtracted.  If a fit is to several
+recordings, this one has the share ``A``, the sum of ``L_b``, of the information, and
+the sum of ``y_b`` is not zero.  Their mean is subtracted, in the covariance as well,
+since scatter between recordings is found otherwise.
 
 Terms that the model lacks.  Friction and springs that any joint may have are added to
 the model.  Their coefficients explain the squares ``W``, in units of noise; ``k`` of
@@ -149,11 +152,14 @@ def block_part(rows: Matrix, residual: Vector) -> BlockPart:
 
 
 def block_ratio(fit: JointFit, sums: BlockPart, scores: Sequence[Matrix]) -> float:
-    """Return the parameters' variance between blocks over that of noise, at least one.
+    """Return the parameters' variance between blocks over that of noise.
+
+    It is one on average where there is nothing but noise, and may be less by chance.
 
     Parameters
     ----------
     fit : JointFit
+        To this recording, or to others besides.
     sums : BlockPart
         Of all joints, each divided by its weight.
     scores : sequence of ndarray, each shape (rows, parameters)
@@ -173,12 +179,17 @@ def block_ratio(fit: JointFit, sums: BlockPart, scores: Sequence[Matrix]) -> flo
     if not known.any():
         return 1.0
     share = (BLOCKS - 1) / BLOCKS
-    # Of white noise of unit variance, whose parameters have the covariance S S^T.
-    S = steps[known]
-    expected = np.sum(without @ (shares - shares @ shares) @ without, axis=0)
-    by_white = np.einsum("pi,ij,pj->p", S, expected, S) / np.sum(S**2, axis=1)
+    # Of white noise of unit variance, of which this recording gives the parameters the
+    # covariance S A S^T.
+    S, A = steps[known], shares.sum(axis=0)
+    elsewhere = shares @ (one - A) / BLOCKS
+    covariances = shares - shares @ shares - elsewhere - np.swapaxes(elsewhere, 1, 2)
+    covariances += A @ (one - A) / BLOCKS**2
+    expected = np.sum(without @ covariances @ without, axis=0)
+    of_white = np.einsum("pi,ij,pj->p", S, expected, S)
+    by_white = of_white / np.einsum("pi,ij,pj->p", S, A, S)
     ratio = share * (between[known] / by_noise[known] - by_white) + 1.0
-    return max(float(np.median(ratio)) / _MEDIAN, 1.0)
+    return float(np.median(ratio)) / _MEDIAN
 
 
 class LackingTerms(NamedTuple):

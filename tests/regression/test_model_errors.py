@@ -96,6 +96,34 @@ def test_noise_in_blocks_of_unequal_information_is_no_error_of_the_model():
     assert np.mean(ratios) < 1.15
 
 
+def test_noise_in_one_of_several_recordings_of_a_fit_is_no_error_of_the_model():
+    """For white noise in equal blocks, the mean of each ratio is that of chi^2 / 9.
+
+    Information that other recordings have must not change it.
+    """
+    rng = np.random.default_rng(3)
+    n, columns = (140, 60), 4
+    A = rng.normal(size=(sum(n), columns))
+    parts = (slice(0, n[0]), slice(n[0], sum(n)))
+    ratios = []
+    for _ in range(300):
+        b = A.sum(axis=1) + 0.1 * rng.normal(size=sum(n))
+        fit = joint_fit([np.linalg.qr(np.column_stack([A, b]), mode="r")], [sum(n)])
+        w, residual = fit.weights[0], b - A @ fit.x
+        ratios.append(
+            [
+                block_ratio(
+                    fit, block_part(A[part] / w, residual[part] / w), [0.1 * A[part]]
+                )
+                for part in parts
+            ]
+        )
+    mean, error = np.mean(ratios, axis=0), np.std(ratios, axis=0) / np.sqrt(len(ratios))
+    # The median over parameters, between 0.927 and one on average, is over 0.927.
+    low, high = 1.0 - 3.0 * error, 1.0 / 0.927 + 3.0 * error
+    assert (low < mean).all() and (mean < high).all(), (mean, error)
+
+
 LACKING = ci.DriveTerms(drag=True, spring=True, offset=True)
 
 
