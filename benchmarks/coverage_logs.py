@@ -26,7 +26,6 @@ from coverage_methods import KINDS, noise
 from pages import stamp
 
 import consistent_id as ci
-from consistent_id.regression.residual_noise import unconstrained_fit
 
 ARMS = ("ur5", "kinova", "xarm7")
 SECONDS = (20.0, 5.0)  # of which 70 % are training
@@ -106,11 +105,10 @@ def prepared(
 
 
 def errors(of: Case, kind: str, logs: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield errors of base and of standard parameters.
+    """Yield errors of base and of standard parameters, over half 95 % intervals.
 
-    Base parameters are those of weighted least squares, in half 95 % intervals over
-    1.96; standard ones are those of the weighted constrained estimate that have a
-    standard error, in standard errors.
+    Base parameters are those of weighted least squares, standard ones those of the
+    weighted constrained estimate that have a standard error.
     """
     true = dict(zip(of.model.layout.names, of.truth, strict=True))
     for problem, log in prepared(of, kind, logs):
@@ -119,11 +117,6 @@ def errors(of: Case, kind: str, logs: int) -> Iterator[tuple[np.ndarray, np.ndar
         truth = np.array([true.get(name, 0.0) for name in model.layout.names])
         regression = ci.build_regression(model, log)
         free = ci.estimation.weighted_least_squares(model, regression, base=base)
-        widths = (
-            1.96
-            / unconstrained_fit(regression.weighted(free.sigma), base).noise.quantiles
-        )
-        z = (free.base_values - base.projection @ truth) / free.standard_errors
         bound = ci.constrained_least_squares(
             model,
             regression.weighted(free.sigma),
@@ -131,8 +124,11 @@ def errors(of: Case, kind: str, logs: int) -> Iterator[tuple[np.ndarray, np.ndar
             prior=problem.prior,
             base=base,
         )
-        known = np.isfinite(bound.parameter_errors) & (bound.parameter_errors > 0.0)
-        yield z * widths, ((bound.parameters - truth) / bound.parameter_errors)[known]
+        known = np.isfinite(bound.half_intervals) & (bound.half_intervals > 0.0)
+        yield (
+            (free.base_values - base.projection @ truth) / free.base_half_intervals,
+            ((bound.parameters - truth) / bound.half_intervals)[known],
+        )
 
 
 def table(logs: int, arms: Sequence[str] = ARMS) -> str:
@@ -157,10 +153,10 @@ def table(logs: int, arms: Sequence[str] = ARMS) -> str:
     return "\n".join(lines)
 
 
-def _held(z: Sequence[np.ndarray]) -> tuple[float, float]:
+def _held(errors: Sequence[np.ndarray]) -> tuple[float, float]:
     """Return the share of errors inside 95 % intervals, and its error."""
     # Drafts differ in their parameters: a log counts as much as another.
-    inside = np.array([np.mean(abs(own) <= 1.96) for own in z])
+    inside = np.array([np.mean(abs(own) <= 1.0) for own in errors])
     return float(inside.mean()), float(inside.std(ddof=1) / np.sqrt(len(inside)))
 
 

@@ -21,8 +21,8 @@ from standing_simulation import RobotFellError, prepared, simulated
 
 import consistent_id as ci
 from consistent_id.constraints import Constraint
-from consistent_id.estimation.uncertainties.beyond_noise import NORMAL
 from consistent_id.estimation.uncertainties.parameter_uncertainty import uncertainty
+from consistent_id.regression.residual_noise import NORMAL
 from consistent_id.regression.segments import segment_regressions
 
 

@@ -103,7 +103,13 @@ def test_the_keys_of_a_verdict_are_those_that_agents_read():
     expected = set(answer["expected_error"])
     assert expected <= set(re.findall(r"`(\w+)`", table))
     parameter = next(iter(study.delivered.to_dict()["parameters"].values()))
-    assert set(parameter) == {"value", "standard_error", "unit", "origin"}
+    assert set(parameter) == {
+        "value",
+        "standard_error",
+        "half_interval",
+        "unit",
+        "origin",
+    }
 
 
 def test_every_page_of_llms_txt_exists():

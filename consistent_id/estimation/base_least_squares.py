@@ -123,6 +123,8 @@ def unconstrained_estimate(
         seconds=perf_counter() - started,
         fit=fit_of(model, data, parameters),
         parameter_errors=found_by.errors if redundant else None,
+        parameter_quantiles=found_by.quantiles if redundant else None,
+        base_quantiles=free.noise.quantiles if redundant else None,
     )
 
 

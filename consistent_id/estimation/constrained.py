@@ -19,6 +19,7 @@ from consistent_id.estimation.determination import determined
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.method import FittedUnder, Method
+from consistent_id.estimation.uncertainties.parameter_scatter import active_errors
 from consistent_id.regression.base import (
     BaseParameters,
     base_parameters,
@@ -52,6 +53,8 @@ class FoundOptimum:
     shift : ndarray, shape (parameters,), optional
         How far the prior moved the parameters from the best fit: their bias.  Without
         it, no standard errors are computed.
+    along : ndarray, shape (parameters,), optional
+        Errors along the active constraints; see `active_errors`.
     penalised : bool
         Whether a penalty moved them.
     """
@@ -61,6 +64,7 @@ class FoundOptimum:
     proof: OptimumProof
     note: str
     shift: Vector | None = None
+    along: Vector | None = None
     penalised: bool = False
 
 
@@ -139,6 +143,7 @@ def constrained_estimate(
         fitted.proof,
         fitted.note,
         abs(fitted.parameters - fitted.best.parameters),
+        active_errors(fitted, problem.free.noise),
         isinstance(prior, Penalty),
     )
     estimate = audited(problem, found, method=method, started=started)
@@ -161,7 +166,9 @@ def audited(
     moved = 0.0 if shift is None else shift
     # Errors of the nominal bodies do not say how wrong the bodies of a penalty are.
     pulled = shift is not None and not found.penalised
-    found_by = determined(model, free, known, x, elsewhere="prior", shift=moved)
+    found_by = determined(
+        model, free, known, x, elsewhere="prior", shift=moved, along=found.along
+    )
     links = link_conditions(model, x)
     return Estimate(
         method=method,
@@ -177,6 +184,7 @@ def audited(
         seconds=perf_counter() - started,
         fit=fit_of(model, free, x, known=known, pulled=pulled),
         parameter_errors=None if shift is None else found_by.errors,
+        parameter_quantiles=None if shift is None else found_by.quantiles,
     )
 
 

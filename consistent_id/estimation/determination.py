@@ -16,7 +16,12 @@ from consistent_id.regression.base import BaseParameters, parameter_origins
 from consistent_id.regression.linear import solve_linear
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import ResidualNoise, UnconstrainedFit
+from consistent_id.regression.residual_noise import (
+    NORMAL,
+    ResidualNoise,
+    UnconstrainedFit,
+    half_widths,
+)
 from consistent_id.robot.scaling import link_scales
 
 Determination = Literal[
@@ -48,7 +53,6 @@ SMALL = (
 )
 """The meaning of this word in tables; see `origin_text`."""
 
-_WIDTH = 2 * 1.96  # of a 95 % interval, in standard errors
 _UNCOUNTED = 10.0  # half an interval over the value, above which it is not stated
 _NULL = 1e-9  # singular value of equalities, relative to the largest, that is zero
 
@@ -61,10 +65,18 @@ class LinearErrors(NamedTuple):
     values : ndarray, shape (parameters,)
     known : ndarray, shape (rows, parameters)
         Rows of the equalities.
+    freedoms : ndarray, shape (parameters,)
+        Degrees of freedom of each error.
     """
 
     values: Vector
     known: Matrix
+    freedoms: Vector
+
+    @property
+    def quantiles(self) -> Vector:
+        """Standard errors either way of 95 % intervals: Student's quantiles."""
+        return half_widths(self.freedoms)
 
 
 def determinations(
@@ -91,7 +103,7 @@ def determinations(
     rows = free.solution.row_space @ free.base.projection
     origins = parameter_origins(rows, errors.known, elsewhere=elsewhere)
     size = parameter_sizes(model, free.regression, x)
-    loose = _WIDTH * errors.values > KNOWN * size
+    loose = 2.0 * errors.quantiles * errors.values > KNOWN * size
     found: list[Determination] = []
     for origin, is_loose in zip(origins, loose, strict=True):
         if origin == "data":
@@ -133,10 +145,13 @@ class Determined(NamedTuple):
         See `determinations`.
     errors : ndarray, shape (parameters,)
         See `stated_errors`.
+    quantiles : ndarray, shape (parameters,)
+        See `LinearErrors.quantiles`.
     """
 
     origins: tuple[Determination, ...]
     errors: Vector
+    quantiles: Vector
 
 
 def determined(
@@ -147,6 +162,7 @@ def determined(
     *,
     elsewhere: Determination,
     shift: Vector | float = 0.0,
+    along: Vector | None = None,
 ) -> Determined:
     """Return the sources of an estimate's values, with errors from its data's noise.
 
@@ -156,25 +172,34 @@ def determined(
         Rows of the equalities that hold by assumption.
     x, elsewhere, shift
         See `determinations` and `stated_errors`.
+    along : ndarray, shape (parameters,), optional
+        Errors along active inequalities.  Where the truth is on a boundary, noise
+        makes it active in half of all data sets: the mean of both variances is stated.
     """
     errors = linear_errors(free.base, free.noise, known)
     origins = determinations(model, free, errors, x, elsewhere=elsewhere)
-    return Determined(origins, stated_errors(errors.values, origins, shift))
+    values = errors.values
+    if along is not None:
+        values = np.sqrt((values**2 + along**2) / 2.0)
+    stated = stated_errors(values, origins, shift)
+    return Determined(origins, stated, errors.quantiles)
 
 
-def origin_text(origin: str, value: float, error: float) -> str:
+def origin_text(
+    origin: str, value: float, error: float, quantile: float = NORMAL
+) -> str:
     """Return the source of a parameter, for people.
 
     A parameter that the data determine may be small: its interval is narrow relative to
     the size that matters in use (`USED`), but contains zero.  Then half the 95 %
-    interval over the value is stated with the word.
+    interval, `quantile` standard errors, over the value is stated with the word.
 
     Examples
     --------
     >>> origin_text("data", 2.0, 0.1), origin_text("data", 0.1, 0.15)
     ('data', 'small (± 294 %)')
     """
-    half = 0.5 * _WIDTH * error
+    half = quantile * error
     if origin != "data" or not half > abs(value):
         return origin
     relative = half / max(abs(value), np.finfo(np.float64).tiny)
@@ -228,12 +253,14 @@ def linear_errors(
     free = _unseen(known)
     A = free.along(M)
     if not A.any():
-        return LinearErrors(np.zeros(M.shape[1]), known)
+        nothing = np.zeros(M.shape[1])
+        return LinearErrors(nothing, known, np.full(len(nothing), np.inf))
     inverse = solve_linear(A, np.zeros(len(A))).pseudo_inverse
     values, axes = np.linalg.eigh(noise.scatter)
     root = axes * np.sqrt(np.maximum(values, 0.0))
-    values = np.linalg.norm(free.steps @ (inverse @ root), axis=1)
-    return LinearErrors(values, known)
+    moves = free.steps @ inverse  # of the parameters, by a change of ``y``
+    errors = np.linalg.norm(moves @ root, axis=1)
+    return LinearErrors(errors, known, noise.freedoms_along(moves))
 
 
 def _unseen(rows: Matrix) -> Equalities:

@@ -40,7 +40,7 @@ from consistent_id.regression.mass_matrix import (
     random_poses,
 )
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import residual_sigma
+from consistent_id.regression.residual_noise import NORMAL, residual_sigma, width_text
 from consistent_id.regression.segments import (
     merged,
     segment_regressions,
@@ -56,8 +56,8 @@ if TYPE_CHECKING:
 
 ERRORS = (
     "standard error: for noise as correlated as the residuals, and the prior's bias; "
-    "uncertainty (--uncertainty) also includes active inequalities and the scatter "
-    "between recordings; - where the data do not determine the parameter"
+    "uncertainty (--uncertainty) also includes the scatter between recordings; - where "
+    "the data do not determine the parameter"
 )
 """A description of `Estimate.parameter_errors`, for people."""
 
@@ -103,9 +103,13 @@ class Estimate:
         not known.
     parameter_errors : array_like, shape (parameters,), optional
         Standard errors of the standard parameters, NaN where the data do not determine
-        them.  They contain noise as correlated as the residuals, under the equalities
-        among the constraints, and the prior's bias. They ignore active inequalities and
-        the scatter between recordings; `uncertainty` includes both.
+        them.  They contain noise as correlated as the residuals, under the constraints
+        (of inequalities that are active, one half: see `variances`), and the prior's
+        bias. They ignore the scatter between recordings; `uncertainty` includes it.
+    parameter_quantiles, base_quantiles : array_like, optional
+        Shapes (parameters,) and (base,): standard errors either way of a 95 % interval.
+        They are Student's quantiles for the degrees of freedom of the noise's spectrum;
+        without them, those of a normal distribution.
     fitted_under : FittedUnder, optional
         Constraints, prior and weights of a constrained estimate; None of any other, and
         of one that was read from a file.
@@ -144,11 +148,18 @@ class Estimate:
     fitted_to: tuple[FittedSpan, ...] = ()
     parameter_errors: Vector | None = None
     fitted_under: FittedUnder | None = None
+    parameter_quantiles: Vector | None = None
+    base_quantiles: Vector | None = None
 
     def __post_init__(self) -> None:
         p, b, n = len(self.model.layout), len(self.base), len(self.model.torque_joints)
         freeze_arrays(self, {"parameters": (p,), "sigma": (n,)}, self.method)
-        shapes = {"base_covariance": (b, b), "parameter_errors": (p,)}
+        shapes = {
+            "base_covariance": (b, b),
+            "parameter_errors": (p,),
+            "parameter_quantiles": (p,),
+            "base_quantiles": (b,),
+        }
         known = {k: v for k, v in shapes.items() if getattr(self, k) is not None}
         freeze_arrays(self, known, self.method, finite=False)
 
@@ -226,6 +237,19 @@ class Estimate:
         return np.sqrt(np.diag(self.base_covariance))
 
     @property
+    def half_intervals(self) -> Vector | None:
+        """Half of the 95 % intervals of the standard parameters, shape (parameters,).
+
+        NaN where the data do not determine a parameter, as in `parameter_errors`.
+        """
+        return _half_intervals(self.parameter_errors, self.parameter_quantiles)
+
+    @property
+    def base_half_intervals(self) -> Vector | None:
+        """Half of the 95 % intervals of the base parameters, shape (base,)."""
+        return _half_intervals(self.standard_errors, self.base_quantiles)
+
+    @property
     def error_texts(self) -> tuple[str, ...]:
         """`parameter_errors` for people: a dash where there is none."""
         errors = self.parameter_errors
@@ -236,17 +260,27 @@ class Estimate:
     @property
     def origin_texts(self) -> tuple[str, ...]:
         """`origins` for people: small where the data do not determine the value."""
-        errors = self.parameter_errors
+        errors, quantiles = self.parameter_errors, self.parameter_quantiles
         if errors is None:
             return self.origins
-        each = zip(self.origins, self.parameters, errors, strict=True)
-        return tuple(origin_text(o, x, e) for o, x, e in each)
+        quantiles = np.full(len(errors), NORMAL) if quantiles is None else quantiles
+        each = zip(self.origins, self.parameters, errors, quantiles, strict=True)
+        return tuple(origin_text(o, x, e, q) for o, x, e, q in each)
 
     @property
     def error_notes(self) -> tuple[str, ...]:
         """The meaning of `error_texts` and of the words in `origin_texts`."""
         small = any(text.startswith("small") for text in self.origin_texts)
-        return (ERRORS, SMALL) if small else (ERRORS,)
+        return (ERRORS, *self._width_notes, *([SMALL] if small else []))
+
+    @property
+    def _width_notes(self) -> tuple[str, ...]:
+        """How wide intervals are, if they are wider than those of known errors."""
+        if self.parameter_errors is None or self.parameter_quantiles is None:
+            return ()
+        known = np.isfinite(self.parameter_errors) & (self.parameter_errors > 0.0)
+        text = width_text(self.parameter_quantiles[known])
+        return (text,) if text else ()
 
     @property
     def links(self) -> Array:
@@ -450,8 +484,9 @@ class Estimate:
         -------
         pandas.DataFrame
             Indexed by ``parameter``, with columns ``value``, ``standard_error`` (NaN
-            where the data do not determine it), ``unit`` and ``determined_by``; the
-            method and the verdict are in its ``attrs``.
+            where the data do not determine it), ``half_interval`` (half of the 95 %
+            interval), ``unit`` and ``determined_by``; the method and the verdict are in
+            its ``attrs``.
 
         Raises
         ------
@@ -459,10 +494,12 @@ class Estimate:
             If pandas is not installed.
         """
         layout, errors = self.model.layout, self.parameter_errors
+        half = self.half_intervals
         frame = pandas().DataFrame(
             {
                 "value": self.parameters,
                 "standard_error": np.nan if errors is None else errors,
+                "half_interval": np.nan if half is None else half,
                 "unit": list(layout.units),
                 "determined_by": list(self.origins),
             },
@@ -481,6 +518,10 @@ class Estimate:
         errors, of_base = self.parameter_errors, self.standard_errors
         errors = np.full(len(layout), np.nan) if errors is None else errors
         of_base = np.full(len(base), np.nan) if of_base is None else of_base
+        half, half_of_base = self.half_intervals, self.base_half_intervals
+        half = np.full(len(layout), np.nan) if half is None else half
+        if half_of_base is None:
+            half_of_base = np.full(len(base), np.nan)
         sigma = zip(self.model.torque_joints, self.sigma.tolist(), strict=True)
         return {
             "format": FORMAT,
@@ -492,13 +533,15 @@ class Estimate:
                 name: {
                     "value": float(value),
                     "standard_error": finite_or_none(error),
+                    "half_interval": finite_or_none(width),
                     "unit": unit,
                     "origin": origin,
                 }
-                for name, value, error, unit, origin in zip(
+                for name, value, error, width, unit, origin in zip(
                     layout.names,
                     self.parameters,
                     errors,
+                    half,
                     layout.units,
                     self.origins,
                     strict=True,
@@ -509,10 +552,16 @@ class Estimate:
                     "name": name,
                     "value": float(value),
                     "standard_error": finite_or_none(error),
+                    "half_interval": finite_or_none(width),
                     "grouping": grouping,
                 }
-                for name, value, error, grouping in zip(
-                    base.names, self.base_values, of_base, base.groupings, strict=True
+                for name, value, error, width, grouping in zip(
+                    base.names,
+                    self.base_values,
+                    of_base,
+                    half_of_base,
+                    base.groupings,
+                    strict=True,
                 )
             ],
             "undetermined": list(self.undetermined),
@@ -554,6 +603,11 @@ class Estimate:
         errors = np.array(
             [nan if e.standard_error is None else e.standard_error for e in entries]
         )
+        half = np.array(
+            [nan if e.half_interval is None else e.half_interval for e in entries]
+        )
+        stated = np.isfinite(half) & (errors > 0.0)
+        quantiles = np.where(stated, half, NORMAL) / np.where(stated, errors, 1.0)
         spans = (FittedSpan(s.recording, s.start, s.stop) for s in record.fitted_to)
         return cls(
             method=record.method,
@@ -576,7 +630,15 @@ class Estimate:
             judged=record.verdict_value(),
             fitted_to=tuple(spans),
             parameter_errors=errors if np.isfinite(errors).any() else None,
+            parameter_quantiles=quantiles if stated.any() else None,
         )
+
+
+def _half_intervals(errors: Vector | None, quantiles: Vector | None) -> Vector | None:
+    """Return half of 95 % intervals, in which errors are known without quantiles."""
+    if errors is None:
+        return None
+    return np.asarray(errors * (NORMAL if quantiles is None else quantiles))
 
 
 def torque_errors(

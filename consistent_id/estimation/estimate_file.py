@@ -26,6 +26,7 @@ class ParameterRecord(msgspec.Struct):
     value: float
     origin: str
     standard_error: float | None = None
+    half_interval: float | None = None
 
 
 class CertificateRecord(msgspec.Struct):

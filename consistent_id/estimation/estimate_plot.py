@@ -14,8 +14,6 @@ from consistent_id.regression.row_names import in_newton
 from consistent_id.robot.parameters import ParameterLayout, did_you_mean
 
 _MEASURED = "measured"
-_WIDTH_95 = 1.96
-"""Half the width of a 95 % interval of normal errors, in standard errors."""
 _BESIDE = 0.2  # distance of a second estimate's bars, in rows
 
 
@@ -111,7 +109,7 @@ def draw_torque(curves: TorqueCurves, method: str, axes: Any = None) -> Any:
 def draw_parameters(
     layout: ParameterLayout,
     values: Vector,
-    errors: Vector | None,
+    half_intervals: Vector | None,
     method: str,
     *,
     names: Sequence[str] | None = None,
@@ -122,8 +120,9 @@ def draw_parameters(
     Parameters
     ----------
     values : ndarray, shape (parameters,)
-    errors : ndarray, shape (parameters,), optional
-        Standard errors.  Values whose error is not finite are hollow, without a bar.
+    half_intervals : ndarray, shape (parameters,), optional
+        Half of 95 % intervals.  Values whose interval is not finite are hollow, without
+        a bar.
     method : str
         Name in the legend.
     names : sequence of str, optional
@@ -146,7 +145,7 @@ def draw_parameters(
     drawn = axes_for(
         axes, (len(panels), 1), f"parameters of {len(panels)} units ({units})", heights
     ).ravel()
-    bars = np.full(len(values), np.nan) if errors is None else _WIDTH_95 * errors
+    bars = np.full(len(values), np.nan) if half_intervals is None else half_intervals
     for axis, (unit, places) in zip(drawn, panels.items(), strict=True):
         before = len(axis.containers)
         row = np.arange(len(places)) + _BESIDE * before

@@ -148,6 +148,7 @@ def huber_estimate(
         sigma=scale,
         base_covariance=_covariance(model, plain, motions, reached.residuals, bound),
         parameter_errors=None,
+        base_quantiles=None,
         certificate=_certificate(reached.change, rules.tolerance),
         notes=(f"Huber's loss, k = {rules.k:g}", *estimate.notes),
         seconds=perf_counter() - started,

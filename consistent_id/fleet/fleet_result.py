@@ -181,13 +181,14 @@ class Fleet:
             found = robot.payload
             if found is None:
                 continue
-            body, error = found.body, found.standard_errors[0]
+            body = found.body
+            half = found.quantiles[0] * found.standard_errors[0]
             rows.append(
                 (
                     robot.name,
                     found.link,
                     f"{body.mass:.4g}",
-                    f"{1.96 * error:.2g}" if np.isfinite(error) else "open",
+                    f"{half:.2g}" if np.isfinite(half) else "open",
                     " ".join(f"{c:.3f}" for c in body.com) if body.mass > 0.0 else "-",
                     found.estimate.certificate.verdict,
                 )

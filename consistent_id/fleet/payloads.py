@@ -24,7 +24,7 @@ from consistent_id.estimation.best_fit import BestFit, best_fit
 from consistent_id.estimation.constrained import (
     constrained_least_squares,
 )
-from consistent_id.estimation.determination import linear_errors
+from consistent_id.estimation.determination import LinearErrors, linear_errors
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.loaded_robot import likely_body
 from consistent_id.estimation.payload import datasheet_constraints
@@ -34,7 +34,7 @@ from consistent_id.regression.correlated_noise import CorrelatedNoise
 from consistent_id.regression.linear import independent_columns, solve_linear
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import unconstrained_fit
+from consistent_id.regression.residual_noise import half_widths, unconstrained_fit
 from consistent_id.robot.chains import free_bodies
 from consistent_id.robot.inertia import INERTIAL_NAMES, InertialParameters
 from consistent_id.robot.model import Datasheet, Link
@@ -281,14 +281,19 @@ class FoundPayload:
         Standard errors of least squares, by the noise of this robot and by the errors
         of the bodies that all share; infinite where the data do not determine a
         parameter by itself.
+    quantiles : array_like, shape (10,)
+        Standard errors either way of a 95 % interval: Student's, for the degrees of
+        freedom of the noise's part; errors of the shared bodies count as known.
     """
 
     link: str
     estimate: Estimate
     standard_errors: Vector
+    quantiles: Vector
 
     def __post_init__(self) -> None:
-        freeze_arrays(self, {"standard_errors": (10,)}, LOAD, finite=False)
+        shapes = {"standard_errors": (10,), "quantiles": (10,)}
+        freeze_arrays(self, shapes, LOAD, finite=False)
 
     @property
     def body(self) -> InertialParameters:
@@ -387,19 +392,25 @@ def found_payload(
         base=replace(own.base, fingerprint=model.fingerprint),
         method=LOAD,
     )
-    by_noise = _own_errors(own, estimate)
     W = regression.stacked()
     moved = np.linalg.pinv(W[:, place.columns]) @ W[:, :-1]
+    of_noise = _own_errors(own)
+    total = np.hypot(of_noise.values, errors.of(moved))
+    # [Satterthwaite1946]_: shares of the variance by noise.
+    shares = of_noise.values**2 / np.where(total > 0.0, total, 1.0) ** 2
+    freedoms = of_noise.freedoms / np.maximum(shares, _LEAST) ** 2
+    told = np.array([origin in _TOLD for origin in estimate.origins])
     return FoundPayload(
-        place.carried.link, estimate, np.hypot(by_noise, errors.of(moved))
+        place.carried.link,
+        estimate,
+        np.where(told, total, np.inf),
+        half_widths(freedoms),
     )
 
 
-def _own_errors(own: LoadProblem, estimate: Estimate) -> Vector:
-    """Return errors by the robot's own noise; infinite for undetermined parameters."""
+def _own_errors(own: LoadProblem) -> LinearErrors:
+    """Return errors by the robot's own noise."""
     model = own.model
     known = np.vstack([c.lower(model).A_eq for c in own.constraints])
     noise = unconstrained_fit(own.regression, own.base).noise
-    found = linear_errors(own.base, noise, known).values
-    told = np.array([origin in _TOLD for origin in estimate.origins])
-    return np.where(told, found, np.inf)
+    return linear_errors(own.base, noise, known)

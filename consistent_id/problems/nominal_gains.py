@@ -28,7 +28,6 @@ import numpy as np
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.tables import Table
 from consistent_id.errors import ConsistentIdError, RecordingError
-from consistent_id.estimation.uncertainties.beyond_noise import NORMAL
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import (
     differentiated,
@@ -39,6 +38,7 @@ from consistent_id.recordings.signals import (
 from consistent_id.recordings.signals.clocks import own_rate
 from consistent_id.regression.correlated_noise import correlation_lengths
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import NORMAL
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.scaling import (
     USUAL_WIDTHS,

@@ -19,7 +19,6 @@ from consistent_id.estimation.radius_and_delay import (
     without_torque_delay,
 )
 from consistent_id.estimation.resting import rest_speed
-from consistent_id.estimation.uncertainties.beyond_noise import NORMAL
 from consistent_id.problems.file import PreparationTable, ProblemTable
 from consistent_id.problems.preparation import rest_reach
 from consistent_id.recordings.recording import Recording
@@ -29,6 +28,7 @@ from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.regression.elastic_joints import as_rigid
 from consistent_id.regression.regression import Regression, build_regression
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import NORMAL
 from consistent_id.regression.rows.contact_free import contact_free_model
 from consistent_id.regression.rows.contact_maps import without_slip
 from consistent_id.regression.rows.sensor_drift import (

@@ -311,7 +311,7 @@ class Study(StudyFits):
     ) -> Any:
         """Draw the delivered parameters with 95 % bars, one axes for each unit.
 
-        Bars are 1.96 `Estimate.parameter_errors`.  Parameters that the data do not
+        Bars are `Estimate.half_intervals` either way.  Parameters that the data do not
         determine are hollow, without a bar.
 
         Parameters
@@ -334,7 +334,7 @@ class Study(StudyFits):
         return draw_parameters(
             own.model.layout,
             own.parameters,
-            own.parameter_errors,
+            own.half_intervals,
             own.method,
             names=names,
             axes=axes,

@@ -4,7 +4,7 @@
 a regression is compared with.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
@@ -30,6 +30,9 @@ _FEW = 3.0  # spare effective samples for each parameter, below which errors are
 _SHOWN = 1.1  # ratio of variances from which errors of the model are stated
 _WIDE = 2.05  # standard errors of a 95 % interval from which they are stated
 WHITE = 1.5  # samples of correlation up to which noise is called white
+
+NORMAL = 1.96
+"""Standard errors either way of a 95 % interval, if their size is known."""
 
 
 @single_threaded
@@ -225,12 +228,25 @@ class ResidualNoise:
     def freedoms(self, functionals: Matrix) -> Vector:
         """Return the degrees of freedom of each functional's standard error.
 
+        Parameters
+        ----------
+        functionals : ndarray, shape (rows, base)
+            See `freedoms_along`.
+        """
+        return self.freedoms_along(functionals @ self.steps)
+
+    def freedoms_along(self, G: Matrix) -> Vector:
+        """Return the degrees of freedom of the standard error of each ``g^T y``.
+
         Those of noise and of scatter between recordings, combined [Satterthwaite1946]_.
         For noise they are those of the joints, by their shares in the variance: a
         parameter depends mostly on the noise of a few joints, which is estimated from
         their own residuals at the motion's few frequencies.
+
+        Parameters
+        ----------
+        G : ndarray, shape (rows, rank)
         """
-        G = functionals @ self.steps
         parts = [
             (np.sum(np.square(G @ own.T), axis=1), freedom)
             for own, freedom in zip(self.of_joints, self.level_freedom, strict=True)
@@ -252,9 +268,11 @@ class ResidualNoise:
 
         Student's quantiles for the degrees of freedom of each base parameter.
         """
-        from scipy.special import stdtrit
+        return half_widths(self.freedoms(np.eye(len(self.steps))))
 
-        return np.asarray(stdtrit(self.freedoms(np.eye(len(self.steps))), 0.975))
+    def with_freedom(self, freedom: float) -> "ResidualNoise":
+        """Return the same noise, its whole covariance with these degrees of freedom."""
+        return replace(self, of_joints=(self.root,), level_freedom=np.array([freedom]))
 
     def squared_misfit(self, functionals: Matrix) -> Vector:
         """Return the squared misfit of one standard error of each functional.
@@ -291,13 +309,8 @@ class ResidualNoise:
             if self.beyond > _SHOWN
             else ""
         )
-        width = float(np.median(self.quantiles))
-        more += (
-            f"; a 95 % interval is {width:.1f} standard errors either way (median), as "
-            "their size is an estimate, too"
-            if width >= _WIDE
-            else ""
-        )
+        width = width_text(self.quantiles)
+        more += f"; {width}" if width else ""
         if most <= WHITE:
             return (
                 f"residuals are white: standard errors are those of white noise{more}"
@@ -314,6 +327,24 @@ class ResidualNoise:
             f"residuals are correlated over {lengths} samples, depending on the joint: "
             f"standard errors are {factors} times those of white noise{more}{few}"
         )
+
+
+def half_widths(freedoms: Vector) -> Vector:
+    """Return half of 95 % intervals in standard errors: Student's quantiles."""
+    from scipy.special import stdtrit  # scipy.stats takes a second to import
+
+    return np.asarray(stdtrit(freedoms, 0.975))
+
+
+def width_text(quantiles: Vector) -> str:
+    """Describe 95 % intervals that are wider than those of known errors, else empty."""
+    width = float(np.median(quantiles)) if len(quantiles) else NORMAL
+    if width < _WIDE:
+        return ""
+    return (
+        f"a 95 % interval is {width:.1f} standard errors either way (median), as their "
+        "size is an estimate, too"
+    )
 
 
 @brief

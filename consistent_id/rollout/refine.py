@@ -376,6 +376,7 @@ def _estimate(
         parameters=x,
         base_covariance=None,
         parameter_errors=None,
+        parameter_quantiles=None,
         certificate=Certificate("uncertified", reason, figures),
         notes=(note, *estimate.notes),
         seconds=seconds,

@@ -12,10 +12,10 @@ from consistent_id._support.arrays import BoolArray, Vector, freeze_arrays
 from consistent_id._support.tables import Table, brief
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.gains import DriveGains, identify_gains
-from consistent_id.estimation.uncertainties.beyond_noise import NORMAL
 from consistent_id.estimation.verdict import Reason, Verdict, percent, weighed
 from consistent_id.problems.nominal_gains import NominalGains, implied_gains
 from consistent_id.problems.problem import Problem
+from consistent_id.regression.residual_noise import NORMAL
 from consistent_id.robot.model import Link
 from consistent_id.service.loaded_runs import (
     LoadedRuns,

@@ -277,6 +277,7 @@ class OnlineEstimate:
             method=METHOD,
             parameters=state.parameters,
             parameter_errors=state.deviations,
+            parameter_quantiles=None,
             base_covariance=None,
             certificate=certificate,
             judged=state.verdict,

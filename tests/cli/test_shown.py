@@ -123,7 +123,13 @@ def test_an_estimate_becomes_a_data_frame(found):
     pytest.importorskip("pandas")
     *_, bodily, _ = found
     frame = bodily.to_frame()
-    assert list(frame.columns) == ["value", "standard_error", "unit", "determined_by"]
+    assert list(frame.columns) == [
+        "value",
+        "standard_error",
+        "half_interval",
+        "unit",
+        "determined_by",
+    ]
     assert tuple(frame.index) == bodily.model.layout.names
     np.testing.assert_array_equal(frame["value"], bodily.parameters)
     np.testing.assert_array_equal(frame["standard_error"], bodily.parameter_errors)

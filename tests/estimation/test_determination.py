@@ -223,7 +223,7 @@ def found_of(name, errors, width=None, *, known=None, elsewhere="prior"):
     x = np.zeros(len(model.layout))
     size = parameter_sizes(model, regression, x)
     rows = np.zeros((0, len(x))) if known is None else known(model.layout)
-    stated = LinearErrors(errors * size, rows)
+    stated = LinearErrors(errors * size, rows, np.full(len(x), np.inf))
     free = unconstrained_fit(regression, base)
     found = determinations(model, free, stated, x, elsewhere=elsewhere)
     if width is not None:

@@ -172,7 +172,7 @@ def parameters_drawn(estimate, **options):
     return draw_parameters(
         estimate.model.layout,
         estimate.parameters,
-        estimate.parameter_errors,
+        estimate.half_intervals,
         estimate.method,
         **options,
     )
@@ -181,7 +181,9 @@ def parameters_drawn(estimate, **options):
 def test_parameters_are_drawn_with_bars_of_95_percent_by_unit(pyplot):
     estimate, _ = estimated()
     layout, errors = estimate.model.layout, estimate.parameter_errors
+    quantiles = estimate.parameter_quantiles
     assert np.isfinite(errors).any() and np.isnan(errors).any()
+    assert (quantiles > 1.96).all()
     axes = parameters_drawn(estimate)
     units = list(dict.fromkeys(layout.units))
     assert [axis.get_xlabel() for axis in axes] == [f"[{unit}]" for unit in units]
@@ -202,7 +204,7 @@ def test_parameters_are_drawn_with_bars_of_95_percent_by_unit(pyplot):
             seen[labels[round(y)]] = (x, np.nan)
     assert set(seen) == set(layout.names)
     for i, name in enumerate(layout.names):
-        expected = (estimate.parameters[i], 1.959964 * errors[i])
+        expected = (estimate.parameters[i], quantiles[i] * errors[i])
         assert seen[name] == pytest.approx(expected, rel=1e-3, nan_ok=True)
 
 

@@ -28,11 +28,10 @@ from consistent_id.estimation.uncertainties.block_scatter import (
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.regression.residual_noise import ResidualNoise, joint_noise
+from consistent_id.regression.residual_noise import NORMAL, ResidualNoise, joint_noise
 from consistent_id.regression.segments import merged
 
 _LEVEL = 0.975  # quantile of intervals of 95 %
-NORMAL = 1.96
 """Standard errors either way for 95 % of a normal distribution."""
 
 

@@ -15,6 +15,11 @@ has a multiplier of zero.  Along it, with the Hessian ``H`` of the Lagrangian,
 so a covariance ``S`` of the scores becomes one of the parameters [Shapiro1997]_.  ``H``
 contains the curvature of a semidefinite block's boundary, ``2 tr(Z dF F^+ dF)``.
 
+If the truth is on the boundary of an inequality, noise makes it active in half of all
+data sets, and in the other half the estimate moves freely.  So the mean square error is
+the mean of two variances, along the active constraints and under equalities alone
+(`variances`); where no inequality is active, they are equal.
+
 All of these are Gram matrices, ``H = A^T A`` and ``S = g^T g``, of which only the
 factors are formed: with a weak prior, ``H`` itself would be lost in rounding.
 """
@@ -33,8 +38,8 @@ from consistent_id.estimation.best_fit import FitProblem, base_factor
 from consistent_id.estimation.constrained_fit import (
     ConstrainedFit,
 )
+from consistent_id.estimation.determination import LinearErrors, linear_errors
 from consistent_id.estimation.uncertainties.beyond_noise import (
-    NORMAL,
     FloatingBlocks,
     ParameterShifts,
     ScatterCauses,
@@ -47,7 +52,7 @@ from consistent_id.estimation.uncertainties.block_scatter import (
 )
 from consistent_id.regression.base import BaseParameters
 from consistent_id.regression.regression import Regression
-from consistent_id.regression.residual_noise import ResidualNoise
+from consistent_id.regression.residual_noise import ResidualNoise, half_widths
 from consistent_id.regression.segments import lengthened, merged
 
 LONG = 10.0
@@ -75,18 +80,26 @@ class ParameterScatter(NamedTuple):
         Noise, scatter between recordings included.
     sentence : str
         The sources of standard errors, in words.
-    quantile : float
-        Number of standard errors either way that contain 95 %.
+    freedoms : ndarray, shape (parameters,)
+        Degrees of freedom of each variance.
+    errors : LinearErrors
+        Errors in least squares, under the equalities.
     """
 
     variance: Vector
     between: Vector
     noise: ResidualNoise
     sentence: str
-    quantile: float
+    freedoms: Vector
+    errors: LinearErrors
     recordings: RecordingScatter | None
     blocks: FloatingBlocks | None = None
     shifts: ParameterShifts | None = None
+
+    @property
+    def quantiles(self) -> Vector:
+        """Standard errors either way of 95 % intervals: Student's quantiles."""
+        return half_widths(self.freedoms)
 
     @property
     def causes(self) -> ScatterCauses:
@@ -97,12 +110,15 @@ class ParameterScatter(NamedTuple):
         """Add the scatter between blocks of one recording."""
         if blocks is None:
             return self
-        quantile = max(self.quantile, blocks.quantile)
-        return self._beside(blocks)._replace(blocks=blocks, quantile=quantile)
+        # As if the scatter between blocks were all of it.
+        freedoms = np.full(len(self.variance), max(blocks.freedom, 1.0))
+        return self._beside(blocks)._replace(blocks=blocks, freedoms=freedoms)
 
     def with_shifts(self, shifts: ParameterShifts | None) -> "ParameterScatter":
         """Add shifts from errors of assumed values."""
-        return self if shifts is None else self._beside(shifts)._replace(shifts=shifts)
+        if shifts is None:
+            return self
+        return self._beside(shifts)._replace(shifts=shifts)
 
     def _beside(self, more: FloatingBlocks | ParameterShifts) -> "ParameterScatter":
         return self._replace(
@@ -162,8 +178,15 @@ def parameter_scatter(
     model, free = problem.model, problem.free
     whole, base, noise = free.regression, free.base, free.noise
     parts, long = segments.by_source, segments.long_enough(noise)
-    scores = _scores(fitted, long, whole, base, noise)
-    variance = np.diag(covariance(fitted, scores.rows))
+    # Blocks of a floating base's motion show what lasts as long as they do: of noise,
+    # its level counts besides.
+    rows = (
+        white_scores(fitted, whole, base, noise.level)
+        if model.robot.floating
+        else noise_scores(fitted, noise)
+    )
+    scores = _scores(fitted, long, base, noise, rows)
+    variance = variances(fitted, scores.rows)
     between = np.full(len(variance), np.nan)
     recordings = recording_scatter(model, parts, base)
     if recordings is not None:
@@ -176,12 +199,15 @@ def parameter_scatter(
     if blocks is not None:  # they contain what `noise.beyond` would add
         noise = replace(noise, between=(), beyond=1.0)
     elif recordings is None and noise.beyond > 1.0:
-        own = np.diag(
-            covariance(fitted, white_scores(fitted, whole, base, noise.level))
-        )
-        variance = np.maximum(variance, noise.beyond * own)
+        variance = np.maximum(variance, noise.beyond * variances(fitted, rows))
+    known = fitted.best.scaled.constraints.A_eq
+    errors = linear_errors(base, noise, known)
+    freedoms = errors.freedoms
+    if scores.freedom is not None:
+        of_segments = noise.with_freedom(scores.freedom)
+        freedoms = linear_errors(base, of_segments, known).freedoms
     found = ParameterScatter(
-        variance, between, noise, scores.sentence, scores.quantile, recordings
+        variance, between, noise, scores.sentence, freedoms, errors, recordings
     ).with_blocks(blocks)
     shifts = parameter_shifts(model, whole, variants, problem.constraints)
     return found.with_shifts(shifts)
@@ -195,7 +221,7 @@ def _moved(
 ) -> Vector:
     """Return each parameter's variance from the scatter of recordings."""
     scores = shift_scores(fitted, parts, base, recordings.deviations)
-    return np.diag(covariance(fitted, scores))
+    return variances(fitted, scores)
 
 
 def root(variance: Vector) -> Vector:
@@ -204,30 +230,31 @@ def root(variance: Vector) -> Vector:
 
 
 class _Scores(NamedTuple):
-    """Factor of the scores' covariance, and where it comes from."""
+    """Factor of the scores' covariance, and where it comes from.
+
+    `freedom` is that of the covariance, if segments show it.
+    """
 
     rows: Matrix
     sentence: str
-    quantile: float = NORMAL
+    freedom: float | None = None
 
 
 def _scores(
     fitted: ConstrainedFit,
     segments: Segments,
-    whole: Regression,
     base: BaseParameters,
     noise: ResidualNoise,
+    rows: Matrix,
 ) -> _Scores:
-    """Use the scatter between segments if they are long, else effective samples."""
+    """Use the scatter between segments if they are long, else `rows` of the noise."""
     parts, sources = segments
     shortest = np.min([part.counts for part in parts], axis=0)
     count = len(parts)
     alone = min(Counter(sources).values()) < 2
     if (shortest >= LONG * noise.length).all() and not alone:
-        from scipy.special import stdtrit  # scipy.stats takes a second to import
-
         freedom = count - len(set(sources))
-        t = float(stdtrit(freedom, 0.975))
+        t = float(half_widths(np.array([freedom]))[0])
         few = (
             "; they are few, so standard errors are inaccurate" if freedom < FEW else ""
         )
@@ -236,25 +263,49 @@ def _scores(
             f"scatter is that between {count} segments, each at least {LONG:.0f} "
             f"correlation lengths long: 95 % intervals are {t:.2f} standard errors "
             f"either way{few}",
-            t,
+            float(freedom),
         )
     longest = float(noise.length.max())
     return _Scores(
-        white_scores(fitted, whole, base, noise.level),
+        rows,
         f"recordings are shorter than two segments of {LONG:.0f} correlation "
         f"lengths, {longest:.0f} samples each; scatter is computed from correlated "
         f"noise: {noise.sentence}. The bootstrap's intervals are too narrow",
     )
 
 
-def covariance(fitted: ConstrainedFit, scores: Matrix) -> Matrix:
+def variances(fitted: ConstrainedFit, scores: Matrix) -> Vector:
+    """Return the parameters' variances, by chance along active inequalities or not.
+
+    The means of those along the active constraints and under equalities alone.
+
+    Parameters
+    ----------
+    scores : ndarray, shape (rows, parameters)
+        See `covariance`.
+    """
+    both = [np.diag(covariance(fitted, scores, active=a)) for a in (True, False)]
+    return np.asarray(np.mean(both, axis=0))
+
+
+def active_errors(fitted: ConstrainedFit, noise: ResidualNoise) -> Vector:
+    """Return standard errors along the active constraints, shape (parameters,)."""
+    own = np.diag(covariance(fitted, noise_scores(fitted, noise)))
+    return np.asarray(np.sqrt(noise.beyond) * root(own))
+
+
+def covariance(
+    fitted: ConstrainedFit, scores: Matrix, *, active: bool = True
+) -> Matrix:
     """Return the covariance of a constrained estimate's parameters.
 
     Parameters
     ----------
     scores : ndarray, shape (rows, parameters)
-        Factor ``g`` of the scores' covariance ``g^T g``; see `white_scores` and
+        Factor ``g`` of the scores' covariance ``g^T g``; see `noise_scores` and
         `segment_scores`.
+    active : bool
+        Whether active inequalities stay so; else only equalities are kept.
 
     Returns
     -------
@@ -262,9 +313,23 @@ def covariance(fitted: ConstrainedFit, scores: Matrix) -> Matrix:
         In original units.  For parameters that the prior determines, it is the
         estimate's scatter, not its error: a strong prior hardly moves.
     """
-    root = _response_root(fitted)
+    root = _response_root(fitted, active=active)
     moves = (root @ (root.T @ scores.T)) * fitted.best.scaled.unit[:, None]
     return np.asarray(moves @ moves.T)
+
+
+def noise_scores(fitted: ConstrainedFit, noise: ResidualNoise) -> Matrix:
+    """Return a factor of the scores' covariance for noise as it is correlated.
+
+    Errors of the model, `ResidualNoise.between`, are not in it.
+
+    Returns
+    -------
+    ndarray, shape (rows, parameters)
+    """
+    scaled = fitted.best.scaled
+    rows = np.vstack(noise.of_joints) @ noise.coordinates
+    return np.asarray(rows / scaled.size**2 @ scaled.projection)
 
 
 def white_scores(
@@ -355,19 +420,21 @@ def segment_scores(
     return g
 
 
-def _response_root(fitted: ConstrainedFit) -> Matrix:
+def _response_root(fitted: ConstrainedFit, *, active: bool = True) -> Matrix:
     """Return ``B`` with ``B B^T = T (T^T H T)^-1 T^T``."""
     scaled, fit = fitted.best.scaled, fitted.final
     u, multipliers = fit.solution.u, fit.solution.multipliers
     rows = [scaled.M, np.sqrt(fit.weight) * fitted.distance.local(u).G]
     domain = scaled.domain
-    slack = domain.b_in - domain.A_in @ u
-    active = [domain.A_eq, domain.A_in[slack <= _ACTIVE]]
-    for block, Z in zip(domain.blocks, multipliers.blocks, strict=True):
-        kept, bent = _surface(block, Z, u)
-        active.append(kept)
-        rows.append(bent)
-    T = row_spaces(np.vstack(active)).steps
+    kept = [domain.A_eq]
+    if active:
+        slack = domain.b_in - domain.A_in @ u
+        kept.append(domain.A_in[slack <= _ACTIVE])
+        for block, Z in zip(domain.blocks, multipliers.blocks, strict=True):
+            level, bent = _surface(block, Z, u)
+            kept.append(level)
+            rows.append(bent)
+    T = row_spaces(np.vstack(kept)).steps
     _, R = np.linalg.qr(np.vstack(rows) @ T)
     return np.asarray(np.linalg.solve(R.T, T.T).T)
 

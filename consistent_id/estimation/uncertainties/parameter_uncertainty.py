@@ -35,14 +35,12 @@ from consistent_id.estimation.constrained_fit import (
 )
 from consistent_id.estimation.determination import (
     determinations,
-    linear_errors,
     origin_text,
     parameter_sizes,
     pinned,
 )
 from consistent_id.estimation.penalised import penalised_fit
 from consistent_id.estimation.uncertainties.beyond_noise import (
-    NORMAL,
     FloatingBlocks,
     ParameterShifts,
 )
@@ -60,6 +58,7 @@ from consistent_id.estimation.uncertainties.parameter_scatter import (
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.regression.residual_noise import NORMAL
 from consistent_id.regression.segments import merged
 from consistent_id.robot.parameters import ParameterLayout, did_you_mean
 
@@ -132,7 +131,7 @@ class ParameterUncertainty:
     value : float
         Value of the constrained estimate.
     standard_error : float
-        Root of the sum of squared scatter (see `sensitivity`, and `RecordingScatter`)
+        Root of the sum of squared scatter (see `variances`, and `RecordingScatter`)
         and squared `prior_shift`; NaN where it would not describe the value's error,
         according to the verdict.
     prior_shift : float
@@ -146,6 +145,9 @@ class ParameterUncertainty:
     between_recordings : float
         Standard deviation of the parameter between recordings, beyond noise; NaN if the
         data do not depend on it, or for one recording.
+    quantile : float
+        Standard errors either way of the 95 % interval: Student's, for the degrees of
+        freedom of the noise's spectrum, or of segments, recordings and blocks.
     """
 
     name: str
@@ -157,11 +159,18 @@ class ParameterUncertainty:
     consistent: tuple[float, float]
     verdict: str
     between_recordings: float = np.nan
+    quantile: float = NORMAL
+
+    @property
+    def half_interval(self) -> float:
+        """Half of the 95 % interval; NaN where there is no standard error."""
+        return self.quantile * self.standard_error
 
     @property
     def source(self) -> str:
         """`verdict` for people: small where the data do not determine the value."""
-        return origin_text(self.verdict, self.value, self.standard_error)
+        error = self.standard_error
+        return origin_text(self.verdict, self.value, error, self.quantile)
 
 
 @brief
@@ -171,8 +180,9 @@ class Uncertainty:
 
     `scatter` names the sources of standard errors.  `recordings` is the scatter between
     recordings; None for one recording, or if they do not determine it.  `blocks` is the
-    scatter between blocks of a floating base's only recording, and `quantile` standard
-    errors either way contain 95 %. `shifts` are those from errors of assumed values.
+    scatter between blocks of a floating base's only recording.  `quantile` standard
+    errors either way contain 95 %, the median over parameters; each has its own.
+    `shifts` are those from errors of assumed values.
 
     Examples
     --------
@@ -317,21 +327,22 @@ def uncertainty(
         base=base,
         causes=scatter.causes,
     )
-    known, x = fitted.best.scaled.constraints.A_eq, fitted.parameters
-    errors = linear_errors(base, scatter.noise, known)
+    x = fitted.parameters
     verdicts = pinned(
-        determinations(model, free, errors, x, elsewhere="prior"),
+        determinations(model, free, scatter.errors, x, elsewhere="prior"),
         intervals.width,
         parameter_sizes(model, whole, x),
     )
+    stated = _stated(model, fitted, scatter, resampled, intervals, verdicts)
+    widths = [p.quantile for p in stated if np.isfinite(p.standard_error)]
     return Uncertainty(
-        parameters=_stated(model, fitted, scatter, resampled, intervals, verdicts),
+        parameters=stated,
         bootstrap=resampled,
         intervals=intervals,
         scatter=scatter.sentence,
         recordings=scatter.recordings,
         blocks=scatter.blocks,
-        quantile=scatter.quantile,
+        quantile=float(np.median(widths)) if widths else NORMAL,
         shifts=scatter.shifts,
     )
 
@@ -351,8 +362,8 @@ def _stated(
     seen = known | np.array([v == "loose" for v in verdicts])
     layout = model.layout
     return tuple(
-        ParameterUncertainty(name, unit, x, e, d, tuple(b), tuple(c), v, r)
-        for name, unit, x, e, d, b, c, v, r in zip(
+        ParameterUncertainty(name, unit, x, e, d, tuple(b), tuple(c), v, r, q)
+        for name, unit, x, e, d, b, c, v, r, q in zip(
             layout.names,
             layout.units,
             fitted.parameters.tolist(),
@@ -362,6 +373,7 @@ def _stated(
             intervals.bounds.tolist(),
             verdicts,
             np.where(seen, scatter.between, np.nan).tolist(),
+            scatter.quantiles.tolist(),
             strict=True,
         )
     )
