@@ -307,9 +307,9 @@ def _played(
 
 def _advice(path: FourierTrajectory, demands: Demands, request: DesignRequest) -> str:
     """Return advice on the start pose if run-in or run-out fails."""
-    other = "Give another start_pose in [excitation]"
     if request.start_pose is None:
-        return other
+        return "Give a start_pose in [excitation]"
+    other = "Give another start_pose in [excitation]"
     move = move_along(path, demands.limits)
     pieces = [*move.run_in, *move.run_out]
     if pieces and not demands.proof(pieces).holds:
