@@ -28,7 +28,7 @@ from pages import stamp
 import consistent_id as ci
 
 ARMS = ("ur5", "kinova", "xarm7")
-SECONDS = (20.0, 5.0)  # of which 70 % are training
+SECONDS = (20.0, 5.0)  # of which 7.7 and 3.5 are training
 RATES = {"ur5": 200.0, "kinova": 100.0, "xarm7": 250.0}  # Hz
 LEVEL = 0.02  # noise over each torque's standard deviation
 STEP = 2.0 * np.pi / 2**19  # rad, of encoders
