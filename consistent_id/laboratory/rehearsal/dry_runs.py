@@ -370,7 +370,8 @@ def _simple_motions(
 ) -> dict[str, list[FourierTrajectory]]:
     """Return random paths, and one sinusoid for each joint."""
     model, form, limits = design.model, design.form, design.limits
-    problem = search_problem(model, design.base, form, aim, limits, seed=seed)
+    problem = search_problem(model, design.base, form, aim, limits)
+    problem = replace(problem, seed=seed)
     random = [problem.basis.trajectory(problem.random(k)) for k in range(_RANDOM)]
     sinusoids = _sinusoids(form, limits)
     return {"random paths": random, "sinusoids": [sinusoids]}
