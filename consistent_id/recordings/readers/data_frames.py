@@ -9,13 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import Columns, require, wanted
 from consistent_id.recordings.readers.named_arrays import (
-    Duplicates,
-    Missing,
     parts_of,
     recording_of,
     stored_names,
 )
 from consistent_id.recordings.readers.units import is_time
+from consistent_id.recordings.readers.used_rows import Duplicates, Missing
 from consistent_id.recordings.recording import Recording
 
 

@@ -35,8 +35,6 @@ from consistent_id.recordings.readers.jointstate import (
 )
 from consistent_id.recordings.readers.named_arrays import (
     Arrays,
-    Duplicates,
-    Missing,
     parts_of,
     read_parts,
     recording_of,
@@ -51,6 +49,7 @@ from consistent_id.recordings.readers.units import (
     is_other_unit,
     standard_unit,
 )
+from consistent_id.recordings.readers.used_rows import Duplicates, Missing
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.tracks import Channel, Track, track
 
