@@ -24,7 +24,7 @@ from consistent_id._support.arrays import Array
 from consistent_id.robot.loaders import load_robot
 from consistent_id.rollout import identify_servos, read_servo_logs
 from consistent_id.rollout.servo_export import replayed_in_mujoco
-from consistent_id.rollout.servo_fit import POPULATION, Candidates, evolved
+from consistent_id.rollout.servo_fit import POPULATION, SearchDistribution, evolved
 from consistent_id.rollout.servo_log import ServoLog, duty_law
 from consistent_id.rollout.servo_motion import (
     Friction,
@@ -105,7 +105,7 @@ def rival(
     start = np.where(low < 0.0, 0.5, 0.25)
     best = evolved(
         lambda sets: errors(sets, training).mean(axis=1),
-        Candidates(start, 0.25),
+        SearchDistribution(start, 0.25),
         generations,
         np.random.default_rng(0),
     ).best[None]

@@ -42,7 +42,7 @@ POPULATION = 28
 _WIDEST = 0.3  # of the box: width of a search
 
 
-class Candidates(NamedTuple):
+class SearchDistribution(NamedTuple):
     """The normal distribution that points of a generation are drawn from.
 
     Parameters
@@ -66,17 +66,17 @@ class Evolved(NamedTuple):
     ----------
     best : ndarray, shape (parameters,)
         Point of least error.
-    last : Candidates
+    last : SearchDistribution
         The last generation's.
     """
 
     best: Vector
-    last: Candidates
+    last: SearchDistribution
 
 
 def evolved(
     error: Callable[[Matrix], Vector],
-    start: Candidates,
+    start: SearchDistribution,
     generations: int,
     rng: np.random.Generator,
 ) -> Evolved:
@@ -88,7 +88,7 @@ def evolved(
     ----------
     error : callable
         From points, shape (sets, parameters), to their errors.
-    start : Candidates
+    start : SearchDistribution
         The first ones.
     """
     n, count = len(start.mean), POPULATION
@@ -130,7 +130,7 @@ def evolved(
         path = (1.0 - c_c) * path + grows * np.sqrt(c_c * (2.0 - c_c) * mass) * step
         among = (steps[order].T * weights) @ steps[order]
         C = (1.0 - c_1 - c_m) * C + c_1 * np.outer(path, path) + c_m * among
-    return Evolved(best, Candidates(np.clip(mean, 0.0, 1.0), width, C))
+    return Evolved(best, SearchDistribution(np.clip(mean, 0.0, 1.0), width, C))
 
 
 FORMS: Mapping[str, tuple[str, ...]] = {
@@ -393,9 +393,11 @@ def _fitted(form: str, names: Sequence[str], joint: _JointLogs, seed: int) -> Se
     rng = np.random.default_rng(seed)
     part = _parts(short)
     every = np.arange(len(part))
-    start = Candidates(box.start(names), _WIDE)
+    start = SearchDistribution(box.start(names), _WIDE)
     first = evolved(of_windows(every), start, _GENERATIONS, rng)
-    best = evolved(of_both, Candidates(first.best, _NARROW), _POLISHING, rng).best
+    best = evolved(
+        of_both, SearchDistribution(first.best, _NARROW), _POLISHING, rng
+    ).best
     wider = first.last._replace(width=_WIDER * first.last.width)
     parts, errors = [], np.zeros(len(part))
     for group in np.unique(part):

@@ -15,7 +15,7 @@ from consistent_id.robot.loaders.robot_file import load_robot
 from consistent_id.rollout import ServoLog, identify_servos, read_servo_logs
 from consistent_id.rollout import servo_fit as fitting
 from consistent_id.rollout.servo_bounds import box_of
-from consistent_id.rollout.servo_fit import Candidates, evolved
+from consistent_id.rollout.servo_fit import SearchDistribution, evolved
 from consistent_id.rollout.servo_log import duty_law, logged_joints, read_servo_sets
 from consistent_id.rollout.servo_motion import (
     STEP,
@@ -312,7 +312,7 @@ def test_the_evolution_strategy_finds_a_narrow_valley():
     def valley(x):
         return (x[:, 0] - 0.7) ** 2 + 100.0 * (x[:, 1] - x[:, 0] ** 2) ** 2
 
-    first = Candidates(np.full(2, 0.25), 0.25)
+    first = SearchDistribution(np.full(2, 0.25), 0.25)
     found = evolved(valley, first, 120, np.random.default_rng(0)).best
     assert np.allclose(found, [0.7, 0.49], atol=2e-3)
 
