@@ -39,6 +39,7 @@ from consistent_id.recordings.readers.used_rows import (
     MISSING_ADVICE,
     OMIT_MISSING,
     Missing,
+    UsedRows,
     omit_advice,
 )
 
@@ -107,7 +108,8 @@ def read_arrays(
     with _readable(path):
         text = _text(path)
         header = _header(path, text, names)
-        values = _values(path, text[header.end :], header, names, omit, missing)
+        rows = UsedRows(omit, missing=missing)
+        values = _values(path, text[header.end :], header, names, rows)
     return dict(zip(names, values.T, strict=True))
 
 
@@ -132,7 +134,7 @@ def read_batches(
             if not text.strip():
                 rows = 0
             elif rows > first or _has_other_lines(text):
-                values = _values(path, text, header, names, omit)
+                values = _values(path, text, header, names, UsedRows(omit))
                 rows = len(values)
                 if first < rows:
                     yield dict(zip(names, values[first:].T, strict=True))
@@ -342,8 +344,7 @@ def _values(
     body: str,
     header: _CsvHeader,
     names: Sequence[str],
-    omit: Collection[int],
-    missing: Missing = "refuse",
+    used: UsedRows,
 ) -> Matrix:
     """Return the named columns of the rows below a header, shape (rows, names)."""
     if header.repeated and body.count(header.repeated) < len(body.split("\n")) - 1:
@@ -356,9 +357,9 @@ def _values(
     if header.separator == _SPACE:
         lines = body.replace("\r\n", "\n").replace("\r", "\n").split("\n")
         body = "\n".join(" ".join(line.split()) for line in lines)
-    values = _fast(body, header, places, missing)
+    values = _fast(body, header, places, used.missing)
     if values is None:
-        return _exact(path, body, header, places, omit, missing)
+        return _exact(path, body, header, places, used)
     return values
 
 
@@ -407,8 +408,7 @@ def _exact(
     body: str,
     header: _CsvHeader,
     places: Sequence[int],
-    omit: Collection[int] = (),
-    missing: Missing = "refuse",
+    used: UsedRows,
 ) -> Matrix:
     """Return the columns as the csv module reads them, NaN in rows to omit."""
     reader = csv.reader(
@@ -417,11 +417,12 @@ def _exact(
         skipinitialspace=True,
     )
     mark = "." if header.separator == "," else None
+    lenient = used.missing == "omit"
     rows: list[list[float | None]] = []
     first, broken, lacking = "", list[int](), True
     for fields in filter(None, reader):
         place, row = header.rows + len(rows) + 1, list[float | None]()
-        if place in omit:
+        if place in used.omit:
             rows.append([nan] * len(places))
             continue
         fault, cells = _miscounted(fields, header), list[str]()
@@ -429,7 +430,7 @@ def _exact(
             cells = [fields[k] for k in places]
             mark = mark or decimal_mark(cells)
             row = [
-                nan if missing == "omit" and cell in _NOTHING else number(cell, mark)
+                nan if lenient and cell in _NOTHING else number(cell, mark)
                 for cell in cells
             ]
             if None in row:

@@ -5,17 +5,16 @@ A name may select some columns of an array, counted from 0: ``qpos[7:19]``.
 
 import logging
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from consistent_id._support.arrays import (
     Array,
-    IntArray,
     Matrix,
     Vector,
     frozen,
@@ -35,8 +34,7 @@ from consistent_id.recordings.readers.units import (
 from consistent_id.recordings.readers.used_rows import (
     MISSING_ADVICE,
     OMIT_MISSING,
-    Duplicates,
-    Missing,
+    UsedRows,
     broken_samples,
     complete,
     distinct,
@@ -54,17 +52,75 @@ Arrays = Mapping[str, NDArray[Any]]
 _PART = re.compile(r"(?P<name>.+)\[(?P<first>\d*):(?P<end>\d*)\]")
 
 
+class LogName(NamedTuple):
+    """The name of a log.
+
+    Parameters
+    ----------
+    name : str
+        Name of the recording.
+    where : str
+        The log's name in messages: a path, or the same.
+    """
+
+    name: str
+    where: str
+
+    @staticmethod
+    def of(path: Path) -> "LogName":
+        """Return the name of a file's recording."""
+        return LogName(path.name, str(path))
+
+
+class Conversion(NamedTuple):
+    """The conversion of a log's numbers to SI units.
+
+    Parameters
+    ----------
+    units : mapping of str to str
+        By channel.
+    torque_gain : array_like, shape () or (joints,)
+        Factor from the torque channel to torque.
+    without_torque : sequence of int
+        Places of the joints whose torque the log does not have; it becomes zero.
+    """
+
+    units: Units
+    torque_gain: ArrayLike = 1.0
+    without_torque: Sequence[int] = ()
+
+    def recording(
+        self,
+        joints: tuple[str, ...],
+        time: Vector,
+        channels: dict[str, Matrix],
+        name: str,
+    ) -> Recording:
+        """Return the recording of a log's channels."""
+        units, torque_gain = self.units, self.torque_gain
+        if np.ndim(torque_gain) == 0 and torque_gain == 1.0:
+            require_gain(units, name)
+        time = time * factors(units, "time", joints[:1])
+        channels = {
+            channel: _times(values, factors(units, channel, joints))
+            for channel, values in channels.items()
+        }
+        if "torque" in channels:
+            shape = (len(joints),) if np.ndim(torque_gain) else ()
+            gain = frozen(torque_gain, shape, "torque_gain", RecordingError)
+            torque = channels["torque"] * gain
+            torque[:, list(self.without_torque)] = 0.0
+            channels = channels | {"torque": torque}
+        return Recording(joints, time, name=name, **cast(dict[str, Any], channels))
+
+
 def recording_of(
     arrays: Arrays,
     want: WantedChannels,
+    log: LogName,
     *,
-    where: str,
-    name: str,
     torque_gain: ArrayLike,
-    omit: Sequence[int] = (),
-    duplicates: Duplicates = "refuse",
-    missing: Missing = "refuse",
-    numbers: IntArray | None = None,
+    rows: UsedRows,
 ) -> Recording:
     """Return the recording of the wanted arrays.
 
@@ -73,17 +129,9 @@ def recording_of(
     arrays : mapping of str to ndarray
         Columns of shape (samples,), (samples, 1) or (1, samples); two-dimensional
         arrays of shape (samples, width) or its transpose, by the length of time.
-    where, name : str
-        Names of the file, for messages, and of the recording.
+    log : LogName
     torque_gain : array_like, shape () or (joints,)
-    omit : sequence of int
-        Rows to leave out, counted from 1.
-    duplicates : {"refuse", "first", "last"}
-        The row that is used if several successive ones have one time stamp.
-    missing : {"refuse", "omit"}
-        Whether rows in which a value is NaN are left out.
-    numbers : ndarray of int, shape (samples,), optional
-        Numbers of the samples' rows in the file, by default from 1 on.
+    rows : UsedRows
 
     Raises
     ------
@@ -91,6 +139,7 @@ def recording_of(
         If there is no such row, an array does not contain numbers, or shapes do not
         fit.
     """
+    where = log.where
     time = vector_of(arrays, want.time, where)
     channels: dict[str, Matrix] = {}
     for channel, array in want.arrays.items():
@@ -105,32 +154,26 @@ def recording_of(
                     f"{want.time!r} has {len(time)}"
                 )
         channels[channel] = np.column_stack(columns)
-    keep = kept(len(time), omit, where)
-    if missing == "omit":
+    keep = kept(len(time), rows.omit, where)
+    if rows.missing == "omit":
         keep &= complete(time, [*channels.values()], where)
-    keep[keep] = distinct(time[keep], duplicates)
+    keep[keep] = distinct(time[keep], rows.duplicates)
     second = 1.0 / float(factors(want.units, "time", want.joints[:1])[0])
     time = of_one_clock(time, keep, second, where)
     beside = {n: _by_sample(arrays[n], len(time))[keep] for n in want.beside.names}
     if not keep.all():
         channels = {name: values[keep] for name, values in channels.items()}
     try:
-        recording = gained(
-            want.joints,
-            time[keep],
-            channels,
-            torque_gain=torque_gain,
-            name=name,
-            without_torque=want.without_torque,
-            units=want.units,
-        )
+        in_si = Conversion(want.units, torque_gain, want.without_torque)
+        recording = in_si.recording(want.joints, time[keep], channels, log.name)
         if want.beside:
             recording = with_beside(recording, beside, want.beside, where)
     except SampleError as cause:
         seconds = time[keep] * factors(want.units, "time", want.joints[:1])
         broken = broken_samples(seconds, [*channels.values(), *beside.values()])
-        rows = np.arange(1, len(time) + 1) if numbers is None else numbers
-        advice = omit_advice(rows[keep][broken].tolist(), len(seconds))
+        numbers = rows.numbers
+        numbers = np.arange(1, len(time) + 1) if numbers is None else numbers
+        advice = omit_advice(numbers[keep][broken].tolist(), len(seconds))
         options = cause.options
         if any(np.isnan(values).any() for values in channels.values()):
             advice = f"{advice}{MISSING_ADVICE}"
@@ -157,36 +200,6 @@ def with_beside(
         contacts=tuple(c.flags(arrays, time, where) for c in beside.contacts),
         wrenches=tuple(w.wrench(arrays, time, where) for w in beside.wrenches),
     )
-
-
-def gained(
-    joints: tuple[str, ...],
-    time: Vector,
-    channels: dict[str, Matrix],
-    *,
-    torque_gain: ArrayLike,
-    name: str,
-    without_torque: Sequence[int] = (),
-    units: Units,
-) -> Recording:
-    """Return a recording in SI units, its torque multiplied by a gain, joint by joint.
-
-    Torque of joints at the indices `without_torque` becomes zero.
-    """
-    if np.ndim(torque_gain) == 0 and torque_gain == 1.0:
-        require_gain(units, name)
-    time = time * factors(units, "time", joints[:1])
-    channels = {
-        channel: _times(values, factors(units, channel, joints))
-        for channel, values in channels.items()
-    }
-    if "torque" in channels:
-        shape = (len(joints),) if np.ndim(torque_gain) else ()
-        gain = frozen(torque_gain, shape, "torque_gain", RecordingError)
-        torque = channels["torque"] * gain
-        torque[:, list(without_torque)] = 0.0
-        channels = channels | {"torque": torque}
-    return Recording(joints, time, name=name, **cast(dict[str, Any], channels))
 
 
 def require_gain(units: Units, where: str) -> None:
@@ -272,11 +285,7 @@ def stored_name(name: str) -> str:
 
 
 def read_parts(
-    reader: Any,
-    path: Path,
-    names: Sequence[str],
-    omit: Collection[int] = (),
-    missing: Missing = "refuse",
+    reader: Any, path: Path, names: Sequence[str], rows: UsedRows
 ) -> dict[str, NDArray[Any]]:
     """Return named arrays, and parts of arrays, by the requested names.
 
@@ -284,18 +293,15 @@ def read_parts(
     ----------
     reader : module
         Reader of a format, see `LogFormat`.
-    omit : collection of int
-        Rows that are left out afterwards, counted from 1; of text they may hold
-        anything.
-    missing : {"refuse", "omit"}
-        Whether empty fields of text are NaN.
+    rows : UsedRows
+        Rows that are used afterwards; of text, others may hold anything.
 
     Raises
     ------
     RecordingError
         If there is no such array, or it has no such columns.
     """
-    given = (omit, missing) if log_format(path).is_text else ()
+    given = (rows.omit, rows.missing) if log_format(path).is_text else ()
     arrays = reader.read_arrays(path, stored_names(names), *given)
     return parts_of(arrays, names, path)
 

@@ -1,9 +1,9 @@
 """The rows of a log that are used: not omitted, complete, with increasing time."""
 
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,28 @@ Duplicates = Literal["refuse", "first", "last"]
 
 Missing = Literal["refuse", "omit"]
 """Whether rows with empty or NaN values are left out."""
+
+
+class UsedRows(NamedTuple):
+    """The rows of a log that a recording is made of.
+
+    Parameters
+    ----------
+    omit : collection of int
+        Rows to leave out, counted from 1.
+    duplicates : {"refuse", "first", "last"}
+        The row that is used if several successive ones have one time stamp.
+    missing : {"refuse", "omit"}
+        Whether rows in which a value is missing are left out.
+    numbers : ndarray of int, shape (rows,), optional
+        Numbers of the rows in the file, by default from 1 on.
+    """
+
+    omit: Collection[int] = ()
+    duplicates: Duplicates = "refuse"
+    missing: Missing = "refuse"
+    numbers: IntArray | None = None
+
 
 OMIT_MISSING = "--missing omit"
 
@@ -161,7 +183,7 @@ def complete(time: Vector, channels: Sequence[Matrix], where: str) -> BoolArray:
     return np.asarray(complete)
 
 
-def kept(rows: int, omit: Sequence[int], where: str) -> BoolArray:
+def kept(rows: int, omit: Collection[int], where: str) -> BoolArray:
     """Return the rows to use if some are omitted, counted from 1.
 
     Raises
