@@ -195,10 +195,10 @@ def _torque_error(
             logs or study.training,
             selection=Selection(model.base, model.tip, model.joints, model.locked),
             source=source,
-            held_out=held_out,
         )
     except ConsistentIdError as cause:
         return None, [f"the torque error of the file is not known: {cause}"]
+    cost = replace(cost, held_out=held_out)
     return asdict(cost), [str(cost)]
 
 
