@@ -23,6 +23,8 @@ from consistent_id._support.arrays import Vector
 from consistent_id.constraints.cones.certificate import (
     GAP_TOLERANCE,
     Optimality,
+    Parabola,
+    ball_about,
     certify,
     unexplained,
 )
@@ -274,10 +276,10 @@ class Compromise:
         long as the unexplained gradient is shorter than half the weight.
         """
         fit, distance, weight = self.fit, self.distance, self.weight
-        u, centre = solution.u, distance.nominal
-        proof = partial(certify, reference=REFERENCE, reach=self.reach)
+        u, within = solution.u, ball_about(distance.nominal, self.reach)
+        proof = partial(certify, solution=solution, within=within, reference=REFERENCE)
         if isinstance(distance, QuadraticDistance):
-            return proof(self.near(u).problem, solution, centre)
+            return proof(self.near(u).problem)
         squared = distance.squared(u)
         if not np.isfinite(squared):
             return Optimality(np.inf, np.inf, fit.domain.violation(u), np.inf)
@@ -289,9 +291,7 @@ class Compromise:
         curvature = fit.M
         if np.linalg.norm(steep) <= weight / 2:
             curvature = np.vstack([fit.M, np.sqrt(weight / 2) * rows.G])
-        return proof(
-            problem, solution, centre, objective=objective, curvature=curvature
-        )
+        return proof(problem, below=Parabola(objective, curvature))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,7 +20,12 @@ from consistent_id import (
     build_regression,
     simulate_torque,
 )
-from consistent_id.constraints.cones.certificate import certify, unexplained
+from consistent_id.constraints.cones.certificate import (
+    Parabola,
+    ball_about,
+    certify,
+    unexplained,
+)
 from consistent_id.constraints.cones.least_norm import solve_least_norm
 from consistent_id.constraints.cones.programmes import Multipliers
 from consistent_id.constraints.priors import Distance, nominal_distance
@@ -268,10 +273,12 @@ def test_of_a_rest_as_long_as_half_the_weight_the_distances_curvature_is_no_proo
     expected = certify(
         problem,
         found,
-        distance.nominal,
+        ball_about(distance.nominal),
         reference=REFERENCE,
-        objective=objective(fit, distance, weight, u),
-        curvature=fit.M if steep else half,
+        below=Parabola(
+            objective=objective(fit, distance, weight, u),
+            curvature=fit.M if steep else half,
+        ),
     )
     assert Compromise(fit, distance, weight).certified(found) == expected
 
