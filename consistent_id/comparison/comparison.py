@@ -15,9 +15,12 @@ from consistent_id.comparison.feasibility import (
     base_feasibility,
     consistency_test,
 )
-from consistent_id.constraints.links import LinkCondition, link_conditions
+from consistent_id.constraints.delivered_bodies import (
+    LinkCondition,
+    link_conditions,
+    robot_size,
+)
 from consistent_id.constraints.priors import pullback_distance
-from consistent_id.constraints.robot_size import robot_size
 from consistent_id.errors import ProblemError, SolverError
 from consistent_id.estimation.drive_ratios import (
     drive_ratios,

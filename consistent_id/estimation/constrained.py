@@ -8,7 +8,7 @@ from consistent_id._support.arrays import Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import Constraint, PhysicalConsistency
 from consistent_id.constraints.cones.certificate import Certificate, OptimumProof
-from consistent_id.constraints.links import LinkCondition, link_conditions
+from consistent_id.constraints.delivered_bodies import LinkCondition, link_conditions
 from consistent_id.constraints.priors import Penalty, Prior
 from consistent_id.estimation.best_fit import FitProblem, ScaledFit
 from consistent_id.estimation.constrained_fit import (

@@ -18,7 +18,7 @@ from consistent_id import (
     low_passed,
 )
 from consistent_id.constraints import ParameterBounds
-from consistent_id.constraints.robot_size import robot_size
+from consistent_id.constraints.delivered_bodies import robot_size
 from consistent_id.estimation.drive_ratios import (
     DriveRatios,
     drive_ratios,
