@@ -104,7 +104,7 @@ class _Own:
         return self.surprise <= _SAME and all(a.bound == b.bound for a, b in pairs)
 
 
-class _LoadedRobot(NamedTuple):
+class _CarryingRobot(NamedTuple):
     """A robot that carries something, and where."""
 
     robot: StoredRobot
@@ -136,7 +136,7 @@ def settle(
     if not robots:
         raise ProblemError("no robot is left to share bodies with others; give more")
     plain = [robot for robot in robots if robot.place is None]
-    loaded = [_LoadedRobot(r, r.place) for r in robots if r.place is not None]
+    loaded = [_CarryingRobot(r, r.place) for r in robots if r.place is not None]
     reference = robots[0].sigma
     read = (_scaled(read_share(robot.file, fleet), reference) for robot in plain)
     start = tree_reduced(read, Regression.__add__)  # read once, whatever the rounds
@@ -246,7 +246,7 @@ def _held(
 
 def _loaded(
     held: Regression,
-    loaded: _LoadedRobot,
+    loaded: _CarryingRobot,
     own: _Own,
     shared: Vector,
     limits: Sequence[OwnSet],
