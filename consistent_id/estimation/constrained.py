@@ -8,7 +8,7 @@ from consistent_id._support.arrays import Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import Constraint, PhysicalConsistency
 from consistent_id.constraints.cones.certificate import Certificate, OptimumProof
-from consistent_id.constraints.links import LinkCondition, link_conditions
+from consistent_id.constraints.delivered_bodies import LinkCondition, link_conditions
 from consistent_id.constraints.priors import Penalty, Prior
 from consistent_id.estimation.best_fit import FitProblem, ScaledFit
 from consistent_id.estimation.constrained_fit import (
@@ -163,12 +163,13 @@ def audited(
     model, free = problem.model, problem.free
     base, x, shift = free.base, found.parameters, found.shift
     known = found.scaled.constraints.A_eq
-    moved = 0.0 if shift is None else shift
     # Errors of the nominal bodies do not say how wrong the bodies of a penalty are.
     pulled = shift is not None and not found.penalised
-    found_by = determined(
-        model, free, known, x, elsewhere="prior", shift=moved, along=found.along
-    )
+    found_by = determined(model, free, known, x, elsewhere="prior")
+    stated = None
+    if shift is not None:
+        along = found_by.errors if found.along is None else found.along
+        stated = found_by.partly_along(along).biased(shift)
     links = link_conditions(model, x)
     return Estimate(
         method=method,
@@ -183,8 +184,8 @@ def audited(
         notes=(found.note, *_edges(links)),
         seconds=perf_counter() - started,
         fit=fit_of(model, free, x, known=known, pulled=pulled),
-        parameter_errors=None if shift is None else found_by.errors,
-        parameter_quantiles=None if shift is None else found_by.quantiles,
+        parameter_errors=None if stated is None else stated.errors,
+        parameter_quantiles=None if stated is None else stated.quantiles,
     )
 
 

@@ -153,6 +153,29 @@ class Determined(NamedTuple):
     errors: Vector
     quantiles: Vector
 
+    def partly_along(self, errors: Vector) -> "Determined":
+        """Return these with the mean of both variances.
+
+        Where the truth is on a boundary, noise makes it active in half of all data
+        sets.
+
+        Parameters
+        ----------
+        errors : ndarray, shape (parameters,)
+            Standard errors along active inequalities.
+        """
+        return self._replace(errors=np.hypot(self.errors, errors) / np.sqrt(2.0))
+
+    def biased(self, shift: Vector) -> "Determined":
+        """Return these with a bias added to the errors.
+
+        Parameters
+        ----------
+        shift : ndarray, shape (parameters,)
+            How far a prior moved the parameters from the best fit.
+        """
+        return self._replace(errors=np.hypot(self.errors, shift))
+
 
 def determined(
     model: TorqueModel,
@@ -161,8 +184,6 @@ def determined(
     x: Vector,
     *,
     elsewhere: Determination,
-    shift: Vector | float = 0.0,
-    along: Vector | None = None,
 ) -> Determined:
     """Return the sources of an estimate's values, with errors from its data's noise.
 
@@ -170,18 +191,12 @@ def determined(
     ----------
     known : ndarray, shape (rows, parameters)
         Rows of the equalities that hold by assumption.
-    x, elsewhere, shift
-        See `determinations` and `stated_errors`.
-    along : ndarray, shape (parameters,), optional
-        Errors along active inequalities.  Where the truth is on a boundary, noise
-        makes it active in half of all data sets: the mean of both variances is stated.
+    x, elsewhere
+        See `determinations`.
     """
     errors = linear_errors(free.base, free.noise, known)
     origins = determinations(model, free, errors, x, elsewhere=elsewhere)
-    values = errors.values
-    if along is not None:
-        values = np.sqrt((values**2 + along**2) / 2.0)
-    stated = stated_errors(values, origins, shift)
+    stated = stated_errors(errors.values, origins)
     return Determined(origins, stated, errors.quantiles)
 
 
