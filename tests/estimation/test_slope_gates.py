@@ -158,6 +158,10 @@ def test_a_factor_of_all_joints_is_stated_from_its_gates(slopes, common):
         )
 
 
+def test_a_common_factor_is_not_stated_of_each_strong_joint_as_well():
+    assert kinds(slopes=1.2) == ["gain or unit"]
+
+
 def test_two_joints_have_a_common_factor_and_one_has_none():
     for shares, expected in (
         ([1.0, 1.0, 0.01], ["gain or unit"]),
@@ -195,6 +199,7 @@ def test_a_strong_joints_gain_counts_from_an_eighth_of_all_torque(
     assert kinds(**changes) == ["nominal model"] * doubted
     assert doubtful_joints(fit(**changes)) == (JOINTS if doubted else ())
     # Friction explains too much, the bodies too little, or they are confirmed.
+    assert kinds(**changes, expected=[0.3, 0.5, 0.5]) == ["nominal model"] * doubted
     assert kinds(**changes, expected=[0.299, 0.5, 0.5]) == []
     moving = {"moving": [0.1, 0.9, 0.9], "holding": [np.nan, 1.0, 1.0]}
     assert kinds(**changes, **moving) == []
