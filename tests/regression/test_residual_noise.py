@@ -212,3 +212,54 @@ def test_few_effective_samples_widen_intervals_by_students_quantile():
     # 93 to 97 %; the mean over 120 sets is uncertain by 0.8 %.
     assert np.mean(student) > np.mean(normal) + 0.007
     assert 0.93 < np.mean(student) < 0.97 + 0.008
+
+
+def noise_of(**changes):
+    """Noise of two joints, of which the second tells nothing of one parameter."""
+    one = np.eye(1)
+    values = {
+        "sigma": np.ones(2),
+        "length": np.ones(2),
+        "effective": 90.0,
+        "measured": True,
+        "steps": one,
+        "inflation": one,
+        "root": one,
+        "level_freedom": np.full(2, 1e6),
+        "of_joints": (one, 0.0 * one),
+    }
+    return ResidualNoise(**values | changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words", "absent"),
+    [
+        ({}, ["residuals are white"], ["again", "interval"]),
+        ({"length": np.array([1.0, 1.5])}, ["residuals are white"], []),
+        (
+            {"length": np.array([1.0, 1.6])},
+            ["over 1 to 2 samples", "are 1.0 to 1.3 times"],
+            ["errors are rough"],
+        ),
+        ({"length": np.full(2, 4.0)}, ["over 4 samples", "errors are 2.0 times"], []),
+        ({"beyond": 1.1}, [], ["as large again"]),
+        ({"beyond": 1.21}, ["they are 1.1 times as large again"], []),
+        ({"beyond": 4.0}, ["they are 2.0 times as large again"], []),
+        # Student's quantile for 27 degrees of freedom is 2.052, for 28 it is 2.048.
+        ({"level_freedom": np.full(2, 27.0)}, ["is 2.1 standard errors"], []),
+        ({"level_freedom": np.full(2, 28.0)}, [], ["interval"]),
+        (
+            {"length": np.full(2, 4.0), "effective": 3.9},
+            ["only 4 effective samples for 1 parameters"],
+            [],
+        ),
+        ({"length": np.full(2, 4.0), "effective": 4.0}, [], ["errors are rough"]),
+        ({"measured": False}, ["no residuals were at hand"], ["residuals are"]),
+    ],
+)
+def test_the_sentence_on_standard_errors_says_what_enlarges_them(
+    changes, words, absent
+):
+    sentence = noise_of(**changes).sentence
+    assert all(word in sentence for word in words), sentence
+    assert not any(word in sentence for word in absent), sentence
