@@ -84,6 +84,16 @@ def test_a_spring_between_those_that_are_tried_is_found_with_its_error():
     assert found.standard_errors == pytest.approx([error], rel=0.3)
 
 
+@pytest.mark.parametrize("noise", [0.002, 0.02])
+def test_a_spring_is_found_between_the_steps_of_the_search(noise):
+    """At the least of the misfit, to half a per cent."""
+    log = log_of(1.0 / SPRING, noise)
+    found = joint_springs(one_joint(), [log]).compliance
+    misfit = _search(one_joint(), [log], (), ()).misfit
+    below, least, above = (misfit(found * factor) for factor in (0.995, 1.0, 1.005))
+    assert least < min(below, above)
+
+
 @pytest.mark.parametrize("seed", some_fast(range(3)))
 def test_a_rigid_joint_has_no_spring(seed):
     found = joint_springs(one_joint(), [log_of(0.0, 0.02, seed)])
