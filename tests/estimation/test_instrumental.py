@@ -93,6 +93,7 @@ def test_its_standard_error_is_that_of_the_textbook():
     residual = log.torque.ravel() - iv.base_values[0] * a
     # var = s^2 z.z / (z.a)^2
     expected = np.sqrt(residual @ residual / (len(a) - 1) * (z @ z)) / abs(z @ a)
+    assert iv.sigma[0] == pytest.approx(np.sqrt(residual @ residual / (len(a) - 1)))
     # The noise is white, and its spectrum is estimated.
     assert iv.standard_errors[0] == pytest.approx(expected, rel=0.03)
 

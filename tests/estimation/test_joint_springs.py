@@ -56,6 +56,27 @@ def test_a_unit_of_compliance_lets_the_link_vibrate_at_one_hertz():
     assert np.sqrt(1.0 / (unit[0] * LINK)) / (2.0 * np.pi) == pytest.approx(1.0)
 
 
+def test_a_unit_of_compliance_is_that_of_one_group_alone():
+    """Of equal motors it is the mean of those that are one hertz."""
+    model = one_joint()
+    body = replace(model.robot.links[0], name="other")
+    axis = replace(model.robot.joints[0], name="other")
+    pair = replace(
+        model.robot,
+        joints=(*model.robot.joints, axis),
+        links=(*model.robot.links, body),
+    )
+    log = log_of(0.0, 0.01)
+    both = [np.hstack([x, x]) for x in (log.position, log.velocity, log.acceleration)]
+    logs = [Recording(pair.joint_names, TIME, *both, np.hstack([log.torque] * 2))]
+    pair = TorqueModel(pair, DriveTerms(rotor_inertia=True))
+    one = 1.0 / (LINK * (2.0 * np.pi) ** 2)
+    alone = _search(pair, logs, (), ()).units
+    np.testing.assert_allclose(alone, np.diag([one, one]))
+    (together,) = _search(pair, logs, (pair.robot.joint_names,), ()).units
+    np.testing.assert_allclose(together, [one, one])
+
+
 def error_of(noise):
     """Return the error of a compliance by white noise, beside one column of inertia."""
     c, h = 1.0 / SPRING, 1e-3 / SPRING

@@ -12,6 +12,7 @@ from scipy.special import stdtrit
 
 from consistent_id import (
     PhysicalConsistency,
+    ProblemError,
     Recording,
     build_regression,
     constrained_least_squares,
@@ -24,6 +25,7 @@ from consistent_id.regression import base_parameters
 from consistent_id.regression.residual_noise import (
     ResidualNoise,
     Scatter,
+    joint_noise,
     unconstrained_fit,
 )
 
@@ -263,3 +265,30 @@ def test_the_sentence_on_standard_errors_says_what_enlarges_them(
     sentence = noise_of(**changes).sentence
     assert all(word in sentence for word in words), sentence
     assert not any(word in sentence for word in absent), sentence
+
+
+def test_weights_and_residuals_agree_where_the_weights_are_found():
+    """After one round they are the residuals of plain least squares."""
+    model, _, log = experiment(3, joints=2, noise=0.1, samples=400)
+    loud = log.torque + np.random.default_rng(0).normal(size=(400, 2)) * [0.0, 5.0]
+    base = base_parameters(model)
+    regression = build_regression(model, replace(log, torque=loud), noise=False)
+
+    def left(weights):
+        """Each joint's residual under given weights, less the degrees of freedom."""
+        solution = unconstrained_fit(regression.weighted(weights), base)
+        rms = regression.residual_rms(solution.parameters)
+        return rms / np.sqrt(1.0 - len(base) / 800.0)
+
+    once = joint_noise(model, regression, base=base, iterations=1)
+    np.testing.assert_allclose(once, left(np.ones(2)), rtol=1e-9)
+    twice = joint_noise(model, regression, base=base, iterations=2)
+    np.testing.assert_allclose(twice, left(once), rtol=1e-9)
+    found = joint_noise(model, regression, base=base)
+    np.testing.assert_allclose(found, left(found), rtol=1e-3)
+    assert found[1] > 10.0 * found[0]
+    with pytest.raises(ProblemError, match="iterations is 0"):
+        joint_noise(model, regression, base=base, iterations=0)
+    exact = build_regression(model, experiment(3, joints=2, samples=400)[2])
+    floor = 1e-6 * exact.torque_rms
+    np.testing.assert_allclose(joint_noise(model, exact, base=base), floor, rtol=1e-6)
