@@ -256,3 +256,39 @@ def test_a_limit_is_within_a_twentieth_of_the_largest_torque():
 
 def test_a_channel_without_change_has_no_limit():
     assert not limited(np.ones(50)).any()
+
+
+def noisy_tops(tops, next_ones=1, fourth=1):
+    """Unlike torque below 0.9, and between it single readings of the largest value."""
+    rng = np.random.default_rng(0)
+    torque = rng.uniform(0.1, 0.9, 200)
+    torque[5 : 5 + 10 * tops : 10] = 1.0
+    # The next value, and the fourth, read several times.
+    order = np.argsort(torque)[::-1][tops:]
+    torque[order[:next_ones]] = torque[order[0]]
+    later = order[next_ones + 2 :]
+    torque[later[:fourth]] = torque[later[0]]
+    return torque
+
+
+@pytest.mark.parametrize(
+    ("tops", "others", "found"),
+    [
+        (5, {}, True),  # five single readings, five times as many as of the next
+        (4, {}, False),
+        (5, {"next_ones": 2}, False),
+        (10, {"next_ones": 2}, True),
+        (9, {"next_ones": 2}, False),
+        (5, {"fourth": 2}, True),  # the next three count
+    ],
+)
+def test_single_readings_at_one_value_show_a_limit_that_noise_hides(
+    tops, others, found
+):
+    torque = noisy_tops(tops, **others)
+    assert limited(torque).any() == found
+    if found:
+        assert marked(limited(torque)) == marked(torque == 1.0)
+        assert marked(limited(-torque)) == marked(torque == 1.0)
+    still = np.where(torque == 1.0, 0.0, 1.0)
+    assert not limited(torque, still).any()
