@@ -237,6 +237,7 @@ def test_a_reweighting_that_has_not_settled_is_not_certified():
     assert settled.certificate.verdict == "certified"
     assert settled.certificate.figures["last change"] <= 1e-4
     assert settled.notes[0] == "Huber's loss, k = 1.345"
+    assert huber(model, wild, k=0.5).notes[0] == "Huber's loss, k = 0.5"
     for wrong in ({"k": 0.0}, {"k": np.inf}, {"iterations": 0}):
         with pytest.raises(ProblemError, match=f"{next(iter(wrong))} is"):
             huber(model, wild, **wrong)
