@@ -9,7 +9,11 @@ from hypothesis import strategies as st
 from second_solver import FORMULATIONS, solve_anew
 
 from consistent_id import SolverError
-from consistent_id.constraints.cones.certificate import certify, solve_certified
+from consistent_id.constraints.cones.certificate import (
+    ball_about,
+    certify,
+    solve_certified,
+)
 from consistent_id.constraints.cones.least_norm import (
     LeastNorm,
     minimisers,
@@ -107,9 +111,13 @@ def test_another_formulation_and_another_solver_agree(seed, formulation):
     mine = solve_least_norm(problem)
     theirs = solve_anew(problem, formulation)
     # A strongly convex objective: both are within the root of their gaps.
-    scale = max(certify(problem, mine, np.zeros(10)).objective, 0.5)
+    scale = max(certify(problem, mine, ball_about(np.zeros(10))).objective, 0.5)
     within = [
-        np.sqrt(2.0 * scale * certify(problem, s, np.zeros(10), reference=0.5).gap)
+        np.sqrt(
+            2.0
+            * scale
+            * certify(problem, s, ball_about(np.zeros(10)), reference=0.5).gap
+        )
         for s in (mine, theirs)
     ]
     assert np.linalg.norm(theirs.u - mine.u) <= sum(within) + 1e-7
@@ -121,7 +129,7 @@ def test_another_formulation_and_another_solver_agree(seed, formulation):
         (block,) = problem.domain.blocks
         rest -= np.tensordot(block.coefficients, multipliers.blocks[0], axes=2)
         assert np.linalg.norm(rest) < 1e-4
-    assert certify(problem, theirs, np.zeros(10), reference=0.5).gap < 1e-6
+    assert certify(problem, theirs, ball_about(np.zeros(10)), reference=0.5).gap < 1e-6
 
 
 def test_programmes_over_one_set_are_each_solved_as_if_alone():
@@ -195,7 +203,10 @@ def test_the_origin_and_a_wide_ball_do_not_change_the_answer(seed):
     )
     # A gap of 1e-10 leaves a strongly convex problem's point open by its root, and the
     # multipliers by that and by the gradient that they leave unexplained.
-    proofs = [certify(problem, s, np.zeros(10), reference=0.5) for s in (plain, moved)]
+    proofs = [
+        certify(problem, s, ball_about(np.zeros(10)), reference=0.5)
+        for s in (plain, moved)
+    ]
     within = sum(np.sqrt(2.0 * max(p.objective, 0.5) * p.gap) for p in proofs)
     unexplained = sum(p.stationarity for p in proofs)
     assert within + unexplained < 1e-3

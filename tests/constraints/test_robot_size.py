@@ -19,7 +19,7 @@ from consistent_id import (
     from_modified_dh,
     low_passed,
 )
-from consistent_id.constraints.robot_size import robot_size
+from consistent_id.constraints.delivered_bodies import robot_size
 from consistent_id.estimation.judgement import INERTIA_REFUSED
 from consistent_id.robot import load_urdf
 from consistent_id.robot.inertia import InertialParameters

@@ -22,7 +22,7 @@ from consistent_id import (
 from consistent_id.constraints import Penalty
 from consistent_id.estimation import instrumental_variables, weighted_least_squares
 from consistent_id.estimation.estimate_file import ReasonRecord
-from consistent_id.estimation.estimate_plot import draw_parameters
+from consistent_id.estimation.estimate_plot import draw_parameters, parameter_bars
 from consistent_id.estimation.uncertainties.parameter_uncertainty import bootstrap
 from consistent_id.estimation.verdict import Reason
 from consistent_id.regression import joint_noise, segment_regressions
@@ -171,14 +171,11 @@ def test_wrong_joints_and_axes_are_said(pyplot):
         estimate.plot(log, axes=axis)
 
 
-def parameters_drawn(estimate, **options):
-    return draw_parameters(
-        estimate.model.layout,
-        estimate.parameters,
-        estimate.parameter_errors,
-        estimate.method,
-        **options,
+def parameters_drawn(estimate, names=None, axes=None):
+    bars = parameter_bars(
+        estimate.model.layout, estimate.parameters, estimate.parameter_errors, names
     )
+    return draw_parameters(bars, estimate.method, axes)
 
 
 def test_parameters_are_drawn_with_bars_of_95_percent_by_unit(pyplot):

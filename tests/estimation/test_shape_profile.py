@@ -5,7 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from consistent_id.estimation.shape_profile import ShapeGroup, ShapeProfile, profile
+from consistent_id.estimation.shape_profile import (
+    LeastMisfit,
+    ShapeGroup,
+    ShapeProfile,
+    allowed_rise,
+    profile,
+)
 from consistent_id.regression.friction_shapes import FrictionShape
 
 H = np.array([[2.0, 1.2], [1.2, 3.0]])
@@ -20,9 +26,8 @@ def quadratic(u):
 
 
 def profiled(box, independent=50.0):
-    return profile(
-        quadratic, GROUP, 0, BEST, box, independent=independent, confidence=0.95
-    )
+    allowed = allowed_rise(independent, confidence=0.95)
+    return profile(LeastMisfit(quadratic, BEST, box, allowed), GROUP, 0)
 
 
 def test_the_interval_of_a_quadratic_misfit_is_known_with_the_other_shape_free():

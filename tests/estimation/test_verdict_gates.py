@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from made_up_fits import JOINTS, evidence, fit, held_out
 
-from consistent_id.constraints.links import LinkCondition
-from consistent_id.constraints.robot_size import RobotSize
+from consistent_id.constraints.delivered_bodies import LinkCondition, RobotSize
 from consistent_id.estimation.drive_ratios import DriveRatios, drive_reasons
 from consistent_id.estimation.judgement import judge
 from consistent_id.estimation.verdict import (

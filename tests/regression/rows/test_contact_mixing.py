@@ -8,7 +8,7 @@ from quadrupeds import quadruped_text, standing
 
 import consistent_id as ci
 from consistent_id.regression.motion_arrays import motion_of
-from consistent_id.regression.rows.contact_maps import contact_maps
+from consistent_id.regression.rows.contact_maps import ContactMixing, row_numbers
 from consistent_id.regression.rows.generalised_forces import measured_forces
 from consistent_id.robot.kinematics import frame_motion
 
@@ -201,16 +201,22 @@ def test_a_wrench_pushes_alike_in_whatever_axes_it_is_given(robot, axes):
         measured_forces(model, replace(log, base=None))
 
 
+def maps_of(robot, q, contacts, sigma):
+    """Row maps of all rows of samples with these contacts."""
+    mixing = ContactMixing(robot, row_numbers(robot), q, tuple(contacts), None)
+    return mixing.row_maps(sigma)
+
+
 def test_in_the_air_rows_are_divided_by_their_noise_alone(robot):
     q = standing(robot, np.array(THREE)).position
     closed = np.zeros(4, dtype=bool)
     flags = [ci.recordings.ContactFlags("a_calf", closed)]
     sigma = np.arange(1.0, 19.0)
-    (group,) = contact_maps(robot, q, flags, sigma)
+    (group,) = maps_of(robot, q, flags, sigma)
     assert group.samples.tolist() == [0, 1, 2, 3]
     np.testing.assert_allclose(group.maps, np.tile(np.diag(1.0 / sigma), (4, 1, 1)))
     uncertain = replace(flags[0], certain=np.arange(4) > 1)
-    (group,) = contact_maps(robot, q, [uncertain], sigma)
+    (group,) = maps_of(robot, q, [uncertain], sigma)
     assert group.samples.tolist() == [2, 3]
 
 
@@ -229,12 +235,12 @@ def test_a_contact_along_another_is_counted_once(robot):
     foot = ci.recordings.ContactFlags("a_calf", np.ones(4, dtype=bool), (0, 0, -0.2))
     sigma = np.ones(18)
     for contacts, left in (([foot], 15), ([foot, foot], 15)):
-        (group,) = contact_maps(robot, q, contacts, sigma)
+        (group,) = maps_of(robot, q, contacts, sigma)
         assert group.maps.shape == (4, left, 18)
         products = group.maps @ np.swapaxes(group.maps, 1, 2)
         np.testing.assert_allclose(
             products, np.tile(np.eye(left), (4, 1, 1)), atol=1e-10
         )
     surface = replace(foot, surface=True)
-    (group,) = contact_maps(robot, q, [surface], sigma)
+    (group,) = maps_of(robot, q, [surface], sigma)
     assert group.maps.shape == (4, 12, 18)
