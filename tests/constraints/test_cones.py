@@ -1,5 +1,7 @@
 """The solver's own form, its fallbacks, and a second formulation and solver."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -21,6 +23,7 @@ from consistent_id.constraints.cones.programmes import (
     Ball,
     ConeRows,
     lower_bound,
+    point_of,
     set_rows,
     solve_cones,
 )
@@ -271,3 +274,40 @@ def test_any_multipliers_give_a_lower_bound_of_a_cone_programme():
     exact = np.append(0.5 * np.linalg.norm(cost), 0.5 * cost)
     bound = lower_bound(cost, [inner.rows()], [exact], far)
     assert bound == pytest.approx(cost @ centre - 0.5 * np.linalg.norm(cost), abs=1e-12)
+
+
+def test_stacks_of_stacks_of_matrices_are_stacked_matrix_by_matrix():
+    A = np.random.default_rng(0).normal(size=(2, 5, 3, 3))
+    A = A + np.swapaxes(A, -1, -2)
+    found = svec(A)
+    assert found.shape == (2, 5, 6)
+    assert found[1, 4].tolist() == svec(A[1, 4]).tolist()
+    np.testing.assert_allclose(smat(found), A, atol=1e-14)
+
+
+def test_margins_of_blocks_are_eigenvalues_in_units_of_their_scales():
+    """``diag(x, 9 - x)`` with scales 2 and 3: x / 4 and (9 - x) / 9."""
+    coefficients = np.array([np.diag([1.0, -1.0])])
+    block = SemidefiniteBlock("b", coefficients, np.diag([0.0, 9.0]), [2.0, 3.0])
+    domain = ConicSet.semidefinite([block], 1)
+    for x, least in ((1.0, 0.25), (8.0, 1.0 / 9.0), (-4.0, -1.0)):
+        point = np.array([x])
+        assert domain.block_rows.margins(point) == pytest.approx([least])
+        assert np.linalg.eigvalsh(block.scaled(point))[0] == pytest.approx(least)
+        assert domain.violation(point) == pytest.approx(max(-least, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("status", "x", "z"),
+    [
+        ("Solved", [np.nan], [1.0]),
+        ("Solved", [1.0], [np.inf]),
+        ("PrimalInfeasible", [1.0], [1.0]),
+        ("AlmostDualInfeasible", [1.0], [1.0]),
+    ],
+)
+def test_a_solution_without_a_point_is_refused(status, x, z):
+    with pytest.raises(SolverError, match=f"ended '{status}' without a point"):
+        point_of(SimpleNamespace(status=status, x=x, z=z))
+    fine = SimpleNamespace(status="AlmostSolved", x=[2.0], z=[1.0])
+    assert point_of(fine).tolist() == [2.0]

@@ -100,6 +100,7 @@ def test_no_robot_within_the_slack_is_nearer(seed):
     near = nearest_within(best, distance, slack)
     least = best.scaled.excess(best.solution.u)
     allowed = ((1 + slack) ** 2 - 1) * max(least + best.scaled.residual**2, 1.0)
+    assert near.allowed == pytest.approx(allowed, rel=1e-12)
     assert near.fit.excess - least <= allowed
     assert near.distance_gap <= 0.01
     # Any weight whose point is within the slack is no nearer than what is proven.

@@ -8,6 +8,7 @@ import pytest
 from consistent_id.estimation.shape_profile import (
     LeastMisfit,
     ShapeGroup,
+    ShapeProfile,
     allowed_rise,
     profile,
 )
@@ -69,3 +70,21 @@ def test_a_group_has_its_members_unit_and_their_geometric_mean():
     assert (alone.kind, alone.unit) == (both.kind, both.unit)
     assert (both.kind, both.unit) == ("velocity_scale", "rad/s")
     assert [alone.value, both.value] == pytest.approx([0.02, 0.04])
+
+
+@pytest.mark.parametrize(
+    ("low_found", "high_found", "said"),
+    [
+        (True, True, "shape = 0.2 rad/s [0.1, 0.4]"),
+        (True, False, "shape = 0.2 rad/s, by the data at least 0.1"),
+        (False, True, "shape = 0.2 rad/s, by the data at most 0.4"),
+        (False, False, "shape = 0.2 rad/s, which the data do not determine"),
+    ],
+)
+def test_a_shape_is_said_with_the_ends_that_the_data_show(low_found, high_found, said):
+    ends = {"low": 0.1, "high": 0.4, "low_found": low_found, "high_found": high_found}
+    found = ShapeProfile(
+        "shape", ("joint1",), 0.2, unit="rad/s", curve=np.ones((1, 2)), **ends
+    )
+    assert str(found) == said
+    assert found.determined is (low_found and high_found)
