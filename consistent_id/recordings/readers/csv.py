@@ -32,6 +32,7 @@ from consistent_id.recordings.readers.named_arrays import (
     Missing,
     omit_advice,
 )
+from consistent_id.recordings.readers.parquet import numbers_of
 from consistent_id.recordings.readers.printed_messages import (
     as_table,
     is_printed,
@@ -400,7 +401,7 @@ def _fast(
             continue
         values = np.empty((len(table), len(places)), order="F")
         for k, column in enumerate(wanted):
-            values[:, k] = table[column].to_numpy()
+            values[:, k] = numbers_of(table[column], column)
         return values
     return None
 
