@@ -20,7 +20,11 @@ from consistent_id.estimation.cross_validation import (
     cross_validated,
 )
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.left_out import LeftOutBlock
+from consistent_id.estimation.left_out import (
+    LeftOutBlock,
+    LeftOutFits,
+    left_out_fits,
+)
 from consistent_id.estimation.method import Method, fitted_spans
 from consistent_id.estimation.recommendation import SlackChoice, chosen_slack
 from consistent_id.estimation.robust import HuberRules, huber_estimate
@@ -111,24 +115,33 @@ def identify(
     )
 
 
-def slack_choices(
+def fits_left_out(
     problem: Problem, folds: Sequence[LeftOutBlock], *, base: BaseParameters
-) -> dict[Method, SlackChoice]:
-    """Return the slacks of the constrained estimates, equally weighted and weighted."""
+) -> dict[Method, LeftOutFits]:
+    """Return the constrained fits without each block, equally weighted and weighted."""
 
-    def chosen(method: Method) -> SlackChoice:
-        return chosen_slack(
+    def fitted(method: Method) -> LeftOutFits:
+        return left_out_fits(
             problem.model,
             folds,
-            problem.prior,
             constraints=problem.constraints,
             base=base,
+            inside=problem.prior.inside,
             weighted=method == Method.WEIGHTED_CONSTRAINED,
         )
 
     methods = (Method.CONSTRAINED, Method.WEIGHTED_CONSTRAINED)
     with worker_threads(len(methods)) as pool:  # Clarabel frees the interpreter's lock
-        return dict(zip(methods, pool.map(chosen, methods), strict=True))
+        return dict(zip(methods, pool.map(fitted, methods), strict=True))
+
+
+def slack_choices(
+    problem: Problem, fits: Mapping[Method, LeftOutFits]
+) -> dict[Method, SlackChoice]:
+    """Return the slacks of the constrained estimates; `fits` of `fits_left_out`."""
+    with worker_threads(len(fits)) as pool:
+        chosen = pool.map(lambda each: chosen_slack(each, problem.prior), fits.values())
+        return dict(zip(fits, chosen, strict=True))
 
 
 def slack_notes(slacks: Mapping[Method, SlackChoice], method: str) -> tuple[str, ...]:
