@@ -174,19 +174,19 @@ def regularisation_path(
 def refitted(
     problem: Problem, estimate: Estimate, recordings: Sequence[Recording], prior: Prior
 ) -> Estimate:
-    """Fit a constrained estimate again, to more data than it was judged with.
+    """Fit a constrained estimate again, to more data than it is judged with.
 
-    The verdict stays that of the judged estimate, which was not fitted to the
-    validation data; the fit, the certificate and all errors are those of the new one.
+    The verdict is to be that of the estimate from the training data alone; the fit, the
+    certificate and all errors are those of the new one.
 
     Parameters
     ----------
     estimate : Estimate
-        The estimate of a constrained method, with its verdict.
+        The estimate of a constrained method.
     recordings : sequence of Recording
         All recordings: training and validation.
     prior : PointToSet or Penalty
-        The prior of the judged estimate.
+        The prior of that estimate.
     """
     model, base = problem.model, estimate.base
     regression = regression_of(problem.table, model, recordings)
@@ -209,7 +209,7 @@ def refitted(
         again,
         notes=(note, *again.notes),
         accepted=estimate.accepted,
-        judged=estimate.verdict,
+        judged=estimate.judged,
         fitted_to=fitted_spans(recordings),
     )
 
