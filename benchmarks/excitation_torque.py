@@ -1,6 +1,7 @@
 """Ten robots whose torque limits are active: designs beside random paths and rivals.
 
-``python benchmarks/excitation_torque.py [ROBOT ...] [--seconds 20] [--write PAGE]``
+``python benchmarks/excitation_torque.py [ROBOT ...] [--seconds 20] [--write PAGE]
+[--figaroh PEERS/bin/python]``
 
 Each robot of `example-robot-data` has the position and speed limits of its file, 90 %
 of them, and torque limits that bind: of each joint, at most half the peak that random
@@ -12,8 +13,11 @@ The design has `--seconds` seconds of one processor, in which it chooses the num
 harmonics, searches and proves its path.  CMA-ES and SLSQP then have as many seconds
 each, with the same harmonics, samples and limits; torque beyond its limit is a penalty,
 and only paths that keep all limits count.  So do the best of 200 random paths that are
-within all limits.  Numbers are values of the D criterion, the geometric mean of the
-standard errors, over that of the design.
+within all limits.  FIGAROH, which needs a Python of its own (``peers/README.md``), has
+the same seconds for its splines through waypoints, with its own columns of drives and
+under the same torque limits; its paths are moved less until they keep all limits.
+Numbers are values of the D criterion, the geometric mean of the standard errors, over
+that of the design.
 """
 
 import argparse
@@ -22,6 +26,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+import excitation_figaroh as figaroh
 import numpy as np
 from excitation_cases import EXAMPLES
 from scipy.optimize import minimize
@@ -154,7 +159,7 @@ def rival(
     return judge.best
 
 
-def measured(name: str, seconds: float) -> str:
+def measured(name: str, seconds: float, python: str | None) -> str:
     """Return the row of a robot."""
     model, limits = binding(name)
     aim = Aim(noise=(0.005 * limits.effort).tolist())
@@ -169,6 +174,10 @@ def measured(name: str, seconds: float) -> str:
     peak = problem.measures(variables)[0].max() + problem.guards[0].reach
     drawn = [random_candidate(problem, number).score for number in range(DRAWN)]
     others = [rival(run, problem, seconds) for run in (strategy, slsqp)]
+    if python is not None:
+        file = EXAMPLES / ROBOTS[name][0]
+        best = figaroh.least_score(python, file, problem, limits, seconds)
+        others.append(best)
     times = [np.exp(score - own) for score in (min(drawn), *others)]
     cells = (
         name,
@@ -176,9 +185,8 @@ def measured(name: str, seconds: float) -> str:
         str(len(design.form.frequencies)),
         f"{design.condition.value:.4g}",
         f"{100.0 * peak:.0f} %",
-        f"{times[0]:.2f}",
-        f"{times[1]:.2f}",
-        f"{times[2]:.2f}",
+        *(f"{ratio:.2f}" if np.isfinite(ratio) else "none" for ratio in times),
+        *["-"] * (python is None),
         f"{used:.0f}",
     )
     return f"| {' | '.join(cells)} |"
@@ -186,8 +194,8 @@ def measured(name: str, seconds: float) -> str:
 
 HEADER = (
     "| robot | joints | harmonics | condition number | largest torque, of its limit "
-    "| best of 200 random | CMA-ES | SLSQP | CPU [s] |\n"
-    "|---|---:|---:|---:|---:|---:|---:|---:|---:|"
+    "| best of 200 random | CMA-ES | SLSQP | FIGAROH | CPU [s] |\n"
+    "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|"
 )
 
 
@@ -196,11 +204,12 @@ def main() -> None:
     parser.add_argument("robots", nargs="*", default=list(ROBOTS))
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--write", type=Path, help="page whose table is replaced")
+    parser.add_argument("--figaroh", help="Python of an environment that has it")
     options = parser.parse_args()
     print(HEADER)
     rows = []
     for name in options.robots:
-        rows.append(measured(name, options.seconds))
+        rows.append(measured(name, options.seconds, options.figaroh))
         print(rows[-1], flush=True)
     if options.write is not None:
         start, end = "<!-- torque limits -->", "<!-- end of torque limits -->"

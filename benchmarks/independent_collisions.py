@@ -1,10 +1,10 @@
 """Designed motions among bodies, checked for collisions by code that shares none.
 
 ``python benchmarks/independent_collisions.py [ROBOT ...] [--scenes floor wall boxes]
-[--work UNITS]``: robots of `example-robot-data`, which comes with Pinocchio, each on a
-floor, beside a wall and between boxes, 20 mm apart.  Each line has the numbers of
-samples at 1 kHz (training and validation motion, run-in and run-out included), of pairs
-of bodies and of touches.
+[--work UNITS] [--periodic]``: robots of `example-robot-data`, which comes with
+Pinocchio, each on a floor, beside a wall and between boxes, 20 mm apart.  Each line has
+the numbers of samples at 1 kHz, of pairs of bodies and of touches.  Motions begin and
+end at rest, or are periodic; then their run-in and run-out are checked, too.
 
 Pinocchio reads the complete robot from its URDF, with all links and joints, and coal
 compares the meshes themselves, not hulls.  Joints that follow others are moved as the
@@ -289,7 +289,9 @@ def around(scene: str, reach: float) -> list[Obstacle]:
     return [FLOOR]
 
 
-def problem_text(file: Path, tip: str | None, obstacles: Iterable[Obstacle]) -> str:
+def problem_text(
+    file: Path, tip: str | None, obstacles: Iterable[Obstacle], *, rest: bool = True
+) -> str:
     """Return a problem file that designs a motion among obstacles."""
     bodies = "\n".join(
         f"[[excitation.scene.bodies]]\nname = {box.name!r}\n"
@@ -300,12 +302,13 @@ def problem_text(file: Path, tip: str | None, obstacles: Iterable[Obstacle]) -> 
     return (
         f"name = 'case'\n[model]\nurdf = '{file}'\n{end}[drive]\nviscous = true\n"
         "coulomb = 'tanh'\nvelocity_scale = 0.02\n[constraints]\nmasses = 'free'\n"
-        "[excitation]\nharmonics = 4\n[excitation.limits]\nvelocity = 1.5\n"
+        f"[excitation]\nharmonics = 4\nrest = {str(rest).lower()}\n"
+        "[excitation.limits]\nvelocity = 1.5\n"
         f"acceleration = 6.0\n[excitation.scene]\n{bodies}\n"
     )
 
 
-def measured(name: str, scene: str, work: float) -> str:
+def measured(name: str, scene: str, work: float, *, rest: bool) -> str:
     """Design motions of a robot in a scene; return a line with their touches."""
     from consistent_id.excitation.playable import playable_design
     from consistent_id.excitation.sources import problem_to_excite
@@ -317,11 +320,11 @@ def measured(name: str, scene: str, work: float) -> str:
     began = time.process_time()
     with TemporaryDirectory() as folder:
         problem_file = Path(folder) / "problem.toml"
-        problem_file.write_text(problem_text(file, tip, ()))
+        problem_file.write_text(problem_text(file, tip, (), rest=rest))
         robot = problem_to_excite(problem_file, {}).moving
         last = robot.link_names[-1]
         boxes = around(scene, reach(robot, last, (0.0, 0.0, 0.1)))
-        problem_file.write_text(problem_text(file, tip, boxes))
+        problem_file.write_text(problem_text(file, tip, boxes, rest=rest))
         problem = problem_to_excite(problem_file, {})
         try:
             playable = playable_design(problem, starts=1, workers=1, time_limit=work)
@@ -352,13 +355,16 @@ def main() -> None:
     scenes = ["floor", "wall", "boxes"]
     parser.add_argument("--scenes", nargs="+", default=scenes, choices=scenes)
     parser.add_argument("--work", type=float, default=3.0)
+    parser.add_argument("--periodic", action="store_true")
     asked = parser.parse_args()
     logging.disable(logging.WARNING)
     with running(replace(current_run(), trust=True)):
-        report(asked.robots, asked.scenes, asked.work)
+        report(asked.robots, asked.scenes, asked.work, rest=not asked.periodic)
 
 
-def report(robots: Iterable[str], scenes: Iterable[str], work: float) -> None:
+def report(
+    robots: Iterable[str], scenes: Iterable[str], work: float, *, rest: bool
+) -> None:
     """Print the table, a line as soon as it is known."""
     print(
         "| robot | scene | motions | samples | pairs | overlapping | unchecked "
@@ -366,7 +372,7 @@ def report(robots: Iterable[str], scenes: Iterable[str], work: float) -> None:
     )
     for name in robots:
         for scene in scenes:
-            print(measured(name, scene, work), flush=True)
+            print(measured(name, scene, work, rest=rest), flush=True)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,12 @@
 """FIGAROH's exciting trajectories; started by ``excitation_figaroh.py``, in its Python.
 
-``python trajectory.py URDF PACKAGES SECONDS SEED FILE`` starts its optimiser again and
-again, each time from another random path, until a time of the processor has passed.
-``FILE`` (npz) gets every path it looks at but those of finite differences: ``spent``,
-seconds of the processor, and ``motion``, shape (paths, 3, samples, joints), 100 Hz.
+``python trajectory.py URDF PACKAGES SECONDS SEED FILE [EFFORT ...]`` starts its
+optimiser again and again, each time from another random path, until a time of the
+processor has passed.  ``FILE`` (npz) gets every path it looks at but those of finite
+differences: ``spent``, seconds of the processor, and ``motion``, shape (paths, 3,
+samples, joints), 100 Hz.  With largest torques, one for each joint, it keeps them, and
+its columns include friction, rotor inertia and offset; without, there are no such
+limits and columns.
 """
 
 import os
@@ -32,7 +35,7 @@ robot:
 tasks:
   identification:
     problem:
-      model_components: {{friction: no, actuator_inertia: no, joint_offset: no}}
+      model_components: {{friction: ON, actuator_inertia: ON, joint_offset: ON}}
   optimal_trajectory:
     problem: {{soft_lim: 0.0, max_attempts: {ATTEMPTS}}}
     trajectory: {{waypoints: {WAYPOINTS}, segment_duration: {STEP}, frequency: {RATE}}}
@@ -88,15 +91,16 @@ class Segment(BaseTrajectoryIPOPTProblem):
 
 
 def main() -> None:
-    urdf, packages, seconds, seed, notes = sys.argv[1:]
+    urdf, packages, seconds, seed, notes, *efforts = sys.argv[1:]
     np.random.seed(int(seed))  # noqa: NPY002 - what FIGAROH draws from
     robot = Robot(urdf, package_dirs=packages)
-    robot.model.effortLimit[:] = 1e19  # as in the other methods, none
+    robot.model.effortLimit[:] = [float(most) for most in efforts] or 1e19
     robot.collision_model = robot.geom_model = pin.GeometryModel()
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "configuration.yaml"
         names = ", ".join(list(robot.model.names)[1:])
-        file.write_text(CONFIGURATION + f"joints: {{active_joints: [{names}]}}\n")
+        text = CONFIGURATION.replace("ON", "yes" if efforts else "no")
+        file.write_text(text + f"joints: {{active_joints: [{names}]}}\n")
         search = Search(robot, str(file), float(seconds), Path(notes))
     while True:
         search.solve(stack_reps=1)

@@ -165,8 +165,8 @@ def _torque_error(
 ) -> tuple[dict[str, Any] | None, list[str]]:
     """Return the torque error of a file, for JSON and as a sentence; a reason if none.
 
-    The estimate that is exported was fitted to all recordings, so the recommended one,
-    which was fitted to the training data alone, goes through the same format.
+    An estimate that was fitted again to all recordings has none left that could judge
+    it, so the one that was fitted to the training data goes through the same format.
     """
     from dataclasses import asdict
 
@@ -176,26 +176,23 @@ def _torque_error(
     from consistent_id.robot.chains import Selection
 
     try:
-        problem = chosen.problem
+        problem, estimate = chosen.problem, chosen.estimate
         if problem is None and chosen.results is not None:
-            problem = chosen.results.problem
+            problem, estimate = chosen.results.problem, chosen.results.recommended
         if problem is None:
             return None, []
-        study, estimate = chosen.study or Study(problem), chosen.estimate
-        logs, held_out = study.validation, False
-        if chosen.study is not None and chosen.problem is not None and logs:
-            if estimate is study.delivered:
-                estimate, held_out = study.recommended.with_verdict, True
-            elif unseen := study.unseen(estimate):
-                logs, held_out = unseen, True
+        study = chosen.study or Study(problem)
+        if chosen.study is not None and estimate is study.delivered:
+            estimate = study.recommended.with_verdict
+        unseen = study.unseen(estimate)
         model = problem.table.model
         cost = format_cost(
             estimate,
             form,
-            logs or study.training,
+            unseen or study.validation or study.training,
             selection=Selection(model.base, model.tip, model.joints, model.locked),
             source=source,
-            held_out=held_out,
+            held_out=bool(unseen),
         )
     except ConsistentIdError as cause:
         return None, [f"the torque error of the file is not known: {cause}"]

@@ -6,8 +6,9 @@ frequencies lie half-way between those of the design.  It is the best conditione
 some random paths, and proven to keep all limits.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -43,6 +44,7 @@ from consistent_id.robot.model import RobotModel
 _REACH = 0.95  # share of the limits that a path may use
 _SWINGS = (1.0, 0.85, 0.65, 0.4, 0.2)  # shares of its amplitude, tried in this order
 _AMONG_BODIES = 6  # random paths to choose from in a scene, where each takes long
+_OF_ONE_SWING = 2  # proven paths; if none can be played, slower ones may
 _GRID = 8  # samples per period of the highest frequency, at which guards measure
 
 
@@ -83,6 +85,22 @@ def validation_trajectory(
     InfeasibleError
         If none of them is proven to keep the limits, even at a fifth of them.
     """
+    for found in _validation_paths(design, seed, candidates):
+        return found
+    raise _none_proven()
+
+
+def _none_proven() -> InfeasibleError:
+    return InfeasibleError(
+        "no random path, even at a fifth of the limits, is proven to keep them all; "
+        "widen the limits"
+    )
+
+
+def _validation_paths(
+    design: ExcitationDesign, seed: int, candidates: int = 24
+) -> Iterator[ValidationPath]:
+    """Yield random paths that are proven, those that use most of the limits first."""
     form = replace(design.form, between=not design.form.between)
     basis = FourierBasis(
         design.limits, form.frequencies, form.duration, form.rest, form.smooth
@@ -110,15 +128,11 @@ def validation_trajectory(
             ).condition.value
             for path in paths
         ]
-        for i in np.argsort(conditions, kind="stable"):
-            proof = design.demands.proof(paths[i])
-            if proof.holds:
-                likeness = _likeness(paths[i], design.trajectory)
-                return ValidationPath(paths[i], proof, likeness)
-    raise InfeasibleError(
-        f"none of {len(drawn)} random paths, even at a fifth of the limits, is proven "
-        "to keep them all; widen the limits"
-    )
+        order = np.argsort(conditions, kind="stable")
+        proofs = ((paths[i], design.demands.proof(paths[i])) for i in order)
+        proven = ((path, proof) for path, proof in proofs if proof.holds)
+        for path, proof in islice(proven, _OF_ONE_SWING):
+            yield ValidationPath(path, proof, _likeness(path, design.trajectory))
 
 
 def _likeness(one: FourierTrajectory, other: FourierTrajectory) -> Vector:
@@ -241,10 +255,9 @@ def playable_design(
     except (InfeasibleError, ProblemError) as cause:
         refusals.append(f"the trajectory cannot be played: {cause}")
     try:
-        validation = validation_trajectory(design, seed=seed)
-        played[VALIDATION] = _played(
-            design, request, validation.trajectory, validation.proof
-        )
+        # Where the training motion cannot be played, others hardly can.
+        most = None if TRAINING in played else 1
+        validation, played[VALIDATION] = _validation(design, request, seed, most)
     except (InfeasibleError, ProblemError) as cause:
         refusals.append(f"there is no validation motion: {cause}")
     notes = [f"{name}: {one.note}" for name, one in played.items() if one.note]
@@ -256,6 +269,19 @@ def playable_design(
         refusals=tuple(refusals),
         notes=(*request.notes, *moved.notes, *notes),
     )
+
+
+def _validation(
+    design: ExcitationDesign, request: DesignRequest, seed: int, most: int | None
+) -> tuple[ValidationPath, ProvenMove]:
+    """Return the first of at most so many paths that can be played, and its move."""
+    first: Exception | None = None
+    for path in islice(_validation_paths(design, seed), most):
+        try:
+            return path, _played(design, request, path.trajectory, path.proof)
+        except (InfeasibleError, ProblemError) as cause:
+            first = first or cause
+    raise first or _none_proven()
 
 
 def _played(
@@ -281,9 +307,9 @@ def _played(
 
 def _advice(path: FourierTrajectory, demands: Demands, request: DesignRequest) -> str:
     """Return advice on the start pose if run-in or run-out fails."""
-    other = "Give another start_pose in [excitation]"
     if request.start_pose is None:
-        return other
+        return "Give a start_pose in [excitation]"
+    other = "Give another start_pose in [excitation]"
     move = move_along(path, demands.limits)
     pieces = [*move.run_in, *move.run_out]
     if pieces and not demands.proof(pieces).holds:

@@ -20,9 +20,9 @@ from consistent_id.export.export_formats import (
     provenance,
 )
 from consistent_id.export.file_values import (
-    held_parameters,
     joint_drives,
     not_expressed,
+    parameters_in_file,
 )
 from consistent_id.recordings.signals import PDGains
 from consistent_id.regression.drive.term import DriveTerm
@@ -284,7 +284,7 @@ def readme(
 
 def _missing(estimate: Estimate, holds: Sequence[str] | None) -> Iterator[str]:
     """Yield rows on coefficients that differ in a file."""
-    left, model = held_parameters(estimate, holds), estimate.model
+    left, model = parameters_in_file(estimate, holds), estimate.model
     columns = {
         (joint.name, name): _column(term)
         for joint, terms in zip(model.robot.driven, model.terms, strict=True)

@@ -308,7 +308,7 @@ def format_cost(
 
     from consistent_id.estimation.estimate import torque_errors
     from consistent_id.estimation.torque_error import stacked_error
-    from consistent_id.export.file_values import held_parameters, read_contents
+    from consistent_id.export.file_values import parameters_in_file, read_contents
     from consistent_id.robot.chains import FLOATING, Selection
 
     known, robot = _format(form), estimate.model.robot
@@ -325,7 +325,7 @@ def format_cost(
         file = place / ("robot.xml" if form == "mjcf" else f"robot.{form}")
         file.write_bytes(export.content)
         read = read_contents(form, file, estimate, selection)
-    left = replace(estimate, parameters=held_parameters(estimate, known.holds, read))
+    left = replace(estimate, parameters=parameters_in_file(estimate, known.holds, read))
     pairs = [torque_errors([left, estimate], log) for log in recordings]
     of_file, own = (stacked_error([pair[i] for pair in pairs]) for i in (0, 1))
     names = tuple(dict.fromkeys(log.name for log in recordings))

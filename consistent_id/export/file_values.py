@@ -274,7 +274,7 @@ class FileContents:
     drives: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
-def held_parameters(
+def parameters_in_file(
     estimate: Estimate, holds: Collection[str] | None, read: FileContents | None = None
 ) -> Vector:
     """Return the parameters of an estimate that are left in a file.
@@ -297,7 +297,7 @@ def held_parameters(
         x[layout.link_slice(k)] = read.bodies.get(link.name, x[layout.link_slice(k)])
     for drive in joint_drives(estimate):
         stated = read.drives.get(drive.joint, {})
-        for name, value in _held(drive, holds, stated).items():
+        for name, value in _terms_in_file(drive, holds, stated).items():
             x[layout.index(f"{drive.joint}.{name}")] = value
     for coupling, values in coupling_values(estimate):
         for name in values:
@@ -306,7 +306,7 @@ def held_parameters(
     return x
 
 
-def _held(
+def _terms_in_file(
     drive: JointDrive, holds: Collection[str] | None, stated: Mapping[str, float]
 ) -> dict[str, float]:
     """Return the coefficients of one joint's terms in a file."""

@@ -19,7 +19,6 @@ from consistent_id._support.arrays import (
     Matrix,
     Vector,
     chunks,
-    frozen,
 )
 from consistent_id._support.caches import kept_with
 from consistent_id._support.executors import worker_threads
@@ -409,8 +408,6 @@ def motion_of(
         return every_sample(model, recording, weights)
     if weights is None:
         return _filtered_motion(model, recording)
-    shape = len(recording), len(model.torque_joints)
-    weights = frozen(weights, shape, f"row_weights of {recording.name}")
     return _with_filter(model, recording, weights)
 
 
@@ -490,8 +487,6 @@ def every_sample(
             f"{recording.name} has no {' and no '.join(missing)}; velocity and "
             "acceleration come from signals.differentiated(recording)"
         )
-    if weights is not None:
-        weights = frozen(weights, tau.shape, f"row_weights of {recording.name}")
     unknown = unknown_rows(model, recording)
     if unknown is not None:
         weights = np.where(unknown, 0.0, 1.0 if weights is None else weights)

@@ -150,7 +150,7 @@ class Regression:
 
     def weighted(self, sigma: ArrayLike) -> Self:
         """Return the regression with each joint's rows divided by its noise level."""
-        return replace(self, sigma=frozen(sigma, (len(self.joints),), "sigma"))
+        return replace(self, sigma=np.atleast_1d(sigma))
 
     def stacked(self) -> Matrix:
         """Return one triangular factor for all joints, weights applied.
@@ -237,17 +237,32 @@ def build_regression(
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
     if not recordings:
         raise NotExcitedError("there is no recording to learn from")
-    if row_weights is not None and len(row_weights) != len(recordings):
-        raise ProblemError(
-            f"row_weights for {len(row_weights)} recordings, but there are "
-            f"{len(recordings)}"
-        )
+    weights = _row_weights(model, recordings, row_weights)
     motions = [
-        motion_of(model, recording, None if row_weights is None else row_weights[i])
-        for i, recording in enumerate(recordings)
+        motion_of(model, recording, w)
+        for recording, w in zip(recordings, weights, strict=True)
     ]
     regression = _compressed(model, motions)
     return with_noise(model, regression, motions) if noise else regression
+
+
+def _row_weights(
+    model: TorqueModel,
+    recordings: Sequence[Recording],
+    given: Sequence[Array] | None,
+) -> list[Array | None]:
+    """Return the weights of each recording's rows, checked; None where all are one."""
+    if given is None:
+        return [None] * len(recordings)
+    if len(given) != len(recordings):
+        raise ProblemError(
+            f"row_weights for {len(given)} recordings, but there are {len(recordings)}"
+        )
+    rows = len(model.torque_joints)
+    return [
+        frozen(weights, (len(log), rows), f"row_weights of {log.name}")
+        for weights, log in zip(given, recordings, strict=True)
+    ]
 
 
 @single_threaded

@@ -38,6 +38,11 @@ DELIVERED = "delivered.json"
 _READ = (PROBLEM, DELIVERED, "comparison.json", REPORT)
 
 
+def file_of(method: str) -> str:
+    """Return the name of the file with the estimate of a method."""
+    return f"{method.replace(' ', '_')}.json"
+
+
 PRINTED = ("info", "check", "identify", "uncertainty", "compare")
 """Commands whose tables are kept."""
 
@@ -293,12 +298,20 @@ class Results:
 
     @cached_property
     def delivered(self) -> "Estimate":
-        """The delivered estimate."""
+        """The delivered estimate, fitted to all recordings."""
+        return self._estimate(DELIVERED)
+
+    @cached_property
+    def recommended(self) -> "Estimate":
+        """The recommended estimate, fitted to the training data alone."""
+        return self._estimate(file_of(self.answer["method"]))
+
+    def _estimate(self, file: str) -> "Estimate":
         from consistent_id.estimation.estimate import Estimate
         from consistent_id.regression.base import base_parameters
 
         model = self.problem.model
-        return Estimate.load(self.folder / DELIVERED, model, base_parameters(model))
+        return Estimate.load(self.folder / file, model, base_parameters(model))
 
     def changes(self) -> list[str]:
         """Return the inputs that changed since the results were computed, in sentences.

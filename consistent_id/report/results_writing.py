@@ -33,6 +33,7 @@ from consistent_id.report.results import (
     ModelRecord,
     TableRecord,
     digest,
+    file_of,
 )
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ def require_place(folder: Path) -> None:
     ProblemError
         With the file that is in the way.
     """
-    names = [*_FIXED, *(f"{_file_name(method)}.json" for method in Method)]
+    names = [*_FIXED, *(file_of(method) for method in Method)]
     pictures = folder.glob("torque_*.svg") if folder.is_dir() else ()
     require_writable(folder, [*names, *(path.name for path in pictures)])
 
@@ -171,13 +172,9 @@ def _estimates(study: "Study", folder: Path) -> list[Path]:
     """Write the delivered estimate, and each one after its method."""
     paths = [study.delivered.save(folder / DELIVERED)]
     for report in study.comparison.reports:
-        name = _file_name(report.estimate.method)
-        paths.append(report.with_verdict.save(folder / f"{name}.json"))
+        name = file_of(report.estimate.method)
+        paths.append(report.with_verdict.save(folder / name))
     return paths
-
-
-def _file_name(method: str) -> str:
-    return method.replace(" ", "_")
 
 
 def _comparison(study: "Study", tables: Sequence[Table], folder: Path) -> list[Path]:

@@ -110,9 +110,17 @@ def test_figures_are_equal_to_the_digit(written, results, capsys):
 def test_an_export_of_results_is_that_of_the_study(written, results, tmp_path, capsys):
     files = [tmp_path / "opened.urdf", tmp_path / "computed.urdf"]
     how = ["--format", "urdf", "--output"]
-    assert run(capsys, "export", results, *how, files[0])[0] == 0
+    code, opened, _ = run(capsys, "export", results, *how, files[0])
+    assert code == 0
     problem = written / "results" / "problem.toml"
-    assert run(capsys, "export", problem, *how, files[1])[0] == 0
+    code, computed, _ = run(capsys, "export", problem, *how, files[1])
+    assert code == 0
+    said = [
+        [line for line in out.splitlines() if "of the file, read back" in line]
+        for out in (opened, computed)
+    ]
+    assert said[0] == said[1]
+    assert said[0][0].startswith("  held-out error")
     mine, theirs = (ci.load_robot(file) for file in files)
     for one, other in zip(mine.links, theirs.links, strict=True):
         assert one.nominal.vector == pytest.approx(
