@@ -217,7 +217,7 @@ def folds_of(
     return tuple(map(LeftOutBlock, rests, blocks))
 
 
-class BlockFit(NamedTuple):
+class RestFit(NamedTuple):
     """The fit without a block, before a prior is chosen."""
 
     problem: FitProblem
@@ -232,13 +232,13 @@ class LeftOutFits:
     ----------
     model : TorqueModel
     folds : sequence of LeftOutBlock
-    fits : sequence of BlockFit or None
+    fits : sequence of RestFit or None
         None where there is no fit.
     """
 
     model: TorqueModel
     folds: Sequence[LeftOutBlock]
-    fits: Sequence[BlockFit | None]
+    fits: Sequence[RestFit | None]
 
 
 @single_threaded
@@ -262,14 +262,14 @@ def left_out_fits(
     weighted : bool
         Whether joints are weighted by their noise, found without the block.
     """
-    fits: list[BlockFit | None] = []
+    fits: list[RestFit | None] = []
     for rest, _ in folds:
         try:
             require_match(model, rest, base)
             if weighted:
                 rest = rest.weighted(noise_levels(rest, base))
             problem = FitProblem(model, unconstrained_fit(rest, base), constraints)
-            fits.append(BlockFit(problem, best_inside(problem, inside)))
+            fits.append(RestFit(problem, best_inside(problem, inside)))
         except (InfeasibleError, NotExcitedError, SolverError):
             fits.append(None)
     return LeftOutFits(model, folds, fits)
@@ -320,7 +320,7 @@ class _Predicted(NamedTuple):
 
 
 def _predicted(
-    fit: BlockFit, fold: LeftOutBlock, priors: Sequence[Prior], first: float
+    fit: RestFit, fold: LeftOutBlock, priors: Sequence[Prior], first: float
 ) -> list[_Predicted] | None:
     """Predict the segments of the block left out; None if there is no fit."""
     ((_, distance, _),) = {(p.inside, p.distance, type(p)) for p in priors}
