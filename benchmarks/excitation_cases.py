@@ -190,7 +190,7 @@ def problem_of(case: Case) -> SearchProblem:
     """Return a case's search, without limits of torque."""
     base = ci.regression.base_parameters(case.model)
     aim = Aim("condition", rate=RATE)
-    return search_problem(case.model, base, case.form, aim, case.limits, ())
+    return search_problem(case.model, base, case.form, aim, case.limits)
 
 
 def writing_tasks(duration: float) -> dict[str, FourierTrajectory]:

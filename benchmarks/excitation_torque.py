@@ -100,9 +100,9 @@ def searched(
     """Return the search of a form, under all limits."""
     required = demands(model, limits)
     aim = Aim(noise=(0.005 * np.where(np.isfinite(limits.effort), limits.effort, 1.0)))
-    return search_problem(
-        model, base_parameters(model), form, aim, required.limits, required.guards
-    )
+    base = base_parameters(model)
+    problem = search_problem(model, base, form, aim, required.limits)
+    return problem.guarded(required.guards)
 
 
 class Judge:

@@ -36,9 +36,8 @@ def main() -> None:
         for objective in ("D", "condition"):
             for harmonics in (5, 12):
                 form, aim = replace(case.form, harmonics=harmonics), Aim(objective)
-                problem = search_problem(
-                    case.model, base, form, aim, case.limits, guards.guards
-                )
+                problem = search_problem(case.model, base, form, aim, case.limits)
+                problem = problem.guarded(guards.guards)
                 problem.random(0)  # compiles
                 began = time.process_time()
                 found = searched_path(problem, FoundPath(0))

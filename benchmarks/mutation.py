@@ -57,6 +57,9 @@ SWAPS |= {ast.USub: ("-", [""]), ast.Not: ("not", ["not not"])}
 EQUIVALENT = tomllib.loads((ROOT / "benchmarks/mutation.toml").read_text())
 
 
+#: Arguments that only refuse what is never given: lengths of zip, numbers of SciPy.
+GUARDS = ("strict", "check_finite")
+
 #: Forked processes need not import these again.
 LIBRARIES = ("scipy.linalg", "scipy.optimize", "scipy.interpolate")
 LIBRARIES += ("pinocchio", "casadi", "clarabel", "cvxpy", "pytest")
@@ -116,7 +119,18 @@ def mutants_of(path: Path, rng: random.Random) -> Iterator[Mutant]:
             place = between.find(old.encode())
             yield mutant(low + place, low + place + len(old), rng.choice(new))
 
-    for node in _code(ast.parse(source)):
+    tree = ast.parse(source)
+    # NumPy takes any negative length for an unknown one.
+    lengths = {
+        id(length.operand)
+        for call in ast.walk(tree)
+        if isinstance(call, ast.Call) and getattr(call.func, "attr", "") == "reshape"
+        for length in call.args
+        if isinstance(length, ast.UnaryOp)
+    }
+    for node in _code(tree):
+        if id(node) in lengths:
+            continue
         match node:
             case (
                 ast.BinOp(left=left, op=op, right=right)
@@ -141,7 +155,7 @@ def _code(node: ast.AST) -> Iterator[ast.AST]:
     """Nodes that do something: no annotations, decorators, imports or error text."""
     if isinstance(node, ast.Raise | ast.Import | ast.ImportFrom | ast.JoinedStr):
         return
-    if isinstance(node, ast.keyword) and node.arg == "strict":  # of zip: a guard
+    if isinstance(node, ast.keyword) and node.arg in GUARDS:
         return
     yield node
     for name, value in ast.iter_fields(node):

@@ -21,7 +21,7 @@ from consistent_id.constraints import Constraint, lowered
 from consistent_id.constraints.cones.least_norm import LeastNorm
 from consistent_id.constraints.cones.programmes import Multipliers
 from consistent_id.constraints.cones.sets import ConicSet
-from consistent_id.constraints.links import link_conditions
+from consistent_id.constraints.delivered_bodies import link_conditions
 from consistent_id.constraints.priors import nominal_distance
 from consistent_id.estimation.best_fit import FitProblem
 from consistent_id.estimation.constrained_fit import (

@@ -23,7 +23,7 @@ from mujoco import sysid
 import consistent_id as ci
 from consistent_id.rollout.chosen_settings import motor_groups
 from consistent_id.rollout.commanded_motion import drive_commands, replay, replayable
-from consistent_id.rollout.replay_model import compiled_model, replay_spec
+from consistent_id.rollout.replay_model import compiled_model, replay_spec, time_step
 from consistent_id.rollout.settings import gains_of
 
 PROBLEMS = ("problems/unitree_go2", "problems/unitree_z1")
@@ -91,7 +91,7 @@ def specification(problem: ci.Problem) -> Any:
     (file,) = (f for f in problem.model_files.values() if f is not None)
     (log,) = problem.logs("training")
     joints, gains = problem.model.robot.joint_names, gains_of(problem)
-    spec = replay_spec(file, joints, gains, period=1.0 / log.rate)
+    spec = replay_spec(file, joints, gains, step=time_step(1.0 / log.rate))
     for joint in joints:
         sensor = spec.add_sensor(name=f"position of {joint}")
         sensor.type = mujoco.mjtSensor.mjSENS_JOINTPOS

@@ -24,9 +24,14 @@ from consistent_id._support.arrays import Array
 from consistent_id.robot.loaders import load_robot
 from consistent_id.rollout import identify_servos, read_servo_logs
 from consistent_id.rollout.servo_export import replayed_in_mujoco
-from consistent_id.rollout.servo_fit import POPULATION, evolved
+from consistent_id.rollout.servo_fit import POPULATION, SearchDistribution, evolved
 from consistent_id.rollout.servo_log import ServoLog, duty_law
-from consistent_id.rollout.servo_motion import Friction, cut_pieces, position_errors
+from consistent_id.rollout.servo_motion import (
+    Friction,
+    LoggedDrive,
+    cut_pieces,
+    position_errors,
+)
 
 PENDULUM = """<robot name="pendulum"><link name="bench"/>
 <link name="arm"><inertial><origin xyz="0.1 0 0"/><mass value="0.49"/>
@@ -100,8 +105,7 @@ def rival(
     start = np.where(low < 0.0, 0.5, 0.25)
     best = evolved(
         lambda sets: errors(sets, training).mean(axis=1),
-        start,
-        0.25,
+        SearchDistribution(start, 0.25),
         generations,
         np.random.default_rng(0),
     ).best[None]
@@ -146,8 +150,8 @@ def main() -> None:
 
 
 def _whole(robot: object, logs: list[ServoLog]) -> object:
-    laws = [(duty_law(log, 0).gain, 0.0) for log in logs]
-    return cut_pieces(robot, logs, 0, laws, None)
+    drives = [LoggedDrive(duty_law(log, 0).gain, 0.0) for log in logs]
+    return cut_pieces(robot, logs, 0, drives)
 
 
 def row(name: str, trained: float, errors: Array, seconds: float) -> None:

@@ -12,7 +12,7 @@ poses there are several, with some draws of noise each.
 import argparse
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from sysconfig import get_paths
 
@@ -82,8 +82,8 @@ def randoms(
     """Return random paths of the same form within the same limits."""
     base = base_for(design.measured, design.aim.interest)
     guards = design.demands.guards
-    of = design.measured, base, design.form, design.aim, design.limits, guards
-    problem = search_problem(*of, seed=1)
+    of = design.measured, base, design.form, design.aim, design.limits
+    problem = replace(search_problem(*of).guarded(guards), seed=1)
     return [problem.basis.trajectory(problem.random(k)) for k in range(count)]
 
 

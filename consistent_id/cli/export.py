@@ -192,10 +192,10 @@ def _torque_error(
             unseen or study.validation or study.training,
             selection=Selection(model.base, model.tip, model.joints, model.locked),
             source=source,
-            held_out=bool(unseen),
         )
     except ConsistentIdError as cause:
         return None, [f"the torque error of the file is not known: {cause}"]
+    cost = replace(cost, held_out=bool(unseen))
     return asdict(cost), [str(cost)]
 
 
@@ -206,17 +206,11 @@ def _read_back(chosen: _Chosen, form: str, file: Path, delay: float) -> list[str
     problem, gains = chosen.problem, chosen.gains
     if problem is None or gains is None or find_spec("mujoco") is None:
         return []
-    from consistent_id.rollout.commanded_motion import error_lines
+    from consistent_id.rollout.commanded_motion import RobotFile, error_lines
 
-    return error_lines(
-        form,
-        file,
-        problem.model.robot.joint_names,
-        problem.logs("validation") or problem.logs("training"),
-        gains,
-        delay=delay,
-        locked=problem.table.model.locked,
-    )
+    joints, locked = problem.model.robot.joint_names, problem.table.model.locked
+    logs = problem.logs("validation") or problem.logs("training")
+    return error_lines(form, RobotFile(file, joints, locked), logs, gains, delay=delay)
 
 
 def _chosen(options: argparse.Namespace) -> _Chosen:

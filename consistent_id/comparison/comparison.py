@@ -15,11 +15,18 @@ from consistent_id.comparison.feasibility import (
     base_feasibility,
     consistency_test,
 )
-from consistent_id.constraints.links import LinkCondition, link_conditions
+from consistent_id.constraints.delivered_bodies import (
+    LinkCondition,
+    link_conditions,
+    robot_size,
+)
 from consistent_id.constraints.priors import pullback_distance
-from consistent_id.constraints.robot_size import robot_size
 from consistent_id.errors import ProblemError, SolverError
-from consistent_id.estimation.drive_ratios import drive_ratios, log_speeds
+from consistent_id.estimation.drive_ratios import (
+    drive_ratios,
+    errors_off_bounds,
+    log_speeds,
+)
 from consistent_id.estimation.estimate import Estimate, torque_errors
 from consistent_id.estimation.fit import usual_efforts
 from consistent_id.estimation.judgement import Evidence, judge
@@ -108,6 +115,10 @@ class EstimateReport:
     def evidence(self) -> Evidence:
         """The evidence for the verdict."""
         own, drawn = self.estimate, self.drawn or DrawnParts()
+        under = () if own.fitted_under is None else own.fitted_under.constraints
+        errors = errors_off_bounds(
+            own.model.layout, own.parameters, own.parameter_errors, under
+        )
         return Evidence(
             method=own.method,
             optimum=own.certificate.verdict,
@@ -123,14 +134,7 @@ class EstimateReport:
             accepted=own.accepted,
             loose_trunk=own.loose_trunk,
             size=robot_size(own.model, own.parameters, drawn.reach),
-            drives=drive_ratios(
-                own.model,
-                own.parameters,
-                own.parameter_errors,
-                drawn,
-                self.speeds,
-                () if own.fitted_under is None else own.fitted_under.constraints,
-            ),
+            drives=drive_ratios(own.model, own.parameters, errors, drawn, self.speeds),
             crossed=self.crossed,
             usual_efforts=self.usual_efforts,
         )

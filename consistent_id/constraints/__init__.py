@@ -4,6 +4,7 @@ Each kind of knowledge is a small value.  Each value lowers itself to a `ConicSe
 the parameters of a torque model; any number of them can be combined.
 """
 
+from consistent_id.constraints.delivered_bodies import LinkCondition, link_conditions
 from consistent_id.constraints.links import (
     CentreOfMassBoxes,
     CentreOfMassIn,
@@ -12,12 +13,10 @@ from consistent_id.constraints.links import (
     FixedBodies,
     FixedCentresOfMass,
     FixedMasses,
-    LinkCondition,
     MassBounds,
     PhysicalConsistency,
     SymmetricLink,
     TotalMass,
-    link_conditions,
 )
 from consistent_id.constraints.parameter_constraints import (
     EqualMotors,

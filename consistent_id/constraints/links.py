@@ -2,8 +2,7 @@
 
 A density on a convex shape moves the pseudo-inertia into a smaller cone: for every
 quadratic ``q`` that is not negative on the shape, ``integral q rho >= 0`` is linear in
-``J`` [Wensing2018]_.  `link_conditions` returns which links are consistent, and which
-are on the boundary of the cone.
+``J`` [Wensing2018]_.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,9 +29,7 @@ from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.inertia import (
     INERTIAL_NAMES,
     PSEUDO_INERTIA_BASIS,
-    InertialParameters,
     pseudo_inertia,
-    second_moments,
 )
 from consistent_id.robot.parameters import require_known
 from consistent_id.robot.scaling import link_scales, reference_bodies
@@ -41,10 +38,6 @@ from consistent_id.robot.solids import Ellipsoid, Polytope
 _FACETS = 40  # most facets of a polytope whose pairs of facets become constraints
 
 Axis = Literal["x", "y", "z"]
-
-_CONSISTENT = 1e-9  # eigenvalues of J, per typical link, above -this are >= 0
-_NO_MASS = "no mass"
-_EDGE = 1e-5  # shares of a typical link's mass or second moment that count as zero
 
 
 @brief
@@ -472,79 +465,3 @@ def _require_axes(axes: Sequence[str], what: str) -> None:
     wrong = [axis for axis in axes if axis not in ("x", "y", "z")]
     if wrong:
         raise ProblemError(f"{what}: {wrong} are not among x, y and z")
-
-
-@brief
-@dataclass(frozen=True, slots=True)
-class LinkCondition:
-    """One link's consistency margin.
-
-    Parameters
-    ----------
-    link : str
-    least_eigenvalue : float
-        Smallest eigenvalue of the pseudo-inertia, rows and columns divided by the
-        roots of the link's typical mass and second moment.
-    edge : str
-        Where on the boundary of the consistency cone the link is, in words, such as
-        ``"flat: ..."``; empty inside.
-    """
-
-    link: str
-    least_eigenvalue: float
-    edge: str
-
-    @property
-    def consistent(self) -> bool:
-        """Whether the link is physically consistent, up to rounding."""
-        return self.least_eigenvalue >= -_CONSISTENT
-
-    @property
-    def massless(self) -> bool:
-        """Whether the link has practically no mass."""
-        return self.edge == _NO_MASS
-
-
-def link_conditions(model: TorqueModel, x: Vector) -> tuple[LinkCondition, ...]:
-    """Examine each link of standard parameters.
-
-    Parameters
-    ----------
-    model : TorqueModel
-    x : ndarray, shape (parameters,)
-    """
-    scales = link_scales(model.robot)
-    links = x[: model.layout.inertial_size].reshape(-1, 10)
-    found = []
-    for name, vector, root in zip(model.layout.links, links, scales.root, strict=True):
-        body = InertialParameters(vector)
-        least = np.linalg.eigvalsh(body.pseudo_inertia / np.outer(root, root))[0]
-        typical = root**2
-        edge = _edge(body, typical[3], typical[0]) if least >= -_CONSISTENT else ""
-        found.append(LinkCondition(name, float(least), edge))
-    return tuple(found)
-
-
-def _edge(body: InertialParameters, mass: float, moment: float) -> str:
-    """Name the boundary: second moments along principal axes that vanish.
-
-    If one vanishes, a triangle inequality of the principal moments of inertia is
-    active.
-    """
-    if body.mass <= _EDGE * mass:
-        return _NO_MASS
-    moments, axes = np.linalg.eigh(second_moments(body.central_inertia))
-    gone = int((moments <= _EDGE * moment).sum())
-    if gone == 0:
-        return ""
-    if gone == 1:
-        return f"flat: no extent along {_axis(axes[:, 0])} (triangle inequality active)"
-    if gone == 2:
-        return f"a rod along {_axis(axes[:, 2])} (two triangle inequalities active)"
-    return "a point mass"
-
-
-def _axis(axis: Array) -> str:
-    axis = axis * np.sign(axis[np.argmax(abs(axis))])
-    rounded = np.round(axis, 2) + 0.0  # and no minus zero
-    return "[" + " ".join(f"{value:.2f}" for value in rounded) + "]"

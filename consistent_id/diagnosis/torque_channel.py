@@ -413,16 +413,20 @@ def _common_gain(p: TorqueParts) -> list[LogFinding]:
         return []  # a load adds to the gravity of some joints
     for unit, name in _UNITS.items():
         if 1 / _UNIT < gain / unit < _UNIT:
-            statement = f"all torques are {gain:.3g} times the model's: they are {name}"
-            return [_gain("torque unit", "fault", "all joints", statement, 1 / unit, p)]
+            statement = (
+                f"all torques are {gain:.3g} times the model's: they are {name} "
+                f"({_slopes(p)})"
+            )
+            return [_gain("torque unit", "fault", "all joints", statement, 1 / unit)]
     if gain > 1.0 and not len(heavy):
         return []
     load = "the robot carries a load that the model does not have, " * (gain > 1.0)
     statement = (
         f"all torques are {gain:.3g} times the model's: a gain or a gear ratio is "
-        f"missing, {load}or all masses of the model are wrong by this factor"
+        f"missing, {load}or all masses of the model are wrong by this factor "
+        f"({_slopes(p)})"
     )
-    return [_gain("torque gain", "fault", "all joints", statement, 1 / gain, p)]
+    return [_gain("torque gain", "fault", "all joints", statement, 1 / gain)]
 
 
 def _currents(p: TorqueParts) -> list[LogFinding]:
@@ -489,22 +493,14 @@ def _single_gains(p: TorqueParts) -> list[LogFinding]:
             f"(+- {p.whole_error[j]:.2f}) times the model's: its gain is wrong, or the "
             "masses that it carries",
             1.0 / float(p.whole[j]),
-            p,
         )
         for j in np.flatnonzero(off & (p.rest <= _EXPLAINED))
     ]
 
 
 def _gain(
-    kind: str,
-    severity: Severity,
-    where: str,
-    statement: str,
-    factor: float,
-    parts: TorqueParts,
+    kind: str, severity: Severity, where: str, statement: str, factor: float
 ) -> LogFinding:
     advice = f"check the gain (times {factor:.3g} would fit), or the model's masses"
-    if where == "all joints":
-        statement = f"{statement} ({_slopes(parts)})"
     size = f"{1.0 / factor:.3g}"
     return LogFinding(kind, severity, where, statement, advice, 1.5, size=size)

@@ -8,7 +8,7 @@ from consistent_id._support.arrays import Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id.constraints import Constraint, PhysicalConsistency
 from consistent_id.constraints.cones.certificate import Certificate, OptimumProof
-from consistent_id.constraints.links import LinkCondition, link_conditions
+from consistent_id.constraints.delivered_bodies import LinkCondition, link_conditions
 from consistent_id.constraints.priors import Penalty, Prior
 from consistent_id.estimation.best_fit import FitProblem, ScaledFit
 from consistent_id.estimation.constrained_fit import (
@@ -158,10 +158,9 @@ def audited(
     model, free = problem.model, problem.free
     base, x, shift = free.base, found.parameters, found.shift
     known = found.scaled.constraints.A_eq
-    moved = 0.0 if shift is None else shift
     # Errors of the nominal bodies do not say how wrong the bodies of a penalty are.
     pulled = shift is not None and not found.penalised
-    found_by = determined(model, free, known, x, elsewhere="prior", shift=moved)
+    found_by = determined(model, free, known, x, elsewhere="prior")
     links = link_conditions(model, x)
     return Estimate(
         method=method,
@@ -176,7 +175,7 @@ def audited(
         notes=(found.note, *_edges(links)),
         seconds=perf_counter() - started,
         fit=fit_of(model, free, x, known=known, pulled=pulled),
-        parameter_errors=None if shift is None else found_by.errors,
+        parameter_errors=None if shift is None else found_by.biased(shift).errors,
     )
 
 

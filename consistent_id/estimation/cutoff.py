@@ -154,12 +154,15 @@ def best_cutoff(
             f"{highest:g} Hz, so that smoother torque has no advantage"
         )
     margin = 1.0 / min(min(p) for p in pairs)
-    parts = _parts(recordings, folds, margin)
     fitted = _weighted(model) if estimator is None else _by(model, estimator)
-    errors = []
-    for pair in pairs:
-        sides = _sides(model, parts, pair, target, margin, estimator is not None)
-        errors.append(_held_out(sides, fitted))
+    folded = _FoldedRecordings(
+        model,
+        _parts(recordings, folds, margin),
+        margin=margin,
+        target=target,
+        noise=estimator is not None,
+    )
+    errors = [_held_out(folded.sides(*pair), fitted) for pair in pairs]
     motion, torque = np.array(pairs).T
     return CutoffChoice(motion, torque, float(target), np.array(errors))
 
@@ -210,34 +213,49 @@ def _parts(
     return parts
 
 
-def _sides(
-    model: TorqueModel,
-    parts: Sequence[Recording],
-    pair: tuple[float, float],
-    target: float,
-    margin: float,
-    noise: bool,
-) -> _Sides:
-    """Compress each part; for training with its noise, if the estimator may use it."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _FoldedRecordings:
+    """Raw recordings in parts, and the torque that all candidates predict.
 
-    def both(part: Recording) -> tuple[Regression, Regression]:
-        motion, torque = pair
-        training = differentiated(
-            low_passed(part, motion_cutoff=motion, torque_cutoff=torque)
-        )
-        lightly = low_passed(
-            differentiated(low_passed(part, motion_cutoff=motion)),
-            torque_cutoff=target,
-        )
-        start, stop = part.time[0] + margin, part.time[-1] - margin
-        return (
-            build_regression(model, trimmed(training, start, stop), noise=noise),
-            build_regression(model, trimmed(lightly, start, stop), noise=False),
-        )
+    Parameters
+    ----------
+    margin : float, [s]
+        Time that is dropped at both ends of a part once it is filtered.
+    target : float, [Hz]
+        Cut-off of the predicted torque.
+    noise : bool
+        Whether the estimator may use the noise of the training data.
+    """
 
-    with worker_threads(2) as pool:
-        training, validation = zip(*pool.map(both, parts), strict=True)
-    return _Sides(list(training), list(validation))
+    model: TorqueModel
+    parts: Sequence[Recording]
+    margin: float
+    target: float
+    noise: bool
+
+    def sides(self, motion: float, torque: float) -> _Sides:
+        """Return the regressions of each part, filtered with a pair of cut-offs."""
+
+        def both(part: Recording) -> tuple[Regression, Regression]:
+            training = differentiated(
+                low_passed(part, motion_cutoff=motion, torque_cutoff=torque)
+            )
+            lightly = low_passed(
+                differentiated(low_passed(part, motion_cutoff=motion)),
+                torque_cutoff=self.target,
+            )
+            return (
+                build_regression(self.model, self._inner(training), noise=self.noise),
+                build_regression(self.model, self._inner(lightly), noise=False),
+            )
+
+        with worker_threads(2) as pool:
+            training, validation = zip(*pool.map(both, self.parts), strict=True)
+        return _Sides(list(training), list(validation))
+
+    def _inner(self, part: Recording) -> Recording:
+        start, stop = part.time[0] + self.margin, part.time[-1] - self.margin
+        return trimmed(part, start, stop)
 
 
 def _held_out(sides: _Sides, fitted: _Fit) -> Array:

@@ -39,7 +39,7 @@ from consistent_id.estimation.constrained_fit import (
     constrained_fit,
 )
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.penalised import certify_penalised
+from consistent_id.estimation.penalised import Compromise
 from consistent_id.regression.base import BaseParameters, base_parameters
 from consistent_id.regression.regression import Regression
 from consistent_id.regression.regressor import TorqueModel
@@ -304,7 +304,8 @@ def _proof(form: CvxpyProblem, u: Vector) -> OptimumProof:
     domain = form.scaled.domain
     multipliers = _multipliers(domain, form.problem.constraints)
     solution = ConeSolution(u, multipliers, str(form.problem.status), 0.0, 0.0)
-    found = certify_penalised(form.scaled, form.distance, form.weight, solution)
+    compromise = Compromise(form.scaled, form.distance, form.weight)
+    found = compromise.certified(solution)
     statement = (
         f"final estimate, by CVXPY, proven to a relative {found.gap:.1e}, constraints "
         f"violated by at most {found.violation:.1e}"

@@ -138,6 +138,16 @@ class Determined(NamedTuple):
     origins: tuple[Determination, ...]
     errors: Vector
 
+    def biased(self, shift: Vector) -> "Determined":
+        """Return these with a bias added to the errors.
+
+        Parameters
+        ----------
+        shift : ndarray, shape (parameters,)
+            How far a prior moved the parameters from the best fit.
+        """
+        return self._replace(errors=np.hypot(self.errors, shift))
+
 
 def determined(
     model: TorqueModel,
@@ -146,7 +156,6 @@ def determined(
     x: Vector,
     *,
     elsewhere: Determination,
-    shift: Vector | float = 0.0,
 ) -> Determined:
     """Return the sources of an estimate's values, with errors from its data's noise.
 
@@ -154,12 +163,12 @@ def determined(
     ----------
     known : ndarray, shape (rows, parameters)
         Rows of the equalities that hold by assumption.
-    x, elsewhere, shift
-        See `determinations` and `stated_errors`.
+    x, elsewhere
+        See `determinations`.
     """
     errors = linear_errors(free.base, free.noise, known)
     origins = determinations(model, free, errors, x, elsewhere=elsewhere)
-    return Determined(origins, stated_errors(errors.values, origins, shift))
+    return Determined(origins, stated_errors(errors.values, origins))
 
 
 def origin_text(origin: str, value: float, error: float) -> str:

@@ -273,7 +273,7 @@ class _CalibrationSearch:
             first = max(len(one.q) - SHOWN, 0) // 2
             shown, late = (m.samples(first, first + SHOWN) for m in (one, other))
             count, total = count + len(shown.q), total + len(one.q)
-            pieces = _rows(self.model, shown, late, x, self.wanted, free)
+            pieces = self._rows(shown, late, free, x)
             parts += [
                 np.vstack(own) / s
                 for own, s in zip(zip(*pieces, strict=True), sigma, strict=True)
@@ -297,7 +297,7 @@ class _CalibrationSearch:
         width = free.directions.shape[1]
         R = np.zeros((0, width + int(self.wanted.sum()) + 1))
         for one, other in self._motions(values, here):
-            for rows in _rows(self.model, one, other, x, self.wanted, free):
+            for rows in self._rows(one, other, free, x):
                 for j, s in enumerate(sigma):
                     R = extended(R, np.asfortranarray(rows[j] / s))
         return R, width
@@ -321,6 +321,37 @@ class _CalibrationSearch:
         for one, other in zip(here, after, strict=True):
             yield motion_of(self.model, one, None), motion_of(self.model, other, None)
 
+    def _rows(
+        self, whole: Motion, late: Motion, free: FreeParameters, x: Vector
+    ) -> Iterator[list[Matrix]]:
+        """Yield, piece by piece, the rows ``[Y, C, tau]`` of each torque joint."""
+        model, wanted = self.model, self.wanted
+        n = len(model.robot)
+        for moved, delayed in zip(whole.pieces(), late.pieces(), strict=True):
+            along = moved.along
+            state = along.q, along.dq, along.ddq
+            Y = moved.regressor(model)
+            torque = np.einsum("jps,p->sj", Y, x)
+            C = np.zeros((*torque.shape, 1 + 2 * n))
+            if wanted[0]:
+                C[:, :, 0] = (moved.torque - delayed.torque) / _LATER
+            for j, joint in enumerate(model.robot.joint_names):
+                if wanted[1 + j] and joint in model.torque_joints:
+                    row = model.torque_joints.index(joint)
+                    C[:, row, 1 + j] = -torque[:, row]
+                if wanted[1 + n + j]:
+                    C[:, :, 1 + n + j] = -moved.through(_turned(model, x, state, j))
+            yield [
+                np.column_stack(
+                    [
+                        Y[row].T @ free.directions,
+                        C[:, row][:, wanted],
+                        moved.torque[:, row] - Y[row].T @ free.start,
+                    ]
+                )
+                for row in range(len(model.torque_joints))
+            ]
+
 
 def _is_scale(values: BoolArray) -> BoolArray:
     n = (len(values) - 1) // 2
@@ -331,42 +362,6 @@ def _fitted(regression: Regression, free: FreeParameters) -> Vector:
     stacked = regression.stacked()
     y = least_squares(*free.reduced(stacked[:, :-1], stacked[:, -1]))
     return np.asarray(free.start + free.directions @ y)
-
-
-def _rows(
-    model: TorqueModel,
-    whole: Motion,
-    late: Motion,
-    x: Vector,
-    wanted: BoolArray,
-    free: FreeParameters,
-) -> Iterator[list[Matrix]]:
-    """Yield, piece by piece, the rows ``[Y, C, tau]`` of each torque joint."""
-    n = len(model.robot)
-    for moved, delayed in zip(whole.pieces(), late.pieces(), strict=True):
-        along = moved.along
-        state = along.q, along.dq, along.ddq
-        Y = moved.regressor(model)
-        torque = np.einsum("jps,p->sj", Y, x)
-        C = np.zeros((*torque.shape, 1 + 2 * n))
-        if wanted[0]:
-            C[:, :, 0] = (moved.torque - delayed.torque) / _LATER
-        for j, joint in enumerate(model.robot.joint_names):
-            if wanted[1 + j] and joint in model.torque_joints:
-                row = model.torque_joints.index(joint)
-                C[:, row, 1 + j] = -torque[:, row]
-            if wanted[1 + n + j]:
-                C[:, :, 1 + n + j] = -moved.through(_turned(model, x, state, j))
-        yield [
-            np.column_stack(
-                [
-                    Y[row].T @ free.directions,
-                    C[:, row][:, wanted],
-                    moved.torque[:, row] - Y[row].T @ free.start,
-                ]
-            )
-            for row in range(len(model.torque_joints))
-        ]
 
 
 def _turned(

@@ -19,6 +19,7 @@ from consistent_id.constraints.parameter_constraints import ParameterBounds
 from consistent_id.estimation.verdict import Reason
 from consistent_id.recordings.recording import Recording, velocities
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.parameters import ParameterLayout
 from consistent_id.robot.solids import DrawnDrive, DrawnParts
 
 FRICTION_CARE = 2.0
@@ -72,13 +73,42 @@ def log_speeds(recordings: Sequence[Recording]) -> dict[str, float]:
     }
 
 
+def errors_off_bounds(
+    layout: ParameterLayout,
+    x: Vector,
+    errors: Vector | None,
+    constraints: Sequence[object],
+) -> Vector | None:
+    """Return standard errors, NaN for values on a bound, which is their only source.
+
+    Parameters
+    ----------
+    x : ndarray, shape (parameters,)
+    errors : ndarray, shape (parameters,), optional
+        See `Estimate.parameter_errors`.
+    constraints : sequence of Constraint
+        Those of the estimate; only `ParameterBounds` are used.  A bound of zero is
+        none: a drive on it is no drive.
+    """
+    if errors is None:
+        return None
+    known = errors.copy()
+    for bounds in constraints:
+        if isinstance(bounds, ParameterBounds):
+            for name, limits in bounds.bounds.items():
+                i = layout.index(name)
+                finite = [at for at in limits if np.isfinite(at) and at != 0.0]
+                if any(abs(x[i] - at) <= _ON_BOUND * abs(at) for at in finite):
+                    known[i] = np.nan
+    return known
+
+
 def drive_ratios(
     model: TorqueModel,
     x: Vector,
     errors: Vector | None,
     drawn: DrawnParts,
     speeds: Mapping[str, float],
-    bounds: Sequence[object] = (),
 ) -> DriveRatios:
     """Compare drives of a parameter vector with those of the robot's file.
 
@@ -87,21 +117,11 @@ def drive_ratios(
     x : ndarray, shape (parameters,)
     errors : ndarray, shape (parameters,), optional
         Standard errors, NaN where the data do not determine a parameter; without them
-        nothing is compared.  See `Estimate.parameter_errors`.
+        nothing is compared.  See `errors_off_bounds`.
     speeds : mapping of str to float, [rad/s or m/s]
         Speed of each joint at which friction is compared; see `log_speeds`.
-    bounds : sequence of Constraint
-        Bounds of the estimate.  Values on `ParameterBounds` are not compared; zero is
-        no drive.
     """
-    known = np.full(len(x), np.nan) if errors is None else errors.copy()
-    for bound in bounds:
-        if isinstance(bound, ParameterBounds):
-            for name, limits in bound.bounds.items():
-                i = model.layout.index(name)
-                finite = [at for at in limits if np.isfinite(at) and at != 0.0]
-                if any(abs(x[i] - at) <= _ON_BOUND * abs(at) for at in finite):
-                    known[i] = np.nan
+    known = np.full(len(x), np.nan) if errors is None else errors
     values = {
         n: (float(x[i]), float(known[i])) for i, n in enumerate(model.layout.names)
     }

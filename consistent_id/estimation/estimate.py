@@ -13,8 +13,7 @@ from consistent_id._support.extras import pandas
 from consistent_id._support.files import write_json
 from consistent_id._support.tables import Table, brief
 from consistent_id.constraints.cones.certificate import Certificate, OptimumVerdict
-from consistent_id.constraints.links import link_conditions
-from consistent_id.constraints.robot_size import robot_size
+from consistent_id.constraints.delivered_bodies import link_conditions, robot_size
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.determination import SMALL, origin_text
 from consistent_id.estimation.estimate_file import (

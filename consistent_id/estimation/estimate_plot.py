@@ -108,26 +108,70 @@ def draw_torque(curves: TorqueCurves, method: str, axes: Any = None) -> Any:
     return drawn
 
 
-def draw_parameters(
+@dataclass(frozen=True, slots=True, eq=False)
+class ParameterBars:
+    """Parameters of one unit, with their 95 % intervals.
+
+    Parameters
+    ----------
+    unit : str
+    names : tuple of str
+    values : ndarray, shape (names,)
+    widths : ndarray, shape (names,)
+        Half the widths of the intervals, NaN where they are not known.
+    """
+
+    unit: str
+    names: tuple[str, ...]
+    values: Vector
+    widths: Vector
+
+
+def parameter_bars(
     layout: ParameterLayout,
     values: Vector,
     errors: Vector | None,
-    method: str,
-    *,
-    names: Sequence[str] | None = None,
-    axes: Any = None,
-) -> Any:
-    """Draw parameters as dots with 95 % bars, those of each unit in one axes.
+    names: Sequence[str] | None,
+) -> tuple[ParameterBars, ...]:
+    """Return the bars of some parameters, by default of all.
 
     Parameters
     ----------
     values : ndarray, shape (parameters,)
     errors : ndarray, shape (parameters,), optional
-        Standard errors.  Values whose error is not finite are hollow, without a bar.
-    method : str
-        Name in the legend.
+        Standard errors.
     names : sequence of str, optional
         Parameters, or bodies and joints whose parameters are all drawn.
+
+    Raises
+    ------
+    ProblemError
+        If a name is unknown.
+    """
+    widths = np.full(len(values), np.nan) if errors is None else _WIDTH_95 * errors
+    return tuple(
+        ParameterBars(
+            unit,
+            tuple(layout.names[i] for i in places),
+            values[places],
+            widths[places],
+        )
+        for unit, places in _by_unit(layout, names).items()
+    )
+
+
+def draw_parameters(
+    bars: Sequence[ParameterBars], method: str, axes: Any = None
+) -> Any:
+    """Draw parameters as dots with bars, those of each unit in one axes.
+
+    Values whose error is not known are hollow, without a bar.
+
+    Parameters
+    ----------
+    bars : sequence of ParameterBars
+    method : str
+        Name in the legend.
     axes : matplotlib.axes.Axes or array_like of it, shape (units,), optional
         By default those of a new figure of `matplotlib.pyplot`.
 
@@ -138,30 +182,28 @@ def draw_parameters(
     Raises
     ------
     ProblemError
-        If a name is unknown, or the number of axes is not that of the units.
+        If the number of axes is not that of the units.
     """
-    panels = _by_unit(layout, names)
-    heights = [len(places) + 1.5 for places in panels.values()]
-    units = ", ".join(panels)
+    heights = [len(panel.names) + 1.5 for panel in bars]
+    units = ", ".join(panel.unit for panel in bars)
     drawn = axes_for(
-        axes, (len(panels), 1), f"parameters of {len(panels)} units ({units})", heights
+        axes, (len(bars), 1), f"parameters of {len(bars)} units ({units})", heights
     ).ravel()
-    bars = np.full(len(values), np.nan) if errors is None else _WIDTH_95 * errors
-    for axis, (unit, places) in zip(drawn, panels.items(), strict=True):
+    for axis, panel in zip(drawn, bars, strict=True):
         before = len(axis.containers)
-        row = np.arange(len(places)) + _BESIDE * before
-        known = np.isfinite(bars[places])
-        shown, width = values[places], bars[places]
+        row = np.arange(len(panel.names)) + _BESIDE * before
+        shown, width = panel.values, panel.widths
+        known = np.isfinite(width)
         dots = axis.errorbar(
             shown[known], row[known], xerr=width[known], fmt="o", ms=4, label=method
         )
         colour = dots.lines[0].get_color()
         axis.plot(shown[~known], row[~known], "o", ms=4, mfc="none", color=colour)
         if not before:
-            axis.set_yticks(row, [layout.names[i] for i in places], fontsize="small")
+            axis.set_yticks(row, panel.names, fontsize="small")
             axis.invert_yaxis()
             axis.axvline(0.0, color="0.7", lw=0.8, zorder=0)
-        axis.set_xlabel(f"[{unit}]")
+        axis.set_xlabel(f"[{panel.unit}]")
         axis.grid(True, axis="x", alpha=0.3)
     drawn[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False)
     return drawn

@@ -35,7 +35,6 @@ Predicting no torque at all has an error of 100 %.  If the expected error is no 
 the training data give no information on other motion, and no figure is printed.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,7 +43,6 @@ import numpy as np
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id._support.executors import single_threaded
 from consistent_id._support.tables import brief
-from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import Prior, nominal_distance
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.best_fit import FitProblem, ScaledFit
@@ -219,21 +217,14 @@ class ErrorForecast:
 
 @single_threaded
 def error_forecast(
-    model: TorqueModel,
-    regression: Regression,
-    left_out: LeftOutErrors,
-    *,
-    parameters: Vector,
-    prior: Prior,
-    constraints: Sequence[Constraint],
-    base: BaseParameters,
+    problem: FitProblem, left_out: LeftOutErrors, *, parameters: Vector, prior: Prior
 ) -> ErrorForecast | None:
     """Return the forecast of an estimate's error.
 
     Parameters
     ----------
-    regression : Regression
-        All training data, with the weights of the fit.
+    problem : FitProblem
+        All training data with the weights of the fit, and its constraints.
     left_out : LeftOutErrors
         Errors on the rows left out of the same fit without each block.
     parameters : ndarray, shape (parameters,)
@@ -247,7 +238,8 @@ def error_forecast(
     expected = expected_error(left_out)
     if expected is None:
         return None
-    scaled = FitProblem.of(model, regression, constraints, base).scaled()
+    model, regression = problem.model, problem.free.regression
+    scaled = problem.scaled()
     distance = nominal_distance(model, prior.distance, scaled.unit)
     fitted = stacked_of_regression(model, regression, parameters)
     return ErrorForecast(
@@ -258,6 +250,6 @@ def error_forecast(
         scaled=scaled,
         root=prediction_root(scaled, distance, float(left_out.weights[0])),
         regression=regression,
-        base=base,
+        base=problem.free.base,
         parameters=parameters,
     )

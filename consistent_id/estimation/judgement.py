@@ -15,8 +15,7 @@ import numpy as np
 from consistent_id._support.arrays import Vector
 from consistent_id._support.tables import brief
 from consistent_id.constraints.cones.certificate import OptimumVerdict
-from consistent_id.constraints.links import LinkCondition
-from consistent_id.constraints.robot_size import RobotSize
+from consistent_id.constraints.delivered_bodies import LinkCondition, RobotSize
 from consistent_id.estimation.drive_ratios import DriveRatios, drive_reasons
 from consistent_id.estimation.fit import Fit
 from consistent_id.estimation.slope_reasons import (

@@ -14,14 +14,17 @@ to nominal among all that fit nearly best.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.arrays import Vector
 from consistent_id.constraints.cones.certificate import (
     GAP_TOLERANCE,
     Optimality,
+    Parabola,
+    ball_about,
     certify,
     unexplained,
 )
@@ -31,6 +34,7 @@ from consistent_id.constraints.cones.least_norm import (
     solve_least_norm,
 )
 from consistent_id.constraints.priors import (
+    Along,
     EntropicDistance,
     LocalRows,
     NominalDistance,
@@ -102,44 +106,21 @@ def penalised_fit(
     weight: float,
     *,
     start: Vector | None = None,
-    reach: float = 0.0,
     gap: float = GAP_TOLERANCE,
 ) -> PenalisedFit:
     """Minimise squared misfit plus `weight` times squared distance.
 
     Parameters
     ----------
-    start : ndarray, optional
-        Where Newton's method starts, a robot of bodies; by default the nominal one.
-    reach : float
-        See `ball_about`.
-    gap : float
-        Relative gap of the objective that is small enough.  For the entropic distance,
-        whose optimum is found to the last digits, that of a certificate is used.
+    start, gap
+        See `Compromise.optimum`.
 
     Raises
     ------
     InfeasibleError, SolverError
         See `constrained_least_squares`.
     """
-    centre = distance.nominal
-    if isinstance(distance, QuadraticDistance):
-        problem = _near(fit, distance, weight, centre).problem
-        solution, optimality = solved(problem, centre, reach=reach, gap=gap)
-    else:
-        solution = _newton(fit, distance, weight, centre if start is None else start)
-        solution, optimality = _proven(fit, distance, weight, solution, reach)
-        if optimality.violation > _USABLE:
-            raise SolverError(
-                "the entropic distance needs links with mass and thickness, but none "
-                f"that satisfy the constraints were found (violation "
-                f"{optimality.violation:.1e}); take another distance, or check for "
-                "masses and moments of zero"
-            )
-    u = solution.u
-    return PenalisedFit(
-        solution, optimality, fit.excess(u), distance.squared(u), weight
-    )
+    return Compromise(fit, distance, weight).optimum(start, gap=gap)
 
 
 class _NearProblem(NamedTuple):
@@ -149,139 +130,168 @@ class _NearProblem(NamedTuple):
     problem: LeastNorm
 
 
-def _near(
-    fit: ScaledFit, distance: NominalDistance, weight: float, u: Vector
-) -> _NearProblem:
-    rows, root = distance.local(u), np.sqrt(weight)
-    G = np.vstack([fit.M, root * rows.G])
-    return _NearProblem(rows, LeastNorm(G, np.append(fit.z, root * rows.g), fit.domain))
+@dataclass(frozen=True, slots=True, eq=False)
+class Compromise:
+    """The problem of a fit that is near the nominal robot, too.
 
-
-def _newton(
-    fit: ScaledFit, distance: EntropicDistance, weight: float, start: Vector
-) -> ConeSolution:
-    """Return the last iterate with consistent bodies, and its multipliers."""
-    u = start if np.isfinite(distance.squared(start)) else distance.nominal
-    shortest, idle = np.inf, 0
-    for _ in range(_STEPS):
-        rows, problem = _near(fit, distance, weight, u)
-        try:
-            solution = solve_least_norm(problem, origin=u)
-        except SolverError:
-            solution, _ = solved(problem, distance.nominal)
-        step = solution.u - u
-        length = float(np.linalg.norm(rows.G @ step))
-        idle = idle + 1 if length > 0.5 * shortest and shortest < _CLOSE else 0
-        shortest = min(shortest, length)
-        if length <= _STILL or idle == 2:
-            break
-        ahead = u + _step_length(fit, distance, weight, u, step, length) * step
-        if not np.isfinite(distance.squared(ahead)):
-            break  # no point of the constraints has consistent bodies
-        u = ahead
-    whole = np.isfinite(distance.squared(solution.u))
-    return solution if whole else replace(solution, u=u)
-
-
-def _step_length(
-    fit: ScaledFit,
-    distance: EntropicDistance,
-    weight: float,
-    u: Vector,
-    step: Vector,
-    length: float,
-) -> float:
-    """Return the share of a step that lowers the objective most, at most one.
-
-    At least ``1 / (1 + length)``, which self-concordance guarantees to lower it, and
-    small enough to leave every body a quarter of its thickness: a body that becomes
-    thin too early needs many steps to grow again.
+    Parameters
+    ----------
+    weight : float
+        Weight of the squared distance.
+    reach : float
+        Least radius of the ball in which proofs are valid; see `ball_about`.
     """
-    if length <= _FULL:
-        return 1.0
-    along = distance.along(u, step)
-    residual, change = fit.M @ u - fit.z, fit.M @ step
 
-    def slope(t: float) -> float:
-        misfit = 2.0 * float(change @ (residual + t * change))
-        return misfit + weight * along.slope(t)
+    fit: ScaledFit
+    distance: NominalDistance
+    weight: float
+    reach: float = 0.0
 
-    low = 1.0 / (1.0 + length)
-    high = max(along.furthest(_KEPT), low)
-    if slope(high) <= 0.0:
-        return high
-    for _ in range(_HALVINGS):
-        middle = (low + high) / 2
-        low, high = (low, middle) if slope(middle) > 0.0 else (middle, high)
-    return low
+    def optimum(
+        self, start: Vector | None = None, *, gap: float = GAP_TOLERANCE
+    ) -> PenalisedFit:
+        """Return the optimum, with its proof.
 
+        Parameters
+        ----------
+        start : ndarray, optional
+            Where Newton's method starts, a robot of bodies; by default the nominal one.
+        gap : float
+            Relative gap of the objective that is small enough.  For the entropic
+            distance, whose optimum is found to the last digits, that of a certificate
+            is used.
 
-def _proven(
-    fit: ScaledFit,
-    distance: EntropicDistance,
-    weight: float,
-    solution: ConeSolution,
-    reach: float = 0.0,
-) -> tuple[ConeSolution, Optimality]:
-    """Certify; if the multipliers are too inaccurate, compute better ones."""
-    best = solution, certify_penalised(fit, distance, weight, solution, reach)
-    for tolerance in _FINE:
-        u, optimality = best[0].u, best[1]
-        if optimality.verdict == "certified" or not np.isfinite(distance.squared(u)):
-            break
-        problem = _near(fit, distance, weight, u).problem
-        try:
-            finer = solve_least_norm(problem, tolerance=tolerance, origin=u)
-        except SolverError:
-            continue
-        again = finer, certify_penalised(fit, distance, weight, finer, reach)
-        best = min(best, again, key=lambda pair: pair[1].gap)
-    return best
-
-
-def certify_penalised(
-    fit: ScaledFit,
-    distance: NominalDistance,
-    weight: float,
-    solution: ConeSolution,
-    reach: float = 0.0,
-) -> Optimality:
-    """Recompute feasibility and the gap of a solution.
-
-    For the entropic distance, the gradient is that at the solution, and the bound of
-    the curvature is valid everywhere.  Self-concordance:
-    ``D(u + d) >= D(u) + grad D.d + w(t)``, ``w(t) = t - log(1 + t)``, ``t`` the local
-    length of ``d``.  As ``w(t) >= t^2 / 4`` up to 1 and has a slope of 1/2 or more
-    beyond, half the local Hessian is a lower bound in the relevant region, as long as
-    the unexplained gradient is shorter than half the weight.
-    """
-    u, centre = solution.u, distance.nominal
-    if isinstance(distance, QuadraticDistance):
-        problem = _near(fit, distance, weight, u).problem
-        return certify(problem, solution, centre, reference=REFERENCE, reach=reach)
-    squared = distance.squared(u)
-    if not np.isfinite(squared):
-        return Optimality(np.inf, np.inf, fit.domain.violation(u), np.inf)
-    rows, problem = _near(fit, distance, weight, u)
-    objective = (fit.excess(u) + weight * squared) / 2
-
-    def certified_with(curvature: Matrix) -> Optimality:
-        return certify(
-            problem,
-            solution,
-            centre,
-            reference=REFERENCE,
-            reach=reach,
-            objective=objective,
-            curvature=curvature,
+        Raises
+        ------
+        InfeasibleError, SolverError
+            See `constrained_least_squares`.
+        """
+        distance, centre = self.distance, self.distance.nominal
+        if isinstance(distance, QuadraticDistance):
+            problem = self.near(centre).problem
+            solution, optimality = solved(problem, centre, reach=self.reach, gap=gap)
+        else:
+            solution = self._newton(distance, centre if start is None else start)
+            solution, optimality = self.proven(solution)
+            if optimality.violation > _USABLE:
+                raise SolverError(
+                    "the entropic distance needs links with mass and thickness, but "
+                    "none that satisfy the constraints were found (violation "
+                    f"{optimality.violation:.1e}); take another distance, or check for "
+                    "masses and moments of zero"
+                )
+        u = solution.u
+        return PenalisedFit(
+            solution, optimality, self.fit.excess(u), distance.squared(u), self.weight
         )
 
-    rest, _ = unexplained(problem, u, solution.multipliers)
-    E = fit.domain.equalities.steps
-    steep = np.linalg.lstsq((rows.G @ E).T, E.T @ rest, rcond=0.0)[0]
-    if np.linalg.norm(steep) > weight / 2:
-        return certified_with(fit.M)
-    return certified_with(np.vstack([fit.M, np.sqrt(weight / 2) * rows.G]))
+    def near(self, u: Vector) -> _NearProblem:
+        """Return the least-norm problem that is the compromise to second order."""
+        fit, rows, root = self.fit, self.distance.local(u), np.sqrt(self.weight)
+        G = np.vstack([fit.M, root * rows.G])
+        g = np.append(fit.z, root * rows.g)
+        return _NearProblem(rows, LeastNorm(G, g, fit.domain))
+
+    def _newton(self, distance: EntropicDistance, start: Vector) -> ConeSolution:
+        """Return the last iterate with consistent bodies, and its multipliers."""
+        u = start if np.isfinite(distance.squared(start)) else distance.nominal
+        shortest, idle = np.inf, 0
+        for _ in range(_STEPS):
+            rows, problem = self.near(u)
+            try:
+                solution = solve_least_norm(problem, origin=u)
+            except SolverError:
+                solution, _ = solved(problem, distance.nominal)
+            step = solution.u - u
+            length = float(np.linalg.norm(rows.G @ step))
+            idle = idle + 1 if length > 0.5 * shortest and shortest < _CLOSE else 0
+            shortest = min(shortest, length)
+            if length <= _STILL or idle == 2:
+                break
+            share = 1.0
+            if length > _FULL:
+                share = self.step_share(distance.along(u, step), u, step, length)
+            ahead = u + share * step
+            if not np.isfinite(distance.squared(ahead)):
+                break  # no point of the constraints has consistent bodies
+            u = ahead
+        whole = np.isfinite(distance.squared(solution.u))
+        return solution if whole else replace(solution, u=u)
+
+    def step_share(self, along: Along, u: Vector, step: Vector, length: float) -> float:
+        """Return the share of a step that lowers the objective most, at most one.
+
+        At least ``1 / (1 + length)``, which self-concordance guarantees to lower it,
+        and small enough to leave every body a quarter of its thickness: a body that
+        becomes thin too early needs many steps to grow again.
+
+        Parameters
+        ----------
+        along : Along
+            The distance along the step from `u`.
+        length : float
+            Local length of the step.
+        """
+        fit = self.fit
+        residual, change = fit.M @ u - fit.z, fit.M @ step
+
+        def slope(t: float) -> float:
+            misfit = 2.0 * float(change @ (residual + t * change))
+            return misfit + self.weight * along.slope(t)
+
+        low = 1.0 / (1.0 + length)
+        high = max(along.furthest(_KEPT), low)
+        if slope(high) <= 0.0:
+            return high
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            low, high = (low, middle) if slope(middle) > 0.0 else (middle, high)
+        return low
+
+    def proven(self, solution: ConeSolution) -> tuple[ConeSolution, Optimality]:
+        """Certify; if the multipliers are too inaccurate, compute better ones."""
+        best = solution, self.certified(solution)
+        for tolerance in _FINE:
+            u, optimality = best[0].u, best[1]
+            hopeless = not np.isfinite(self.distance.squared(u))
+            if optimality.verdict == "certified" or hopeless:
+                break
+            problem = self.near(u).problem
+            try:
+                finer = solve_least_norm(problem, tolerance=tolerance, origin=u)
+            except SolverError:
+                continue
+            again = finer, self.certified(finer)
+            best = min(best, again, key=lambda pair: pair[1].gap)
+        return best
+
+    def certified(self, solution: ConeSolution) -> Optimality:
+        """Recompute feasibility and the gap of a solution.
+
+        For the entropic distance, the gradient is that at the solution, and the bound
+        of the curvature is valid everywhere.  Self-concordance:
+        ``D(u + d) >= D(u) + grad D.d + w(t)``, ``w(t) = t - log(1 + t)``, ``t`` the
+        local length of ``d``.  As ``w(t) >= t^2 / 4`` up to 1 and has a slope of 1/2 or
+        more beyond, half the local Hessian is a lower bound in the relevant region, as
+        long as the unexplained gradient is shorter than half the weight.
+        """
+        fit, distance, weight = self.fit, self.distance, self.weight
+        u, within = solution.u, ball_about(distance.nominal, self.reach)
+        proof = partial(certify, solution=solution, within=within, reference=REFERENCE)
+        if isinstance(distance, QuadraticDistance):
+            return proof(self.near(u).problem)
+        squared = distance.squared(u)
+        if not np.isfinite(squared):
+            return Optimality(np.inf, np.inf, fit.domain.violation(u), np.inf)
+        rows, problem = self.near(u)
+        objective = (fit.excess(u) + weight * squared) / 2
+        rest, _ = unexplained(problem, u, solution.multipliers)
+        E = fit.domain.equalities.steps
+        steep = np.linalg.lstsq((rows.G @ E).T, E.T @ rest, rcond=0.0)[0]
+        curvature = fit.M
+        if np.linalg.norm(steep) <= weight / 2:
+            curvature = np.vstack([fit.M, np.sqrt(weight / 2) * rows.G])
+        return proof(problem, below=Parabola(objective, curvature))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -341,7 +351,7 @@ def nearest_within(
     for _ in range(_WEIGHTS):
         start = None if kept is None else kept.fit.solution.u
         weight = float(np.exp(search.log_weight))
-        found = penalised_fit(scaled, distance, weight, start=start, reach=reach)
+        found = Compromise(scaled, distance, weight, reach).optimum(start)
         excess = found.excess - least
         certified = found.optimality.verdict == "certified"
         unproven = 0 if certified else unproven + 1
@@ -384,9 +394,8 @@ def _finer(
     objective = max(fit.optimality.objective, REFERENCE)
     worth = fit.weight * max(fit.squared_distance, _SMALL)
     gap = _HALF * DISTANCE_GAP * worth / (2.0 * objective)
-    found = penalised_fit(
-        scaled, distance, fit.weight, start=fit.solution.u, reach=reach, gap=gap
-    )
+    problem = Compromise(scaled, distance, fit.weight, reach)
+    found = problem.optimum(fit.solution.u, gap=gap)
     excess = found.excess - least
     if excess > kept.allowed:
         return kept

@@ -13,9 +13,11 @@ from consistent_id._support.executors import Executor, single_threaded
 from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.shape_profile import (
+    LeastMisfit,
     ShapeGroup,
     ShapeMisfit,
     ShapeProfile,
+    allowed_rise,
     profile,
 )
 from consistent_id.recordings.recording import Recording, several
@@ -141,18 +143,10 @@ def fit_shapes(
     final = misfit.at(best.log_values)
     residuals = data.residuals(final.parameters, data.columns(final.model))
     correlation = correlation_length(residuals, sigma)
-    profiles = tuple(
-        profile(
-            misfit.at,
-            group,
-            i,
-            best.log_values,
-            box,
-            independent=data.samples * len(residuals) / correlation,
-            confidence=confidence,
-        )
-        for i, group in enumerate(groups)
-    )
+    independent = data.samples * len(residuals) / correlation
+    allowed = allowed_rise(independent, confidence)
+    minimum = LeastMisfit(misfit.at, best.log_values, box, allowed)
+    profiles = tuple(profile(minimum, g, i) for i, g in enumerate(groups))
     plain = ShapeMisfit(data, base, groups, np.ones(len(sigma)))
     return ShapeFit(
         model=final.model,

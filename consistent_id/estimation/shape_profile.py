@@ -9,6 +9,7 @@ A profile of the misfit along one shape gives its confidence interval.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -201,26 +202,51 @@ class ShapeProfile:
         return f"{text}, by the data {open_side} {limit:.3g}"
 
 
-def profile(
-    misfit: Callable[[Vector], Misfit],
-    group: ShapeGroup,
-    place: int,
-    best: Vector,
-    box: Array,
-    *,
-    independent: float,
-    confidence: float,
-) -> ShapeProfile:
-    """Follow the least misfit as one shape moves away from the best.
+class LeastMisfit(NamedTuple):
+    """The least misfit over all shapes, and the rise of it that noise allows.
 
-    The interval contains the shapes whose sum of squares is below ``exp(chi2 / N)`` of
+    Parameters
+    ----------
+    misfit : callable
+        Misfit of the logarithms of all shapes.
+    best : ndarray, shape (shapes,)
+        Logarithms of the best shapes.
+    box : ndarray, shape (shapes, 2)
+        Bounds of the search.
+    allowed : float
+        See `allowed_rise`.
+    """
+
+    misfit: Callable[[Vector], Misfit]
+    best: Vector
+    box: Array
+    allowed: float
+
+
+def allowed_rise(independent: float, confidence: float) -> float:
+    """Return by how much half the logarithm of the sum of squares may rise.
+
+    An interval contains the shapes whose sum of squares is below ``exp(chi2 / N)`` of
     the least, with the chi-square quantile of one degree of freedom and `independent`
-    samples ``N``; its ends are interpolated in the root of the logarithm, which is
-    straight for a quadratic.
+    samples ``N``.
     """
     from scipy.special import chdtri
 
-    allowed = chdtri(1, 1.0 - confidence) / independent / 2.0  # of half the logarithm
+    return float(chdtri(1, 1.0 - confidence) / independent / 2.0)
+
+
+def profile(minimum: LeastMisfit, group: ShapeGroup, place: int) -> ShapeProfile:
+    """Follow the least misfit as one shape moves away from the best.
+
+    The ends of the interval are interpolated in the root of the logarithm, which is
+    straight for a quadratic.
+
+    Parameters
+    ----------
+    place : int
+        Index of the group among all shapes.
+    """
+    misfit, best, box, allowed = minimum
     least = misfit(best).half_log
     points = [(best[place], 0.0)]
     for side in (-1.0, 1.0):

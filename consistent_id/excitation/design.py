@@ -10,7 +10,6 @@ import os
 import time as clock
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,12 +29,8 @@ from consistent_id.excitation.clear_poses import require_clear_pose
 from consistent_id.excitation.designed import ExcitationDesign, Stage
 from consistent_id.excitation.interest import base_for
 from consistent_id.excitation.search_problem import Meter, SearchProblem, search_problem
-from consistent_id.excitation.stages import (
-    Means,
-    best_form,
-    compared_paths,
-    design_stages,
-)
+from consistent_id.excitation.searches import Lanes
+from consistent_id.excitation.stages import DesignSearch, compared_paths
 from consistent_id.excitation.verification import FRICTION_SHARE, demands
 from consistent_id.motion.collisions.scene import Scene
 from consistent_id.motion.limits import MotionLimits, motion_limits
@@ -132,7 +127,7 @@ def design_trajectory(
     model = TorqueModel(model) if isinstance(model, RobotModel) else model
     measured = _measured(model, sensor)
     limits = motion_limits(model.robot) if limits is None else limits
-    lanes = _require_sensible(starts, time_limit, seed, workers)
+    shares = _require_sensible(starts, time_limit, seed, workers)
     where = Executor.chosen(executor)
     required = demands(model, limits, parameters, scene, friction_share)
     aim = with_default_noise(aim or Aim(), measured, limits)
@@ -142,21 +137,23 @@ def design_trajectory(
         _require_long_enough(one, aim, limits)
     require_clear_pose(required, seed)
     base = base_for(measured, aim.interest, known=aim.others == "known")
-    searched = partial(search_problem, measured, base, seed=seed)
-    problems = {one: searched(one, aim, limits, required.guards) for one in forms}
-    meter = Meter(time_limit)
+    searched = [search_problem(measured, base, one, aim, limits) for one in forms]
+    problems = [
+        replace(problem.guarded(required.guards), seed=seed) for problem in searched
+    ]
     with noted_interrupts(keeps_results=True) as interrupted:
-        means = Means(starts, lanes, time_limit, interrupted, where, progress)
-        chosen, begun = best_form(list(problems.values()), means, meter)
-        stages = design_stages(chosen, required, aim, means, meter, begun)
-        unoptimised = _unoptimised(chosen, aim, starts)
+        lanes = Lanes(shares, interrupted, where, progress)
+        search = DesignSearch(required, aim, lanes, starts, Meter(time_limit))
+        trial = search.best_form(problems)
+        stages = search.stages(trial)
+        unoptimised = _unoptimised(trial.problem, aim, starts)
     known = None if sensor is not None else parameters
     relative = _useful(measured, stages[-1].accuracy, known, aim)
     return ExcitationDesign(
         model=model,
         base=base,
         demands=required,
-        form=next(one for one, problem in problems.items() if problem is chosen),
+        form=forms[problems.index(trial.problem)],
         aim=aim,
         stages=stages,
         unoptimised=unoptimised,

@@ -274,7 +274,7 @@ class ClearanceGuard:
     def _near(self, q: Matrix, sample: IntArray, which: IntArray) -> "_Near":
         scene = self.scene
         places = body_places(scene, link_places(scene.robot, q))
-        found = separation(scene, places, scene.pairs, sample, which, _CLOSE)
+        found = separation(places, scene.pairs, sample, which, _CLOSE)
         value = (self._least[which] - found.distance) / _CLOSE
         return _Near(value, places, found)
 

@@ -9,7 +9,7 @@ from contextlib import redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,15 +36,25 @@ _PAUSE = 1.0  # [s] before it begins again
 _WAY, _PATH = (150, 150, 150), (0, 114, 178)  # colours off and on the trajectory
 
 _ROOT = "/robot"
-_LINKS = ((0, 114, 178), (86, 180, 233))  # alternating colours of links
-_JOINT, _BODY, _OBSTACLE = (90, 90, 90), (86, 180, 233), (213, 94, 0)
-_GROUND = (200, 200, 200)
-_OPACITY = 0.35  # of bodies of a scene
 _THICK = 0.025  # radius of a link without a shape, in reaches of the robot
 _FLOOR = 4.0  # width of the piece of a half-space that is drawn, in reaches
 
 Pose = Mapping[str, float]
 Show = Callable[[Pose], None]
+
+
+class _Paint(NamedTuple):
+    """Colour of a mesh, and its opacity if it is transparent."""
+
+    colour: tuple[int, int, int]
+    opacity: float | None = None
+
+
+_LINKS = _Paint((0, 114, 178)), _Paint((86, 180, 233))  # of links in turn
+_JOINT = _Paint((90, 90, 90))
+_OPACITY = 0.35  # of bodies of a scene
+_BODY, _OBSTACLE = _Paint((86, 180, 233), _OPACITY), _Paint((213, 94, 0), _OPACITY)
+_GROUND = _Paint((200, 200, 200), _OPACITY)
 
 _log = logging.getLogger(__name__)
 
@@ -314,7 +324,7 @@ def drawn_bodies(server: Any, scene: Scene, shown: Callable[[Body], bool]) -> Sh
         name = f"/{folder}/{number} {body.name.replace('/', ' ')}"
         mesh = _mesh(body, _FLOOR * reach_of(robot))
         visible = body.frame is None or shown(body)
-        handle = _add(server, name, mesh, _colour(body), _OPACITY, visible)
+        handle = _add(server, name, mesh, _paint(body), visible)
         if place.link < 0:
             handle.position, handle.wxyz = place.translation, _wxyz(place.rotation)
         elif visible:
@@ -353,16 +363,15 @@ def _add(
     server: Any,
     name: str,
     mesh: Any,
-    colour: tuple[int, int, int],
-    opacity: float | None = None,
+    paint: _Paint,
     visible: bool = True,
 ) -> Any:
     return server.scene.add_mesh_simple(
         name,
         np.asarray(mesh.vertices, dtype=np.float32),
         np.asarray(mesh.faces, dtype=np.uint32),
-        color=colour,
-        opacity=opacity,
+        color=paint.colour,
+        opacity=paint.opacity,
         side="double",
         visible=visible,
     )
@@ -400,7 +409,7 @@ def _mesh(body: Body, floor: float) -> Any:
     return slab.apply_translation((0.0, 0.0, -0.005))
 
 
-def _colour(body: Body) -> tuple[int, int, int]:
+def _paint(body: Body) -> _Paint:
     if isinstance(body.shape, HalfSpace):
         return _GROUND
     return _OBSTACLE if body.frame is None else _BODY

@@ -25,7 +25,7 @@ from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.designed import ExcitationDesign
 from consistent_id.excitation.proven_moves import Playing, ProvenMove, proven_move
 from consistent_id.excitation.request import DesignRequest, design_request
-from consistent_id.excitation.search_problem import clear_start
+from consistent_id.excitation.search_problem import PathLimits, clear_start
 from consistent_id.excitation.verification import Demands, PathProof
 from consistent_id.motion.move import Move
 from consistent_id.motion.moves import move_along
@@ -116,10 +116,8 @@ def _validation_paths(
     time = np.linspace(0.0, form.duration, count + 1)
     if any(guard.keeps_apart for guard in guards):
         drawn = drawn[:_AMONG_BODIES]
-    drawn = [
-        clear_start(v * (_REACH / rows.largest(v)), basis, rows, guards, time, rng)
-        for v in drawn
-    ]
+    limits = PathLimits(basis, rows, guards, time)
+    drawn = [clear_start(v * (_REACH / rows.largest(v)), limits, rng) for v in drawn]
     for share in _SWINGS:
         paths = [basis.trajectory(np.vstack([v[:1], share * v[1:]])) for v in drawn]
         conditions = [

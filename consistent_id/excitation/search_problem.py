@@ -19,7 +19,7 @@ another one a unit takes more or less than a second.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -239,6 +239,10 @@ class SearchProblem:
         """Shape of the variables."""
         return self.basis.size, len(self.basis.unit)
 
+    def guarded(self, guards: tuple[Guard, ...]) -> "SearchProblem":
+        """Return the search with guards, which measure as densely as they need."""
+        return replace(self, guards=guards, grid=_grid(self.basis, guards))
+
     def random(self, number: int) -> Matrix:
         """Return a random path that keeps linear limits, and, if possible, guards."""
         known = _RANDOM.setdefault(self.information, {})
@@ -253,7 +257,8 @@ class SearchProblem:
         variables[0] = rng.uniform(-0.3, 0.3, self.shape[1])
         variables *= _FILL / self.limits.largest(variables)
         times = self.grid[::_STRIDE]
-        return clear_start(variables, basis, self.limits, self.guards, times, rng)
+        limits = PathLimits(basis, self.limits, self.guards, times)
+        return clear_start(variables, limits, rng)
 
     def criterion(self, objective: Objective, power: float = np.inf) -> Criterion:
         """Return an objective's criterion, smoothed or exact.
@@ -291,11 +296,8 @@ def search_problem(
     form: PathForm,
     aim: Aim,
     limits: MotionLimits,
-    guards: tuple[Guard, ...] = (),
-    *,
-    seed: int = 0,
 ) -> SearchProblem:
-    """Return the search of a form, an aim and limits.
+    """Return the search of a form, an aim and linear limits.
 
     Raises
     ------
@@ -308,7 +310,6 @@ def search_problem(
         limits, form.frequencies, form.duration, form.rest, form.smooth
     )
     cycles = form.frequencies[-1] * form.duration
-    density = max((guard.density for guard in guards), default=_GRID)
     still = basis.trajectory(np.zeros((basis.size, len(limits.joints))))
     earlier = earlier_rows(model, base, aim)
     information = PathInformation(
@@ -323,14 +324,20 @@ def search_problem(
     return SearchProblem(
         information,
         limit_rows(basis, still.period),
-        guards,
-        np.linspace(0.0, form.duration, int(np.ceil(density * cycles)) + 1),
+        (),
+        _grid(basis, ()),
         aim.objective,
         aim.scaling,
         _gram(model, base, aim),
-        seed=seed,
         interest=places_of_interest(base, aim.interest),
     )
+
+
+def _grid(basis: FourierBasis, guards: Sequence[Guard]) -> Vector:
+    """Return the times at which guards measure."""
+    density = max((guard.density for guard in guards), default=_GRID)
+    cycles = basis.frequencies[-1] * basis.duration
+    return np.linspace(0.0, basis.duration, int(np.ceil(density * cycles)) + 1)
 
 
 def _decay(basis: FourierBasis) -> Vector:
@@ -403,14 +410,34 @@ _RANDOM: WeakKeyDictionary[
 ] = WeakKeyDictionary()
 
 
-def clear_start(
-    path: Matrix,
-    basis: FourierBasis,
-    limits: LimitRows,
-    guards: Sequence[Guard],
-    time: Vector,
-    rng: np.random.Generator,
-) -> Matrix:
+class PathLimits(NamedTuple):
+    """Limits of all paths of one form.
+
+    Parameters
+    ----------
+    basis : FourierBasis
+    rows : LimitRows
+        Limits that are linear in the variables.
+    guards : sequence of Guard
+        Limits that are not.
+    time : ndarray, shape (samples,), [s]
+        Times at which the guards measure.
+    """
+
+    basis: FourierBasis
+    rows: LimitRows
+    guards: Sequence[Guard]
+    time: Vector
+
+    def kept(self, path: Matrix) -> bool:
+        """Return whether a path keeps all limits."""
+        if self.rows.largest(path).max() > 1.0:
+            return False
+        motion = self.basis.motion(path, self.time)
+        return all(guard.kept(motion) for guard in self.guards)
+
+
+def clear_start(path: Matrix, limits: PathLimits, rng: np.random.Generator) -> Matrix:
     """Return a path that violates no guard: the given one, or a smaller one elsewhere.
 
     If there is none among some random poses, the given path is returned.
@@ -418,18 +445,10 @@ def clear_start(
     Parameters
     ----------
     path : ndarray, shape (size, joints)
-    time : ndarray, shape (samples,), [s]
-        Times at which the guards measure.
     """
-
-    def clear(candidate: Matrix) -> bool:
-        if limits.largest(candidate).max() > 1.0:
-            return False
-        motion = basis.motion(candidate, time)
-        return all(guard.kept(motion) for guard in guards)
-
-    if clear(path):
+    if limits.kept(path):
         return path
+    basis, guards = limits.basis, limits.guards
     offsets = rng.uniform(-_RANGE, _RANGE, (_POSES, path.shape[1]))
     middle, half = basis.limits.middle, basis.limits.derivative(0)
     worst = worst_excess(middle + offsets * half, guards)
@@ -441,22 +460,19 @@ def clear_start(
     for share in _SWINGS:
         for k in kept:
             candidate = np.vstack([offsets[k], share * path[1:]])
-            if clear(candidate):
-                return _grown(candidate, path, clear, rng)
+            if limits.kept(candidate):
+                return _grown(candidate, path, limits, rng)
     return path
 
 
 def _grown(
-    start: Matrix,
-    path: Matrix,
-    clear: Callable[[Matrix], bool],
-    rng: np.random.Generator,
+    start: Matrix, path: Matrix, limits: PathLimits, rng: np.random.Generator
 ) -> Matrix:
     """Enlarge the swing of all joints, then of each, up to that of the given path."""
     share = np.abs(start[1:]).max(axis=0) / np.abs(path[1:]).max(axis=0)
 
     def widened(wider: Vector) -> bool:
-        return clear(np.vstack([start[0], wider * path[1:]]))
+        return limits.kept(np.vstack([start[0], wider * path[1:]]))
 
     together = _GROWTH
     while together > _LEAST and (share < 1.0).any():

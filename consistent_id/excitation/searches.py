@@ -10,6 +10,7 @@ beginning, so the result is the same.
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from shutil import rmtree
@@ -27,29 +28,14 @@ from consistent_id.excitation.search_problem import SearchProblem
 _TRIES = 3  # tries of a start after a process was killed; the executor has one more
 
 
-def run_searches(
-    problem: SearchProblem,
-    starts: Sequence[FoundPath],
-    *,
-    lanes: int,
-    work: float,
-    interrupted: Interrupted,
-    executor: Executor | None = None,
-    progress: bool = False,
-) -> tuple[FoundPath, ...]:
-    """Run searches until all are done, their work is spent or the user interrupts.
-
-    Results are sorted, the best first.  There are fewer than starts if some never began
-    or were lost with a killed process.
+@dataclass(frozen=True, slots=True)
+class Lanes:
+    """The lanes that search side by side.
 
     Parameters
     ----------
-    problem : SearchProblem
-    starts : sequence of FoundPath
-    lanes : int
+    number : int
         Shares of the starts; the result depends on their number.
-    work : float
-        Work of each lane, see `Meter`; its first start begins in any case.
     interrupted : callable
         Returns whether the user has interrupted the search.
     executor : Executor, optional
@@ -58,48 +44,73 @@ def run_searches(
     progress : bool
         Show a bar with the best value so far.
     """
-    dealt = [list(starts[k::lanes]) for k in range(min(lanes, len(starts)))]
-    with (
-        report_folder(None if executor is None else executor.place) as folder,
-        counted(len(starts), "starts", progress) as count,
-    ):
 
-        def show() -> None:
-            found = list(read_reports(folder))
-            if found:
-                best = np.exp(min(one.score for one in found))
-                complete = sum(one.complete for one in found)
-                count(complete, f"(best {problem.objective}: {best:.4g})")
+    number: int
+    interrupted: Interrupted
+    executor: Executor | None = None
+    progress: bool = False
 
-        here = _here(executor, len(dealt))
-        others = Executor("processes") if executor is None else executor
-        elsewhere = partial(run_lane_elsewhere, problem, work, folder)
-        found: list[FoundPath] = []
-        with closing(others.as_done(elsewhere, dealt[here:])) as looks:
-            next(looks, None)  # they begin
-            for lane in dealt[:here]:
-                found += run_lane(problem, lane, work, folder, interrupted, show)
-            while not interrupted() and (done := next(looks, None)) is not None:
-                found += [one for lane in done.values() for one in lane]
-                show()
-        known = {one.number: one for one in [*read_reports(folder), *found]}
-    return tuple(sorted(known.values(), key=lambda one: (one.score, one.number)))
+    def run(
+        self, problem: SearchProblem, starts: Sequence[FoundPath], work: float
+    ) -> tuple[FoundPath, ...]:
+        """Run searches until all are done, their work is spent or the user interrupts.
 
+        Results are sorted, the best first.  There are fewer than starts if some never
+        began or were lost with a killed process.
 
-def _here(executor: Executor | None, lanes: int) -> int:
-    """Return the number of lanes in this process."""
-    if executor is None:
-        return 1
-    return lanes if executor.kind == "serial" else 0
+        Parameters
+        ----------
+        problem : SearchProblem
+        starts : sequence of FoundPath
+        work : float
+            Work of each lane, see `Meter`; its first start begins in any case.
+        """
+        executor, interrupted = self.executor, self.interrupted
+        dealt = self._dealt(starts)
+        with (
+            report_folder(None if executor is None else executor.place) as folder,
+            counted(len(starts), "starts", self.progress) as count,
+        ):
 
+            def show() -> None:
+                found = list(read_reports(folder))
+                if found:
+                    best = np.exp(min(one.score for one in found))
+                    complete = sum(one.complete for one in found)
+                    count(complete, f"(best {problem.objective}: {best:.4g})")
 
-def lane_work(
-    found: Sequence[FoundPath], starts: Sequence[FoundPath], lanes: int
-) -> float:
-    """Return the largest work of a lane."""
-    work = {one.number: one.work for one in found}
-    dealt = (starts[k::lanes] for k in range(lanes))
-    return max(sum(work.get(one.number, 0.0) for one in lane) for lane in dealt)
+            here = self._here(len(dealt))
+            others = Executor("processes") if executor is None else executor
+            elsewhere = partial(run_lane_elsewhere, problem, work, folder)
+            found: list[FoundPath] = []
+            with closing(others.as_done(elsewhere, dealt[here:])) as looks:
+                next(looks, None)  # they begin
+                for lane in dealt[:here]:
+                    for one in run_lane(problem, lane, work, folder, interrupted):
+                        found.append(one)
+                        show()
+                while not interrupted() and (done := next(looks, None)) is not None:
+                    found += [one for lane in done.values() for one in lane]
+                    show()
+            known = {one.number: one for one in [*read_reports(folder), *found]}
+        return tuple(sorted(known.values(), key=lambda one: (one.score, one.number)))
+
+    def spent(self, found: Sequence[FoundPath], starts: Sequence[FoundPath]) -> float:
+        """Return the largest work of a lane."""
+        work = {one.number: one.work for one in found}
+        lanes = self._dealt(starts)
+        return max(sum(work.get(one.number, 0.0) for one in lane) for lane in lanes)
+
+    def _dealt(self, starts: Sequence[FoundPath]) -> list[list[FoundPath]]:
+        """Return the starts of each lane."""
+        lanes = min(self.number, len(starts))
+        return [list(starts[k :: self.number]) for k in range(lanes)]
+
+    def _here(self, lanes: int) -> int:
+        """Return the number of lanes in this process."""
+        if self.executor is None:
+            return 1
+        return lanes if self.executor.kind == "serial" else 0
 
 
 def run_lane(
@@ -108,8 +119,7 @@ def run_lane(
     work: float,
     folder: Path,
     ended: Callable[[], bool],
-    show: Callable[[], None] = lambda: None,
-) -> tuple[FoundPath, ...]:
+) -> Iterator[FoundPath]:
     """Search from one start after another; results are also written to the folder.
 
     Parameters
@@ -122,15 +132,12 @@ def run_lane(
         Folder with earlier results.
     ended : callable
         Returns whether to end at once with the results so far.
-    show : callable
-        Called after each start.
     """
     known = {one.number: one for one in read_reports(folder, ended=True)}
-    found: list[FoundPath] = []
-    left = work
+    left, first = work, True
     for start in starts:
-        if ended() or (left <= 0.0 and found):
-            break
+        if ended() or (left <= 0.0 and not first):
+            return
         one = known.get(start.number)
         if one is None:
             if times_begun(folder, start.number) > _TRIES:
@@ -143,10 +150,8 @@ def run_lane(
                 report=lambda best: write_report(folder, best, complete=False),
             )
             write_report(folder, one)
-        found.append(one)
-        left -= one.work
-        show()
-    return tuple(found)
+        left, first = left - one.work, False
+        yield one
 
 
 def run_lane_elsewhere(
@@ -159,7 +164,7 @@ def run_lane_elsewhere(
         # A worker is not informed if its calling process was killed, or has ended.
         return os.getppid() != main or (seen and not folder.exists())
 
-    return run_lane(problem, starts, work, folder, ended)
+    return tuple(run_lane(problem, starts, work, folder, ended))
 
 
 @contextmanager

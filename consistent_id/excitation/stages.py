@@ -1,19 +1,17 @@
 """Stages of a design: searches, and the proof of their results."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from consistent_id._support.executors import Executor
-from consistent_id._support.run import Interrupted
 from consistent_id.errors import InfeasibleError, NotExcitedError
 from consistent_id.excitation.accuracy import PredictedAccuracy, predicted_accuracy
 from consistent_id.excitation.aims import Aim
 from consistent_id.excitation.designed import Stage
 from consistent_id.excitation.path_search import FoundPath, random_candidate
 from consistent_id.excitation.search_problem import Meter, SearchProblem
-from consistent_id.excitation.searches import lane_work, run_searches
+from consistent_id.excitation.searches import Lanes
 from consistent_id.excitation.verification import Demands, PathProof
 from consistent_id.recordings.joint_paths import FourierTrajectory
 
@@ -33,55 +31,6 @@ class _NothingYet(KeyboardInterrupt):
     """The user ended a search before it had a result."""
 
 
-Prove = Callable[[FourierTrajectory], PathProof]
-
-
-@dataclass(frozen=True, slots=True)
-class Means:
-    """The means of a search.
-
-    Parameters
-    ----------
-    starts : int
-        Random paths to search from.
-    lanes : int
-        Shares of the starts, searched side by side.
-    work : float
-        Work of each lane, see `Meter`.
-    interrupted : callable
-        Returns whether the user has interrupted the search.
-    executor : Executor, optional
-        Where lanes are run, see `run_searches`.
-    progress : bool
-        Show a bar.
-    """
-
-    starts: int
-    lanes: int
-    work: float
-    interrupted: Interrupted
-    executor: Executor | None = None
-    progress: bool = False
-
-    def run(
-        self, problem: SearchProblem, starts: Sequence[FoundPath], work: float
-    ) -> tuple[FoundPath, ...]:
-        """Run searches, with a given work of each lane."""
-        return run_searches(
-            problem,
-            starts,
-            lanes=self.lanes,
-            work=work,
-            interrupted=self.interrupted,
-            executor=self.executor,
-            progress=self.progress,
-        )
-
-    def spent(self, found: Sequence[FoundPath], starts: Sequence[FoundPath]) -> float:
-        """Return the largest work of a lane."""
-        return lane_work(found, starts, self.lanes)
-
-
 def compared_paths(problem: SearchProblem, starts: int) -> list[FoundPath]:
     """Return the random paths that a design must be better than, best first."""
     count = min(starts, _COMPARED)
@@ -89,69 +38,12 @@ def compared_paths(problem: SearchProblem, starts: int) -> list[FoundPath]:
     return sorted(found, key=lambda one: (one.score, one.number))
 
 
-def best_form(
-    problems: Sequence[SearchProblem], means: Means, meter: Meter
-) -> tuple[SearchProblem, tuple[FoundPath, ...]]:
-    """Return the problem with the most promising form, and what its short search found.
+@dataclass(frozen=True, slots=True)
+class FormTrial:
+    """The search of the most promising of several forms, and what it found so far."""
 
-    Each form has a short search, if there are several.
-    """
-    if len(problems) == 1:
-        return problems[0], ()
-    starts = [FoundPath(number) for number in range(min(means.starts, means.lanes))]
-    tried = []
-    for problem in problems:
-        found = means.run(problem, starts, _TRIAL * means.work)
-        meter.spent += means.spent(found, starts)
-        tried.append(found)
-    scores = [min((one.score for one in found), default=np.inf) for found in tried]
-    k = int(np.argmin(scores))
-    return problems[k], tuple(one for one in tried[k] if one.variables is not None)
-
-
-def design_stages(
-    problem: SearchProblem,
-    demands: Demands,
-    aim: Aim,
-    means: Means,
-    meter: Meter,
-    begun: Sequence[FoundPath] = (),
-) -> tuple[Stage, ...]:
-    """Search for the aim's objectives one after another, each from the best so far.
-
-    Parameters
-    ----------
-    begun : sequence of FoundPath
-        Searches from random paths that go on.
-
-    Raises
-    ------
-    InfeasibleError
-        If no path was found that keeps the limits; the message names the violated
-        limit.
-    NotExcitedError
-        If no motion within the limits identifies all base parameters.
-    """
-    prove = _proving_once(demands)
-    objectives = aim.objectives
-    search = _DesignSearch(aim, means, meter, prove)
-    going_on = {one.number: one for one in begun}
-    random = [going_on.get(k, FoundPath(k)) for k in range(means.starts)]
-    last = len(objectives) == 1
-    problem = replace(problem, objective=objectives[0])
-    known = compared_paths(problem, means.starts)
-    first = search.stage(problem, random, known, _LAST if last else _FIRST)
-    if last or means.interrupted():
-        return (first,)
-    best = first.candidates[:_REFINED]
-    reached = problem.score("condition", np.asarray(best[0].variables))
-    second = replace(
-        problem, objective=objectives[1], spread_bound=_bound(aim, reached)
-    )
-    try:
-        return first, search.stage(second, best, _scored(second, best[:1]), _LAST)
-    except (InfeasibleError, _NothingYet):
-        return first, _unchanged(first, second)
+    problem: SearchProblem
+    begun: tuple[FoundPath, ...]
 
 
 def _scored(
@@ -190,29 +82,93 @@ def _unchanged(first: Stage, problem: SearchProblem) -> Stage:
     )
 
 
-def _proving_once(demands: Demands) -> Prove:
-    """Return a prover of paths, each once: a second stage may end at its start."""
-    proofs: dict[bytes, PathProof] = {}
+@dataclass(slots=True)
+class DesignSearch:
+    """The search for a design: its stages share proofs and an allowance of work.
 
-    def prove(path: FourierTrajectory) -> PathProof:
-        key = np.vstack([path.offset, path.sine, path.cosine]).tobytes()
-        if key not in proofs:
-            proofs[key] = demands.proof(path)
-        return proofs[key]
+    Parameters
+    ----------
+    demands : Demands
+    aim : Aim
+    lanes : Lanes
+    starts : int
+        Random paths to search from.
+    meter : Meter
+        Allowance of each lane, and the work done so far.
+    """
 
-    return prove
-
-
-@dataclass(frozen=True, slots=True)
-class _DesignSearch:
-    """The common data of the stages of a design."""
-
+    demands: Demands
     aim: Aim
-    means: Means
+    lanes: Lanes
+    starts: int
     meter: Meter
-    prove: Prove
+    _proofs: dict[bytes, PathProof] = field(default_factory=dict, init=False)
 
-    def stage(
+    def best_form(self, problems: Sequence[SearchProblem]) -> FormTrial:
+        """Return the most promising form; each of several has a short search."""
+        if len(problems) == 1:
+            return FormTrial(problems[0], ())
+        starts = [FoundPath(k) for k in range(min(self.starts, self.lanes.number))]
+        tried = [
+            self._run(problem, starts, _TRIAL * self.meter.allowed)
+            for problem in problems
+        ]
+        scores = [min((one.score for one in found), default=np.inf) for found in tried]
+        k = int(np.argmin(scores))
+        begun = tuple(one for one in tried[k] if one.variables is not None)
+        return FormTrial(problems[k], begun)
+
+    def stages(self, trial: FormTrial) -> tuple[Stage, ...]:
+        """Search for the aim's objectives one after another, each from the best so far.
+
+        Parameters
+        ----------
+        trial : FormTrial
+            Its searches from random paths go on.
+
+        Raises
+        ------
+        InfeasibleError
+            If no path was found that keeps the limits; the message names the violated
+            limit.
+        NotExcitedError
+            If no motion within the limits identifies all base parameters.
+        """
+        objectives = self.aim.objectives
+        going_on = {one.number: one for one in trial.begun}
+        random = [going_on.get(k, FoundPath(k)) for k in range(self.starts)]
+        last = len(objectives) == 1
+        problem = replace(trial.problem, objective=objectives[0])
+        known = compared_paths(problem, self.starts)
+        first = self._stage(problem, random, known, _LAST if last else _FIRST)
+        if last or self.lanes.interrupted():
+            return (first,)
+        best = first.candidates[:_REFINED]
+        reached = problem.score("condition", np.asarray(best[0].variables))
+        second = replace(
+            problem, objective=objectives[1], spread_bound=_bound(self.aim, reached)
+        )
+        try:
+            return first, self._stage(second, best, _scored(second, best[:1]), _LAST)
+        except (InfeasibleError, _NothingYet):
+            return first, _unchanged(first, second)
+
+    def _run(
+        self, problem: SearchProblem, starts: Sequence[FoundPath], work: float
+    ) -> tuple[FoundPath, ...]:
+        """Run searches, and count their work."""
+        found = self.lanes.run(problem, starts, work)
+        self.meter.spent += self.lanes.spent(found, starts)
+        return found
+
+    def _proof(self, path: FourierTrajectory) -> PathProof:
+        """Prove a path, each once: a second stage may end at its start."""
+        key = np.vstack([path.offset, path.sine, path.cosine]).tobytes()
+        if key not in self._proofs:
+            self._proofs[key] = self.demands.proof(path)
+        return self._proofs[key]
+
+    def _stage(
         self,
         problem: SearchProblem,
         starts: Sequence[FoundPath],
@@ -223,30 +179,29 @@ class _DesignSearch:
 
         `known` are paths that keep the limits already: no worse one is returned.
         """
-        means, meter = self.means, self.meter
-        work = max(share * means.work - meter.spent, 0.0)
+        interrupted, meter = self.lanes.interrupted, self.meter
+        work = max(share * meter.allowed - meter.spent, 0.0)
         searches, cut_short = 0, False
         proofs: list[PathProof] = []
         for attempt in range(_ATTEMPTS):
-            found = means.run(problem, starts, work)
-            meter.spent += means.spent(found, starts)
+            found = self._run(problem, starts, work)
             searches = searches or len(found)
             early = len(found) < len(starts) or not all(one.complete for one in found)
             cut_short |= early
             usable = _usable([*found, *known])
-            if not usable and means.interrupted():
+            if not usable and interrupted():
                 raise _NothingYet
             if not usable:
                 raise _nothing_found(found, early)
             worst = usable[0].score + _WORSE
-            if attempt == _ATTEMPTS - 1 or means.interrupted():
+            if attempt == _ATTEMPTS - 1 or interrupted():
                 worst = np.inf
             tried = len(proofs)
             for one in usable:
                 if one.score > worst:
                     break
                 path = problem.basis.trajectory(np.asarray(one.variables))
-                proof = self.prove(path)
+                proof = self._proof(path)
                 proofs.append(proof)
                 if proof.holds:
                     best = min((path.score for path in known), default=np.inf)
@@ -262,7 +217,7 @@ class _DesignSearch:
                         cut_short=cut_short,
                         improved=one.score < best - _EQUAL,
                     )
-            if means.interrupted():
+            if interrupted():
                 break
             near = [p.clearance for p in proofs if p.clearance is not None]
             failed = [(c.first, c.second) for c in near if not c.holds]
@@ -270,8 +225,8 @@ class _DesignSearch:
             guards = tuple(g.tightened(failed, peaks) for g in problem.guards)
             problem, starts = replace(problem, guards=guards), usable[:_REFINED]
             if peaks:  # for which the paths found so far are far away
-                starts = [FoundPath(number) for number in range(means.starts)]
-            work = max(share * means.work - meter.spent, _MORE * means.work)
+                starts = [FoundPath(number) for number in range(self.starts)]
+            work = max(share * meter.allowed - meter.spent, _MORE * meter.allowed)
         proofs[0].require()
         raise InfeasibleError("no path was found that keeps all limits")
 

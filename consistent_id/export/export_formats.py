@@ -281,7 +281,6 @@ def format_cost(
     *,
     selection: "Selection",
     source: Path | None = None,
-    held_out: bool = True,
 ) -> FormatCost:
     """Export an estimate, read the file back and return its torque error.
 
@@ -329,7 +328,7 @@ def format_cost(
     pairs = [torque_errors([left, estimate], log) for log in recordings]
     of_file, own = (stacked_error([pair[i] for pair in pairs]) for i in (0, 1))
     names = tuple(dict.fromkeys(log.name for log in recordings))
-    return FormatCost(of_file or 0.0, own or 0.0, names, held_out, read is not None)
+    return FormatCost(of_file or 0.0, own or 0.0, names, True, read is not None)
 
 
 def _of_drag(estimate: "Estimate") -> tuple[str, ...]:

@@ -8,9 +8,11 @@ constraints on them are kept.
 
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 
@@ -121,7 +123,8 @@ def identify_fleet(
     given = first.constraints, first.prior
     with counted(len(problems), "robots", progress) as count:
         told = _told(shares, count)
-        return _identified(fleet, told, payloads, *given, started)
+        found = _identified(fleet, told, payloads, *given)
+    return replace(found, seconds=perf_counter() - started)
 
 
 def fleet_estimate(
@@ -139,13 +142,13 @@ def fleet_estimate(
     """
     if not regressions:
         raise ProblemError("there is no robot in the fleet")
-    started, fleet = perf_counter(), fleet_model(model)
+    fleet = fleet_model(model)
     shares = (robot_share(name, fleet, r) for name, r in regressions.items())
     carried = {} if payloads is None else payloads
     for name in set(carried) - set(regressions):
         near = did_you_mean(name, list(regressions))
         raise ProblemError(f"payload of {name!r}: no such robot; {near}")
-    return _identified(fleet, shares, carried, constraints, prior, started)
+    return _identified(fleet, shares, carried, constraints, prior)
 
 
 def carried_body(problem: Problem) -> CarriedBody | None:
@@ -181,8 +184,8 @@ def _identified(
     payloads: Mapping[str, CarriedBody],
     constraints: Sequence[Constraint],
     prior: Prior | None,
-    started: float,
 ) -> Fleet:
+    started = perf_counter()
     limits = own_sets(fleet, lowered(constraints, fleet.whole))
     base = base_parameters(fleet.shared)
     kept = shared_constraints(fleet, constraints)
@@ -203,9 +206,9 @@ def _identified(
         settled = settle(fleet, alike, limits, solved)
         known = lowered(kept, fleet.shared).A_eq
         errors = shared_errors(settled.shared, settled.bodies, known)
+        shared = _SharedResult(fleet, limits, settled.bodies, errors)
         found = tuple(
-            _robot(fleet, robot, settled.bodies, errors, limits, outliers, k)
-            for k, robot in enumerate(robots)
+            shared.robot(robot, outliers, k) for k, robot in enumerate(robots)
         )
     return Fleet(
         model=fleet.whole,
@@ -240,38 +243,37 @@ def _stored(
     return robots, factors
 
 
-def _robot(
-    fleet: FleetModel,
-    robot: StoredRobot,
-    bodies: Estimate,
-    errors: SharedErrors,
-    limits: Sequence[OwnSet],
-    outliers: Outliers,
-    number: int,
-) -> FleetRobot:
-    """Return the result for one robot."""
-    x, payload = bodies.parameters, None
-    if robot.place is not None:
-        held = held_rows(fleet, robot, robot.place, x, limits)
-        payload = found_payload(held, robot.place, bodies, errors)
-        x = robot.place.added(x, payload.estimate.parameters)
-    own = [fit.values for fit in own_fits(robot, x, limits)]
-    regression, z = read_share(robot.file, fleet), np.append(x, -1.0)
-    left = [F @ z for F in regression.factors]
-    left += [
-        rows @ np.concatenate([y, z]) for rows, y in zip(robot.own, own, strict=True)
-    ]
-    misfit = float(np.linalg.norm(np.concatenate(left)))
-    size = max(robot.torque, float(np.finfo(float).tiny))
-    return FleetRobot(
-        name=robot.name,
-        samples=robot.samples,
-        parameters=fleet.parameters(x, own),
-        misfit=misfit / size,
-        alone=robot.alone / size,
-        statistic=float(outliers.statistic[number]),
-        freedom=int(outliers.freedom[number]),
-        p_value=float(outliers.p_values[number]),
-        outlier=bool(outliers.named[number]),
-        payload=payload,
-    )
+class _SharedResult(NamedTuple):
+    """The bodies that robots share, with their errors, and the limits of the rest."""
+
+    fleet: FleetModel
+    limits: Sequence[OwnSet]
+    bodies: Estimate
+    errors: SharedErrors
+
+    def robot(self, robot: StoredRobot, outliers: Outliers, number: int) -> FleetRobot:
+        """Return the result for one robot."""
+        x, payload = self.bodies.parameters, None
+        if robot.place is not None:
+            held = held_rows(self.fleet, robot, robot.place, x, self.limits)
+            payload = found_payload(held, robot.place, self.bodies, self.errors)
+            x = robot.place.added(x, payload.estimate.parameters)
+        own = [fit.values for fit in own_fits(robot, x, self.limits)]
+        regression, z = read_share(robot.file, self.fleet), np.append(x, -1.0)
+        left = [F @ z for F in regression.factors]
+        pairs = zip(robot.own, own, strict=True)
+        left += [rows @ np.concatenate([y, z]) for rows, y in pairs]
+        misfit = float(np.linalg.norm(np.concatenate(left)))
+        size = max(robot.torque, float(np.finfo(float).tiny))
+        return FleetRobot(
+            name=robot.name,
+            samples=robot.samples,
+            parameters=self.fleet.parameters(x, own),
+            misfit=misfit / size,
+            alone=robot.alone / size,
+            statistic=float(outliers.statistic[number]),
+            freedom=int(outliers.freedom[number]),
+            p_value=float(outliers.p_values[number]),
+            outlier=bool(outliers.named[number]),
+            payload=payload,
+        )

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import chain
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -103,6 +104,13 @@ class _Own:
         return self.surprise <= _SAME and all(a.bound == b.bound for a, b in pairs)
 
 
+class _CarryingRobot(NamedTuple):
+    """A robot that carries something, and where."""
+
+    robot: StoredRobot
+    place: PlacedBody
+
+
 def settle(
     fleet: FleetModel,
     robots: Sequence[StoredRobot],
@@ -128,7 +136,7 @@ def settle(
     if not robots:
         raise ProblemError("no robot is left to share bodies with others; give more")
     plain = [robot for robot in robots if robot.place is None]
-    loaded = [(robot, robot.place) for robot in robots if robot.place is not None]
+    loaded = [_CarryingRobot(r, r.place) for r in robots if r.place is not None]
     reference = robots[0].sigma
     read = (_scaled(read_share(robot.file, fleet), reference) for robot in plain)
     start = tree_reduced(read, Regression.__add__)  # read once, whatever the rounds
@@ -148,8 +156,8 @@ def settle(
         x, before = bodies.parameters, [*of_plain, *of_loaded]
         of_plain = [_Own(own_fits(robot, x, limits)) for robot in plain]
         of_loaded = [
-            _loaded(_held(fleet, robot, own, limits), robot, place, own, x, limits)
-            for (robot, place), own in zip(loaded, of_loaded, strict=True)
+            _loaded(_held(fleet, one.robot, own, limits), one, own, x, limits)
+            for one, own in zip(loaded, of_loaded, strict=True)
         ]
         after = [*of_plain, *of_loaded]
         if all(b.follows(a) for a, b in zip(before, after, strict=True)):
@@ -238,13 +246,13 @@ def _held(
 
 def _loaded(
     held: Regression,
-    robot: StoredRobot,
-    place: PlacedBody,
+    loaded: _CarryingRobot,
     own: _Own,
     shared: Vector,
     limits: Sequence[OwnSet],
 ) -> _Own:
     """Return the own part of a robot that carries something."""
+    robot, place = loaded
     thought = without_load(held, place, own.load)
     rows = thought.residual_rms(shared) / thought.sigma
     expected = float(np.sum(rows**2 * thought.counts))

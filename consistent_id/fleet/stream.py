@@ -274,9 +274,8 @@ def _rows_of(
     path, joints = problem.log_file(entry.file), problem.model.robot.joint_names
     columns, gain = columns_of(data, path), data.torque_gain
     if log_format(path).holds == "joint states":
-        return spooled_states(
-            path, joints, columns, spool, torque_gain=gain, topic=data.topic
-        )
+        states = spooled_states(path, joints, columns, spool, topic=data.topic)
+        return replace(states, torque_gain=gain)
     return LogRows(path, joints, columns, gain, tuple(entry.omit))
 
 

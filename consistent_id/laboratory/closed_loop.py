@@ -263,12 +263,12 @@ def controlled(
         If the robot gets out of control.
     """
     wanted = wanted.of(robot.joints)
-    tick = 1.0 / uniform_rate(wanted)
-    dynamics = robot.forward_dynamics()
+    integration = _Integration(
+        robot, robot.forward_dynamics(), 1.0 / uniform_rate(wanted), substeps
+    )
     poses = wanted.position[:: max(len(wanted) // _FRICTION_POSES, 1)]
-    _require_stable(robot, dynamics, poses, tick, substeps)
-    gains = controller.gains(wanted)
-    step = _tick(robot, gains, encoders, dynamics, tick, substeps)
+    integration.require_stable(poses)
+    step = _tick(integration, controller.gains(wanted), encoders)
     feedforward = controller.feedforward(wanted)
     inputs = np.hstack([wanted.position, feedforward]).T
     q0 = wanted.position[0]
@@ -297,14 +297,65 @@ def _read(q: Vector, encoders: Encoders) -> Vector:
     return np.where(stepped, counts * step, q)
 
 
-def _tick(
-    robot: SimulatedRobot,
-    gains: ControllerGains,
-    encoders: Encoders,
-    dynamics: Any,
-    tick: float,
-    substeps: int,
-) -> Any:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Integration:
+    """The integration of a robot's motion from tick to tick.
+
+    Parameters
+    ----------
+    dynamics : callable
+        ``(q, dq, tau) -> ddq``.
+    tick : float, [s]
+    substeps : int
+        Runge-Kutta steps of fourth order between ticks.
+    """
+
+    robot: SimulatedRobot
+    dynamics: Any
+    tick: float
+    substeps: int
+
+    def after(self, q: Any, dq: Any, tau: Any) -> Any:
+        """Return ``(q, dq)`` a tick later."""
+        import casadi as ca
+
+        n = len(self.robot.joints)
+        h, x = self.tick / self.substeps, ca.vertcat(q, dq)
+
+        def rate(x: Any) -> Any:
+            return ca.vertcat(x[n:], self.dynamics(x[:n], x[n:], tau))
+
+        for _ in range(self.substeps):
+            k1 = rate(x)
+            k2 = rate(x + h / 2.0 * k1)
+            k3 = rate(x + h / 2.0 * k2)
+            k4 = rate(x + h * k3)
+            x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+        return x
+
+    def require_stable(self, poses: Array) -> None:
+        """Refuse steps that are too long for friction near standstill."""
+        import casadi as ca
+
+        tick, substeps = self.tick, self.substeps
+        if substeps < 1:
+            raise ProblemError(f"laboratory: {substeps} substeps, expected 1 or more")
+        n = len(self.robot.joints)
+        pose, rate, none = ca.SX.sym("q", n), ca.SX.sym("dq", n), np.zeros(n)
+        slope = ca.jacobian(self.dynamics(pose, rate, none), rate)
+        braking = ca.Function("braking", [pose, rate], [slope])
+        at_rest = [np.array(braking(row, none)) for row in poses]
+        fastest = float(abs(np.linalg.eigvals(np.array(at_rest))).max())
+        needed = int(np.ceil(fastest * tick / _STABLE))
+        if needed > substeps:
+            raise ProblemError(
+                f"laboratory: near standstill friction brakes within "
+                f"{1 / fastest:.3g} s, too fast for {substeps} steps in {tick:.3g} s; "
+                f"use {needed} substeps, or a larger velocity_scale"
+            )
+
+
+def _tick(integration: _Integration, gains: ControllerGains, encoders: Encoders) -> Any:
     """Return ``(state, inputs) -> (next state, log)`` of one tick.
 
     The state is ``(q, dq, last error, its rate, last torque)``, the inputs are
@@ -312,6 +363,7 @@ def _tick(
     """
     import casadi as ca
 
+    robot, dynamics, tick = integration.robot, integration.dynamics, integration.tick
     n = len(robot.joints)
     state, inputs = ca.MX.sym("state", 5 * n), ca.MX.sym("inputs", 2 * n)
     q, dq, last, slope, before = ca.vertsplit(state, n)
@@ -324,18 +376,7 @@ def _tick(
     tau = feedforward + gains.stiffness * error + gains.damping * slope
     effort = np.array([joint.limits.effort for joint in robot.model.robot.driven])
     tau = ca.fmax(ca.fmin(tau, effort), -effort)
-    h, x = tick / substeps, ca.vertcat(q, dq)
-
-    def rate(x: Any) -> Any:
-        return ca.vertcat(x[n:], dynamics(x[:n], x[n:], tau))
-
-    for _ in range(substeps):
-        k1 = rate(x)
-        k2 = rate(x + h / 2.0 * k1)
-        k3 = rate(x + h / 2.0 * k2)
-        k4 = rate(x + h * k3)
-        x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-    following = ca.vertcat(x, error, slope, tau)
+    following = ca.vertcat(integration.after(q, dq, tau), error, slope, tau)
     logged = (before + tau) / 2.0
     log = ca.vertcat(q, dq, dynamics(q, dq, logged), logged, reading)
     return ca.Function("tick", [state, inputs], [following, log])
@@ -352,26 +393,3 @@ def _run(step: Any, state: Vector, inputs: Array) -> Array:
         state = np.array(states)[:, -1]
         parts.append(np.array(log))
     return np.hstack(parts)
-
-
-def _require_stable(
-    robot: SimulatedRobot, dynamics: Any, q: Array, tick: float, substeps: int
-) -> None:
-    """Refuse steps that are too long for friction near standstill."""
-    import casadi as ca
-
-    if substeps < 1:
-        raise ProblemError(f"laboratory: {substeps} substeps, expected 1 or more")
-    n = len(robot.joints)
-    pose, rate, none = ca.SX.sym("q", n), ca.SX.sym("dq", n), np.zeros(n)
-    slope = ca.jacobian(dynamics(pose, rate, none), rate)
-    braking = ca.Function("braking", [pose, rate], [slope])
-    at_rest = [np.array(braking(row, none)) for row in q]
-    fastest = float(abs(np.linalg.eigvals(np.array(at_rest))).max())
-    needed = int(np.ceil(fastest * tick / _STABLE))
-    if needed > substeps:
-        raise ProblemError(
-            f"laboratory: near standstill friction brakes within {1 / fastest:.3g} s, "
-            f"too fast for {substeps} steps in {tick:.3g} s; use {needed} substeps, "
-            "or a larger velocity_scale"
-        )

@@ -8,6 +8,7 @@ are all of one form,
 so one text differentiates them all; a path through points of one's own is a spline.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -148,7 +149,8 @@ def bulb(
     rate = 2.0 * np.pi * _positive(turns, "turns")
     sine = [[0.0, b, 0.0], [0.0, b * taper / 2.0, 0.0]]
     cosine = [[a, 0.0, 0.0], [0.0, 0.0, 0.0]]
-    return _placed([rate, 2.0 * rate], sine, cosine, np.zeros(3), centre, along, across)
+    drawn = _about_origin([rate, 2.0 * rate], sine, cosine)
+    return _placed(drawn, centre, along, across)
 
 
 def ellipsoid(
@@ -193,8 +195,8 @@ def ellipsoid(
         [a * c0 / 2, b * s0 / 2, 0.0],
         [0.0, 0.0, -c * s0],
     ]
-    rates = [phi + theta, phi - theta, theta]
-    return _placed(rates, sine, cosine, np.zeros(3), centre, along, across)
+    drawn = _about_origin([phi + theta, phi - theta, theta], sine, cosine)
+    return _placed(drawn, centre, along, across)
 
 
 def helix(
@@ -218,8 +220,8 @@ def helix(
     r = _positive(radius, "radius")
     climb = np.array([0.0, 0.0, _positive(height, "height")])
     rate = 2.0 * np.pi * _positive(turns, "turns")
-    sine, cosine = [[0.0, r, 0.0]], [[r, 0.0, 0.0]]
-    return _placed([rate], sine, cosine, climb, centre, along, across)
+    drawn = _about_origin([rate], [[0.0, r, 0.0]], [[r, 0.0, 0.0]], climb)
+    return _placed(drawn, centre, along, across)
 
 
 def through_points(points: ArrayLike, *, closed: bool = False) -> SplineCurve:
@@ -276,16 +278,23 @@ def arc_length(curve: Curve, u: ArrayLike) -> Vector:
     return np.asarray(length[np.searchsorted(edges, u)])
 
 
-def _placed(
-    rates: ArrayLike,
-    sine: ArrayLike,
-    cosine: ArrayLike,
-    slope: Vector,
-    centre: ArrayLike,
-    along: ArrayLike,
-    across: ArrayLike,
+def _about_origin(
+    rates: Sequence[float],
+    sine: Sequence[Sequence[float]],
+    cosine: Sequence[Sequence[float]],
+    slope: ArrayLike = (0.0, 0.0, 0.0),
 ) -> HarmonicCurve:
-    """Turn and move a curve drawn about the origin; it climbs from below the centre."""
+    """Return a curve about the origin, in the plane of x and y; it climbs along z."""
+    climb = np.asarray(slope)
+    return HarmonicCurve(
+        np.asarray(rates), np.asarray(sine), np.asarray(cosine), -climb / 2.0, climb
+    )
+
+
+def _placed(
+    drawn: HarmonicCurve, centre: ArrayLike, along: ArrayLike, across: ArrayLike
+) -> HarmonicCurve:
+    """Turn and move a curve that was drawn about the origin."""
     x = checked(along, (3,), "along")
     y = checked(across, (3,), "across")
     normal = np.cross(x, y)
@@ -296,13 +305,12 @@ def _placed(
         )
     x, z = x / np.linalg.norm(x), normal / np.linalg.norm(normal)
     axes = np.array([x, np.cross(z, x), z])
-    slope = slope @ axes
     return HarmonicCurve(
-        rates=np.asarray(rates),
-        sine=np.asarray(sine) @ axes,
-        cosine=np.asarray(cosine) @ axes,
-        offset=checked(centre, (3,), "centre") - slope / 2.0,
-        slope=slope,
+        rates=drawn.rates,
+        sine=drawn.sine @ axes,
+        cosine=drawn.cosine @ axes,
+        offset=checked(centre, (3,), "centre") + drawn.offset @ axes,
+        slope=drawn.slope @ axes,
     )
 
 

@@ -26,7 +26,7 @@ from consistent_id.laboratory.writing_tasks import (
     with_rates,
 )
 from consistent_id.recordings.recording import Recording
-from consistent_id.robot.model import RobotModel
+from consistent_id.robot.model import Joint, RobotModel
 
 _STEP = 0.1  # rad or m: the most that a joint moves between two nodes
 _FIRST, _LAST = 2e-2, 1e-5  # longest and shortest step of the curve's parameter
@@ -259,14 +259,13 @@ def _check(path: TaskPath, worst_condition: float) -> None:
             i = int(np.argmax((over > tolerance).any(axis=1)))
             k = path.writer.places[int(np.argmax(over[i]))]
             value = float(found.motion[0 if what == "position" else 1][i, k])
-            raise _beyond(task, float(u[i]), robot, k, what, value)
+            raise _beyond(task, float(u[i]), robot.driven[k], what, value)
 
 
 def _beyond(
-    task: WritingTask, u: float, robot: RobotModel, k: int, what: str, value: float
+    task: WritingTask, u: float, joint: Joint, what: str, value: float
 ) -> PathError:
     """Return the error of a joint beyond its range, or too fast."""
-    joint = robot.driven[k]
     unit = "m" if joint.kind == "prismatic" else "rad"
     allowed = f"from {joint.limits.lower:.4g} to {joint.limits.upper:.4g} {unit}"
     cure = "start from another pose, or move the curve"

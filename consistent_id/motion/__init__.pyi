@@ -1,3 +1,4 @@
+from consistent_id.motion.bernstein import PolynomialPath
 from consistent_id.motion.collisions.bodies import (
     Body,
     Box,
@@ -26,7 +27,6 @@ from consistent_id.motion.files import (
 from consistent_id.motion.limits import MotionLimits, motion_limits
 from consistent_id.motion.move import Move
 from consistent_id.motion.moves import move_along
-from consistent_id.motion.polynomial_path import PolynomialPath
 from consistent_id.motion.proofs.margins import MotionMargins, motion_margins
 from consistent_id.motion.transfers import MotionState, transfer
 

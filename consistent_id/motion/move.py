@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from consistent_id._support.arrays import Array, BoolArray, Vector, checked, freeze
 from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
-from consistent_id.motion.polynomial_path import PolynomialPath
+from consistent_id.motion.bernstein import PolynomialPath
 from consistent_id.recordings.joint_paths import FourierTrajectory, sampled
 from consistent_id.recordings.recording import Recording
 

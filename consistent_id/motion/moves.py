@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike
 from consistent_id._support.arrays import Array, Vector, checked
 from consistent_id.errors import ProblemError
 from consistent_id.motion import bernstein
+from consistent_id.motion.bernstein import PolynomialPath
 from consistent_id.motion.limits import MotionLimits
 from consistent_id.motion.move import Move, end_of
-from consistent_id.motion.polynomial_path import PolynomialPath
 from consistent_id.motion.transfers import (
     MATCHED,
     MotionState,

@@ -23,8 +23,8 @@ from consistent_id._support.arrays import (
 from consistent_id._support.tables import brief
 from consistent_id.errors import ProblemError
 from consistent_id.motion import bernstein
+from consistent_id.motion.bernstein import PolynomialPath
 from consistent_id.motion.limits import MotionLimits
-from consistent_id.motion.polynomial_path import PolynomialPath
 from consistent_id.recordings.joint_paths import JointPath
 from consistent_id.robot.parameters import did_you_mean
 

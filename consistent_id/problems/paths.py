@@ -21,8 +21,8 @@ from typing import Any, NamedTuple
 import msgspec
 
 from consistent_id._support.files import relative_path
+from consistent_id._support.ownership import is_recorded, record
 from consistent_id._support.run import require_trusted
-from consistent_id._support.trust import is_recorded, record
 from consistent_id.errors import ProblemError
 from consistent_id.problems.file import ProblemTable
 

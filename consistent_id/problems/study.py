@@ -14,7 +14,7 @@ from consistent_id._support.tables import brief
 from consistent_id.comparison.comparison import Comparison, EstimateReport, compare
 from consistent_id.diagnosis import Diagnosis
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.estimate_plot import draw_parameters
+from consistent_id.estimation.estimate_plot import draw_parameters, parameter_bars
 from consistent_id.estimation.influence import confirmed_slopes
 from consistent_id.estimation.judgement import judge
 from consistent_id.estimation.method import Method
@@ -343,14 +343,10 @@ class Study(StudyFits):
             If a name is unknown, or the number of axes is not that of the units.
         """
         own = self.delivered
-        return draw_parameters(
-            own.model.layout,
-            own.parameters,
-            own.parameter_errors,
-            own.method,
-            names=names,
-            axes=axes,
+        bars = parameter_bars(
+            own.model.layout, own.parameters, own.parameter_errors, names
         )
+        return draw_parameters(bars, own.method, axes)
 
 
 def _same_parameters(one: Estimate, other: Estimate) -> bool:

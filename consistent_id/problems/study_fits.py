@@ -189,19 +189,21 @@ class StudyFits:
     @cached_property
     def forecast(self) -> ErrorForecast | None:
         """The error to expect of the recommended estimate; None if it is not known."""
-        method, model = self.recommendation.method, self.problem.model
+        method = self.recommendation.method
         estimate = self.estimate(method)
         under = estimate.fitted_under
         if under is None:
             return None
         return error_forecast(
-            model,
-            self.regression.weighted(under.weights),
+            FitProblem.of(
+                self.problem.model,
+                self.regression.weighted(under.weights),
+                under.constraints,
+                self.base,
+            ),
             self.left_out[method],
             parameters=estimate.parameters,
             prior=self.priors[Method(method)],
-            constraints=under.constraints,
-            base=self.base,
         )
 
     def expected_on(self, recording: Recording) -> ExpectedError | None:

@@ -10,7 +10,6 @@ because no log contains the torque per ampere.
 import shlex
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, cast
 
@@ -18,13 +17,15 @@ import numpy as np
 
 from consistent_id.errors import ProblemError, RecordingError
 from consistent_id.recordings.column_names import (
+    NamePattern,
     NumberedColumns,
+    columns_of_pattern,
     mapping_advice,
     mapping_option,
+    name_patterns,
     numbered_columns,
     own_names,
     shown,
-    with_joint,
 )
 from consistent_id.recordings.column_words import (
     CHANNELS,
@@ -32,7 +33,6 @@ from consistent_id.recordings.column_words import (
     is_bare,
     is_current,
     says_nothing,
-    states,
     unit_of,
     words,
 )
@@ -42,14 +42,10 @@ from consistent_id.recordings.readers.csv import lacks_names
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
 from consistent_id.recordings.readers.units import (
     KNOWN,
-    RATE,
     Units,
-    clock_columns,
-    is_time,
-    split_clock,
 )
-from consistent_id.recordings.recording import COMMANDS, unit_option
-from consistent_id.recordings.unnamed_columns import is_clock, without_names
+from consistent_id.recordings.recording import COMMANDS
+from consistent_id.recordings.unnamed_columns import clock_column, without_names
 from consistent_id.robot.parameters import did_you_mean
 
 _WITHOUT_TORQUE = (
@@ -57,10 +53,6 @@ _WITHOUT_TORQUE = (
 )
 
 GAINS = "KP,KD"  # in place of values that no log contains
-_COUNTERS = {"seq", "index", "idx", "frame", "count", "counter", "sample", "samples"}
-_COUNTERS |= {"id", "nr", "no", "row", "unnamed", "episode"}  # rise evenly, too
-_MOST_READ = 50  # columns that may be a clock
-_CLOCKS = {"time", "timestamp", "timestamps", "stamp", "clock", "t"}
 
 _EXAMPLES = {
     "position": "q_{joint}",
@@ -87,14 +79,6 @@ class ColumnGuess:
     joints: tuple[str, ...]
     notes: tuple[str, ...] = ()
     topic: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class _NamePattern:
-    text: str
-    joints: tuple[str, ...]  # joints of the robot with such a column in the log
-    names: tuple[tuple[str, str], ...] = ()  # the log's name of a joint, the robot's
-    is_array: bool = False  # of all joints
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -209,7 +193,7 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
     flat = in_file and len(joints) > 1 and has_no_arrays(log, names)
     names = [name for name in names if name not in known.taken]
     if "time" not in known.channels:
-        found = replace(found, time=_time(log, names, in_file=in_file))
+        found = replace(found, time=clock_column(log, names, in_file=in_file))
     moved = joints
     for channel in ("position", "velocity", known.effort):
         if channel in known.channels:
@@ -269,11 +253,11 @@ def _of_messages(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
     return ColumnGuess(found, named, tuple(notes), topic)
 
 
-def _rivals(best: _NamePattern, others: Sequence[_NamePattern]) -> str:
+def _rivals(best: NamePattern, others: Sequence[NamePattern]) -> str:
     """Return the patterns of other columns for the same joints."""
-    mine = _expanded(best)
+    mine = columns_of_pattern(best)
     alike = [p for p in others if len(p.joints) == len(best.joints)]
-    return ", ".join(p.text for p in alike if _expanded(p) != mine)
+    return ", ".join(p.text for p in alike if columns_of_pattern(p) != mine)
 
 
 def _in_units(guess: ColumnGuess) -> ColumnGuess:
@@ -313,7 +297,7 @@ def require_torque(pattern: str | None, torque_gain: Sequence[float]) -> None:
         )
 
 
-def _with(columns: Columns, channel: str, pattern: _NamePattern) -> Columns:
+def _with(columns: Columns, channel: str, pattern: NamePattern) -> Columns:
     given: dict[str, Any] = {channel: pattern.text}
     if pattern.names:
         given["names"] = dict(pattern.names)
@@ -322,49 +306,9 @@ def _with(columns: Columns, channel: str, pattern: _NamePattern) -> Columns:
     return replace(columns, **given)
 
 
-def _time(log: Path, names: Sequence[str], *, in_file: bool) -> str:
-    """Return the name of the clock; else the only like it whose numbers rise evenly."""
-    split = split_clock(names)
-    found = [name for name in names if is_time(name)]
-    if found and (split is None or min(found, key=len) not in clock_columns(split)):
-        return min(found, key=len)
-    if split is not None:
-        return split
-    likely = [name for name in names if in_file and words(name) & _CLOCKS]
-    read = reader_of(log).read_arrays(log, likely) if likely else {}
-    rising = [n for n in likely if is_clock(np.asarray(read[n], float).reshape(-1))]
-    if len(rising) == 1:
-        return rising[0]
-    raise _without_clock(log, names, in_file=in_file)
-
-
-def _without_clock(log: Path, names: Sequence[str], *, in_file: bool) -> RecordingError:
-    """Return an error that proposes columns that rise like a clock, or a rate."""
-    said = f"{log}: no column is named time, t or timestamp; the log has {shown(names)}"
-    likely = [n for n in names if not channel_of(n) and not words(n) & _COUNTERS]
-    likely = likely[:_MOST_READ] if in_file else []
-    read = reader_of(log).read_arrays(log, likely) if likely else {}
-    columns = {name: np.asarray(values).reshape(-1) for name, values in read.items()}
-    rising = [n for n, c in columns.items() if c.dtype.kind in "iuf" and is_clock(c)]
-    if rising:
-        unit = unit_option(columns[rising[0]].astype(np.float64))
-        options = f"--time {shlex.quote(rising[0])} {unit}".strip()
-        which = f"{rising[0]} is" if len(rising) > 1 else "it is"
-        return RecordingError(
-            f"{said}. {', '.join(rising)}: numbers that rise evenly. If {which} the "
-            f"clock: {options}",
-            options=options,
-        )
-    return RecordingError(
-        f"{said}. Name it: --time NAME; or, if it has none and its samples are evenly "
-        f"spaced, state their rate: --time {RATE} (such as 1000Hz)",
-        options=f"--time {RATE}",
-    )
-
-
 def _with_motion(
-    log: Path, patterns: Sequence[_NamePattern], joints: int
-) -> list[_NamePattern]:
+    log: Path, patterns: Sequence[NamePattern], joints: int
+) -> list[NamePattern]:
     """Return the arrays that are of all joints, and in which most joints are not zero.
 
     All patterns, if some are no arrays.
@@ -386,100 +330,19 @@ def _empty_joints(values: np.ndarray, joints: int) -> int:
     return int((upright == 0.0).all(axis=0).sum())
 
 
-def _patterns(
-    channel: str,
-    names: Sequence[str],
-    joints: Sequence[str],
-    all_joints: tuple[str, ...] = (),
-) -> list[_NamePattern]:
-    """Return all patterns of a channel's columns, the best first."""
-    return list(_patterns_of(channel, tuple(names), tuple(joints), all_joints))
-
-
-# Called several times with the same names of a log.
-@lru_cache(maxsize=8)
-def _patterns_of(
-    channel: str,
-    names: tuple[str, ...],
-    joints: tuple[str, ...],
-    all_joints: tuple[str, ...],
-) -> tuple[_NamePattern, ...]:
-    observed = states(names)
-
-    def fits(text: str) -> bool:
-        if channel == "current":
-            return is_current(text) and not channel_of(text)
-        return channel_of(text, observed) == channel
-
-    found: dict[str, _NamePattern] = {}
-    known = frozenset(names)
-    for name in names:
-        for pattern in _by_name(name, known, joints):
-            found.setdefault(pattern.text, pattern)
-    for run in numbered_columns(names):
-        for every in (joints, all_joints):
-            if len(run) == len(every):
-                pattern = _by_number(run, joints, every)
-                found.setdefault(pattern.text, pattern)
-    fitting = [p for p in found.values() if fits(p.text)]
-    if not fitting and channel == "position":
-        fitting = [p for p in found.values() if is_bare(p.text)]
-    if not fitting and len(own_names(names, channel)) != max(len(joints), 2):
-        fitting = [
-            _NamePattern(name, tuple(joints), is_array=True)
-            for name in names
-            if fits(name) and not any(c.isdigit() for c in name)
-        ]
-    return tuple(
-        sorted(
-            fitting,
-            key=lambda p: (-len(p.joints), "{joint}" not in p.text, len(p.text)),
-        )
-    )
-
-
 def _candidates(
     channel: str,
     names: Sequence[str],
     moved: tuple[str, ...],
     known: KnownColumns,
-) -> list[_NamePattern]:
+) -> list[NamePattern]:
     """Return candidates for a channel of the moving joints, the best first."""
-    patterns = _patterns(channel, names, moved, known.all_joints)
+    patterns = name_patterns(channel, names, moved, known.all_joints)
     if channel == "torque" and not patterns and known.currents:
-        return _patterns("current", names, moved, known.all_joints)
+        return name_patterns("current", names, moved, known.all_joints)
     if channel in ("velocity", "position_command"):
         return [pattern for pattern in patterns if pattern.joints == moved]
     return patterns
-
-
-def _expanded(pattern: _NamePattern) -> list[str]:
-    """Return the log's names of a pattern."""
-    own = {joint: name for name, joint in pattern.names}
-    return [
-        pattern.text.format(joint=own.get(joint, joint), number=number)
-        for number, joint in enumerate(pattern.joints, 1)
-    ]
-
-
-def _by_name(
-    name: str, known: frozenset[str], joints: Sequence[str]
-) -> list[_NamePattern]:
-    text = with_joint(name, joints)
-    if text == name:
-        return []
-    present = tuple(j for j in joints if text.replace("{joint}", j) in known)
-    return [_NamePattern(text, present)] if present else []
-
-
-def _by_number(
-    run: NumberedColumns, joints: Sequence[str], every: Sequence[str]
-) -> _NamePattern:
-    """Return a pattern of columns that count every joint, for some of them."""
-    if run.first == 1 and tuple(every[: len(joints)]) == tuple(joints):
-        return _NamePattern(f"{run.before}{{number}}{run.after}", tuple(joints))
-    pairs = tuple((str(run.first + every.index(joint)), joint) for joint in joints)
-    return _NamePattern(f"{run.before}{{joint}}{run.after}", tuple(joints), pairs)
 
 
 def _not_found(
@@ -503,7 +366,7 @@ def _not_found(
         more = _of_another_number(
             f"{others[0]} are", len(others[0]), joints, known.rows
         )
-    elif channel == "torque" and (currents := _patterns("current", names, joints)):
+    elif channel == "torque" and (currents := name_patterns("current", names, joints)):
         more = (
             f" {currents[0].text} are motor currents: convert them to torque with "
             f"the N m per ampere of each joint, gear ratio included: --torque-gain "

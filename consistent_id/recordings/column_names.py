@@ -13,7 +13,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 from operator import eq
 
-from consistent_id.recordings.column_words import channel_of, states
+from consistent_id.recordings.column_words import (
+    channel_of,
+    is_bare,
+    is_current,
+    states,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,3 +265,106 @@ def _alike(one: str, other: str) -> bool:
 
 def _letters(word: str) -> str:
     return re.sub("[^a-z0-9]", "", word.lower())
+
+
+@dataclass(frozen=True, slots=True)
+class NamePattern:
+    """A pattern of the names of a channel's columns.
+
+    Parameters
+    ----------
+    text : str
+        With ``{joint}`` or ``{number}``, or the name of an array.
+    joints : tuple of str
+        Joints of the robot that have such a column in the log.
+    names : tuple of (str, str)
+        The log's name of a joint, and the robot's.
+    is_array : bool
+        Whether it is an array of all joints.
+    """
+
+    text: str
+    joints: tuple[str, ...]
+    names: tuple[tuple[str, str], ...] = ()
+    is_array: bool = False
+
+
+def name_patterns(
+    channel: str,
+    names: Sequence[str],
+    joints: Sequence[str],
+    all_joints: tuple[str, ...] = (),
+) -> list[NamePattern]:
+    """Return all patterns of a channel's columns, the best first."""
+    return list(_name_patterns(channel, tuple(names), tuple(joints), all_joints))
+
+
+# Called several times with the same names of a log.
+@lru_cache(maxsize=8)
+def _name_patterns(
+    channel: str,
+    names: tuple[str, ...],
+    joints: tuple[str, ...],
+    all_joints: tuple[str, ...],
+) -> tuple[NamePattern, ...]:
+    observed = states(names)
+
+    def fits(text: str) -> bool:
+        if channel == "current":
+            return is_current(text) and not channel_of(text)
+        return channel_of(text, observed) == channel
+
+    found: dict[str, NamePattern] = {}
+    known = frozenset(names)
+    for name in names:
+        for pattern in _pattern_by_name(name, known, joints):
+            found.setdefault(pattern.text, pattern)
+    for run in numbered_columns(names):
+        for every in (joints, all_joints):
+            if len(run) == len(every):
+                pattern = _pattern_by_number(run, joints, every)
+                found.setdefault(pattern.text, pattern)
+    fitting = [p for p in found.values() if fits(p.text)]
+    if not fitting and channel == "position":
+        fitting = [p for p in found.values() if is_bare(p.text)]
+    if not fitting and len(own_names(names, channel)) != max(len(joints), 2):
+        fitting = [
+            NamePattern(name, tuple(joints), is_array=True)
+            for name in names
+            if fits(name) and not any(c.isdigit() for c in name)
+        ]
+    return tuple(
+        sorted(
+            fitting,
+            key=lambda p: (-len(p.joints), "{joint}" not in p.text, len(p.text)),
+        )
+    )
+
+
+def columns_of_pattern(pattern: NamePattern) -> list[str]:
+    """Return the log's names of a pattern."""
+    own = {joint: name for name, joint in pattern.names}
+    return [
+        pattern.text.format(joint=own.get(joint, joint), number=number)
+        for number, joint in enumerate(pattern.joints, 1)
+    ]
+
+
+def _pattern_by_name(
+    name: str, known: frozenset[str], joints: Sequence[str]
+) -> list[NamePattern]:
+    text = with_joint(name, joints)
+    if text == name:
+        return []
+    present = tuple(j for j in joints if text.replace("{joint}", j) in known)
+    return [NamePattern(text, present)] if present else []
+
+
+def _pattern_by_number(
+    run: NumberedColumns, joints: Sequence[str], every: Sequence[str]
+) -> NamePattern:
+    """Return a pattern of columns that count every joint, for some of them."""
+    if run.first == 1 and tuple(every[: len(joints)]) == tuple(joints):
+        return NamePattern(f"{run.before}{{number}}{run.after}", tuple(joints))
+    pairs = tuple((str(run.first + every.index(joint)), joint) for joint in joints)
+    return NamePattern(f"{run.before}{{joint}}{run.after}", tuple(joints), pairs)

@@ -1,9 +1,10 @@
-"""Columns without names: their possible channels, by their numbers alone.
+"""The clock of a log, and the possible channels of columns without names.
 
-A clock rises in steps of about one length.  Columns that follow each other are a block,
-one for each joint; a block is a velocity if it is the rate of change of another, which
-is a position.  Nothing in numbers distinguishes a torque from a current or a command:
-the first other block is proposed, and the rest are named.
+A clock is found by its name; else by its numbers, which rise in steps of about one
+length.  Columns that follow each other are a block, one for each joint; a block is a
+velocity if it is the rate of change of another, which is a position.  Nothing in
+numbers distinguishes a torque from a current or a command: the first other block is
+proposed, and the rest are named.
 """
 
 import shlex
@@ -16,9 +17,21 @@ import numpy as np
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_names import shown
+from consistent_id.recordings.column_words import channel_of, words
 from consistent_id.recordings.readers.recording_file import reader_of
-from consistent_id.recordings.readers.units import RATE, rate_of
+from consistent_id.recordings.readers.units import (
+    RATE,
+    clock_columns,
+    is_time,
+    rate_of,
+    split_clock,
+)
+from consistent_id.recordings.recording import unit_option
 
+_COUNTERS = {"seq", "index", "idx", "frame", "count", "counter", "sample", "samples"}
+_COUNTERS |= {"id", "nr", "no", "row", "unnamed", "episode"}  # rise evenly, too
+_MOST_READ = 50  # columns that may be a clock
+_CLOCKS = {"time", "timestamp", "timestamps", "stamp", "clock", "t"}
 _UNEVEN = 20.0  # longest step over the median one, of a clock
 _REPEATED = 4  # most rows with one stamp
 _ALIKE = 0.9  # least correlation of a velocity with the position's rate of change
@@ -284,3 +297,43 @@ def _normalised(columns: Matrix) -> Matrix:
     scale = np.linalg.norm(centred, axis=0)
     moves = np.isfinite(scale) & (scale > 0.0)
     return np.where(moves, centred, 0.0) / np.where(moves, scale, 1.0)
+
+
+def clock_column(log: Path, names: Sequence[str], *, in_file: bool) -> str:
+    """Return the name of the clock; else the only like it whose numbers rise evenly."""
+    split = split_clock(names)
+    found = [name for name in names if is_time(name)]
+    if found and (split is None or min(found, key=len) not in clock_columns(split)):
+        return min(found, key=len)
+    if split is not None:
+        return split
+    likely = [name for name in names if in_file and words(name) & _CLOCKS]
+    read = reader_of(log).read_arrays(log, likely) if likely else {}
+    rising = [n for n in likely if is_clock(np.asarray(read[n], float).reshape(-1))]
+    if len(rising) == 1:
+        return rising[0]
+    raise _without_clock(log, names, in_file=in_file)
+
+
+def _without_clock(log: Path, names: Sequence[str], *, in_file: bool) -> RecordingError:
+    """Return an error that proposes columns that rise like a clock, or a rate."""
+    said = f"{log}: no column is named time, t or timestamp; the log has {shown(names)}"
+    likely = [n for n in names if not channel_of(n) and not words(n) & _COUNTERS]
+    likely = likely[:_MOST_READ] if in_file else []
+    read = reader_of(log).read_arrays(log, likely) if likely else {}
+    columns = {name: np.asarray(values).reshape(-1) for name, values in read.items()}
+    rising = [n for n, c in columns.items() if c.dtype.kind in "iuf" and is_clock(c)]
+    if rising:
+        unit = unit_option(columns[rising[0]].astype(np.float64))
+        options = f"--time {shlex.quote(rising[0])} {unit}".strip()
+        which = f"{rising[0]} is" if len(rising) > 1 else "it is"
+        return RecordingError(
+            f"{said}. {', '.join(rising)}: numbers that rise evenly. If {which} the "
+            f"clock: {options}",
+            options=options,
+        )
+    return RecordingError(
+        f"{said}. Name it: --time NAME; or, if it has none and its samples are evenly "
+        f"spaced, state their rate: --time {RATE} (such as 1000Hz)",
+        options=f"--time {RATE}",
+    )

@@ -496,7 +496,7 @@ def every_sample(
         return motion
     if weights is not None and not weights.all():
         left_out = weights == 0.0
-        if unknown is None or (left_out != unknown).any():
+        if unknown is None or not np.array_equal(left_out, unknown):
             mixing = replace(mixing, unknown=left_out, held=None).holding()
     return motion._replace(
         torque=mixing.mixed(tau),

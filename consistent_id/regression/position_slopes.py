@@ -94,9 +94,9 @@ def position_slopes(
             slopes[i, :, part] = own[j]
         if reference is not None:
             loads, moved = _rigid(model, reference, few, joints)
-            _add_drives(slopes[:, :, part], model, x, few, joints, (loads, moved))
+            slopes[:, :, part] += _drives(model, x, few, joints, (loads, moved))
         elif x[size:].any():
-            _add_drives(slopes[:, :, part], model, x, few, joints, None)
+            slopes[:, :, part] += _drives(model, x, few, joints, None)
     return slopes
 
 
@@ -233,15 +233,14 @@ def _beyond(
     return f, add(n, along)
 
 
-def _add_drives(
-    slopes: Array,
+def _drives(
     model: TorqueModel,
     x: Vector,
     state: Sequence[Array],
     joints: Sequence[int],
     loads: tuple[Array, Array] | None,
-) -> None:
-    """Add the slopes of drive terms.
+) -> Array:
+    """Return the slopes of drive terms, shape (torque joints, joints given, samples).
 
     Parameters
     ----------
@@ -249,6 +248,7 @@ def _add_drives(
         Transmitted torque of all joints, and its slopes.
     """
     (q, dq, ddq), column = state, model.layout.inertial_size
+    slopes = np.zeros((len(model.torque_joints), len(joints), q.shape[1]))
     for i, terms in enumerate(model.terms):
         own, column = x[column : column + len(terms.names)], column + len(terms.names)
         loaded = terms.needs_load and loads is not None
@@ -265,4 +265,5 @@ def _add_drives(
                     load = loads[0][i] + step * loads[1][i, place]
                 columns = terms.columns(place_of_joint, dq[i], ddq[i], load)
                 sides.append(sum(c * v for c, v in zip(own, columns, strict=True)))
-            slopes[model.rows[i], place] += (sides[0] - sides[1]) / (2.0 * _STEP)
+            slopes[model.rows[i], place] = (sides[0] - sides[1]) / (2.0 * _STEP)
+    return slopes

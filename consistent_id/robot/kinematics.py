@@ -231,28 +231,24 @@ def frame_motion(
     bias = np.zeros((len(rotations), 6))
     if dq is not None:
         rates = checked(dq, (len(rotations), len(robot)), "dq") @ robot.joint_rates.T
-        bias = _bias(robot, path, jacobian, rates, origins, position)
+        bias = _bias(places, path, position, rates)
     jacobian = jacobian @ robot.joint_rates
     return FrameMotion(position, rotations[:, k] @ rotation, jacobian, bias)
 
 
 def _bias(
-    robot: RobotModel,
-    path: tuple[int, ...],
-    jacobian: Array,
-    dq: Array,
-    origins: Array,
-    position: Array,
+    places: LinkPlaces, path: tuple[int, ...], position: Array, dq: Array
 ) -> Array:
     """Carry the acceleration of steady rates from the base to the point."""
+    origins = places.translation
     w, dw, a, at = (np.zeros((len(dq), 3)) for _ in range(4))
     for j in path:
         a = a + _carried(w, dw, origins[:, j] - at)
         at = origins[:, j]
-        if robot.joints[j].kind == "prismatic":
-            a = a + 2.0 * _cross(w, jacobian[:, :3, j] * dq[:, j, None])
+        rate = places.axis[:, j] * dq[:, j, None]
+        if places.robot.joints[j].kind == "prismatic":
+            a = a + 2.0 * _cross(w, rate)
         else:
-            rate = jacobian[:, 3:, j] * dq[:, j, None]
             dw = dw + _cross(w, rate)
             w = w + rate
     a = a + _carried(w, dw, position - at)

@@ -27,7 +27,7 @@ from consistent_id.rollout.delay_search import (
     FoundDelay,
     found_delay,
 )
-from consistent_id.rollout.refine import refined_once, refinement_start
+from consistent_id.rollout.refine import Replays, refined_once, refinement_start
 from consistent_id.rollout.settings import (
     BLOCKS_OF_PART,
     Settings,
@@ -496,13 +496,9 @@ def _errors(
     estimate, regression = torque_fit(problem, within(problem.training, learnt))
     others = within(logs, other)
     yield None, rollout_error(problem, estimate, others)
+    replays = Replays.of(estimate, within(logs, learnt), gains_of(problem))
     start = refinement_start(
-        estimate,
-        regression,
-        within(logs, learnt),
-        gains_of(problem),
-        constraints=problem.constraints,
-        delay=problem.delay_of_commands,
+        replays, regression, problem.constraints, problem.delay_of_commands
     )
     for ridge in RIDGES:
         moved = replace(estimate, parameters=refined_once(start, ridge))

@@ -9,7 +9,7 @@ it.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -231,21 +231,36 @@ class FileError:
         ]
 
 
+class RobotFile(NamedTuple):
+    """A robot's file as MuJoCo reads it back.
+
+    Parameters
+    ----------
+    path : Path
+        MJCF or URDF.
+    joints : sequence of str
+        Joints that the drives move.
+    locked : mapping of str to float, [rad or m]
+        Positions of the others; zero where none is given.
+    """
+
+    path: Path
+    joints: Sequence[str]
+    locked: Mapping[str, float]
+
+
 def file_error(
-    file: Path,
-    joints: Sequence[str],
+    robot: RobotFile,
     logs: Sequence[Recording],
     gains: PDGains,
     *,
     delay: float = 0.0,
-    locked: Mapping[str, float] | None = None,
 ) -> FileError:
     """Return the error of a file's rollouts, read back from where it was written.
 
     Parameters
     ----------
-    file : Path
-        MJCF or URDF, as MuJoCo reads it.
+    robot : RobotFile
     logs : sequence of Recording
         With commands, as they were logged.
     delay : float, [s]
@@ -258,9 +273,10 @@ def file_error(
     RecordingError
         If a log has no commands, or the motion diverges.
     """
+    path, joints, locked = robot
     known = [replayable(log.of(joints)) for log in logs]
     period = min(1.0 / log.rate for log in known)
-    model = replay_model(file, joints, gains, locked=locked, period=period)
+    model = replay_model(path, joints, gains, locked=locked, period=period)
 
     def error(late: float) -> float:
         errors = [replay(model, log, delay=late).errors for log in known]
@@ -272,19 +288,17 @@ def file_error(
 
 def error_lines(
     form: str,
-    file: Path,
-    joints: Sequence[str],
+    robot: RobotFile,
     logs: Sequence[Recording],
     gains: PDGains,
     *,
     delay: float,
-    locked: Mapping[str, float],
 ) -> list[str]:
     """Return sentences on the error of a written file; a reason if there is none."""
     if form not in FILES:
         return []
     try:
-        found = file_error(file, joints, logs, gains, delay=delay, locked=locked)
+        found = file_error(robot, logs, gains, delay=delay)
     except ConsistentIdError as cause:
         return [f"the rollout error of the file is not known: {cause}"]
     return found.lines()

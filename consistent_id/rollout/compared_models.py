@@ -227,7 +227,7 @@ def rollout(
         model = made(robot, free_gains(gains))
         with suppress(RecordingError):  # a model that diverges has no windows
             free[key] = tuple(
-                open_loop(model, log, gains, delay=late, offsets=torque)
+                open_loop(model, commanded(log, gains, delay=late), offsets=torque)
                 for log in known
             )
     return Rollout(replays, offsets, delay, free)
@@ -276,9 +276,7 @@ def free_gains(gains: PDGains) -> PDGains:
 def open_loop(
     model: ReplayModel,
     log: Recording,
-    gains: PDGains,
     *,
-    delay: float = 0.0,
     offsets: Vector | None = None,
     window: float = WINDOW,
 ) -> Replay:
@@ -289,11 +287,7 @@ def open_loop(
     model : ReplayModel
         Made with `free_gains`.
     log : Recording
-        See `replayable`.
-    gains : PDGains
-        Gains of the robot's drives.
-    delay : float, [s]
-        Delay of commands.
+        On a uniform clock, with the torque of the robot's drives; see `commanded`.
     offsets : ndarray, shape (joints,), optional, [N m or N]
         See `replay`.
     window : float, [s]
@@ -313,7 +307,7 @@ def open_loop(
         raise RecordingError(f"{log.name} is shorter than a window of {window} s")
     compiled, data = model.compiled, mujoco.MjData(model.compiled)
     per_sample = max(round(1.0 / log.rate / compiled.opt.timestep), 1)
-    torque = np.asarray(commanded(log, gains, delay=delay).torque)
+    torque = np.asarray(log.torque)
     if offsets is not None:
         torque = torque - offsets
     # Between two samples the torque is their mean.

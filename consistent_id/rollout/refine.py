@@ -87,6 +87,13 @@ class Replays:
     logs: tuple[Recording, ...]
     gains: PDGains
 
+    @staticmethod
+    def of(estimate: Estimate, logs: Sequence[Recording], gains: PDGains) -> "Replays":
+        """Return the replays of logs as they were logged."""
+        joints = estimate.model.robot.joint_names
+        known = tuple(replayable(log.of(joints)) for log in logs)
+        return Replays(estimate, known, gains)
+
     def errors(self, x: Vector, delay: float, step: float = STEP) -> Matrix:
         """Return errors of position, shape (joints, samples), with a longest step."""
         period = min(1.0 / log.rate for log in self.logs)
@@ -181,9 +188,8 @@ def refined(
         motions that diverge are shortened.
     """
     started = perf_counter()
-    begin = refinement_start(
-        estimate, regression, logs, gains, constraints=constraints, delay=delay
-    )
+    replays = Replays.of(estimate, logs, gains)
+    begin = refinement_start(replays, regression, constraints, delay)
     x, size = begin.x, begin.size
     for k in range(steps):
         try:
@@ -244,13 +250,10 @@ class RefinementStart:
 
 @single_threaded
 def refinement_start(
-    estimate: Estimate,
+    replays: Replays,
     regression: Regression,
-    logs: Sequence[Recording],
-    gains: PDGains,
-    *,
     constraints: Sequence[Constraint],
-    delay: float = 0.0,
+    delay: float,
 ) -> RefinementStart:
     """Return the start of `refined`; see there.
 
@@ -259,9 +262,7 @@ def refinement_start(
     RecordingError
         If a motion diverges, of the torque fit or of one beside it.
     """
-    joints = estimate.model.robot.joint_names
-    known = tuple(replayable(log.of(joints)) for log in logs)
-    replays = Replays(estimate, known, gains)
+    estimate = replays.estimate
     free = free_parameters(estimate.model, constraints)
     changes = finite_changes(regression)
     free = free[np.isfinite(changes[free])]

@@ -97,8 +97,14 @@ def replay_model(
         If MuJoCo is not installed or refuses the robot, or a joint is not in it.
     """
     name = robot.method if isinstance(robot, Estimate) else Path(robot).name
-    spec = replay_spec(robot, joints, gains, locked=locked, period=period, step=step)
+    step = time_step(period, step)
+    spec = replay_spec(robot, joints, gains, locked=locked, step=step)
     return compiled_model(spec, name, joints, gains)
+
+
+def time_step(period: float, longest: float = STEP) -> float:
+    """Return the longest whole fraction of a period that is no longer than a step."""
+    return float(period / np.ceil(period / longest * (1.0 - 1e-9)))
 
 
 def replay_spec(
@@ -107,7 +113,6 @@ def replay_spec(
     gains: PDGains,
     *,
     locked: Mapping[str, float] | None = None,
-    period: float = STEP,
     step: float = STEP,
 ) -> Any:
     """Return the specification (``mujoco.MjSpec``) that `replay_model` compiles."""
@@ -121,7 +126,7 @@ def replay_spec(
     _strip(spec)
     _hold(spec, joints, {} if locked is None else locked, name, mujoco)
     _drive(spec, joints, gains.of(len(joints)), mujoco)
-    spec.option.timestep = period / np.ceil(period / step * (1.0 - 1e-9))
+    spec.option.timestep = step
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     flags = mujoco.mjtDisableBit
     spec.option.disableflags |= flags.mjDSBL_CONTACT | flags.mjDSBL_LIMIT

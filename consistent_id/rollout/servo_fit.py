@@ -26,11 +26,13 @@ from consistent_id.rollout.servo_bounds import (
 )
 from consistent_id.rollout.servo_log import DutyLaw, ServoLog, duty_law
 from consistent_id.rollout.servo_motion import (
+    LoggedDrive,
     Pieces,
     cut_pieces,
     position_errors,
     rigid_model,
     simulated,
+    supply_of,
 )
 from consistent_id.rollout.servo_result import JointServo, ServoFit, ServoForm
 
@@ -40,6 +42,23 @@ POPULATION = 28
 _WIDEST = 0.3  # of the box: width of a search
 
 
+class SearchDistribution(NamedTuple):
+    """The normal distribution that points of a generation are drawn from.
+
+    Parameters
+    ----------
+    mean : ndarray, shape (parameters,)
+    width : float
+        Standard deviation along directions in which the shape has size one.
+    spread : ndarray, shape (parameters, parameters), optional
+        Shape of the covariance; by default that of a ball.
+    """
+
+    mean: Vector
+    width: float
+    spread: Matrix | None = None
+
+
 class Evolved(NamedTuple):
     """The end of an evolution.
 
@@ -47,24 +66,19 @@ class Evolved(NamedTuple):
     ----------
     best : ndarray, shape (parameters,)
         Point of least error.
-    mean : ndarray, shape (parameters,)
-        Mean of the last distribution, `width` its size and `spread` its covariance's
-        shape.
+    last : SearchDistribution
+        The last generation's.
     """
 
     best: Vector
-    mean: Vector
-    width: float
-    spread: Matrix
+    last: SearchDistribution
 
 
 def evolved(
     error: Callable[[Matrix], Vector],
-    start: Vector,
-    width: float,
+    start: SearchDistribution,
     generations: int,
     rng: np.random.Generator,
-    spread: Matrix | None = None,
 ) -> Evolved:
     """Search the unit cube for the least error by an evolution strategy.
 
@@ -74,12 +88,10 @@ def evolved(
     ----------
     error : callable
         From points, shape (sets, parameters), to their errors.
-    width : float
-        First standard deviation.
-    spread : ndarray, shape (parameters, parameters), optional
-        First covariance's shape.
+    start : SearchDistribution
+        The first ones.
     """
-    n, count = len(start), POPULATION
+    n, count = len(start.mean), POPULATION
     chosen = count // 2
     weights = np.log(chosen + 0.5) - np.log(np.arange(1, chosen + 1))
     weights /= weights.sum()
@@ -90,9 +102,10 @@ def evolved(
     c_1 = 2.0 / ((n + 1.3) ** 2 + mass)
     c_m = min(1.0 - c_1, 2.0 * (mass - 2.0 + 1.0 / mass) / ((n + 2.0) ** 2 + mass))
     usual = np.sqrt(n) * (1.0 - 0.25 / n + 1.0 / (21.0 * n * n))
-    mean, C = start.copy(), np.eye(n) if spread is None else spread
+    mean, width = start.mean.copy(), start.width
+    C = np.eye(n) if start.spread is None else start.spread
     path, sizes = np.zeros(n), np.zeros(n)
-    best, least = start, float(error(start[None])[0])
+    best, least = start.mean, float(error(start.mean[None])[0])
     for generation in range(generations):
         squares, axes = np.linalg.eigh(C)
         lengths = np.sqrt(np.maximum(squares, 1e-20))
@@ -117,7 +130,7 @@ def evolved(
         path = (1.0 - c_c) * path + grows * np.sqrt(c_c * (2.0 - c_c) * mass) * step
         among = (steps[order].T * weights) @ steps[order]
         C = (1.0 - c_1 - c_m) * C + c_1 * np.outer(path, path) + c_m * among
-    return Evolved(best, np.clip(mean, 0.0, 1.0), width, C)
+    return Evolved(best, SearchDistribution(np.clip(mean, 0.0, 1.0), width, C))
 
 
 FORMS: Mapping[str, tuple[str, ...]] = {
@@ -257,8 +270,11 @@ class _ServoData:
         count = len(self.training)
         mine = self.validation if validation else self.training
         of = laws[count:] if validation else laws[:count]
-        pairs = [(law.gain, law.deadband) for law in of]
-        return cut_pieces(self.robot, mine, joint, pairs, self.volts, window)
+        drives = [
+            LoggedDrive(law.gain, law.deadband, supply_of(log, self.volts))
+            for log, law in zip(mine, of, strict=True)
+        ]
+        return cut_pieces(self.robot, mine, joint, drives, window)
 
 
 def _require_names(names: Sequence[str]) -> None:
@@ -295,18 +311,18 @@ def _identified(
     deadband = float(np.median([law.deadband for law in laws[: len(training)]]))
     short = data.pieces(joint, laws, _window(training))
     whole = data.pieces(joint, laws, None)
-    box = box_of(training, joint, short)
+    logs = _JointLogs(short, whole, box_of(training, joint, short))
     found, named = [], dict[str, dict[str, float]]()
     unseen = None
     if data.validation:
         unseen = data.pieces(joint, laws, None, validation=True)
     for name in forms:
         names = (*names_shown(training, joint), *FORMS[name])
-        found.append(_fitted(name, names, box, short, whole, seed))
+        found.append(_fitted(name, names, logs, seed))
         if unseen is not None:
             errors = _finite_errors(_sets(found[-1].values), unseen).tolist()
-            logs = [log.name for log in data.validation]
-            named[name] = dict(zip(logs, errors, strict=True))
+            others = [log.name for log in data.validation]
+            named[name] = dict(zip(others, errors, strict=True))
     pairs = list(zip(data.logs, laws, strict=True))
     gains = {log.name: law.gain for log, law in pairs}
     followed = {
@@ -352,14 +368,17 @@ def _parts(pieces: Pieces) -> IntArray:
     return parts
 
 
-def _fitted(
-    form: str,
-    names: Sequence[str],
-    box: SearchBox,
-    short: Pieces,
-    whole: Pieces,
-    seed: int,
-) -> ServoForm:
+class _JointLogs(NamedTuple):
+    """One joint's training logs in windows and whole, and the box of its parameters."""
+
+    short: Pieces
+    whole: Pieces
+    box: SearchBox
+
+
+def _fitted(form: str, names: Sequence[str], joint: _JointLogs, seed: int) -> ServoForm:
+    short, whole, box = joint
+
     def values(sets: Matrix) -> dict[str, Vector]:
         return box.values(names, sets)
 
@@ -374,20 +393,17 @@ def _fitted(
     rng = np.random.default_rng(seed)
     part = _parts(short)
     every = np.arange(len(part))
-    first = evolved(of_windows(every), box.start(names), _WIDE, _GENERATIONS, rng)
-    best = evolved(of_both, first.best, _NARROW, _POLISHING, rng).best
+    start = SearchDistribution(box.start(names), _WIDE)
+    first = evolved(of_windows(every), start, _GENERATIONS, rng)
+    best = evolved(
+        of_both, SearchDistribution(first.best, _NARROW), _POLISHING, rng
+    ).best
+    wider = first.last._replace(width=_WIDER * first.last.width)
     parts, errors = [], np.zeros(len(part))
     for group in np.unique(part):
         kept = np.flatnonzero(part != group)
-        found = evolved(
-            of_windows(kept),
-            first.mean,
-            _WIDER * first.width,
-            _AGAIN,
-            rng,
-            first.spread,
-        )
-        parts.append(found.mean)
+        found = evolved(of_windows(kept), wider, _AGAIN, rng)
+        parts.append(found.last.mean)
         mine = part == group
         logs = np.unique(short.source[mine])
         if (part[np.isin(short.source, logs)] == group).all():

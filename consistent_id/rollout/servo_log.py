@@ -18,6 +18,7 @@ from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_words import words
 from consistent_id.recordings.readers.named_arrays import read_parts
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
+from consistent_id.recordings.readers.used_rows import UsedRows
 
 _GOAL = {"goal", "target", "command", "commanded", "cmd", "action", "desired"}
 _GOAL |= {"reference", "ref", "setpoint"}
@@ -303,7 +304,7 @@ def _read(
             )
     _require_own_columns(file, found)
     wanted = list(dict.fromkeys(name for given in found.values() for name in given))
-    arrays = read_parts(reader_of(file), file, wanted)
+    arrays = read_parts(reader_of(file), file, wanted, UsedRows())
     made = {
         role: np.column_stack([np.asarray(arrays[name], float) for name in given])
         for role, given in found.items()

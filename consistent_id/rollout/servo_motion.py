@@ -17,6 +17,7 @@ Fourier series of the joint's position, which is computed beforehand without err
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -105,20 +106,35 @@ def rigid_model(robot: RobotModel) -> TorqueModel:
     return TorqueModel(robot)
 
 
+class LoggedDrive(NamedTuple):
+    """The firmware and the supply of a servo in one log.
+
+    Parameters
+    ----------
+    gain : float, [1/rad]
+    deadband : float, [rad]
+    supply : float
+        Voltage over the nominal one.
+    """
+
+    gain: float
+    deadband: float
+    supply: float = 1.0
+
+
 def cut_pieces(
     robot: RobotModel,
     logs: Sequence[ServoLog],
     joint: int,
-    laws: Sequence[tuple[float, float]],
-    nominal_volts: float | None,
+    drives: Sequence[LoggedDrive],
     window: float | None = None,
 ) -> Pieces:
     """Cut logs into windows, for one joint's simulation.
 
     Parameters
     ----------
-    laws : sequence of (float, float)
-        Gain [1/rad] and deadband [rad] of each log.
+    drives : sequence of LoggedDrive
+        That of the joint in each log.
     window : float, optional, [s]
         By default logs are not cut.
     """
@@ -127,7 +143,7 @@ def cut_pieces(
     length = longest if window is None else min(window, longest)
     steps = int(np.ceil(length / STEP)) + 1
     made = []
-    for source, (log, law) in enumerate(zip(logs, laws, strict=True)):
+    for source, (log, drive) in enumerate(zip(logs, drives, strict=True)):
         motion = _MeasuredMotion(log)
         whole = max(int((log.time[-1] + 0.02) / length), 1)
         for number in range(whole):
@@ -135,7 +151,7 @@ def cut_pieces(
             inside = (log.time >= begin - 1e-9) & (log.time <= begin + length)
             if inside.any():
                 rows = np.flatnonzero(inside)
-                made.append((log, law, motion, begin, rows, source))
+                made.append((log, drive, motion, begin, rows, source))
     grid: Vector = STEP * np.arange(steps + 1, dtype=np.float64)
     loads = [
         _load(model, motion, joint, begin + grid[:-1])
@@ -149,9 +165,9 @@ def cut_pieces(
         source=np.array([source for *_, source in made], np.intp),
         start=of([m.position_at(b)[joint] for _, _, m, b, *_ in made]),
         speed=of([m.velocity_at(b)[joint] for _, _, m, b, *_ in made]),
-        gain=of([law[0] for _, law, *_ in made]),
-        deadband=of([law[1] for _, law, *_ in made]),
-        supply=of([supply_of(log, nominal_volts) for log, *_ in made]),
+        gain=of([drive.gain for _, drive, *_ in made]),
+        deadband=of([drive.deadband for _, drive, *_ in made]),
+        supply=of([drive.supply for _, drive, *_ in made]),
         warmth=of([warmth_of(log, joint) for log, *_ in made]),
         driven=np.column_stack(
             [_driven(log, joint, begin + grid[:-1]) for log, _, _, begin, *_ in made]

@@ -17,7 +17,7 @@ from consistent_id._support.executors import single_threaded
 from consistent_id._support.tables import brief
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.cones.certificate import Certificate, Optimality
-from consistent_id.constraints.links import link_conditions
+from consistent_id.constraints.delivered_bodies import link_conditions
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.verdict import Verdict

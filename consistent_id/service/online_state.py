@@ -15,7 +15,7 @@ from consistent_id._support.tables import brief
 from consistent_id.constraints import Constraint, lowered
 from consistent_id.constraints.cones.certificate import Optimality
 from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock
-from consistent_id.constraints.links import LinkCondition
+from consistent_id.constraints.delivered_bodies import LinkCondition
 from consistent_id.estimation.constrained_fit import DEFAULT_CONSTRAINTS
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.judgement import HELD_OUT_CARE, NO_BETTER_THAN_ZERO

@@ -21,6 +21,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
 from consistent_id.constraints.cones.certificate import (
     Optimality,
+    ball_about,
     certify,
     solve_certified,
 )
@@ -180,8 +181,9 @@ def warm_fit(
     """
     problem = LeastNorm(R, z, cone.domain)
     found = _followed(problem, cone, start)
+    ball = ball_about(centre)
     if found is not None:
-        optimality = certify(problem, found.solution, centre, reference=REFERENCE)
+        optimality = certify(problem, found.solution, ball, reference=REFERENCE)
         if optimality.verdict == "certified":
             u = found.solution.u
             return WarmFit(u, optimality, found.path, found.steps)

@@ -36,6 +36,7 @@ from consistent_id.standing.stance import Stance, joint_motion
 from consistent_id.standing.trunk_path import (
     COORDINATES,
     HIGHEST,
+    NOTHING_FOUND,
     Tried,
     TrunkPath,
     searched_tones,
@@ -168,21 +169,19 @@ def design_standing(
     number = link_number(stance, link)
     _require_stance(stance, chosen, duration)
 
-    def tried(path: TrunkPath) -> Tried:
-        return _tried(stance, model, chosen, path, time, number)
+    trial = _Trial(stance, model, chosen, time, number)
 
     def used() -> float:
         return process_time() - started
 
+    found = NOTHING_FOUND
     with noted_interrupts(keeps_results=True) as interrupted:
-        found = searched_tones(
-            tried,
-            duration,
-            candidates,
-            seed,
-            tell,
-            lambda found: interrupted() or used() > time_limit * (1 if found else 2),
-        )
+        for found in searched_tones(trial.tried, duration, candidates, seed):
+            if tell is not None:
+                tell(found.count, found.best.error)
+            allowed = time_limit * (1 if found.best.path is not None else 2)
+            if interrupted() or used() > allowed:
+                break
         stopped = interrupted()
     cut_short = ""
     if found.count < candidates:
@@ -217,30 +216,40 @@ def design_standing(
     )
 
 
-def _tried(
-    stance: Stance,
-    model: TorqueModel,
-    limits: StandingLimits,
-    path: TrunkPath,
-    time: Vector,
-    number: int,
-) -> Tried:
-    """Return a candidate that uses its limits, and its error."""
-    for _ in range(_TRIES):
-        motion = standing_motion(stance, limits, path, time)
-        share = motion.largest
-        if _USED[0] <= share <= _USED[1]:
-            break
-        path = path.scaled(0.5 if not share < 50.0 else 0.95 / share**0.9)
-    if not motion.largest <= _USED[1]:
-        return Tried(None, np.inf)
-    try:
-        factor = trunk_factor(stance, model, motion, number)
-    except NotExcitedError:
-        return Tried(None, np.inf)
-    errors = np.linalg.norm(np.linalg.inv(factor), axis=1)
-    body = InertialParameters(nominal_of(stance.robot)[10 * number : 10 * number + 10])
-    return Tried(path, relative_size(errors, body))
+@dataclass(frozen=True, slots=True, eq=False)
+class _Trial:
+    """The trial of paths of the trunk, at some times.
+
+    Parameters
+    ----------
+    time : ndarray, shape (samples,), [s]
+    number : int
+        The link that is not known.
+    """
+
+    stance: Stance
+    model: TorqueModel
+    limits: StandingLimits
+    time: Vector
+    number: int
+
+    def tried(self, path: TrunkPath) -> Tried:
+        """Return a candidate that uses its limits, and its error."""
+        for _ in range(_TRIES):
+            motion = standing_motion(self.stance, self.limits, path, self.time)
+            share = motion.largest
+            if _USED[0] <= share <= _USED[1]:
+                break
+            path = path.scaled(0.5 if not share < 50.0 else 0.95 / share**0.9)
+        if not motion.largest <= _USED[1]:
+            return Tried(None, np.inf)
+        try:
+            factor = trunk_factor(self.stance, self.model, motion, self.number)
+        except NotExcitedError:
+            return Tried(None, np.inf)
+        errors = np.linalg.norm(np.linalg.inv(factor), axis=1)
+        nominal = nominal_of(self.stance.robot).reshape(-1, 10)[self.number]
+        return Tried(path, relative_size(errors, InertialParameters(nominal)))
 
 
 def _require_stance(stance: Stance, limits: StandingLimits, duration: float) -> None:

@@ -3,7 +3,7 @@
 A path is six sums of sinusoids, from rest to rest; no two tones have one frequency.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -170,15 +170,14 @@ class Searched:
     count: int
 
 
+NOTHING_FOUND = Searched(Tried(None, np.inf), np.inf, 0)
+"""The state of a search before the first path."""
+
+
 def searched_tones(
-    tried: Callable[[TrunkPath], Tried],
-    duration: float,
-    candidates: int,
-    seed: int,
-    tell: Callable[[int, float], None] | None = None,
-    ended: Callable[[bool], bool] = lambda found: False,
-) -> Searched:
-    """Return the best of many paths whose tones have different frequencies.
+    tried: Callable[[TrunkPath], Tried], duration: float, candidates: int, seed: int
+) -> Iterator[Searched]:
+    """Yield the best so far of many paths whose tones have different frequencies.
 
     Tones of different frequencies are perpendicular to each other, whatever their
     phases, so that no coordinate excuses another.  Each coordinate has a level and a
@@ -191,40 +190,30 @@ def searched_tones(
     tried : callable
         Makes a path as large as it may be, and says its error.
     duration : float, [s]
-    tell : callable, optional
-        Given how many candidates were tried, and the least error so far.
-    ended : callable, optional
-        From whether any path was found to whether to end with the best so far.
     """
     rng = np.random.default_rng(seed)
     frequencies = np.geomspace(_LOWEST, HIGHEST, _TONES * len(COORDINATES))
     spread = _spreads(len(frequencies))
     mean = np.where(spread == _SLOPE, -_FALL, 0.0)
     floor = _KEPT * spread
-    best, first, done = Tried(None, np.inf), np.inf, 0
+    best, first, done = NOTHING_FOUND.best, NOTHING_FOUND.first, NOTHING_FOUND.count
     point = mean
-    while done < candidates and not ended(best.path is not None):
+    while done < candidates:
         round_ = []
         for _ in range(min(_CROWD, candidates - done)):
-            if ended(best.path is not None):
-                break
             drawn = mean + spread * rng.normal(size=len(mean))
             one = tried(_path(frequencies, drawn, duration))
             round_.append((one.error, drawn))
             if one.error < best.error:
                 best, point = one, drawn
-        done += len(round_)
-        first = best.error if done <= _CROWD else first
-        if not round_:
-            break
+            done += 1
+            first = best.error if done <= _CROWD else first
+            yield Searched(best, first, done)
         round_.sort(key=lambda pair: pair[0])
         kept = [drawn for error, drawn in round_[:_BEST] if np.isfinite(error)]
         elite = np.array([*kept, point])
         mean = elite.mean(axis=0)
         spread = np.maximum(_FORGET * spread + (1 - _FORGET) * elite.std(axis=0), floor)
-        if tell is not None:
-            tell(done, best.error)
-    return Searched(best, first, done)
 
 
 def _spreads(tones: int) -> Vector:

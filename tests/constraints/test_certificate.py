@@ -11,7 +11,12 @@ from consistent_id import InertialParameters, SolverError
 from consistent_id.comparison import base_feasibility
 from consistent_id.constraints import FixedParameters
 from consistent_id.constraints.cones import certificate
-from consistent_id.constraints.cones.certificate import certify, solve_certified
+from consistent_id.constraints.cones.certificate import (
+    Parabola,
+    ball_about,
+    certify,
+    solve_certified,
+)
 from consistent_id.constraints.cones.interior import find_interior
 from consistent_id.constraints.cones.least_norm import (
     ConeSolution,
@@ -64,8 +69,10 @@ def test_a_curvature_that_is_all_but_flat_proves_what_a_flat_one_does():
     faint[:2, :2] = [[1e-170, 1.0], [0.0, 1e-170]]  # singular once rows are exchanged
     flat = faint.copy()
     flat[[0, 1], [0, 1]] = 0.0
-    found = certify(problem, off, centre, curvature=faint)
-    assert found.gap == pytest.approx(certify(problem, off, centre, curvature=flat).gap)
+    found = certify(problem, off, ball_about(centre), below=Parabola(curvature=faint))
+    assert found.gap == pytest.approx(
+        certify(problem, off, ball_about(centre), below=Parabola(curvature=flat)).gap
+    )
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -168,7 +175,10 @@ def test_half_the_square_has_the_point_and_the_multipliers_of_the_norm(times):
     one, other = solve_least_norm(problem), solve_half_square(problem, times=times)
     # A gap of 1e-10 leaves twice its root, because the objective is strongly convex.
     assert np.linalg.norm(problem.G @ (one.u - other.u)) < 2e-5
-    assert certify(problem, other, np.zeros(6), reference=0.5).verdict == "certified"
+    assert (
+        certify(problem, other, ball_about(np.zeros(6)), reference=0.5).verdict
+        == "certified"
+    )
     for name in ("equal", "at_most"):
         ours, theirs = getattr(other.multipliers, name), getattr(one.multipliers, name)
         assert ours == pytest.approx(theirs, abs=1e-4)
@@ -185,18 +195,18 @@ def test_a_point_that_is_not_optimal_is_not_certified():
     problem, answer = _triangular(3)
     solution = solve_least_norm(problem)
     worse = replace(solution, u=1.01 * answer)
-    gap = certify(problem, worse, np.zeros(6)).gap
+    gap = certify(problem, worse, ball_about(np.zeros(6))).gap
     excess = 0.5 * np.linalg.norm(problem.G @ worse.u - problem.g) ** 2
     excess -= 0.5 * np.linalg.norm(problem.G @ answer - problem.g) ** 2
     assert gap * (0.5 * np.linalg.norm(problem.G @ worse.u - problem.g) ** 2) >= excess
-    assert certify(problem, worse, np.zeros(6)).verdict == "uncertified"
+    assert certify(problem, worse, ball_about(np.zeros(6))).verdict == "uncertified"
 
 
 def test_a_point_outside_is_not_certified():
     problem, answer = _triangular(4)
     solution = solve_least_norm(problem)
     outside = replace(solution, u=answer - 1e-3)
-    assert certify(problem, outside, np.zeros(6)).verdict == "uncertified"
+    assert certify(problem, outside, ball_about(np.zeros(6))).verdict == "uncertified"
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -325,6 +335,6 @@ def test_slack_that_a_multiplier_pays_for_counts_into_the_gap(kind):
         multipliers = Multipliers(np.zeros(0), np.array([1.5]), ())
     problem = LeastNorm(np.eye(1), np.array([-1.0]), domain)
     point = ConeSolution(np.array([0.5]), multipliers, "made up", 0.0, 0.0)
-    optimality = certify(problem, point, np.zeros(1))
+    optimality = certify(problem, point, ball_about(np.zeros(1)))
     assert optimality.stationarity == pytest.approx(0.0, abs=1e-15)
     assert optimality.gap * optimality.objective == pytest.approx(0.75)

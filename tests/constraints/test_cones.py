@@ -1,5 +1,7 @@
 """The solver's own form, its fallbacks, and a second formulation and solver."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,7 +9,11 @@ from hypothesis import strategies as st
 from second_solver import FORMULATIONS, solve_anew
 
 from consistent_id import SolverError
-from consistent_id.constraints.cones.certificate import certify, solve_certified
+from consistent_id.constraints.cones.certificate import (
+    ball_about,
+    certify,
+    solve_certified,
+)
 from consistent_id.constraints.cones.least_norm import (
     LeastNorm,
     minimisers,
@@ -17,6 +23,7 @@ from consistent_id.constraints.cones.programmes import (
     Ball,
     ConeRows,
     lower_bound,
+    point_of,
     set_rows,
     solve_cones,
 )
@@ -104,9 +111,13 @@ def test_another_formulation_and_another_solver_agree(seed, formulation):
     mine = solve_least_norm(problem)
     theirs = solve_anew(problem, formulation)
     # A strongly convex objective: both are within the root of their gaps.
-    scale = max(certify(problem, mine, np.zeros(10)).objective, 0.5)
+    scale = max(certify(problem, mine, ball_about(np.zeros(10))).objective, 0.5)
     within = [
-        np.sqrt(2.0 * scale * certify(problem, s, np.zeros(10), reference=0.5).gap)
+        np.sqrt(
+            2.0
+            * scale
+            * certify(problem, s, ball_about(np.zeros(10)), reference=0.5).gap
+        )
         for s in (mine, theirs)
     ]
     assert np.linalg.norm(theirs.u - mine.u) <= sum(within) + 1e-7
@@ -118,7 +129,7 @@ def test_another_formulation_and_another_solver_agree(seed, formulation):
         (block,) = problem.domain.blocks
         rest -= np.tensordot(block.coefficients, multipliers.blocks[0], axes=2)
         assert np.linalg.norm(rest) < 1e-4
-    assert certify(problem, theirs, np.zeros(10), reference=0.5).gap < 1e-6
+    assert certify(problem, theirs, ball_about(np.zeros(10)), reference=0.5).gap < 1e-6
 
 
 def test_programmes_over_one_set_are_each_solved_as_if_alone():
@@ -192,7 +203,10 @@ def test_the_origin_and_a_wide_ball_do_not_change_the_answer(seed):
     )
     # A gap of 1e-10 leaves a strongly convex problem's point open by its root, and the
     # multipliers by that and by the gradient that they leave unexplained.
-    proofs = [certify(problem, s, np.zeros(10), reference=0.5) for s in (plain, moved)]
+    proofs = [
+        certify(problem, s, ball_about(np.zeros(10)), reference=0.5)
+        for s in (plain, moved)
+    ]
     within = sum(np.sqrt(2.0 * max(p.objective, 0.5) * p.gap) for p in proofs)
     unexplained = sum(p.stationarity for p in proofs)
     assert within + unexplained < 1e-3
@@ -260,3 +274,40 @@ def test_any_multipliers_give_a_lower_bound_of_a_cone_programme():
     exact = np.append(0.5 * np.linalg.norm(cost), 0.5 * cost)
     bound = lower_bound(cost, [inner.rows()], [exact], far)
     assert bound == pytest.approx(cost @ centre - 0.5 * np.linalg.norm(cost), abs=1e-12)
+
+
+def test_stacks_of_stacks_of_matrices_are_stacked_matrix_by_matrix():
+    A = np.random.default_rng(0).normal(size=(2, 5, 3, 3))
+    A = A + np.swapaxes(A, -1, -2)
+    found = svec(A)
+    assert found.shape == (2, 5, 6)
+    assert found[1, 4].tolist() == svec(A[1, 4]).tolist()
+    np.testing.assert_allclose(smat(found), A, atol=1e-14)
+
+
+def test_margins_of_blocks_are_eigenvalues_in_units_of_their_scales():
+    """``diag(x, 9 - x)`` with scales 2 and 3: x / 4 and (9 - x) / 9."""
+    coefficients = np.array([np.diag([1.0, -1.0])])
+    block = SemidefiniteBlock("b", coefficients, np.diag([0.0, 9.0]), [2.0, 3.0])
+    domain = ConicSet.semidefinite([block], 1)
+    for x, least in ((1.0, 0.25), (8.0, 1.0 / 9.0), (-4.0, -1.0)):
+        point = np.array([x])
+        assert domain.block_rows.margins(point) == pytest.approx([least])
+        assert np.linalg.eigvalsh(block.scaled(point))[0] == pytest.approx(least)
+        assert domain.violation(point) == pytest.approx(max(-least, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("status", "x", "z"),
+    [
+        ("Solved", [np.nan], [1.0]),
+        ("Solved", [1.0], [np.inf]),
+        ("PrimalInfeasible", [1.0], [1.0]),
+        ("AlmostDualInfeasible", [1.0], [1.0]),
+    ],
+)
+def test_a_solution_without_a_point_is_refused(status, x, z):
+    with pytest.raises(SolverError, match=f"ended '{status}' without a point"):
+        point_of(SimpleNamespace(status=status, x=x, z=z))
+    fine = SimpleNamespace(status="AlmostSolved", x=[2.0], z=[1.0])
+    assert point_of(fine).tolist() == [2.0]

@@ -5,7 +5,12 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from consistent_id.constraints.cones import certificate, least_norm
-from consistent_id.constraints.cones.certificate import certify, solve_certified
+from consistent_id.constraints.cones.certificate import (
+    Parabola,
+    ball_about,
+    certify,
+    solve_certified,
+)
 from consistent_id.constraints.cones.least_norm import (
     LeastNorm,
     free_optimum,
@@ -42,7 +47,7 @@ def test_optima_in_a_box_are_those_of_scipy(seed, together, monkeypatch):
     assert (found.multipliers.at_most > 0.0).sum() == (
         (truth <= low + 1e-9) | (truth >= high - 1e-9)
     ).sum()
-    judged = certify(problem, found, np.zeros(N))
+    judged = certify(problem, found, ball_about(np.zeros(N)))
     assert judged.gap < 1e-12 and judged.violation < 1e-12
 
 
@@ -58,7 +63,12 @@ def test_equalities_hold_and_multipliers_prove_the_optimum(alone):
     np.testing.assert_allclose(A @ found.solution.u, [0.3, 0.6], rtol=0, atol=1e-12)
     assert found.solution.multipliers.at_most.any()
     for factor in (found.triangle, None):
-        judged = certify(problem, found.solution, np.ones(N), triangle=factor)
+        judged = certify(
+            problem,
+            found.solution,
+            ball_about(np.ones(N)),
+            below=Parabola(triangle=factor),
+        )
         assert judged.gap < 1e-12 and judged.violation < 1e-12
     by_cones = solve_least_norm(problem)
     np.testing.assert_allclose(found.solution.u, by_cones.u, rtol=0, atol=1e-5)
@@ -76,7 +86,7 @@ def test_where_the_objective_is_flat_the_optimum_is_the_nearest_to_the_centre():
     found = free_optimum(problem, centre).solution
     nearest = centre + np.linalg.pinv(G) @ (g - G @ centre)
     np.testing.assert_allclose(found.u, nearest, rtol=0, atol=1e-7)
-    assert certify(problem, found, centre, reference=0.5).gap < 1e-10
+    assert certify(problem, found, ball_about(centre), reference=0.5).gap < 1e-10
 
 
 @pytest.mark.parametrize(("target", "free"), [(0.5, True), (-0.5, False)])

@@ -5,7 +5,7 @@ import pytest
 from experiments import pendulum
 
 from consistent_id import InertialParameters
-from consistent_id.constraints.links import link_conditions
+from consistent_id.constraints.delivered_bodies import link_conditions
 
 
 def body(*places, mass=2.0):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from consistent_id import SolverError
-from consistent_id.constraints.cones.certificate import certify
+from consistent_id.constraints.cones.certificate import ball_about, certify
 from consistent_id.constraints.cones.least_norm import (
     LeastNorm,
     free_set,
@@ -43,7 +43,7 @@ def test_an_optimum_with_pinned_parameters_is_certified_for_the_whole_set(seed, 
     problem = _two_matrices(seed, pins)
     solution = solve_least_norm(problem)
     np.testing.assert_allclose(solution.u[list(pins)], list(pins.values()), atol=1e-15)
-    optimality = certify(problem, solution, np.zeros(12))
+    optimality = certify(problem, solution, ball_about(np.zeros(12)))
     assert optimality.verdict == "certified"
     # What pins cost is the derivative of the optimum by their values.
     (first, value), step = next(iter(pins.items())), 1e-3

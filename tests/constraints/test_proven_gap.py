@@ -8,6 +8,7 @@ from consistent_id.constraints.cones.certificate import (
     FEASIBILITY_TOLERANCE,
     GAP_TOLERANCE,
     Optimality,
+    Parabola,
     _bound_by_qr,
     _cost_of_rest,
     _rows_of,
@@ -129,7 +130,7 @@ def test_the_gap_of_least_squares_is_what_the_point_is_worse_by(
         away *= np.sqrt(2 * excess * least) / np.linalg.norm(G @ away)
         none = Multipliers(np.zeros(equal), np.zeros(0), ())
         point = ConeSolution(best + away, none, "made up", 0.0, 0.0)
-        proof = certify(LeastNorm(G, g, domain), point, best)
+        proof = certify(LeastNorm(G, g, domain), point, ball_about(best))
         assert proof.objective == pytest.approx(least * (1.0 + excess), rel=1e-9)
         # Rounding leaves 1e-16 of the gradient, whose part here is 1e-5 or more.
         rounding = 1e-10 * condition
@@ -167,7 +168,11 @@ def test_a_point_far_from_the_centre_widens_its_ball_ten_times_its_distance():
     problem = LeastNorm(np.eye(1), np.array([30.0]), ConicSet.everything(1))
     none = Multipliers(np.zeros(0), np.zeros(0), ())
     radii = [
-        certify(problem, ConeSolution(np.array([x]), none, "", 0.0, 0.0), np.ones(1))
+        certify(
+            problem,
+            ConeSolution(np.array([x]), none, "", 0.0, 0.0),
+            ball_about(np.ones(1)),
+        )
         for x in (1.5, 31.0)
     ]
     assert [r.radius for r in radii] == pytest.approx([20.0, 300.0])
@@ -185,7 +190,7 @@ def test_what_multipliers_leave_of_a_flat_direction_costs_as_far_as_the_ball_goe
     top = ConicSet.at_most(np.array([[0.0, 1.0]]), np.array([10.0]), ["y <= 10"])
     problem = LeastNorm(np.diag([1.0, flat]), np.zeros(2), top)
     point, centre = made_up([3.0, 7.0], at_most=[0.5]), np.array([2.0, 4.0])
-    proof = certify(problem, point, centre, objective=1e4)
+    proof = certify(problem, point, ball_about(centre), below=Parabola(objective=1e4))
     radius = 10.0 * (1.0 + np.sqrt(20.0))
     assert proof.radius == pytest.approx(radius)
     # y falls from 7 to the ball's end, 4 - radius.
@@ -202,7 +207,9 @@ def test_a_better_bound_is_sought_where_the_first_is_not_small(scale):
     top = ConicSet.at_most(np.array([[0.0, 1.0]]), np.zeros(1), ["y <= 0"])
     problem = LeastNorm(np.diag([1.0, s]), np.zeros(2), top)
     point = made_up(np.zeros(2), at_most=[m])
-    proof = certify(problem, point, np.zeros(2), objective=scale)
+    proof = certify(
+        problem, point, ball_about(np.zeros(2)), below=Parabola(objective=scale)
+    )
     assert proof.gap == pytest.approx(0.01)
 
 
@@ -211,7 +218,7 @@ def test_the_gap_is_that_of_the_nearest_point_on_the_equalities():
     domain = ConicSet.equal(np.array([[2.0, 0.0]]), np.array([2.0]), ["2 x = 2"])
     problem = LeastNorm(np.eye(2), np.zeros(2), domain)
     off = made_up([1.1, 0.2], equal=[0.0])
-    proof = certify(problem, off, np.zeros(2))
+    proof = certify(problem, off, ball_about(np.zeros(2)))
     assert proof.objective == pytest.approx((1.0 + 0.04) / 2)
     # What leaving x = 1.1 changes, and what y = 0.2 costs.
     gap = (1.21 - 1.0) / 2 + 0.04 / 2
@@ -221,13 +228,15 @@ def test_the_gap_is_that_of_the_nearest_point_on_the_equalities():
 def test_a_gap_is_measured_against_the_objective_or_the_larger_reference():
     problem = LeastNorm(np.eye(2), np.zeros(2), ConicSet.everything(2))
     off = made_up([0.1, 0.0])  # 0.005 above the optimum of zero
-    assert certify(problem, off, np.zeros(2)).gap == pytest.approx(1.0)
+    assert certify(problem, off, ball_about(np.zeros(2))).gap == pytest.approx(1.0)
     for reference, gap in ((0.001, 1.0), (0.5, 0.01)):
-        found = certify(problem, off, np.zeros(2), reference=reference)
+        found = certify(problem, off, ball_about(np.zeros(2)), reference=reference)
         assert found.gap == pytest.approx(gap)
     # An exact fit is optimal, whatever it is measured against.
-    assert certify(problem, made_up(np.zeros(2)), np.zeros(2)).gap == 0.0
-    assert certify(problem, made_up([np.nan, 0.0]), np.zeros(2)).gap == np.inf
+    assert certify(problem, made_up(np.zeros(2)), ball_about(np.zeros(2))).gap == 0.0
+    assert (
+        certify(problem, made_up([np.nan, 0.0]), ball_about(np.zeros(2))).gap == np.inf
+    )
 
 
 def test_without_a_reference_a_small_objective_is_its_own():
@@ -241,5 +250,5 @@ def test_without_a_reference_a_small_objective_is_its_own():
         excess = np.sum((problem.G @ solution.u - problem.g) ** 2) / 2 - 1e-8
         assert excess <= 1.01e-6 * least
         off = made_up([1e-5, -1e-5], at_most=[1e-4])
-        found = certify(problem, off, np.zeros(2), **told)
+        found = certify(problem, off, ball_about(np.zeros(2)), **told)
         assert found.gap == pytest.approx(1e-10 / max(least, 1e-8 + 1e-10))

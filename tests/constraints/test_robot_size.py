@@ -19,7 +19,7 @@ from consistent_id import (
     from_modified_dh,
     low_passed,
 )
-from consistent_id.constraints.robot_size import robot_size
+from consistent_id.constraints.delivered_bodies import robot_size
 from consistent_id.estimation.judgement import INERTIA_REFUSED
 from consistent_id.robot import load_urdf
 from consistent_id.robot.inertia import InertialParameters
@@ -174,3 +174,53 @@ def test_a_small_link_at_the_end_is_judged_only_if_it_slides(kind):
     assert np.isfinite([size.radius[0], size.centre[0]]).all()
     slides = kind == "prismatic"
     assert np.isfinite([size.radius[1], size.centre[1]]).tolist() == 2 * [slides]
+
+
+def balls(*masses, lengths=(0.4, 0.4)):
+    """A flat arm with a ball of 5 cm at the end of each link, and its parameters."""
+    plain = from_modified_dh("arm", [DHRow(0, 0), *[DHRow(0, x) for x in lengths[:-1]]])
+    bodies = [
+        InertialParameters.from_central(m, [x, 0, 0], m * 0.05**2 * np.eye(3))
+        for m, x in zip(masses, lengths, strict=True)
+    ]
+    links = tuple(Link(f"l{k}", body) for k, body in enumerate(bodies))
+    model = TorqueModel(replace(plain, links=links), DriveTerms(rotor_inertia=True))
+    return model, _parameters(model, bodies)
+
+
+def test_inertias_are_those_of_bodies_over_the_most_about_each_joint():
+    """The most: all mass at its distance from the joint, and its size beyond that."""
+    model, x = balls(2.0, 3.0)
+    spread = 0.05 * np.sqrt(1.5)  # of trace 3 * 0.05^2 over two
+    found = robot_size(model, x)
+    np.testing.assert_allclose(found.size, 0.4 + spread)
+    np.testing.assert_allclose(found.radius, spread)
+    most = 3.0 * (0.4 + spread) ** 2
+    assert found.inertia[1] == pytest.approx(3.0 * (0.16 + 0.05**2) / most)
+    assert found.carried_by == found.joints == model.robot.joint_names
+
+
+@pytest.mark.parametrize(("mass", "judged"), [(0.13, True), (0.115, False)])
+def test_joints_of_little_inertia_are_not_judged(mass, judged):
+    """Below a twentieth of the largest: about m 0.46^2 over 2 * 0.46^2 + m 0.86^2."""
+    model, x = balls(2.0, mass)
+    found = robot_size(model, x)
+    ratio = 0.4612**2 * mass / (2.0 * 0.4612**2 + mass * 0.8612**2)
+    assert (ratio > 0.05) is judged
+    assert bool(np.isfinite(found.inertia[1])) is judged
+    assert bool(np.isfinite(found.centre[1])) is judged
+    assert bool(np.isfinite(found.radius[1])) is judged
+    assert np.isfinite(found.inertia[0])
+
+
+def test_a_link_is_as_long_as_its_shapes_its_joints_or_a_thin_ball_of_its_mass():
+    model, x = balls(2.0, 3.0)
+    spread = 0.05 * np.sqrt(1.5)
+    assert robot_size(model, x, {"l1": 1.5}).size[1] == 1.5
+    assert robot_size(model, x, {"l1": 0.1}).size[1] == pytest.approx(0.4 + spread)
+    far, y = balls(2.0, 3.0, lengths=(0.9, 0.1))
+    assert robot_size(far, y).size.tolist() == pytest.approx([0.9 + spread, 0.9])
+    heavy = x.copy()
+    heavy[10] = 1e4  # kg: a ball of 100 kg/m^3 has a radius of 2.88 m
+    radius = (3.0 * 1e4 / (4.0 * np.pi * 100.0)) ** (1.0 / 3.0)
+    assert robot_size(model, heavy).size[1] == pytest.approx(radius)

@@ -65,6 +65,10 @@ def test_the_misfit_is_least_at_the_delay():
     log = told_early(model, x, 0.008, noise=0.05)
     found = command_delay(model, lambda d: [commanded(log, GAINS, delay=d)])
     nearest = found.tried[found.misfits.argmin()]
+    # The lowest point of the parabola through the least misfit and its neighbours.
+    near = np.argsort(abs(found.tried - nearest))[:3]
+    bend, slope, _ = np.polyfit(found.tried[near] - nearest, found.misfits[near], 2)
+    assert found.seconds == pytest.approx(nearest - slope / (2.0 * bend), abs=1e-7)
     assert abs(nearest - 0.008) < 1e-3
     assert found.misfits.min() == 1.0
     assert "late by" in str(found.table().title)

@@ -8,6 +8,7 @@ import pytest
 from robots import random_robot
 
 import consistent_id as ci
+from consistent_id.estimation.cutoff import CutoffChoice
 from consistent_id.problems.file import ColumnsTable, DataTable, PreparationTable
 from consistent_id.problems.preparation import (
     check_base,
@@ -53,6 +54,17 @@ def bodies(arm):
     for _ in arm.robot.links:
         c = 0.2 * rng.normal(size=3)
         yield ci.InertialParameters.from_central(2.0, c, 0.05 * np.eye(3))
+
+
+def test_a_candidate_is_doubted_by_the_scatter_of_its_folds():
+    errors = np.sqrt([[1.0, 2.0, 3.0, 2.0], [2.0, 2.0, 5.0, 3.0]])
+    choice = CutoffChoice([5.0, 8.0], [6.0, 9.0], 20.0, errors)
+    assert (choice.best, choice.motion_cutoff, choice.torque_cutoff) == (0, 5.0, 6.0)
+    assert choice.error == pytest.approx(np.sqrt([2.0, 3.0]))
+    # Differences of squares 1, 0, 2, 1: their variance is 2/3, their mean's 1/6.
+    assert choice.doubt == pytest.approx([0.0, np.sqrt(1.0 / 6.0) / 2.0])
+    turned = CutoffChoice([5.0, 8.0], [6.0, 9.0], 20.0, errors[::-1])
+    assert (turned.best, turned.torque_cutoff) == (1, 9.0)
 
 
 @pytest.mark.slow

@@ -277,3 +277,17 @@ def test_standard_errors_are_those_of_parameters_that_data_see():
     found = stated_errors(np.full(6, 3.0), origins, shift=4.0)
     np.testing.assert_allclose(found[:2], 5.0)  # of noise and of bias, by Pythagoras
     assert np.isnan(found[2:]).all()
+
+
+def test_a_value_is_small_whose_interval_contains_zero():
+    """Half an interval is 1.96 standard errors; beyond ten times it is not stated."""
+    for error, said in (
+        (0.51, "data"),
+        (0.52, "small (± 102 %)"),
+        (5.0, "small (± 980 %)"),
+        (5.2, "small (± more than 1000 %)"),
+    ):
+        for value in (1.0, -1.0):
+            assert origin_text("data", value, error) == said
+    assert origin_text("prior", 1.0, 5.0) == "prior"
+    assert origin_text("data", 0.0, 1.0) == "small (± more than 1000 %)"

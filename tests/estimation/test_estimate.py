@@ -1,6 +1,7 @@
 """Methods of an estimate: its uncertainty from recordings alone, and its picture."""
 
 from dataclasses import fields, replace
+from time import perf_counter
 
 import numpy as np
 import pytest
@@ -19,8 +20,10 @@ from consistent_id import (
     uncertainty,
 )
 from consistent_id.constraints import Penalty
+from consistent_id.estimation import instrumental_variables, weighted_least_squares
 from consistent_id.estimation.estimate_file import ReasonRecord
-from consistent_id.estimation.estimate_plot import draw_parameters
+from consistent_id.estimation.estimate_plot import draw_parameters, parameter_bars
+from consistent_id.estimation.uncertainties.parameter_uncertainty import bootstrap
 from consistent_id.estimation.verdict import Reason
 from consistent_id.regression import joint_noise, segment_regressions
 
@@ -168,14 +171,11 @@ def test_wrong_joints_and_axes_are_said(pyplot):
         estimate.plot(log, axes=axis)
 
 
-def parameters_drawn(estimate, **options):
-    return draw_parameters(
-        estimate.model.layout,
-        estimate.parameters,
-        estimate.parameter_errors,
-        estimate.method,
-        **options,
+def parameters_drawn(estimate, names=None, axes=None):
+    bars = parameter_bars(
+        estimate.model.layout, estimate.parameters, estimate.parameter_errors, names
     )
+    return draw_parameters(bars, estimate.method, axes)
 
 
 def test_parameters_are_drawn_with_bars_of_95_percent_by_unit(pyplot):
@@ -229,3 +229,20 @@ def test_some_parameters_of_a_second_estimate_stand_beside_the_first(pyplot):
 
 def test_a_file_holds_all_of_a_reason():
     assert ReasonRecord.__struct_fields__ == tuple(f.name for f in fields(Reason))
+
+
+def test_an_estimate_took_no_longer_than_it_took():
+    model, _, log = experiment(2, joints=2, noise=0.3, samples=300)
+    regression = build_regression(model, log)
+    shifted = replace(log, acceleration=log.acceleration + 0.1)
+    for estimator in (
+        lambda: least_squares(model, regression),
+        lambda: weighted_least_squares(model, regression),
+        lambda: huber(model, log),
+        lambda: constrained_least_squares(model, regression),
+        lambda: instrumental_variables(model, log, shifted),
+        lambda: bootstrap(model, segment_regressions(model, log), replicates=2),
+    ):
+        started = perf_counter()
+        seconds = estimator().seconds
+        assert 0.0 < seconds <= perf_counter() - started

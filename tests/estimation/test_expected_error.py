@@ -8,6 +8,7 @@ from experiments import experiment
 
 from consistent_id import ProblemError, build_regression, simulate_torque
 from consistent_id.constraints import PointToSet
+from consistent_id.estimation.best_fit import FitProblem
 from consistent_id.estimation.constrained import constrained_least_squares
 from consistent_id.estimation.constrained_fit import DEFAULT_CONSTRAINTS
 from consistent_id.estimation.expected_error import (
@@ -93,13 +94,10 @@ def forecast():
         [prior],
     )
     found = error_forecast(
-        model,
-        whole,
+        FitProblem.of(model, whole, DEFAULT_CONSTRAINTS, base),
         left_out,
         parameters=estimate.parameters,
         prior=prior,
-        constraints=DEFAULT_CONSTRAINTS,
-        base=base,
     )
     return model, truth, log, found
 

@@ -19,7 +19,7 @@ from consistent_id import (
     least_squares,
     simulate_torque,
 )
-from consistent_id.constraints.links import link_conditions
+from consistent_id.constraints.delivered_bodies import link_conditions
 from consistent_id.constraints.priors import Penalty, PointToSet
 from consistent_id.estimation.best_fit import MOVE, FitProblem, best_fit, inner_fit
 from consistent_id.regression import base_parameters

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from experiments import experiment
 
 from consistent_id import (
     DHRow,
@@ -83,6 +84,15 @@ def test_instruments_differ_whatever_the_unit_of_the_motion(unit):
         instrumental_variables(MASS, log, log)
 
 
+def test_the_residual_is_orthogonal_to_instruments_however_large_the_torque():
+    """Relative to the torque, which is a million times its noise."""
+    model, _, log = experiment(2, joints=2, noise=1e-5, samples=300)
+    shifted = replace(log, acceleration=log.acceleration + 0.1)
+    proof = instrumental_variables(model, log, shifted).certificate
+    assert proof.figures["orthogonality"] < 1e-11
+    assert proof.verdict == "certified"
+
+
 def test_its_standard_error_is_that_of_the_textbook():
     log, told = _slider(noise=0.0)
     changed = Recording(
@@ -93,6 +103,7 @@ def test_its_standard_error_is_that_of_the_textbook():
     residual = log.torque.ravel() - iv.base_values[0] * a
     # var = s^2 z.z / (z.a)^2
     expected = np.sqrt(residual @ residual / (len(a) - 1) * (z @ z)) / abs(z @ a)
+    assert iv.sigma[0] == pytest.approx(np.sqrt(residual @ residual / (len(a) - 1)))
     # The noise is white, and its spectrum is estimated.
     assert iv.standard_errors[0] == pytest.approx(expected, rel=0.03)
 

@@ -56,6 +56,27 @@ def test_a_unit_of_compliance_lets_the_link_vibrate_at_one_hertz():
     assert np.sqrt(1.0 / (unit[0] * LINK)) / (2.0 * np.pi) == pytest.approx(1.0)
 
 
+def test_a_unit_of_compliance_is_that_of_one_group_alone():
+    """Of equal motors it is the mean of those that are one hertz."""
+    model = one_joint()
+    body = replace(model.robot.links[0], name="other")
+    axis = replace(model.robot.joints[0], name="other")
+    pair = replace(
+        model.robot,
+        joints=(*model.robot.joints, axis),
+        links=(*model.robot.links, body),
+    )
+    log = log_of(0.0, 0.01)
+    both = [np.hstack([x, x]) for x in (log.position, log.velocity, log.acceleration)]
+    logs = [Recording(pair.joint_names, TIME, *both, np.hstack([log.torque] * 2))]
+    pair = TorqueModel(pair, DriveTerms(rotor_inertia=True))
+    one = 1.0 / (LINK * (2.0 * np.pi) ** 2)
+    alone = _search(pair, logs, (), ()).units
+    np.testing.assert_allclose(alone, np.diag([one, one]))
+    (together,) = _search(pair, logs, (pair.robot.joint_names,), ()).units
+    np.testing.assert_allclose(together, [one, one])
+
+
 def error_of(noise):
     """Return the error of a compliance by white noise, beside one column of inertia."""
     c, h = 1.0 / SPRING, 1e-3 / SPRING
@@ -82,6 +103,16 @@ def test_a_spring_between_those_that_are_tried_is_found_with_its_error():
     error = error_of(noise)
     assert error < 0.1 / SPRING
     assert found.standard_errors == pytest.approx([error], rel=0.3)
+
+
+@pytest.mark.parametrize("noise", [0.002, 0.02])
+def test_a_spring_is_found_between_the_steps_of_the_search(noise):
+    """At the least of the misfit, to half a per cent."""
+    log = log_of(1.0 / SPRING, noise)
+    found = joint_springs(one_joint(), [log]).compliance
+    misfit = _search(one_joint(), [log], (), ()).misfit
+    below, least, above = (misfit(found * factor) for factor in (0.995, 1.0, 1.005))
+    assert least < min(below, above)
 
 
 @pytest.mark.parametrize("seed", some_fast(range(3)))

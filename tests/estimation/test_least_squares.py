@@ -12,6 +12,7 @@ from robots import random_robot, random_states
 from consistent_id import (
     DriveTerms,
     NotExcitedError,
+    ProblemError,
     Recording,
     TorqueModel,
     build_regression,
@@ -222,3 +223,32 @@ def test_hubers_estimate_zeroes_the_gradient_of_hubers_loss():
     size = np.einsum("jps,sj->p", abs(Y), abs(psi) / estimate.sigma)
     # The iteration stops at a change of 1e-8 of each joint's scale.
     assert abs(gradient).max() <= 1e-6 * size.max()
+
+
+def test_a_reweighting_that_has_not_settled_is_not_certified():
+    model, _, log = _experiment(2, joints=2, noise=0.3, samples=300)
+    loud = log.torque.copy()
+    loud[::20] += 50.0
+    wild = replace(log, torque=loud)
+    once = huber(model, wild, iterations=1)
+    assert once.certificate.verdict == "uncertified"
+    assert "allow more iterations" in once.certificate.reason
+    settled = huber(model, wild)
+    assert settled.certificate.verdict == "certified"
+    assert settled.certificate.figures["last change"] <= 1e-4
+    assert settled.notes[0] == "Huber's loss, k = 1.345"
+    assert huber(model, wild, k=0.5).notes[0] == "Huber's loss, k = 0.5"
+    for wrong in ({"k": 0.0}, {"k": np.inf}, {"iterations": 0}):
+        with pytest.raises(ProblemError, match=f"{next(iter(wrong))} is"):
+            huber(model, wild, **wrong)
+
+
+def test_with_a_wide_bend_huber_is_weighted_least_squares():
+    """No residual is beyond it, so that all rows count alike."""
+    model, _, log = _experiment(2, joints=2, noise=0.3, samples=300)
+    wide = huber(model, log, k=1e6)
+    plain = least_squares(model, build_regression(model, log).weighted(wide.sigma))
+    np.testing.assert_allclose(wide.base_values, plain.base_values, rtol=1e-6)
+    # The scale is the median absolute residual over that of a normal distribution.
+    left = abs(log.torque - wide.predict(log))
+    np.testing.assert_allclose(wide.sigma, np.median(left, axis=0) / 0.67449, rtol=1e-3)

@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import replace
+from time import perf_counter
 
 import numpy as np
 import pinocchio as pin
@@ -20,10 +21,21 @@ from consistent_id import (
     build_regression,
     least_squares,
 )
-from consistent_id.constraints import ParameterBounds, TotalMass
+from consistent_id.constraints import (
+    CentreOfMassBoxes,
+    FixedCentresOfMass,
+    FixedMasses,
+    MassBounds,
+    ParameterBounds,
+    TotalMass,
+)
 from consistent_id.estimation import identify_payload
 from consistent_id.estimation.loaded_robot import likely_body, loaded_robot
-from consistent_id.estimation.payload import _gain_covariance, gain_slopes
+from consistent_id.estimation.payload import (
+    _gain_covariance,
+    datasheet_constraints,
+    gain_slopes,
+)
 from consistent_id.robot import Datasheet, Link
 from consistent_id.robot.inertia import INERTIAL_NAMES, InertialParameters
 from consistent_id.robot.loaders.urdf import from_pinocchio
@@ -90,10 +102,37 @@ def test_loaded_gears_feel_nothing_of_a_load_of_which_nothing_is_known():
 
 
 def test_a_load_is_recovered_without_noise():
+    started = perf_counter()
     found = identify_payload(*_loaded_first(runs(0.0)))
+    assert 0.0 < found.seconds <= perf_counter() - started
     assert np.allclose(found.free.vector, LOAD.vector, rtol=0, atol=1e-8)
     assert np.allclose(found.body.vector, LOAD.vector, rtol=0, atol=1e-4)
     assert found.open == ()
+    # The condition names the least and the largest error, or the one of all joints.
+    for errors, words in (
+        ([0.0, 0.0, 0.0, 0.0], "are assumed to be exact"),
+        ([0.0, 0.0, 0.05, 0.0], "uncertain by 0 % to 5 %"),
+        ([0.05, 0.05, 0.05, 0.05], "torque are uncertain by 5 %"),
+        ([0.21, 0.13, 0.4, 0.17], "uncertain by 13 % to 40 %"),
+    ):
+        condition = replace(found, gain_errors=errors).condition
+        assert words in condition
+        assert condition.endswith(words) or not any(errors)
+
+
+def test_a_datasheet_becomes_the_constraints_that_it_states():
+    assert datasheet_constraints(Link("box")) == []
+    box = [[-0.2, -0.3, 0.0], [0.2, 0.3, 0.4]]
+    sheet = Datasheet(mass_bounds=(1.0, 3.0), com_box=box)
+    assert datasheet_constraints(Link("box", None, sheet)) == [
+        MassBounds({"box": (1.0, 3.0)}),
+        CentreOfMassBoxes({"box": tuple(box)}),
+    ]
+    exact = Datasheet(mass=2.0, com=[0.1, 0.0, 0.2])
+    assert datasheet_constraints(Link("box", None, exact)) == [
+        FixedMasses({"box": 2.0}),
+        FixedCentresOfMass({"box": [0.1, 0.0, 0.2]}),
+    ]
 
 
 @pytest.mark.slow

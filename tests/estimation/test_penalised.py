@@ -20,16 +20,18 @@ from consistent_id import (
     build_regression,
     simulate_torque,
 )
-from consistent_id.constraints.cones.certificate import certify, unexplained
+from consistent_id.constraints.cones.certificate import (
+    Parabola,
+    ball_about,
+    certify,
+    unexplained,
+)
 from consistent_id.constraints.cones.least_norm import solve_least_norm
 from consistent_id.constraints.cones.programmes import Multipliers
 from consistent_id.constraints.priors import Distance, nominal_distance
 from consistent_id.estimation.best_fit import REFERENCE, scaled_fit
 from consistent_id.estimation.penalised import (
-    _near,
-    _proven,
-    _step_length,
-    certify_penalised,
+    Compromise,
     penalised_fit,
 )
 from consistent_id.regression.base import base_parameters
@@ -134,10 +136,11 @@ def test_the_share_of_a_long_newton_step_is_the_one_that_lowers_the_objective_mo
     else:
         others = np.concatenate([random_body(rng).vector for _ in range(2)])
         u[:20] = others / fit.unit[:20]
-    rows, problem = _near(fit, distance, weight, u)
+    rows, problem = Compromise(fit, distance, weight).near(u)
     step = solve_least_norm(problem, origin=u).u - u
     length = np.linalg.norm(rows.G @ step)
-    taken = _step_length(fit, distance, weight, u, step, length)
+    compromise = Compromise(fit, distance, weight)
+    taken = compromise.step_share(distance.along(u, step), u, step, length)
     least = 1.0 / (1.0 + length)
     # A quarter of each eigenvalue of a body is left, at the least.
     shares = [
@@ -159,11 +162,11 @@ def test_the_share_is_exact_where_misfit_and_distance_are_alike(seed):
     fit, distance = dimensionless(model, regression)
     u, weight = distance.nominal.copy(), 100.0
     u[:20] *= 3.0
-    rows, problem = _near(fit, distance, weight, u)
+    rows, problem = Compromise(fit, distance, weight).near(u)
     step = solve_least_norm(problem, origin=u).u - u
-    taken = _step_length(
-        fit, distance, weight, u, step, float(np.linalg.norm(rows.G @ step))
-    )
+    length = float(np.linalg.norm(rows.G @ step))
+    compromise = Compromise(fit, distance, weight)
+    taken = compromise.step_share(distance.along(u, step), u, step, length)
     best = minimize_scalar(
         lambda t: objective(fit, distance, weight, u + t * step),
         bounds=(0.3, 0.75),
@@ -224,7 +227,7 @@ def test_the_gap_bounds_what_any_point_is_worse_than_the_best(seed):
         excess = objective(fit, distance, weight, u) - least
         for multipliers in (duals, coarse):
             wrong = replace(best.solution, u=u, multipliers=multipliers)
-            judged = certify_penalised(fit, distance, weight, wrong)
+            judged = Compromise(fit, distance, weight).certified(wrong)
             assert judged.objective == pytest.approx(
                 objective(fit, distance, weight, u), rel=1e-9
             )
@@ -239,9 +242,9 @@ def test_a_point_that_is_no_body_is_not_certified_and_no_proof_is_asked_for():
     fit, distance = dimensionless(model, regression)
     solution = penalised_fit(fit, distance, 1.0).solution
     outside = replace(solution, u=-solution.u)
-    assert certify_penalised(fit, distance, 1.0, outside).verdict == "uncertified"
+    assert Compromise(fit, distance, 1.0).certified(outside).verdict == "uncertified"
     for known in (solution, outside):
-        assert _proven(fit, distance, 1.0, known)[0] is known
+        assert Compromise(fit, distance, 1.0).proven(known)[0] is known
 
 
 @pytest.mark.parametrize("length", [0.8, 1.2])
@@ -253,7 +256,7 @@ def test_of_a_rest_as_long_as_half_the_weight_the_distances_curvature_is_no_proo
     weight = 1e-3
     solution = penalised_fit(fit, distance, weight).solution
     u = solution.u
-    rows, problem = _near(fit, distance, weight, u)
+    rows, problem = Compromise(fit, distance, weight).near(u)
     E = fit.domain.equalities.steps
     root = np.linalg.pinv(rows.G @ E, rcond=1e-14).T  # of the Hessian's inverse
 
@@ -270,12 +273,14 @@ def test_of_a_rest_as_long_as_half_the_weight_the_distances_curvature_is_no_proo
     expected = certify(
         problem,
         found,
-        distance.nominal,
+        ball_about(distance.nominal),
         reference=REFERENCE,
-        objective=objective(fit, distance, weight, u),
-        curvature=fit.M if steep else half,
+        below=Parabola(
+            objective=objective(fit, distance, weight, u),
+            curvature=fit.M if steep else half,
+        ),
     )
-    assert certify_penalised(fit, distance, weight, found) == expected
+    assert Compromise(fit, distance, weight).certified(found) == expected
 
 
 def test_multipliers_too_coarse_for_a_proof_are_asked_for_again():
@@ -283,8 +288,8 @@ def test_multipliers_too_coarse_for_a_proof_are_asked_for_again():
     fit, distance = dimensionless(model, regression)
     solution = penalised_fit(fit, distance, 1e-3).solution
     coarse = replace(solution, multipliers=solution.multipliers.times(0.9))
-    assert certify_penalised(fit, distance, 1e-3, coarse).verdict == "uncertified"
-    again, optimality = _proven(fit, distance, 1e-3, coarse)
+    assert Compromise(fit, distance, 1e-3).certified(coarse).verdict == "uncertified"
+    again, optimality = Compromise(fit, distance, 1e-3).proven(coarse)
     assert optimality.verdict == "certified"
     assert again.u == pytest.approx(solution.u, abs=1e-5)
 

@@ -17,7 +17,11 @@ from consistent_id import (
     constrained_least_squares,
 )
 from consistent_id.constraints import PointToSet, SharedMotors, lowered
-from consistent_id.constraints.cones.certificate import certify, solve_certified
+from consistent_id.constraints.cones.certificate import (
+    ball_about,
+    certify,
+    solve_certified,
+)
 from consistent_id.constraints.cones.interior import (
     find_interior,
     irreducible_conflict,
@@ -41,7 +45,7 @@ def test_a_point_off_an_equality_is_not_proven_where_that_changes_the_objective(
     u = np.array([0.0, 0.9e-7])
     problem = LeastNorm(G, G @ u - [1e-3, 1.0], domain)
     point = ConeSolution(u, _nothing(equal=1), "made up", 0.0, 0.0)
-    optimality = certify(problem, point, np.zeros(2), reference=0.5)
+    optimality = certify(problem, point, ball_about(np.zeros(2)), reference=0.5)
     better = np.array([-0.091, 0.0])
     excess = np.sum((G @ u - problem.g) ** 2) - np.sum((G @ better - problem.g) ** 2)
     assert optimality.gap * max(optimality.objective, 0.5) >= excess / 2
@@ -52,7 +56,7 @@ def test_what_is_no_number_is_not_certified():
     domain = ConicSet.at_most(np.eye(1), np.ones(1), ["u <= 1"])
     problem = LeastNorm(np.eye(1), np.ones(1), domain)
     point = ConeSolution(np.array([np.nan]), _nothing(rows=1), "made up", 0.0, 0.0)
-    assert certify(problem, point, np.zeros(1)).verdict == "uncertified"
+    assert certify(problem, point, ball_about(np.zeros(1))).verdict == "uncertified"
     assert domain.violation(np.array([np.nan])) == np.inf
 
 
@@ -60,7 +64,7 @@ def test_a_proof_reaches_beyond_the_point():
     # Nearly flat: the best of (1 - 1e-6 u) is at a million, not within the ball.
     problem = LeastNorm(np.array([[1e-6]]), np.array([1.0]), ConicSet.everything(1))
     near = ConeSolution(np.array([10.0]), _nothing(), "made up", 0.0, 0.0)
-    optimality = certify(problem, near, np.zeros(1), reference=0.5)
+    optimality = certify(problem, near, ball_about(np.zeros(1)), reference=0.5)
     assert optimality.radius >= 100.0
     solution, best = solve_certified(problem, np.zeros(1), reference=0.5)
     if best.verdict == "certified":
@@ -96,6 +100,7 @@ def test_no_robot_within_the_slack_is_nearer(seed):
     near = nearest_within(best, distance, slack)
     least = best.scaled.excess(best.solution.u)
     allowed = ((1 + slack) ** 2 - 1) * max(least + best.scaled.residual**2, 1.0)
+    assert near.allowed == pytest.approx(allowed, rel=1e-12)
     assert near.fit.excess - least <= allowed
     assert near.distance_gap <= 0.01
     # Any weight whose point is within the slack is no nearer than what is proven.

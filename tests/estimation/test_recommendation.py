@@ -5,7 +5,7 @@ import pytest
 from experiments import experiment
 
 from consistent_id import ProblemError
-from consistent_id.constraints import PointToSet
+from consistent_id.constraints import Penalty, PointToSet
 from consistent_id.estimation.constrained_fit import DEFAULT_CONSTRAINTS
 from consistent_id.estimation.left_out import (
     LeftOutErrors,
@@ -13,7 +13,7 @@ from consistent_id.estimation.left_out import (
     left_out_errors,
     left_out_fits,
 )
-from consistent_id.estimation.recommendation import recommend
+from consistent_id.estimation.recommendation import SlackChoice, recommend
 from consistent_id.regression import base_parameters, segment_regressions
 
 
@@ -86,3 +86,37 @@ def test_where_no_block_can_be_left_out_it_says_so():
     assert nothing.expected is None
     assert "no block" in nothing.statement
     assert nothing.others == ""
+
+
+def choice(errors, priors=None):
+    tried = (PointToSet(), PointToSet(slack=0.01), PointToSet(slack=0.05))
+    pairs = np.column_stack([errors, errors])
+    ones = np.ones(len(pairs))
+    left_out = LeftOutErrors(pairs, [0.5, 0.5], ones, ones)
+    return SlackChoice(tried if priors is None else priors, left_out)
+
+
+def test_the_slack_with_the_least_error_on_what_was_left_out_is_chosen():
+    found = choice([0.03, 0.02, 0.04])
+    assert (found.best, found.prior.slack) == (1, 0.01)
+    assert found.chosen.pooled == pytest.approx([0.02])
+    assert found.slacks == ("default", "0.01", "0.05")
+    assert found.statement.startswith("slack 0.01, chosen by the least error")
+    assert found.statement.endswith("default 3.00 %, 0.01 2.00 %, 0.05 4.00 %")
+    record = found.to_dict()
+    assert record["chosen"] == "0.01"
+    assert record["left_out_errors"]["default"] == pytest.approx(0.03)
+
+
+def test_a_slack_that_cannot_be_tried_has_no_error_and_the_first_is_kept():
+    found = choice([np.inf, 0.02, 0.04])
+    assert found.prior.slack == 0.01
+    assert found.to_dict()["left_out_errors"]["default"] is None
+    assert choice([np.inf, np.inf, np.inf]).best == 0
+
+
+def test_of_a_stated_prior_nothing_is_said():
+    for prior in (PointToSet(slack=0.02), Penalty(0.1)):
+        found = choice([0.03], (prior,))
+        assert (found.slacks, found.statement, found.to_dict()) == ((), "", None)
+        assert found.prior == prior

@@ -15,12 +15,20 @@ from consistent_id import (
     least_squares,
     simulate_torque,
 )
+from consistent_id.constraints import Penalty
+from consistent_id.estimation.best_fit import FitProblem
+from consistent_id.estimation.constrained_fit import constrained_fit
 from consistent_id.estimation.uncertainties.beyond_noise import ScatterCauses
 from consistent_id.estimation.uncertainties.block_scatter import (
+    RecordingScatter,
     excess,
     recording_scatter,
 )
 from consistent_id.estimation.uncertainties.intervals import consistent_intervals
+from consistent_id.estimation.uncertainties.parameter_scatter import (
+    covariance,
+    shift_scores,
+)
 from consistent_id.estimation.uncertainties.parameter_uncertainty import uncertainty
 from consistent_id.regression import base_parameters, segment_regressions
 from consistent_id.regression.residual_noise import unconstrained_fit
@@ -207,3 +215,28 @@ def test_uncertainty_has_it_in_errors_intervals_and_a_figure_of_its_own():
         MODEL, merged(segments), base=BASE, causes=ScatterCauses(noise)
     )
     assert same.bounds == pytest.approx(alone.intervals.bounds, rel=1e-9)
+
+
+def test_shifts_between_recordings_move_the_estimate_by_their_information():
+    """``(A^T A)^-1 A_k^T A_k b`` of each recording's shift ``b``, where all is free."""
+    rng = np.random.default_rng(8)
+    parts = regressions(3, PLANTED, rng)
+    whole = merged(parts)
+    problem = FitProblem.of(MODEL, whole, (), BASE)
+    fitted = constrained_fit(problem, Penalty(1e-9))
+    deviations = rng.uniform(0.1, 0.3, len(BASE))
+    scores = shift_scores(fitted, parts, BASE, deviations)
+    found = BASE.projection @ covariance(fitted, scores) @ BASE.projection.T
+    columns = list(BASE.independent)
+    squares = [A.T @ A for A in (p.stacked()[:, columns] for p in parts)]
+    moves = [np.linalg.solve(sum(squares), S * deviations) for S in squares]
+    expected = sum(move @ move.T for move in moves)
+    np.testing.assert_allclose(np.diag(found), np.diag(expected), rtol=1e-4)
+    # As the noise of all has it that contains the scatter.
+    scatter = RecordingScatter(3, deviations, ("one",) * len(BASE), {"one": 2.0})
+    noise = unconstrained_fit(whole, BASE).noise
+    (added,) = scatter.added_to(noise, parts, BASE).between
+    np.testing.assert_allclose(
+        noise.steps @ added.covariance @ noise.steps.T, expected, rtol=1e-6
+    )
+    assert added.freedom == 2.0

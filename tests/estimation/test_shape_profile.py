@@ -5,7 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from consistent_id.estimation.shape_profile import ShapeGroup, profile
+from consistent_id.estimation.shape_profile import (
+    LeastMisfit,
+    ShapeGroup,
+    ShapeProfile,
+    allowed_rise,
+    profile,
+)
 from consistent_id.regression.friction_shapes import FrictionShape
 
 H = np.array([[2.0, 1.2], [1.2, 3.0]])
@@ -20,9 +26,8 @@ def quadratic(u):
 
 
 def profiled(box, independent=50.0):
-    return profile(
-        quadratic, GROUP, 0, BEST, box, independent=independent, confidence=0.95
-    )
+    allowed = allowed_rise(independent, confidence=0.95)
+    return profile(LeastMisfit(quadratic, BEST, box, allowed), GROUP, 0)
 
 
 def test_the_interval_of_a_quadratic_misfit_is_known_with_the_other_shape_free():
@@ -65,3 +70,21 @@ def test_a_group_has_its_members_unit_and_their_geometric_mean():
     assert (alone.kind, alone.unit) == (both.kind, both.unit)
     assert (both.kind, both.unit) == ("velocity_scale", "rad/s")
     assert [alone.value, both.value] == pytest.approx([0.02, 0.04])
+
+
+@pytest.mark.parametrize(
+    ("low_found", "high_found", "said"),
+    [
+        (True, True, "shape = 0.2 rad/s [0.1, 0.4]"),
+        (True, False, "shape = 0.2 rad/s, by the data at least 0.1"),
+        (False, True, "shape = 0.2 rad/s, by the data at most 0.4"),
+        (False, False, "shape = 0.2 rad/s, which the data do not determine"),
+    ],
+)
+def test_a_shape_is_said_with_the_ends_that_the_data_show(low_found, high_found, said):
+    ends = {"low": 0.1, "high": 0.4, "low_found": low_found, "high_found": high_found}
+    found = ShapeProfile(
+        "shape", ("joint1",), 0.2, unit="rad/s", curve=np.ones((1, 2)), **ends
+    )
+    assert str(found) == said
+    assert found.determined is (low_found and high_found)

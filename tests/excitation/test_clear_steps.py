@@ -10,7 +10,7 @@ from consistent_id.excitation.aims import PathForm
 from consistent_id.excitation.guards import ClearanceGuard
 from consistent_id.excitation.path_search import FoundPath, searched_path
 from consistent_id.excitation.programme import LinearRows, Local, best_step
-from consistent_id.excitation.search_problem import Meter, clear_start
+from consistent_id.excitation.search_problem import Meter, PathLimits, clear_start
 from consistent_id.motion import Body, Box, Capsule, build_scene, plane
 
 
@@ -43,7 +43,8 @@ def test_a_clear_start_lets_each_joint_swing_by_itself():
         free = rng.normal(size=of.shape)
         free[0] = rng.uniform(-0.3, 0.3, 3)
         free *= 0.8 / of.limits.largest(free)
-        start = clear_start(free, of.basis, of.limits, of.guards, of.grid, rng)
+        limits = PathLimits(of.basis, of.limits, of.guards, of.grid)
+        start = clear_start(free, limits, rng)
         (measure,) = of.measures(start)
         assert measure.max() <= 0.0
         assert of.limits.largest(start).max() <= 1.0

@@ -41,7 +41,7 @@ def test_limits_are_taken_by_name_in_any_order():
     assert asked.limits.joints == MODEL.robot.joint_names
     assert asked.limits.upper.tolist() == [1.0, 0.3]
     base = base_parameters(MODEL)
-    problem = search_problem(MODEL, base, PathForm(5.0, 3), Aim(), limits, ())
+    problem = search_problem(MODEL, base, PathForm(5.0, 3), Aim(), limits)
     assert problem.basis.limits.velocity.tolist() == [2.0, 1.0]
 
 
@@ -51,7 +51,7 @@ def test_limits_that_leave_a_joint_out_are_refused():
     with pytest.raises(ProblemError, match="limits of joint 'joint2' are missing"):
         demands(MODEL, limits)
     with pytest.raises(ProblemError, match="limits of joint 'joint2' are missing"):
-        search_problem(MODEL, base, PathForm(5.0, 3), Aim(), limits, ())
+        search_problem(MODEL, base, PathForm(5.0, 3), Aim(), limits)
     with pytest.raises(ProblemError, match="expected MotionLimits"):
         demands(MODEL, {"joint1": 1.0})
 
@@ -99,4 +99,4 @@ def test_an_earlier_recording_of_another_model_is_refused(other):
     with pytest.raises(ProblemError, match=r"torque model|joints"):
         predicted_accuracy(MODEL, base, path, aim)
     with pytest.raises(ProblemError, match=r"torque model|joints"):
-        search_problem(MODEL, base, PathForm(5.0, 3), aim, limits, ())
+        search_problem(MODEL, base, PathForm(5.0, 3), aim, limits)

@@ -11,7 +11,7 @@ from consistent_id import SolverError, TorqueModel
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.guards import TorqueGuard
 from consistent_id.excitation.path_search import FoundPath, searched_path
-from consistent_id.excitation.searches import run_searches
+from consistent_id.excitation.searches import Lanes
 
 OBJECTIVES = ("condition", "D", "A", "E", "task")
 
@@ -148,13 +148,7 @@ def test_what_cannot_be_kept_is_named():
 
 def test_time_that_is_over_leaves_what_a_moment_found():
     problem = problem_of()
-    (found,) = run_searches(
-        problem,
-        [FoundPath(0)],
-        lanes=1,
-        work=0.0,
-        interrupted=bool,
-    )
+    (found,) = Lanes(1, interrupted=bool).run(problem, [FoundPath(0)], 0.0)
     assert np.isfinite(found.score) and not found.complete
     found = searched(problem, ended=lambda: True)
     assert np.isfinite(found.score) and not found.complete
@@ -172,7 +166,7 @@ def test_every_improvement_is_reported():
 @pytest.mark.slow
 def test_searches_come_back_best_first():
     starts = [FoundPath(number) for number in range(3)]
-    found = run_searches(problem_of(), starts, lanes=1, work=np.inf, interrupted=bool)
+    found = Lanes(1, interrupted=bool).run(problem_of(), starts, np.inf)
     scores = [one.score for one in found]
     assert scores == sorted(scores) and len(scores) == 3
     assert all(one.complete for one in found)

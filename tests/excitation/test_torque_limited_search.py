@@ -36,8 +36,7 @@ def test_little_work_under_torque_limits_beats_the_best_of_200_random_paths(harm
         PathForm(10.0, harmonics),
         Aim(noise=(0.005 * effort / 0.63).tolist()),
         required.limits,
-        required.guards,
-    )
+    ).guarded(required.guards)
     random = min(random_candidate(problem, k).score for k in range(200))
     found = searched_path(problem, FoundPath(0), work=2.2)
     assert found.variables is not None

@@ -4,6 +4,7 @@ import os
 import signal
 import threading
 import time
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -14,7 +15,7 @@ from consistent_id import TorqueModel
 from consistent_id._support.executors import Executor
 from consistent_id.excitation.aims import PathForm
 from consistent_id.excitation.path_search import FoundPath, searched_path
-from consistent_id.excitation.searches import lane_work, run_searches
+from consistent_id.excitation.searches import Lanes
 
 STARTS = [FoundPath(number) for number in range(6)]
 
@@ -72,12 +73,12 @@ def test_the_same_work_on_a_busy_machine_finds_the_same():
 @pytest.mark.slow
 def test_lanes_end_by_their_own_work_however_long_they_take():
     one = searched_path(problem(), FoundPath(0)).work
-    how = {"lanes": 2, "work": 1.5 * one, "interrupted": bool}
-    first = run_searches(problem(), STARTS, **how)
-    again = run_searches(problem(), STARTS, **how)
+    lanes = Lanes(2, interrupted=bool)
+    first = lanes.run(problem(), STARTS, 1.5 * one)
+    again = lanes.run(problem(), STARTS, 1.5 * one)
     assert_same(first, again)
     assert len(first) < len(STARTS)  # the work was spent before all had begun
-    assert lane_work(first, STARTS, 2) >= 1.5 * one
+    assert lanes.spent(first, STARTS) >= 1.5 * one
 
 
 EVERYWHERE = ["serial", "processes:2", "dask:2"]
@@ -94,24 +95,19 @@ def place(name):
 @pytest.mark.parametrize("name", EVERYWHERE)
 def test_lanes_find_the_same_wherever_they_are_run(name):
     one = searched_path(problem(), FoundPath(0)).work
-    how = {"lanes": 3, "work": 1.5 * one, "interrupted": bool}
-    expected = run_searches(problem(), STARTS, **how)
-    found = run_searches(problem(), STARTS, **how, executor=place(name))
-    assert_same(expected, found)
+    lanes = Lanes(3, interrupted=bool)
+    expected = lanes.run(problem(), STARTS, 1.5 * one)
+    there = replace(lanes, executor=place(name))
+    assert_same(expected, there.run(problem(), STARTS, 1.5 * one))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", EVERYWHERE)
 def test_an_interrupt_leaves_what_was_found_wherever_it_was(name):
     asked = iter([False] * 8)
-    found = run_searches(
-        problem(),
-        [FoundPath(number) for number in range(500)],
-        lanes=2,
-        work=np.inf,
-        interrupted=lambda: next(asked, True),
-        executor=place(name),
-    )
+    lanes = Lanes(2, interrupted=lambda: next(asked, True), executor=place(name))
+    starts = [FoundPath(number) for number in range(500)]
+    found = lanes.run(problem(), starts, np.inf)
     assert len(found) < 500
 
 
@@ -122,8 +118,8 @@ def test_an_interrupt_leaves_what_was_found_wherever_it_was(name):
 def test_a_killed_process_changes_nothing(monkeypatch, tmp_path, name):
     executor = place(name)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    how = {"lanes": 2, "work": np.inf, "interrupted": bool}
-    expected = run_searches(problem(), STARTS, **how)
+    lanes = Lanes(2, interrupted=bool)
+    expected = lanes.run(problem(), STARTS, np.inf)
     killed = []
 
     def kill():
@@ -138,7 +134,7 @@ def test_a_killed_process_changes_nothing(monkeypatch, tmp_path, name):
 
     thread = threading.Thread(target=kill)
     thread.start()
-    found = run_searches(problem(), STARTS, **how, executor=executor)
+    found = replace(lanes, executor=executor).run(problem(), STARTS, np.inf)
     thread.join()
     assert len(killed) == 1
     assert_same(expected, found)

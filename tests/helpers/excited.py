@@ -47,7 +47,8 @@ def arm_problem(
     """A small search."""
     limits = arm_limits(model.robot) if limits is None else limits
     form, aim = form or PathForm(5.0, 3), aim or Aim()
-    return search_problem(model, base_parameters(model), form, aim, limits, guards)
+    problem = search_problem(model, base_parameters(model), form, aim, limits)
+    return problem.guarded(guards)
 
 
 FRICTION = DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.05, offset=True)

@@ -34,6 +34,7 @@ from consistent_id.constraints.cones.certificate import (
     GAP_TOLERANCE,
     Certificate,
     Optimality,
+    ball_about,
     certify,
 )
 from consistent_id.constraints.cones.least_norm import ConeSolution, LeastNorm
@@ -179,7 +180,7 @@ def _proof(scaled: ScaledFit, variables: BodyVariables, u: Vector) -> Optimality
     problem = scaled.problem
     centre = scaled.centre
     solution = ConeSolution(u, _multipliers(problem, variables, u), "smooth", 0.0, 0.0)
-    return certify(problem, solution, centre, reference=REFERENCE)
+    return certify(problem, solution, ball_about(centre), reference=REFERENCE)
 
 
 def _multipliers(

@@ -9,8 +9,9 @@ from some_fast import some_fast
 
 from consistent_id import ProblemError, RecordingError, load_problem
 from consistent_id.problems import preparation as preparation_module
+from consistent_id.problems.draft_reading import _CUTOFFS, _LOW
 from consistent_id.problems.draft_rows import Clock, _training, split_logs
-from consistent_id.problems.drafting import _CUTOFFS, _LOW, draft_problem
+from consistent_id.problems.drafting import draft_problem
 from consistent_id.problems.file import ModelTable, ProblemTable, problem_table
 from consistent_id.problems.kept_text import toml_text
 from consistent_id.problems.parameter_tables import ConstraintsTable, RelationTable

@@ -18,11 +18,12 @@ from consistent_id import (
     low_passed,
 )
 from consistent_id.constraints import ParameterBounds
-from consistent_id.constraints.robot_size import robot_size
+from consistent_id.constraints.delivered_bodies import robot_size
 from consistent_id.estimation.drive_ratios import (
     DriveRatios,
     drive_ratios,
     drive_reasons,
+    errors_off_bounds,
     log_speeds,
 )
 from consistent_id.problems.stated_model import drawn_parts
@@ -283,7 +284,8 @@ def test_drives_on_a_bound_are_not_compared(drives):
             "a.viscous": (2.0 + 1e-6, 5.0),
         }
     )
-    found = drive_ratios(model, x, errors, drawn, SPEEDS, (bounds,))
+    inside = errors_off_bounds(model.layout, x, errors, (bounds,))
+    found = drive_ratios(model, x, inside, drawn, SPEEDS)
     np.testing.assert_allclose(found.rotors, [0.5, 0.0, np.nan])
     np.testing.assert_allclose(found.friction, [np.nan, 0.0, 1.7 / 1.12])
 

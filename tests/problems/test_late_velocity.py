@@ -9,7 +9,8 @@ from scipy.signal import butter, sosfilt, sosfiltfilt
 
 from consistent_id import Study
 from consistent_id.estimation.estimate import torque_errors
-from consistent_id.problems.drafting import draft_problem, velocity_delay
+from consistent_id.problems.draft_reading import velocity_delay
+from consistent_id.problems.drafting import draft_problem
 from consistent_id.problems.loading import load_problem
 from consistent_id.recordings.recording import Recording
 

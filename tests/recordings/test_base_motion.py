@@ -116,3 +116,16 @@ def test_contacts_are_read_from_forces_and_doubted_around_their_changes():
     flags = ContactFlags.from_wrench(Wrench("foot", force), threshold=10.0, guard=1)
     assert np.flatnonzero(flags.closed).tolist() == [3, 4, 5]
     assert np.flatnonzero(~flags.certain).tolist() == [2, 3, 5, 6]
+
+
+def test_filtered_motion_of_a_base_is_the_true_one_below_the_cut_off(swing):
+    """Motion of 0.8 Hz; a filter of 20 Hz leaves (0.04)^8 less of it."""
+    x, quaternion, R, truth = swing
+    found = base_from_pose(TIME, x, quaternion, order="wxyz", cutoff=20.0)
+    inside = slice(300, -300)
+    np.testing.assert_allclose(found.stacked[inside], truth.stacked[inside], atol=2e-3)
+    noisy = truth.specific_force + np.sin(400 * np.pi * TIME)[:, None]  # 200 Hz
+    w = truth.angular_velocity
+    found = base_from_imu(TIME, w, noisy, cutoff=20.0, rotation=R)
+    np.testing.assert_allclose(found.stacked[inside], truth.stacked[inside], atol=2e-3)
+    assert found.rotation.tolist() == R.tolist()

@@ -337,6 +337,16 @@ def test_what_thinned_samples_stand_for_is_left_out_with_them():
     np.testing.assert_array_equal(np.flatnonzero(out), np.arange(39, 47))
 
 
+def test_samples_beyond_those_that_are_left_are_not_left_out_with_them():
+    """Of every third of samples 3 to 12, marks at both ends: 3, 4 and 11, 12."""
+    time = np.arange(20) / 100.0
+    log = Recording(("a",), time, time[:, None], torque=np.ones((20, 1)))
+    few = low_passed(log, torque_cutoff=20.0).samples(slice(3, 13, 3))
+    ends = np.array([True, False, False, True])
+    out = left_out(few, ends).torque_filter.left_out
+    assert np.flatnonzero(out).tolist() == [3, 4, 11, 12]
+
+
 def test_rests_are_found_before_the_filter_too():
     raw = rested()
     smooth = trimmed(low_passed(raw, torque_cutoff=8.0), 1.0, 5.0)

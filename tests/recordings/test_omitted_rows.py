@@ -9,8 +9,8 @@ import pytest
 
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers import Columns, read_recording, recording_from
-from consistent_id.recordings.readers.named_arrays import broken_samples
 from consistent_id.recordings.readers.recording_file import LogRows
+from consistent_id.recordings.readers.used_rows import broken_samples
 
 SAMPLES = 400
 COLUMNS = Columns(torque="tau_{joint}")

@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 
 import consistent_id as ci
-from consistent_id.recordings.signals.base_signals import quaternion_order
+from consistent_id.recordings.signals.base_signals import (
+    moved_by_stretch,
+    quaternion_order,
+    stretches,
+)
 
 TIME = 0.005 * np.arange(2000)
 
@@ -52,3 +56,74 @@ def test_what_cannot_be_told_is_not_said():
     """Upright and facing ahead, or upright and turned about: both would fit."""
     ahead = np.tile([0.0, 0.0, 0.0, 1.0], (len(TIME), 1))
     assert quaternion_order(TIME, ahead) is None
+
+
+def tilted(angles):
+    """A base that leans by angles about an axis across it, and has turned by half."""
+    x = np.sin(np.asarray(angles) / 2)
+    return np.column_stack([x, 0 * x, np.cos(np.asarray(angles) / 2), 0 * x])
+
+
+@pytest.mark.parametrize(
+    ("spread", "order"), [(0.0, "xyzw"), (0.45, "xyzw"), (0.55, None)]
+)
+def test_a_base_is_upright_up_to_half_a_radian(spread, order):
+    """Leaning as much to either side: the mean cosine is that of the angle."""
+    leaning = tilted([spread, -spread])
+    found = quaternion_order(TIME[:2], leaning)
+    assert (None if found is None else found.order) == order
+
+
+@pytest.mark.parametrize(("share", "reason"), [(0.49, True), (0.51, False)])
+def test_a_gyroscope_decides_if_one_order_leaves_less_than_half(share, reason):
+    """What it measures beyond the true rate, in quadrature with that."""
+    turned, gyro, _ = swaying(1.6)
+    axis = np.array([0.6, 0.64, 0.48])
+    wrong = share / np.sqrt(1.0 - share**2) * 0.6 * np.sin(3 * TIME)[:, None] * axis
+    found = quaternion_order(TIME, turned, gyro + wrong)
+    assert (found.reason == "from the gyroscope") is reason
+
+
+def test_a_gyroscope_at_rest_leaves_the_decision_to_gravity():
+    half = np.sqrt(0.5)
+    still = np.tile([0.0, 0.0, half, half], (len(TIME), 1))
+    none = np.zeros((len(TIME), 3))
+    felt = none + np.array([0.0, 0.0, 9.81])
+    found = quaternion_order(TIME, still, none, felt)
+    assert found == ("xyzw", "from measured gravity")
+    # Of half the right direction, and half the other's, neither is clear.
+    R = [ci.signals.rotations(still, order)[0] for order in ("xyzw", "wxyz")]
+    between = none + (R[0] + R[1]).T @ np.array([0.0, 0.0, 1.0])
+    assert quaternion_order(TIME, still, none, between).reason.startswith("because")
+
+
+def test_a_norm_is_one_within_a_hundredth():
+    assert (
+        ci.signals.rotations([[0, 0, 0, 1.0099]], "xyzw")[0].tolist()
+        == np.eye(3).tolist()
+    )
+    for norm in (1.0101, 0.9899):
+        with pytest.raises(ci.RecordingError, match="of sample 1 has norm"):
+            ci.signals.rotations([[0, 0, 0, 1], [0, 0, 0, norm]], "xyzw")
+
+
+def test_stretches_end_where_ten_usual_steps_are_missing():
+    assert stretches(np.zeros(0)) == []
+    assert stretches(np.zeros(1)) == [slice(0, 1)]
+    assert stretches(np.array([0.0, 1.0, 2.0, 12.0])) == [slice(0, 4)]
+    gap = np.array([0.0, 1.0, 2.0, 12.1, 13.1, 14.1])
+    assert stretches(gap) == [slice(0, 3), slice(3, 6)]
+
+
+def test_each_stretch_moves_by_itself_and_needs_four_samples():
+    def moved(samples):
+        n = samples.stop - samples.start
+        return ci.recordings.BaseMotion.at_rest(n)
+
+    time = np.arange(8.0)
+    assert len(moved_by_stretch(moved, time, "log")) == 8
+    time[4:] += 100.0
+    assert len(moved_by_stretch(moved, time, "log")) == 8
+    time[4] = 3.5
+    with pytest.raises(ci.RecordingError, match="samples 5 to 7 stand between"):
+        moved_by_stretch(moved, time, "log")

@@ -11,9 +11,11 @@ from joint_states import JOINTS, START, STEP, logged, state, states
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers import JOINT_STATE, Columns
 from consistent_id.recordings.readers.jointstate import (
+    BagContent,
     JointMessage,
     recording_of_messages,
 )
+from consistent_id.recordings.readers.named_arrays import LogName
 
 
 def from_messages(content, joints=JOINTS, columns=JOINT_STATE):
@@ -27,9 +29,8 @@ def from_messages(content, joints=JOINTS, columns=JOINT_STATE):
         )
         for place, (stamp, names, q, dq, tau) in enumerate(content)
     ]
-    return recording_of_messages(
-        messages, joints, columns, where="log", name="log", torque_gain=1.0
-    )
+    content = BagContent(messages, {})
+    return recording_of_messages(content, joints, columns, LogName("log", "log"), 1.0)
 
 
 @settings(derandomize=True, deadline=None, max_examples=40)

@@ -8,11 +8,13 @@ from experiments import experiment
 from scipy import signal
 
 from consistent_id import Recording, build_regression, least_squares, simulate_torque
+from consistent_id.regression import correlated_noise
 from consistent_id.regression.correlated_noise import (
     correlation_lengths,
     spectral_errors,
     spectral_noise,
 )
+from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.regression.segments import merged, segment_regressions
 from consistent_id.signals import decimated
 
@@ -193,3 +195,33 @@ def test_errors_of_a_column_are_in_its_own_unit():
     np.testing.assert_allclose(
         spectral_errors([scaled]) * units, spectral_errors([rows]), rtol=1e-9
     )
+
+
+@pytest.mark.parametrize(("total", "first"), [(100, 30), (101, 30), (40, 0)])
+def test_of_a_long_recording_the_middle_shows_the_noise_of_all(
+    monkeypatch, total, first
+):
+    monkeypatch.setattr(correlated_noise, "SHOWN", 40)
+    model, _, log = experiment(2, joints=2, noise=0.5, samples=total)
+    regression = build_regression(model, log, noise=False)
+    motion = motion_of(model, log, None)
+    middle = motion.samples(first, first + 40)
+    whole, shown = (
+        correlated_noise.recorded_noise(
+            model, regression.factors, regression.counts, [rows], [total]
+        )
+        for rows in (motion, middle)
+    )
+    np.testing.assert_array_equal(whole.effective, shown.effective)
+    np.testing.assert_array_equal(whole.freedom, shown.freedom)
+    # The same for scores along instruments, or any other rows.
+    columns = np.array([1, 2, 3])
+    steps = [np.eye(3)] * 2
+    residual = log.torque
+    found, expected = (
+        correlated_noise.scores_along(model, [rows], [left], columns, steps)
+        for rows, left in ((motion, residual), (middle, residual[first : first + 40]))
+    )
+    for one, other in zip(found, expected, strict=True):
+        squares = total / 40 * other.T @ other
+        np.testing.assert_allclose(one.T @ one, squares, atol=1e-9 * abs(squares).max())

@@ -7,6 +7,7 @@ import pytest
 from experiments import experiment
 
 import consistent_id as ci
+from consistent_id.regression.drive.laws import Coulomb, Stribeck
 from consistent_id.regression.model_errors import (
     BLOCKS,
     BlockPart,
@@ -15,6 +16,7 @@ from consistent_id.regression.model_errors import (
     block_ratio,
     joint_fit,
     lacking_ratio,
+    lacking_terms,
 )
 from consistent_id.regression.motion_arrays import motion_of
 from consistent_id.regression.residual_noise import unconstrained_fit
@@ -232,3 +234,51 @@ def test_terms_that_a_joint_lacks_are_those_that_its_drive_does_not_have():
         for name in law.names
     }
     assert lacking == {"drag", "spring", "rotor_inertia", "coulomb"}
+
+
+@pytest.mark.parametrize("coulomb", [{}, {"coulomb": "sign"}])
+def test_joints_that_move_lack_terms_whose_shapes_go_with_their_speed(coulomb):
+    """A sharp change of sign, or friction that fades, well within the motion."""
+    model, _, log = experiment(4, joints=3, samples=300, drive=ci.DriveTerms(**coulomb))
+    still = log.velocity * [1.0, 0.0, 3.0]
+    motion = motion_of(model, replace(log, velocity=still), None)
+    first, third = lacking_terms(model, [motion])
+    assert (first.joint, first.row, third.joint, third.row) == (0, 0, 2, 2)
+    for found, joint in ((first, 0), (third, 2)):
+        speed = np.sqrt(np.mean(still[:, joint] ** 2))
+        names = set(found.terms.names)
+        assert {"viscous", "drag", "spring", "rotor_inertia", "offset"} <= names
+        (shaped,) = (
+            term
+            for term in found.terms.terms
+            if isinstance(term, (Stribeck if coulomb else Coulomb))
+        )
+        width = shaped.stribeck_velocity if coulomb else shaped.velocity_scale
+        assert 0.02 * speed < width < 0.5 * speed
+    twice = motion_of(model, replace(log, velocity=2.0 * still), None)
+    pairs = zip(lacking_terms(model, [twice]), (first, third), strict=True)
+    for double, single in pairs:
+        shapes = [
+            [x for term in found.terms.terms for x in term.shapes.values()]
+            for found in (double, single)
+        ]
+        kept = {2.0}  # the exponent of fading
+        ratios = {
+            round(a / b, 9) for a, b in zip(*shapes, strict=True) if b not in kept
+        }
+        assert ratios == {2.0}
+    two = lacking_terms(model, [motion, motion])
+    assert [found.terms for found in two] == [first.terms, third.terms]
+    few = replace(model, torque_joints=("j2",))
+    assert [t.row for t in lacking_terms(few, [motion])] == [0]
+
+
+def test_an_offset_is_lacking_unless_friction_is_of_two_levels():
+    for drive, lacking in (
+        (ci.DriveTerms(coulomb="sign"), True),
+        (ci.DriveTerms(coulomb="sign", asymmetric=True), False),
+        (ci.DriveTerms(offset=True), False),
+    ):
+        model, _, log = experiment(4, joints=1, samples=50, drive=drive)
+        (found,) = lacking_terms(model, [motion_of(model, log, None)])
+        assert ("offset" in found.terms.names) is lacking

@@ -114,6 +114,26 @@ def test_a_file_that_does_not_fit_together_is_refused_with_its_name(key, tmp_pat
     assert str(path) in str(refused.value)
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"effective": [1.0, 2.0, 0.0]},
+        {"freedom": [1.0, 2.0, 0.0]},
+        {"freedom": [1.0, 2.0]},
+        {"effective": [1.0, 2.0, 3.0, 4.0]},
+        {"scores": [[], []]},
+    ],
+)
+def test_noise_is_of_every_joint_and_positive(changes, tmp_path):
+    model, logs = case()
+    path = save_regression(build_regression(model, logs), tmp_path / "r.json")
+    content = json.loads(path.read_text())
+    content["noise"] |= changes
+    path.write_text(json.dumps(content))
+    with pytest.raises(ProblemError, match="expected positive numbers of 3"):
+        load_regression(path)
+
+
 @pytest.mark.parametrize("content", [b"", b"{", b"[1]", b"\xff\xfe", b"[" * 10**5])
 def test_what_is_no_regression_is_refused(content, tmp_path):
     path = tmp_path / "r.json"

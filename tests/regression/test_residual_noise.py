@@ -12,6 +12,7 @@ from scipy.special import stdtrit
 
 from consistent_id import (
     PhysicalConsistency,
+    ProblemError,
     Recording,
     build_regression,
     constrained_least_squares,
@@ -24,6 +25,7 @@ from consistent_id.regression import base_parameters
 from consistent_id.regression.residual_noise import (
     ResidualNoise,
     Scatter,
+    joint_noise,
     unconstrained_fit,
 )
 
@@ -90,7 +92,6 @@ def test_under_right_weights_and_white_noise_next_to_nothing_is_inflated():
     assert again.squared_misfit(functionals) == pytest.approx(1.0, abs=0.25)
 
 
-@pytest.mark.slow
 @settings(max_examples=6, deadline=None)
 @given(
     seed=st.integers(0, 1000),
@@ -212,3 +213,81 @@ def test_few_effective_samples_widen_intervals_by_students_quantile():
     # 93 to 97 %; the mean over 120 sets is uncertain by 0.8 %.
     assert np.mean(student) > np.mean(normal) + 0.007
     assert 0.93 < np.mean(student) < 0.97 + 0.008
+
+
+def noise_of(**changes):
+    """Noise of two joints, of which the second tells nothing of one parameter."""
+    one = np.eye(1)
+    values = {
+        "sigma": np.ones(2),
+        "length": np.ones(2),
+        "effective": 90.0,
+        "measured": True,
+        "steps": one,
+        "inflation": one,
+        "root": one,
+        "level_freedom": np.full(2, 1e6),
+        "of_joints": (one, 0.0 * one),
+    }
+    return ResidualNoise(**values | changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words", "absent"),
+    [
+        ({}, ["residuals are white"], ["again", "interval"]),
+        ({"length": np.array([1.0, 1.5])}, ["residuals are white"], []),
+        (
+            {"length": np.array([1.0, 1.6])},
+            ["over 1 to 2 samples", "are 1.0 to 1.3 times"],
+            ["errors are rough"],
+        ),
+        ({"length": np.full(2, 4.0)}, ["over 4 samples", "errors are 2.0 times"], []),
+        ({"beyond": 1.1}, [], ["as large again"]),
+        ({"beyond": 1.21}, ["they are 1.1 times as large again"], []),
+        ({"beyond": 4.0}, ["they are 2.0 times as large again"], []),
+        # Student's quantile for 27 degrees of freedom is 2.052, for 28 it is 2.048.
+        ({"level_freedom": np.full(2, 27.0)}, ["is 2.1 standard errors"], []),
+        ({"level_freedom": np.full(2, 28.0)}, [], ["interval"]),
+        (
+            {"length": np.full(2, 4.0), "effective": 3.9},
+            ["only 4 effective samples for 1 parameters"],
+            [],
+        ),
+        ({"length": np.full(2, 4.0), "effective": 4.0}, [], ["errors are rough"]),
+        ({"measured": False}, ["no residuals were at hand"], ["residuals are"]),
+    ],
+)
+def test_the_sentence_on_standard_errors_says_what_enlarges_them(
+    changes, words, absent
+):
+    sentence = noise_of(**changes).sentence
+    assert all(word in sentence for word in words), sentence
+    assert not any(word in sentence for word in absent), sentence
+
+
+def test_weights_and_residuals_agree_where_the_weights_are_found():
+    """After one round they are the residuals of plain least squares."""
+    model, _, log = experiment(3, joints=2, noise=0.1, samples=400)
+    loud = log.torque + np.random.default_rng(0).normal(size=(400, 2)) * [0.0, 5.0]
+    base = base_parameters(model)
+    regression = build_regression(model, replace(log, torque=loud), noise=False)
+
+    def left(weights):
+        """Each joint's residual under given weights, less the degrees of freedom."""
+        solution = unconstrained_fit(regression.weighted(weights), base)
+        rms = regression.residual_rms(solution.parameters)
+        return rms / np.sqrt(1.0 - len(base) / 800.0)
+
+    once = joint_noise(model, regression, base=base, iterations=1)
+    np.testing.assert_allclose(once, left(np.ones(2)), rtol=1e-9)
+    twice = joint_noise(model, regression, base=base, iterations=2)
+    np.testing.assert_allclose(twice, left(once), rtol=1e-9)
+    found = joint_noise(model, regression, base=base)
+    np.testing.assert_allclose(found, left(found), rtol=1e-3)
+    assert found[1] > 10.0 * found[0]
+    with pytest.raises(ProblemError, match="iterations is 0"):
+        joint_noise(model, regression, base=base, iterations=0)
+    exact = build_regression(model, experiment(3, joints=2, samples=400)[2])
+    floor = 1e-6 * exact.torque_rms
+    np.testing.assert_allclose(joint_noise(model, exact, base=base), floor, rtol=1e-6)

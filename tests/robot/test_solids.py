@@ -8,6 +8,7 @@ from robots import random_robot
 
 from consistent_id import ProblemError, TorqueModel
 from consistent_id.constraints import DensityOn, Ellipsoid, Polytope, mesh_vertices
+from consistent_id.robot.solids import mesh_triangles
 
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 
@@ -128,3 +129,57 @@ mesh_shape = "ellipsoid"
     assert isinstance(shapes[0], Polytope)
     assert isinstance(shapes[1], Ellipsoid)
     assert any(isinstance(c, CentreOfMassIn) for c in problem.constraints)
+
+
+def test_shapes_without_extent_or_with_bent_axes_are_refused():
+    ball = Ellipsoid(np.zeros(3), [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(ball.unit_map, np.diag([1.0, 1 / 2.0, 1 / 3.0]))
+    for changes, message in (
+        ({"semi_axes": [1.0, 0.0, 1.0]}, "expected positive"),
+        ({"rotation": (1.0 + 6e-10) * np.eye(3)}, "not orthonormal"),
+    ):
+        values = {"centre": np.zeros(3), "semi_axes": np.ones(3)} | changes
+        with pytest.raises(ProblemError, match=message):
+            Ellipsoid(**values)
+    Ellipsoid(np.zeros(3), np.ones(3), (1.0 + 4e-10) * np.eye(3))
+    with pytest.raises(ProblemError, match="is not below upper"):
+        Polytope.box([0, 0, 0], [1, 0, 1])
+    with pytest.raises(ProblemError, match="normal is zero"):
+        Polytope(np.vstack([np.eye(3), -np.eye(3), np.zeros(3)]), np.ones(7))
+
+
+def test_a_box_has_its_corners_and_a_facet_at_its_distance():
+    box = Polytope.box([-1.0, 0.0, 2.0], [1.0, 4.0, 3.0])
+    for point, least in (
+        ([0.0, 2.0, 2.5], 0.5),
+        ([1.0, 4.0, 3.0], 0.0),
+        ([1.5, 2.0, 2.5], -0.5),
+        ([0.0, 2.0, 1.0], -1.0),
+    ):
+        assert (box.rows @ [*point, 1.0]).min() == pytest.approx(least)
+    double = Polytope(2.0 * box.normals, 2.0 * box.offsets)
+    np.testing.assert_allclose(double.rows, box.rows)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_ellipsoid_is_found_again_from_its_quadratic(seed):
+    rng = np.random.default_rng(seed)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    whole = Ellipsoid(rng.normal(size=3), rng.uniform(0.5, 2.0, 3), turn)
+    again = Ellipsoid.from_quadratic(3.0 * whole.quadratic)
+    np.testing.assert_allclose(again.centre, whole.centre, atol=1e-12)
+    np.testing.assert_allclose(np.sort(again.semi_axes), np.sort(whole.semi_axes))
+    np.testing.assert_allclose(again.quadratic, whole.quadratic, atol=1e-12)
+    assert np.linalg.det(again.rotation) == pytest.approx(1.0)
+    for sign, message in ((-1.0, "curvatures"), (0.0, "curvatures")):
+        with pytest.raises(ProblemError, match=message):
+            Ellipsoid.from_quadratic(sign * whole.quadratic)
+    with pytest.raises(ProblemError, match="positive nowhere"):
+        Ellipsoid.from_quadratic(np.diag([-1.0, -1.0, -1.0, 0.0]))
+
+
+def test_the_faces_of_a_mesh_have_its_surface(tmp_path):
+    corners = mesh_triangles(_stl(tmp_path / "cube.stl", 2.0 * CUBE))
+    assert corners.shape == (12, 3, 3)
+    sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert np.linalg.norm(sides, axis=1).sum() / 2.0 == pytest.approx(24.0)

@@ -15,10 +15,11 @@ from consistent_id.robot.loaders.robot_file import load_robot
 from consistent_id.rollout import ServoLog, identify_servos, read_servo_logs
 from consistent_id.rollout import servo_fit as fitting
 from consistent_id.rollout.servo_bounds import box_of
-from consistent_id.rollout.servo_fit import evolved
+from consistent_id.rollout.servo_fit import SearchDistribution, evolved
 from consistent_id.rollout.servo_log import duty_law, logged_joints, read_servo_sets
 from consistent_id.rollout.servo_motion import (
     STEP,
+    LoggedDrive,
     _friction_by_load,
     cut_pieces,
     position_errors,
@@ -56,7 +57,7 @@ def a_log(robot, seconds=3.0, frequency=0.7, name="log", **planted):
     goal = 0.9 * np.sin(2 * np.pi * frequency * time) * np.sin(time) ** 2
     goal = goal[:, None]
     plain = ServoLog(name, robot.joint_names, time, 0.0 * goal, goal)
-    pieces = cut_pieces(robot, [plain], 0, [(GAIN, 0.0)], None)
+    pieces = cut_pieces(robot, [plain], 0, [LoggedDrive(GAIN, 0.0)])
     sets = {k: np.array([v]) for k, v in (TRUTH | planted).items()}
     q = simulated(sets, pieces)[:, 0, 0]
     q = np.interp(time, STEP * np.arange(len(q)), q)
@@ -75,7 +76,7 @@ def test_a_joint_of_an_arm_feels_all_its_torque_as_a_fourier_series():
     time = np.arange(0.0, 0.5, 0.01)
     q = np.column_stack([np.sin(time + k) for k in range(3)])
     log = ServoLog("log", robot.joint_names, time, q, q)
-    pieces = cut_pieces(robot, [log], 1, [(1.0, 0.0)], None)
+    pieces = cut_pieces(robot, [log], 1, [LoggedDrive(1.0, 0.0)])
     at, place, speed, rate = 99, 0.4, -1.7, 2.3
     series = [1.0, np.cos(place), np.sin(place), np.cos(2 * place), np.sin(2 * place)]
     found = pieces.inertia[at, 0] * rate
@@ -97,7 +98,7 @@ def test_a_pendulum_without_a_motor_has_its_period(pendulum):
     length = (0.5 * 0.01 + 1e-5 + 0.002) / (0.5 * 0.1)  # of the equal simple pendulum
     q = 0.05 * np.cos(np.sqrt(9.81 / length) * time)[:, None]
     log = ServoLog("swing", ("servo",), time, q, 0.0 * q)
-    pieces = cut_pieces(pendulum, [log], 0, [(0.0, 0.0)], None)
+    pieces = cut_pieces(pendulum, [log], 0, [LoggedDrive(0.0, 0.0)])
     errors = position_errors(
         {"stall": np.array([1.0, 1.0]), "armature": np.array([0.002, 0.004])}, pieces
     )[:, 0]
@@ -108,7 +109,7 @@ def test_friction_that_depends_on_load_holds_what_coulomb_friction_does_not(pend
     time = np.arange(0.0, 1.0, 0.005)
     q = np.full((len(time), 1), 0.5)
     pieces = cut_pieces(
-        pendulum, [ServoLog("held", ("servo",), time, q, q)], 0, [(0.0, 0.0)], None
+        pendulum, [ServoLog("held", ("servo",), time, q, q)], 0, [LoggedDrive(0.0, 0.0)]
     )
     torque = 0.5 * 9.81 * 0.1 * np.sin(0.5)
     some = {"stribeck": 0.0, "stribeck_velocity": 0.2, "motor_load": 0.0}
@@ -311,8 +312,8 @@ def test_the_evolution_strategy_finds_a_narrow_valley():
     def valley(x):
         return (x[:, 0] - 0.7) ** 2 + 100.0 * (x[:, 1] - x[:, 0] ** 2) ** 2
 
-    start = np.full(2, 0.25)
-    found = evolved(valley, start, 0.25, 120, np.random.default_rng(0)).best
+    first = SearchDistribution(np.full(2, 0.25), 0.25)
+    found = evolved(valley, first, 120, np.random.default_rng(0)).best
     assert np.allclose(found, [0.7, 0.49], atol=2e-3)
 
 
@@ -382,7 +383,8 @@ def test_short_pieces_do_not_shorten_windows(pendulum):
     assert fitting._window([short]) == pytest.approx(short.time[-1] / 3)
     hole = abs(long.time - 2.5) > 0.6
     cut = {k: getattr(long, k)[hole] for k in ("time", "position", "goal", "duty")}
-    pieces = cut_pieces(pendulum, [replace(long, **cut)], 0, [(GAIN, 0.0)], None, 1.0)
+    drives = [LoggedDrive(GAIN, 0.0)]
+    pieces = cut_pieces(pendulum, [replace(long, **cut)], 0, drives, 1.0)
     assert len(pieces.times) == 5  # of 6: none is in the hole
     assert all(len(time) for time in pieces.times)
 
@@ -526,7 +528,7 @@ def test_squares_count_where_motor_and_bodies_pull_against_each_other(
 
 def test_a_motion_that_is_not_finite_is_refused_not_hidden(pendulum):
     log = a_log(pendulum, 0.5)
-    pieces = cut_pieces(pendulum, [log], 0, [(GAIN, 0.0)], None)
+    pieces = cut_pieces(pendulum, [log], 0, [LoggedDrive(GAIN, 0.0)])
     with pytest.raises(RecordingError, match="is not finite"):
         fitting._finite_errors({"stall": np.array([np.nan])}, pieces)
     with pytest.raises(RecordingError, match="the supply is nan V"):

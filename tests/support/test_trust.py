@@ -9,8 +9,8 @@ from hashlib import sha256
 
 import pytest
 
-from consistent_id._support import trust
-from consistent_id._support.trust import is_recorded, record
+from consistent_id._support import ownership
+from consistent_id._support.ownership import is_recorded, record
 
 
 def digest(text):
@@ -59,7 +59,7 @@ def test_what_others_can_write_to_is_ignored(state, part, mode):
 @pytest.mark.skipif(os.name != "posix", reason="owners of POSIX")
 def test_what_others_own_is_ignored(state, monkeypatch):
     record([digest("a")], "problem.toml")
-    monkeypatch.setattr(trust.os, "getuid", lambda: os.stat("/").st_uid + 12345)
+    monkeypatch.setattr(ownership.os, "getuid", lambda: os.stat("/").st_uid + 12345)
     assert not is_recorded(digest("a"))
 
 
@@ -114,7 +114,7 @@ def test_nothing_to_record_leaves_no_folder(state):
 
 
 def test_the_record_stays_small_and_keeps_the_youngest(state, monkeypatch):
-    monkeypatch.setattr(trust, "_KEPT", 3)
+    monkeypatch.setattr(ownership, "_KEPT", 3)
     for age, name in enumerate("edcba"):
         record([digest(name)], "problem.toml")
         if path := next((p for p in entries(state) if p.name == digest(name)), None):
@@ -129,7 +129,8 @@ def test_the_record_stays_small_and_keeps_the_youngest(state, monkeypatch):
 @pytest.mark.slow
 def test_processes_that_write_at_the_same_time_lose_nothing(state):
     code = (
-        "from hashlib import sha256; from consistent_id._support.trust import record\n"
+        "from hashlib import sha256\n"
+        "from consistent_id._support.ownership import record\n"
         "for k in range(200): record([sha256(f'{N}-{k}'.encode()).hexdigest()], 'x')"
     )
     call = [sys.executable, "-c"]

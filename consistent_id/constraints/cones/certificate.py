@@ -163,37 +163,49 @@ class Optimality:
 _Proven = tuple[ConeSolution, Optimality]
 
 
-def certify(
-    problem: LeastNorm,
-    solution: ConeSolution,
-    centre: Vector,
-    *,
-    reference: float = 0.0,
-    reach: float = 0.0,
-    objective: float | None = None,
-    curvature: Matrix | None = None,
-    triangle: Matrix | None = None,
-) -> Optimality:
-    """Recompute feasibility and the duality gap of a solution.
+class Parabola(NamedTuple):
+    """A parabola below a convex function that has the problem's gradient at a solution.
 
     Parameters
     ----------
-    centre : ndarray
-        Centre of the ball in which the proof is valid.
-    reference : float
-        Reference of the relative gap, if larger than the objective.
-    reach : float
-        Least radius of the ball in which the proof is valid; see `ball_about`.
     objective : float, optional
-        Value of a convex function whose gradient at the solution is the problem's; by
-        default the problem's own objective.
+        Value of the function at the solution; by default the problem's own objective.
     curvature : ndarray, shape (rows, parameters), optional
         ``C`` such that the function has a curvature of ``C^T C`` or more; by default
         the problem's ``G``.
     triangle : ndarray, optional
         Factor of the curvature along the steps that equalities allow, if it is known.
     """
-    domain = problem.domain
+
+    objective: float | None = None
+    curvature: Matrix | None = None
+    triangle: Matrix | None = None
+
+
+_OWN = Parabola()  # the problem's own objective
+
+
+def certify(
+    problem: LeastNorm,
+    solution: ConeSolution,
+    within: Ball,
+    *,
+    reference: float = 0.0,
+    below: Parabola = _OWN,
+) -> Optimality:
+    """Recompute feasibility and the duality gap of a solution.
+
+    Parameters
+    ----------
+    within : Ball
+        Where the proof is valid, at least; see `ball_about`.
+    reference : float
+        Reference of the relative gap, if larger than the objective.
+    below : Parabola
+        Below the function whose optimality is proven.
+    """
+    domain, centre = problem.domain, within.centre
+    objective, curvature, triangle = below
     # The proof is for the nearest point on the equalities; the change of the objective
     # is part of the gap.
     u = _onto_equalities(domain, solution.u)
@@ -202,7 +214,7 @@ def certify(
     rest, duals = unexplained(problem, u, solution.multipliers)
     E = domain.equalities.steps
     away = float(np.linalg.norm(u - centre))
-    radius = max(ball_about(centre, reach).radius, RADIUS * away)
+    radius = max(within.radius, RADIUS * away)
     gap = moved + _complementarity(domain, u, duals)
     scale = max(objective, reference)
     slopes, to_centre = E.T @ rest, E.T @ (centre - u)
@@ -268,10 +280,9 @@ def solve_certified(
     proof_of = partial(
         certify,
         problem,
-        centre=centre,
+        within=ball_about(centre, reach),
         reference=reference,
-        reach=reach,
-        triangle=free.triangle,
+        below=Parabola(triangle=free.triangle),
     )
     if free.solution is not None:
         optimality = proof_of(free.solution)

@@ -466,10 +466,6 @@ def _inverse_trigamma(value: float) -> float:
     from scipy.optimize import brentq
     from scipy.special import polygamma
 
-    # 1/x + 1/(2 x^2) < trigamma(x) < 1/x + 1/x^2
-    low, high = 0.5 / value, 0.5 / value
-    while polygamma(1, low) < value:
-        low /= 2.0
-    while polygamma(1, high) > value:
-        high *= 2.0
+    # 1/x < trigamma(x) < 1/x + 1/x^2
+    low, high = 1.0 / value, (1.0 + np.sqrt(1.0 + 4.0 * value)) / (2.0 * value)
     return float(brentq(lambda x: float(polygamma(1, x)) - value, low, high))

@@ -27,7 +27,7 @@ from consistent_id.excitation.criteria import Objective
 from consistent_id.excitation.design import design_trajectory
 from consistent_id.excitation.designed import ExcitationDesign
 from consistent_id.excitation.playable import validation_trajectory
-from consistent_id.excitation.request import DesignRequest, design_request
+from consistent_id.excitation.request import design_request
 from consistent_id.excitation.search_problem import search_problem
 from consistent_id.laboratory.rehearsal.planted import (
     PlantedRobot,
@@ -290,46 +290,53 @@ def dry_run(
         )
         for k in range(robots)
     ]
-    share = problem.table.excitation.limits.share
-    found = _played(design, request, paths, planted, seed, where, progress)
-    return replace(found, share=share, notes=rehearsed.notes)
+    motions = _predicted(design, paths)
+    rehearsals = played_by_all(
+        _plan(design, request.limits, seed),
+        motions,
+        planted,
+        executor=where,
+        progress=progress,
+    )
+    return DryRun(
+        design,
+        rehearsals,
+        conditions={name: _condition(motions[name]) for name in rehearsals},
+        peaks=_peaks(design, request.limits, rehearsals[DESIGN]),
+        share=problem.table.excitation.limits.share,
+        notes=rehearsed.notes,
+    )
 
 
-def _played(
-    design: ExcitationDesign,
-    request: DesignRequest,
-    paths: Mapping[str, Sequence[FourierTrajectory]],
-    planted: Sequence[PlantedRobot],
-    seed: int,
-    executor: Executor | None,
-    progress: bool,
-) -> DryRun:
-    """Let planted robots play motions; all identify from the same noise."""
-    model, aim, limits = design.model, design.aim, request.limits
-    motions = {
+def _predicted(
+    design: ExcitationDesign, paths: Mapping[str, Sequence[FourierTrajectory]]
+) -> dict[str, list[PredictedMotion]]:
+    """Return the motions with the accuracy that the design's aim predicts for them."""
+    model, base, aim = design.model, design.base, design.aim
+    return {
         name: [
-            PredictedMotion(p, predicted_accuracy(model, design.base, p, aim))
-            for p in alike
+            PredictedMotion(path, predicted_accuracy(model, base, path, aim))
+            for path in alike
         ]
         for name, alike in paths.items()
     }
-    plan = RehearsalPlan(
+
+
+def _plan(design: ExcitationDesign, limits: MotionLimits, seed: int) -> RehearsalPlan:
+    """Return the settings with which all robots play; all have the same noise."""
+    return RehearsalPlan(
         validation=validation_trajectory(design, seed=seed).trajectory,
         limits=limits,
-        noise=aim.noise_of(model.torque_joints),
+        noise=design.aim.noise_of(design.model.torque_joints),
         highest=float(design.form.frequencies[-1]),
-        rate=aim.rate,
+        rate=design.aim.rate,
         seed=seed,
     )
-    rehearsals = played_by_all(
-        plan, motions, planted, executor=executor, progress=progress
-    )
-    conditions = {
-        name: float(np.median([one.accuracy.condition.value for one in motions[name]]))
-        for name in rehearsals
-    }
-    peaks = _peaks(design, limits, rehearsals[DESIGN])
-    return DryRun(design, rehearsals, conditions, peaks)
+
+
+def _condition(motions: Sequence[PredictedMotion]) -> float:
+    """Return the median condition number."""
+    return float(np.median([one.accuracy.condition.value for one in motions]))
 
 
 def _peaks(
@@ -370,7 +377,8 @@ def _simple_motions(
 ) -> dict[str, list[FourierTrajectory]]:
     """Return random paths, and one sinusoid for each joint."""
     model, form, limits = design.model, design.form, design.limits
-    problem = search_problem(model, design.base, form, aim, limits, seed=seed)
+    problem = search_problem(model, design.base, form, aim, limits)
+    problem = replace(problem, seed=seed)
     random = [problem.basis.trajectory(problem.random(k)) for k in range(_RANDOM)]
     sinusoids = _sinusoids(form, limits)
     return {"random paths": random, "sinusoids": [sinusoids]}

@@ -1,7 +1,8 @@
 """Error analyses along a paper's tasks: found, predicted, assumptions varied."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import msgspec
@@ -10,7 +11,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix
 from consistent_id.errors import PathError
 from consistent_id.laboratory.experiment import Laboratory
-from consistent_id.laboratory.from_problem import laboratory_of, task_path
+from consistent_id.laboratory.from_problem import task_path
 from consistent_id.laboratory.reproduction.budget import (
     ErrorBudget,
     Tempo,
@@ -28,6 +29,7 @@ PLACE = 0.05  # m, by which a task is moved along each axis, at most
 SIZE = 1.25  # factor by which its sizes grow or shrink, at most
 TIME = 1.25  # the same of its duration
 FRICTION = 2.0  # the same of each joint's viscous and Coulomb friction
+FRICTIONS = 50  # draws of friction for each draw of tasks
 _RATE = 200.0  # Hz; enough for the error analysis of a smooth motion
 _TRIES = 50  # at drawing a task that the robot can write
 
@@ -64,13 +66,11 @@ class VariedAssumptions:
 
 def vary_assumptions(
     problem: Problem,
-    laboratory: Laboratory,
+    budget_along: Callable[[Mapping[str, Recording]], ErrorBudget],
     planned: ErrorBudget,
     *,
-    cell_rate: float,
-    draws: int = 12,
-    frictions: int = 50,
-    seed: int = 0,
+    draws: int,
+    seed: int,
 ) -> VariedAssumptions:
     """Repeat the error analysis for tasks and friction drawn at random.
 
@@ -79,11 +79,12 @@ def vary_assumptions(
 
     Parameters
     ----------
+    budget_along : callable
+        Returns the budget of experiments with other motions.
     planned : ErrorBudget
         Budget of the file's own tasks, whose experiments are drawn.
-    cell_rate : float, [Hz]
-    draws, frictions : int
-        Number of draws of tasks, and of friction for each of them.
+    draws : int
+        Number of draws of tasks; friction is drawn `FRICTIONS` times for each.
     """
     rng = np.random.default_rng(seed)
     budgets, refused = [], 0
@@ -92,12 +93,12 @@ def vary_assumptions(
         for name in planned.experiments:
             motions[name], tries = _writable(problem, name, rng)
             refused += tries
-        budgets.append(error_budget(problem, laboratory, motions, cell_rate=cell_rate))
-    rest = [varied_friction_scatter(budget, frictions, rng) for budget in budgets]
+        budgets.append(budget_along(motions))
+    rest = [varied_friction_scatter(budget, FRICTIONS, rng) for budget in budgets]
     empty = np.zeros((0, len(planned.names)))
     return VariedAssumptions(
         names=planned.names,
-        friction=varied_friction_scatter(planned, frictions * max(draws, 1), rng),
+        friction=varied_friction_scatter(planned, FRICTIONS * max(draws, 1), rng),
         both=np.vstack([empty, *rest]),
         tasks=np.vstack([empty, *(budget.scatter() for budget in budgets)]),
         noise=np.vstack([empty, *(budget.noise_scatter for budget in budgets)]),
@@ -191,7 +192,7 @@ class ErrorAnalysis:
 
 def analyse_errors(
     problem: Problem,
-    inertial: Array,
+    laboratory: Laboratory,
     done: Reproduction,
     instead: Mapping[str, Mapping[str, Recording]],
     *,
@@ -202,8 +203,8 @@ def analyse_errors(
 
     Parameters
     ----------
-    inertial : ndarray, shape (10 links,)
-        Inertial parameters of the laboratory's robot.
+    laboratory : Laboratory
+        That of the experiments.
     done : Reproduction
         With friction, along the tasks.
     instead : mapping of str to mapping of str to Recording
@@ -211,21 +212,18 @@ def analyse_errors(
     draws : int
         Number of draws of tasks.
     """
-    laboratory = laboratory_of(problem, inertial)
     cell_rate = uniform_rate(done.experiments[0].log.encoders)
+    budget_along = partial(error_budget, problem, laboratory, cell_rate=cell_rate)
     thin = {e.name: _downsampled(e.log.wanted) for e in done.experiments}
-    planned = error_budget(problem, laboratory, thin, cell_rate=cell_rate)
+    planned = budget_along(thin)
     shrunk = {}
     for name, motions in instead.items():
         other = {key: _downsampled(motion) for key, motion in motions.items()}
-        budget = error_budget(problem, laboratory, other, cell_rate=cell_rate)
-        shrunk[name] = _times_smaller(planned, budget, seed)
+        shrunk[name] = _times_smaller(planned, budget_along(other), seed)
     return ErrorAnalysis(
         budget=budget_of(problem, laboratory, done),
         planned=planned,
-        varied=vary_assumptions(
-            problem, laboratory, planned, cell_rate=cell_rate, draws=draws, seed=seed
-        ),
+        varied=vary_assumptions(problem, budget_along, planned, draws=draws, seed=seed),
         tempo=tempo_of(problem, laboratory, thin, cell_rate=cell_rate),
         shrunk=shrunk,
     )

@@ -222,11 +222,16 @@ def reproduce(
     others = other_seeds(problem, inertial, motions, extent.seeds)
     progress("where errors come from")
     instead = {one.name: along[one.name] for one in sets if one.name != REPEATED}
+    laboratory = laboratory_of(problem, inertial)
     error_analysis = analyse_errors(
-        problem, inertial, with_friction[TASKS], instead, draws=extent.draws, seed=seed
+        problem,
+        laboratory,
+        with_friction[TASKS],
+        instead,
+        draws=extent.draws,
+        seed=seed,
     )
     progress("verification")
-    laboratory = laboratory_of(problem, inertial)
     return PaperStudy(
         problem=problem,
         extent=extent,

@@ -192,6 +192,8 @@ class _LeastSlack:
     The search ends when the least slack is known to `tolerance`.
     """
 
+    scene: Scene
+    motion: _BoundedPath
     tolerance: float
     best: float = np.inf
     distance: float = np.inf
@@ -217,15 +219,38 @@ class _LeastSlack:
             allowed = min(self.tolerance, max(self.best / 2.0, _FINEST))
         return self.best - allowed
 
+    def level(self, interval: IntArray, which: IntArray, half: float) -> Array:
+        """Return the proven slack of pairs in intervals of one length."""
+        scene, motion = self.scene, self.motion
+        places_in, sample = np.unique(interval, return_inverse=True)
+        time = motion.path.start + (2 * places_in + 1) * half
+        q, dq = motion.path.evaluate(time, 1)[:, :, motion.order]
+        self.poses += len(time)
+        places = body_places(scene, link_places(scene.robot, q))
+        steps = motion.steps(dq, half)
+        first, second = np.array([(p.first, p.second) for p in scene.pairs])[which].T
+        apart, _ = balls_apart(places, sample, first, second)
+        change = np.empty(len(which))
+        for k in np.unique(which):
+            on = np.flatnonzero(which == k)
+            at = sample[on]
+            change[on] = largest_change(places, scene.pairs[k], at, steps[at])
+        wanted = np.array([pair.wanted for pair in scene.pairs])[which]
+        near = ~(apart - change - wanted >= self.floor)
+        found = separation(places, scene.pairs, sample[near], which[near])
+        slack = found.distance - wanted[near]
+        self.saw(slack, found.distance, which[near], time[sample[near]])
+        apart[near] = np.maximum(apart[near], found.distance)
+        return np.asarray(apart - change - wanted - _ROUNDING)
+
 
 def _proof(scene: Scene, path: JointPath, tolerance: float) -> ClearanceReport:
-    motion = _motion(scene, path)
-    search = _LeastSlack(tolerance, time=path.start)
+    search = _LeastSlack(scene, _motion(scene, path), tolerance, time=path.start)
     count = max(1, int(np.ceil(path.duration / _FIRST)))
     interval, which = (index.ravel() for index in np.indices((count, len(scene.pairs))))
     half = path.duration / count / 2.0
     while len(which):
-        lower = _level(scene, motion, search, interval, which, half)
+        lower = search.level(interval, which, half)
         unproven = lower < search.floor
         if 2 * np.count_nonzero(unproven) > _MOST:
             unproven[:] = False  # gives up: the proven bound remains
@@ -250,35 +275,3 @@ def _proof(scene: Scene, path: JointPath, tolerance: float) -> ClearanceReport:
         poses=search.poses,
         queries=search.queries,
     )
-
-
-def _level(
-    scene: Scene,
-    motion: _BoundedPath,
-    search: _LeastSlack,
-    interval: IntArray,
-    which: IntArray,
-    half: float,
-) -> Array:
-    """Return the proven slack of pairs in intervals of one length."""
-    places_in, sample = np.unique(interval, return_inverse=True)
-    time = motion.path.start + (2 * places_in + 1) * half
-    q, dq = motion.path.evaluate(time, 1)[:, :, motion.order]
-    search.poses += len(time)
-    places = body_places(scene, link_places(scene.robot, q))
-    steps = motion.steps(dq, half)
-    first, second = np.array([(p.first, p.second) for p in scene.pairs])[which].T
-    apart, _ = balls_apart(places, sample, first, second)
-    change = np.empty(len(which))
-    for k in np.unique(which):
-        on = np.flatnonzero(which == k)
-        at = sample[on]
-        change[on] = largest_change(places, scene.pairs[k], at, steps[at])
-    wanted = np.array([pair.wanted for pair in scene.pairs])[which]
-    near = ~(apart - change - wanted >= search.floor)
-    found = separation(scene, places, scene.pairs, sample[near], which[near])
-    search.saw(
-        found.distance - wanted[near], found.distance, which[near], time[sample[near]]
-    )
-    apart[near] = np.maximum(apart[near], found.distance)
-    return np.asarray(apart - change - wanted - _ROUNDING)

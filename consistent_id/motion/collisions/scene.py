@@ -181,6 +181,7 @@ class BodyPlaces:
 
     Attributes
     ----------
+    bodies : tuple of Body
     links : LinkPlaces
     carriers : tuple of int
         The link that carries each body; -1 for none.
@@ -193,6 +194,7 @@ class BodyPlaces:
         Whether only the link's orientation moves it.
     """
 
+    bodies: tuple[Body, ...]
     links: LinkPlaces
     carriers: tuple[int, ...]
     rotation: Array
@@ -215,6 +217,7 @@ def body_places(scene: Scene, links: LinkPlaces) -> BodyPlaces:
     balls = [body.shape.ball for body in scene.bodies]
     middle = np.array([ball[0] for ball in balls]).reshape(bodies, 3)
     return BodyPlaces(
+        bodies=scene.bodies,
         links=links,
         carriers=tuple(place.link for place in places),
         rotation=rotation,

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from consistent_id._support.arrays import Array, BoolArray, IntArray
+from consistent_id._support.arrays import Array, IntArray
 from consistent_id.motion.collisions.bodies import HalfSpace, coal_geometry
 from consistent_id.motion.collisions.scene import (
     BodyPlaces,
@@ -24,7 +24,7 @@ from consistent_id.motion.collisions.scene import (
     Scene,
     body_places,
 )
-from consistent_id.robot.kinematics import LinkPlaces, ancestors, link_places
+from consistent_id.robot.kinematics import ancestors, link_places
 
 _STRIDE = 16  # of poses of a path whose distances are computed first
 _UNIT = 1e-6  # largest error of a direction's length; otherwise coal found none
@@ -113,7 +113,7 @@ def nearest(
     places = body_places(scene, link_places(scene.robot, q))
     n, m = len(places.links), len(chosen)
     sample, which = (index.ravel() for index in np.indices((n, m)))
-    found = separation(scene, places, chosen, sample, which, within)
+    found = separation(places, chosen, sample, which, within)
     gradient = separation_slopes(places, chosen, found, sample, which)
     return NearestPoints(
         chosen,
@@ -158,7 +158,7 @@ def distances_along(
     step, done = _STRIDE, np.arange(0, len(q), _STRIDE)
     while len(done):
         at, pair = np.nonzero(known[done] < near)
-        exact = separation(scene, places, pairs, done[at], pair)
+        exact = separation(places, pairs, done[at], pair)
         known[done[at], pair] = exact.distance
         if least is not None and (exact.distance < least[pair]).any():
             return None
@@ -181,33 +181,22 @@ def separation_slopes(
     which: IntArray,
 ) -> Array:
     """Return ``d distance / dq`` of separations, (queries, joints)."""
-    carriers = np.array(places.carriers, dtype=np.intp)
     ends = np.array([(pair.first, pair.second) for pair in pairs], dtype=np.intp)
     ends = ends.reshape(-1, 2)[which]
     first, second = (
-        _along(
-            places.links,
-            sample,
-            carriers[ends[:, side]],
-            places.turning[ends[:, side]],
-            found.points[side],
-            found.normal,
-        )
+        _along(places, sample, ends[:, side], found.points[side], found.normal)
         for side in (0, 1)
     )
     return second - first
 
 
 def _along(
-    links: LinkPlaces,
-    sample: IntArray,
-    carrier: IntArray,
-    turning: BoolArray,
-    points: Array,
-    n: Array,
+    places: BodyPlaces, sample: IntArray, body: IntArray, points: Array, n: Array
 ) -> Array:
-    """``n^T J`` of points of links, or of directions, shape (queries, coordinates)."""
-    robot = links.robot
+    """``n^T J`` of points of bodies, or of directions, shape (queries, coordinates)."""
+    links, robot = places.links, places.links.robot
+    carrier = np.array(places.carriers, dtype=np.intp)[body]
+    turning = places.turning[body]
     joints = len(robot.joints)
     rates = np.zeros((len(sample), joints))
     moves = np.zeros((joints + 1, joints), dtype=bool)
@@ -226,7 +215,6 @@ def _along(
 
 
 def separation(
-    scene: Scene,
     places: BodyPlaces,
     pairs: tuple[Pair, ...],
     sample: IntArray,
@@ -240,7 +228,7 @@ def separation(
     first = np.array([pair.first for pair in pairs], dtype=np.intp)[which]
     second = np.array([pair.second for pair in pairs], dtype=np.intp)[which]
     normal, points = np.empty((len(which), 3)), np.empty((2, len(which), 3))
-    flat = np.array([isinstance(body.shape, HalfSpace) for body in scene.bodies])
+    flat = np.array([isinstance(body.shape, HalfSpace) for body in places.bodies])
     upright = flat[first] | flat[second]
     for side, sign in ((first, 1.0), (second, -1.0)):
         on = flat[side]
@@ -252,12 +240,12 @@ def separation(
         normal[beyond] = direction[beyond]
     unknown = np.flatnonzero(~upright & ~beyond)
     normal[unknown], points[:, unknown] = _directions(
-        scene, places, sample[unknown], first[unknown], second[unknown]
+        places, sample[unknown], first[unknown], second[unknown]
     )
     far = np.stack(
         [
-            _farthest(scene, places, sample, first, normal),
-            _farthest(scene, places, sample, second, -normal),
+            _farthest(places, sample, first, normal),
+            _farthest(places, sample, second, -normal),
         ]
     )
     distance = np.einsum("ni,ni->n", normal, far[1] - far[0])
@@ -288,7 +276,6 @@ def _facing(far: Array, normal: Array, distance: Array, first_is_flat: Array) ->
 
 
 def _directions(
-    scene: Scene,
     places: BodyPlaces,
     sample: IntArray,
     first: IntArray,
@@ -299,13 +286,13 @@ def _directions(
 
     bodies = np.concatenate([first, second])
     shapes: dict[int, Any] = {
-        int(b): coal_geometry(scene.bodies[b].shape) for b in np.unique(bodies)
+        int(b): coal_geometry(places.bodies[b].shape) for b in np.unique(bodies)
     }
-    keys = np.tile(sample, 2) * len(scene.bodies) + bodies
+    keys = np.tile(sample, 2) * len(places.bodies) + bodies
     once, place = np.unique(keys, return_inverse=True)
     at = [
         coal.Transform3s(places.rotation[key], places.translation[key])
-        for key in zip(*divmod(once, len(scene.bodies)), strict=True)
+        for key in zip(*divmod(once, len(places.bodies)), strict=True)
     ]
     request, result = coal.DistanceRequest(), coal.DistanceResult()
     normal, points = np.empty((len(sample), 3)), np.empty((2, len(sample), 3))
@@ -325,16 +312,14 @@ def _directions(
     return normal / np.linalg.norm(normal, axis=1, keepdims=True), points
 
 
-def _farthest(
-    scene: Scene, places: BodyPlaces, sample: IntArray, body: IntArray, n: Array
-) -> Array:
+def _farthest(places: BodyPlaces, sample: IntArray, body: IntArray, n: Array) -> Array:
     """Points of bodies farthest along directions, all in the base frame."""
     found = np.empty((len(sample), 3))
     for b in np.unique(body):
         on = np.flatnonzero(body == b)
         rotation = places.rotation[sample[on], b]
         inside = np.einsum("nij,ni->nj", rotation, n[on])
-        point = scene.bodies[b].shape.farthest(inside)
+        point = places.bodies[b].shape.farthest(inside)
         turned = np.einsum("nij,nj->ni", rotation, point)
         found[on] = turned + places.translation[sample[on], b]
     return found

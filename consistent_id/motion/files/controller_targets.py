@@ -101,10 +101,10 @@ def rsi_of(path: JointPath, rate: float, where: Path) -> str:
         If the robot has not six joints, or the rate is not 250 or 83.3 Hz.
     """
     rate = _required(path, rate, where, "rsi", "250 (4 ms) or 83.3 (12 ms)")
-    rows = np.degrees(targets_of(path, rate).position)
+    targets = np.degrees(targets_of(path, rate).position)
     head = ";".join(f"A{k}" for k in range(1, len(path.joints) + 1))
     what = "axis angles in degrees for KUKA RSI, in the signs of the robot's file"
-    return _table(path, rate, what, [head], rows, ";")
+    return "\n".join([*_comments(path, rate, what), head, *_rows(targets, ";"), ""])
 
 
 def franka_of(path: JointPath, rate: float, where: Path) -> str:
@@ -117,7 +117,8 @@ def franka_of(path: JointPath, rate: float, where: Path) -> str:
     """
     rate = _required(path, rate, where, "franka", "1000")
     what = "joint positions in rad for libfranka"
-    return _table(path, rate, what, [], targets_of(path, rate).position, ",")
+    targets = targets_of(path, rate).position
+    return "\n".join([*_comments(path, rate, what), *_rows(targets, ","), ""])
 
 
 def _required(
@@ -132,19 +133,19 @@ def _required(
     return cycle
 
 
-def _table(
-    path: JointPath, rate: float, what: str, head: list[str], rows: Matrix, comma: str
-) -> str:
-    # Adding zero turns -0.0 into 0.0.
-    lines = [
-        comma.join(f"{value:.{_DIGITS}f}" for value in row)
-        for row in np.round(rows, _DIGITS) + 0.0
-    ]
-    comments = [
+def _comments(path: JointPath, rate: float, what: str) -> list[str]:
+    return [
         f"# consistent-id: motion; {what}",
         f"# joints {', '.join(path.joints)}; one row every {1e3 / rate:g} ms",
     ]
-    return "\n".join([*comments, *head, *lines, ""])
+
+
+def _rows(targets: Matrix, comma: str) -> list[str]:
+    # Adding zero turns -0.0 into 0.0.
+    return [
+        comma.join(f"{value:.{_DIGITS}f}" for value in row)
+        for row in np.round(targets, _DIGITS) + 0.0
+    ]
 
 
 def cycle_of(format: str, rate: float) -> float | None:

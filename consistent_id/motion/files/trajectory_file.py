@@ -285,7 +285,7 @@ def thinned(path: JointPath, tolerance: float, name: str = "trajectory") -> Reco
 
     Examples
     --------
-    >>> from consistent_id.motion.polynomial_path import PolynomialPath
+    >>> from consistent_id.motion.bernstein import PolynomialPath
     >>> quintic = [[0.0], [0.0], [0.0], [1.0], [1.0], [1.0]]
     >>> thinned(PolynomialPath(("elbow",), quintic, duration=2.0), 1e-4).time.tolist()
     [0.0, 2.0]

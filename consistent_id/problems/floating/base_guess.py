@@ -267,10 +267,9 @@ class BaseSamples:
 def completed_guess(
     guess: BaseGuess,
     samples: BaseSamples,
-    robot: RobotModel,
-    stated: Statement,
-    *,
     frames: Mapping[str, BaseFrame],
+    imu: str | None,
+    *,
     ordered: bool,
 ) -> BaseGuess:
     """Return the columns with the IMU's place and the quaternion's order.
@@ -278,7 +277,9 @@ def completed_guess(
     Parameters
     ----------
     frames : mapping of str to BaseFrame
-        Sites on the base, beside the frames of `robot`.
+        See `frames_on_base`.
+    imu : str, optional
+        Frame of the inertial measurement unit; by default the one that is named so.
     ordered : bool
         Whether the order of the quaternion is known already.
 
@@ -291,7 +292,7 @@ def completed_guess(
     found, notes = guess.columns, list(guess.notes)
     unit: dict[str, Matrix] = {}
     if found.angular_velocity is not None and found.acceleration is not None:
-        rotation, place, note = _unit(robot, stated, frames)
+        rotation, place, note = _unit(frames, imu)
         unit["angular_velocity"] = samples.of(found.angular_velocity, 3) @ rotation.T
         unit["acceleration"] = samples.of(found.acceleration, 3) @ rotation.T
         _require_gravity(unit["acceleration"], found, samples.log)
@@ -322,19 +323,22 @@ def completed_guess(
     return BaseGuess(found, tuple(notes))
 
 
-def _unit(
-    robot: RobotModel, stated: Statement, frames: Mapping[str, BaseFrame]
-) -> tuple[Matrix, Vector, str]:
-    """Return the IMU's rotation and place in the base, and a note on assumptions."""
-    own = {robot.link_names[0]: BaseFrame(np.eye(3), np.zeros(3)), **frames}
+def frames_on_base(
+    robot: RobotModel, sites: Mapping[str, BaseFrame]
+) -> dict[str, BaseFrame]:
+    """Return the frames of a robot's base, with sites of its file."""
+    frames = {robot.link_names[0]: BaseFrame(np.eye(3), np.zeros(3)), **sites}
     for frame in robot.links[0].merged:
-        own[frame.name] = BaseFrame(frame.rotation, frame.translation)
-    if stated.imu is not None and stated.imu not in own:
-        near = did_you_mean(stated.imu, list(own))
-        raise RecordingError(f"--imu: no frame {stated.imu!r} on the base; {near}")
-    named = (
-        [stated.imu] if stated.imu else [name for name in own if "imu" in name.lower()]
-    )
+        frames[frame.name] = BaseFrame(frame.rotation, frame.translation)
+    return frames
+
+
+def _unit(own: Mapping[str, BaseFrame], imu: str | None) -> tuple[Matrix, Vector, str]:
+    """Return the IMU's rotation and place in the base, and a note on assumptions."""
+    if imu is not None and imu not in own:
+        near = did_you_mean(imu, list(own))
+        raise RecordingError(f"--imu: no frame {imu!r} on the base; {near}")
+    named = [imu] if imu else [name for name in own if "imu" in name.lower()]
     if not named:
         note = "the unit is at the base's origin, its axes those of the base"
         return np.eye(3), np.zeros(3), note

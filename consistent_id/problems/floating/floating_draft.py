@@ -16,6 +16,7 @@ from consistent_id.problems.floating.base_guess import (
     base_frames,
     chosen_names,
     completed_guess,
+    frames_on_base,
     mujoco_arrays,
     widths_of,
 )
@@ -35,6 +36,7 @@ from consistent_id.recordings.readers.beside_columns import BaseColumns, BesideC
 from consistent_id.recordings.readers.named_arrays import read_parts, stored_name
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
 from consistent_id.recordings.readers.units import is_time
+from consistent_id.recordings.readers.used_rows import UsedRows
 from consistent_id.recordings.recording import Recording
 from consistent_id.robot.loaders.mjcf_spec import read_spec
 from consistent_id.robot.loaders.robot_file import is_mjcf
@@ -112,14 +114,12 @@ def floating_columns(
     guess = chosen_names(found, stated, log, names)
     said = stated.quaternion is not None or _is_bag(log)
     ordered = said or guess.columns.orientation in {b.names for b in found if b.order}
-    frames = base_frames(model)
     imu = stated.imu or (arrays.imu if _from_simulation(guess, arrays) else None)
     guess = completed_guess(
         guess,
         _samples(log, guess.columns, robot, stated),
-        robot,
-        replace(stated, imu=imu),
-        frames=frames,
+        frames_on_base(robot, base_frames(model)),
+        imu,
         ordered=ordered,
     )
     contacts = _contacts(stated, names, robot, model, guess.columns)
@@ -181,7 +181,7 @@ def _samples(
         clock = next((name for name in names if is_time(name)), None)
         omit = stated.omitted_of(log)
         named = [*columns.names, *([clock] if clock else [])]
-        read = read_parts(reader_of(log), log, named, omit)
+        read = read_parts(reader_of(log), log, named, UsedRows(omit))
         samples = max(map(len, read.values()))
         kept = np.delete(
             np.arange(samples), [row - 1 for row in omit if row <= samples]

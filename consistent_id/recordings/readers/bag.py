@@ -27,16 +27,16 @@ from consistent_id.recordings.readers.columns import Columns
 from consistent_id.recordings.readers.jointstate import (
     FIELDS,
     LOG_TIME,
+    BagContent,
     JointMessage,
     joint_state_fields,
+    message_conversion,
     samples_of,
 )
-from consistent_id.recordings.readers.named_arrays import gained
 from consistent_id.recordings.readers.recording_file import reader_of
 from consistent_id.recordings.readers.topics import (
     Merged,
     TopicField,
-    TopicSignal,
     seconds,
     signals_of,
     topic_field,
@@ -77,13 +77,6 @@ _AT_ONCE = 2**14  # messages
 _LOOKED_AT, _OF_A_TOPIC = 20_000, 50
 _LATE = 10**9  # ns between messages of one stamp, at most
 _ROWS = 2**16  # rows whose times are read at a time
-
-
-class BagContent(NamedTuple):
-    """Content of a bag: joint states, and fields of other topics by name."""
-
-    states: list[JointMessage]
-    signals: dict[str, TopicSignal]
 
 
 class StateTopic(NamedTuple):
@@ -209,18 +202,11 @@ class SpooledStates:
 
     def windows(self, rows: Iterable[tuple[int, int]]) -> Iterator[Recording]:
         """Yield the recording of each range of rows, ``first <= row < last``."""
-        units = self.columns.units.items()
+        in_si = message_conversion(self.columns, self.joints, self.torque_gain)
         for first, last in rows:
             time, *values = np.split(self._rows(first, last), self._starts, axis=1)
-            yield gained(
-                self.joints,
-                time[:, 0],
-                dict(zip(self.channels, values, strict=True)),
-                torque_gain=self.torque_gain,
-                name=self.path.name,
-                without_torque=self.columns.without_torque(self.joints),
-                units={channel: unit for channel, unit in units if channel != "time"},
-            )
+            channels = dict(zip(self.channels, values, strict=True))
+            yield in_si.recording(self.joints, time[:, 0], channels, self.path.name)
 
     @property
     def _starts(self) -> range:
@@ -244,14 +230,13 @@ def spooled_states(
     columns: Columns,
     file: Path,
     *,
-    torque_gain: ArrayLike = 1.0,
     topic: str | None = None,
 ) -> SpooledStates:
     """Decode the joint states of a bag into a file.
 
     Parameters
     ----------
-    path, joints, columns, torque_gain, topic
+    path, joints, columns, topic
         See `read_recording`.
     file : Path
         To write.
@@ -274,7 +259,7 @@ def spooled_states(
             np.column_stack([time, *values]).astype("<f8").tofile(written)
     if start is None:
         raise RecordingError(f"{where}: no joint state has all joints")
-    return SpooledStates(path, file, tuple(joints), tuple(fields), columns, torque_gain)
+    return SpooledStates(path, file, tuple(joints), tuple(fields), columns)
 
 
 @contextmanager

@@ -12,10 +12,9 @@ import csv
 import io
 import re
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from importlib.util import find_spec
 from math import nan
 from pathlib import Path
@@ -25,29 +24,28 @@ import numpy as np
 from consistent_id._support.arrays import Matrix
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import require
-from consistent_id.recordings.readers.named_arrays import (
-    MISSING_ADVICE,
-    OMIT_MISSING,
-    Arrays,
-    Missing,
-    omit_advice,
-)
+from consistent_id.recordings.readers.named_arrays import Arrays
 from consistent_id.recordings.readers.parquet import numbers_of
 from consistent_id.recordings.readers.printed_messages import (
     as_table,
     is_printed,
     named_columns,
 )
+from consistent_id.recordings.readers.text_numbers import (
+    decimal_mark,
+    is_number,
+    number,
+)
+from consistent_id.recordings.readers.used_rows import (
+    MISSING_ADVICE,
+    OMIT_MISSING,
+    Missing,
+    UsedRows,
+    omit_advice,
+)
 
 _SEPARATORS = (",", ";", "\t")
 _SPACE = " "  # separates where no other mark does: names may contain spaces
-_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
-_SECONDS_OF = {"sec": 1.0, "s": 1.0, "ms": 1e-3, "min": 60.0, "hr": 3600.0}
-_DURATION = re.compile(
-    rf"(?P<number>[-+]?\d+\.?\d*(?:e[-+]?\d+)?) ?(?P<unit>{'|'.join(_SECONDS_OF)})"
-    r"|(?:(?P<days>\d+) days? \+?)?(?:(?P<hours>\d+):)?(?P<minutes>\d\d?):"
-    r"(?P<seconds>\d\d?(?:\.\d+)?)"
-)
 _PIECE = 2**22  # characters of text that are read at a time
 _UTF_16, _WINDOWS = "utf-16", "cp1252"
 _WITHOUT_NAMES = "column"
@@ -111,7 +109,8 @@ def read_arrays(
     with _readable(path):
         text = _text(path)
         header = _header(path, text, names)
-        values = _values(path, text[header.end :], header, names, omit, missing)
+        rows = UsedRows(omit, missing=missing)
+        values = _values(path, text[header.end :], header, names, rows)
     return dict(zip(names, values.T, strict=True))
 
 
@@ -136,7 +135,7 @@ def read_batches(
             if not text.strip():
                 rows = 0
             elif rows > first or _has_other_lines(text):
-                values = _values(path, text, header, names, omit)
+                values = _values(path, text, header, names, UsedRows(omit))
                 rows = len(values)
                 if first < rows:
                     yield dict(zip(names, values[first:].T, strict=True))
@@ -299,7 +298,7 @@ def _headers(text: str) -> tuple[list[_CsvHeader], list[_CsvHeader]]:
 def _named(header: _CsvHeader, start: int) -> _CsvHeader:
     """Return a first line of numbers as a row; as a header if it counts the columns."""
     given = header.names
-    if len(given) < 2 or not all(map(_is_number, given)):
+    if len(given) < 2 or not all(map(is_number, given)):
         return header
     counts = ([str(first + k) for k in range(len(given))] for first in (0, 1))
     names = tuple(f"{_WITHOUT_NAMES}{k}" for k in range(1, len(given) + 1))
@@ -346,8 +345,7 @@ def _values(
     body: str,
     header: _CsvHeader,
     names: Sequence[str],
-    omit: Collection[int],
-    missing: Missing = "refuse",
+    used: UsedRows,
 ) -> Matrix:
     """Return the named columns of the rows below a header, shape (rows, names)."""
     if header.repeated and body.count(header.repeated) < len(body.split("\n")) - 1:
@@ -360,9 +358,9 @@ def _values(
     if header.separator == _SPACE:
         lines = body.replace("\r\n", "\n").replace("\r", "\n").split("\n")
         body = "\n".join(" ".join(line.split()) for line in lines)
-    values = _fast(body, header, places, missing)
+    values = _fast(body, header, places, used.missing)
     if values is None:
-        return _exact(path, body, header, places, omit, missing)
+        return _exact(path, body, header, places, used)
     return values
 
 
@@ -411,8 +409,7 @@ def _exact(
     body: str,
     header: _CsvHeader,
     places: Sequence[int],
-    omit: Collection[int] = (),
-    missing: Missing = "refuse",
+    used: UsedRows,
 ) -> Matrix:
     """Return the columns as the csv module reads them, NaN in rows to omit."""
     reader = csv.reader(
@@ -421,19 +418,20 @@ def _exact(
         skipinitialspace=True,
     )
     mark = "." if header.separator == "," else None
+    lenient = used.missing == "omit"
     rows: list[list[float | None]] = []
     first, broken, lacking = "", list[int](), True
     for fields in filter(None, reader):
-        number, row = header.rows + len(rows) + 1, list[float | None]()
-        if number in omit:
+        place, row = header.rows + len(rows) + 1, list[float | None]()
+        if place in used.omit:
             rows.append([nan] * len(places))
             continue
         fault, cells = _miscounted(fields, header), list[str]()
         if not fault:
             cells = [fields[k] for k in places]
-            mark = mark or _decimal_mark(cells)
+            mark = mark or decimal_mark(cells)
             row = [
-                nan if missing == "omit" and cell in _NOTHING else _number(cell, mark)
+                nan if lenient and cell in _NOTHING else number(cell, mark)
                 for cell in cells
             ]
             if None in row:
@@ -441,9 +439,9 @@ def _exact(
                 fault = f", column {column!r}" + _fault(cells, row, mark, not rows)
         if fault:
             line = header.line + reader.line_num
-            first = first or f"{path}, row {number} (line {line}){fault}"
+            first = first or f"{path}, row {place} (line {line}){fault}"
             lacking = lacking and "" in cells
-            broken.append(number)
+            broken.append(place)
         rows.append(row)
     if broken:
         raise RecordingError(
@@ -467,71 +465,6 @@ def _miscounted(fields: Sequence[str], header: _CsvHeader) -> str:
             "semicolons or tabs"
         )
     return fault
-
-
-def _is_number(cell: str) -> bool:
-    return _number(cell, ".") is not None or _number(cell, ",") is not None
-
-
-def _decimal_mark(cells: Iterable[str]) -> str | None:
-    """Return the mark of the first number that has one."""
-    for cell in cells:
-        if _DATE.match(cell):
-            continue
-        if _number(cell, None) is None and _number(cell, ",") is not None:
-            return ","
-        if "." in cell:
-            return "."
-    return None
-
-
-def _number(cell: str, mark: str | None) -> float | None:
-    """Return the number in a cell, None if it is not one with this decimal mark."""
-    if "_" in cell or not cell.isascii():  # Python's float() would accept them
-        return None
-    if mark == "," and not _DATE.match(cell):
-        if "." in cell:
-            return None
-        cell = cell.replace(",", ".")
-    try:
-        return float(cell)
-    except ValueError:
-        return _seconds_of_date(cell) if cell[:4].isdigit() else _duration(cell)
-
-
-def _duration(cell: str) -> float | None:
-    """Return the seconds of a duration, as MATLAB's timetables and pandas write them.
-
-    Examples
-    --------
-    >>> _duration("0.25 sec"), _duration("01:00:02.5"), _duration("0 days 00:00:01")
-    (0.25, 3602.5, 1.0)
-    """
-    found = _DURATION.fullmatch(cell)
-    if found is None:
-        return None
-    if found["number"] is not None:
-        return float(found["number"]) * _SECONDS_OF[found["unit"]]
-    days, hours = (float(found[part] or 0.0) for part in ("days", "hours"))
-    minutes, seconds = float(found["minutes"]), float(found["seconds"])
-    return 86400.0 * days + 3600.0 * hours + 60.0 * minutes + seconds
-
-
-def _seconds_of_date(cell: str) -> float | None:
-    """Return the seconds from 1970 to a date and time of ISO 8601, in UTC if no zone.
-
-    Examples
-    --------
-    >>> _seconds_of_date("1970-01-02T00:00:00.25"), _seconds_of_date("1970-01-02")
-    (86400.25, None)
-    """
-    if _DATE.match(cell) is None:
-        return None
-    try:
-        date = datetime.fromisoformat(cell)
-    except ValueError:
-        return None
-    return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
 
 
 def _fault(

@@ -9,13 +9,13 @@ from numpy.typing import ArrayLike, NDArray
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import Columns, require, wanted
 from consistent_id.recordings.readers.named_arrays import (
-    Duplicates,
-    Missing,
+    LogName,
     parts_of,
     recording_of,
     stored_names,
 )
 from consistent_id.recordings.readers.units import is_time
+from consistent_id.recordings.readers.used_rows import Duplicates, Missing, UsedRows
 from consistent_id.recordings.recording import Recording
 
 
@@ -74,12 +74,9 @@ def recording_from(
     return recording_of(
         parts_of(arrays, want.names, name),
         want,
-        where=name,
-        name=name,
+        LogName(name, where=name),
         torque_gain=torque_gain,
-        omit=omit,
-        duplicates=duplicates,
-        missing=missing,
+        rows=UsedRows(omit, duplicates, missing),
     )
 
 

@@ -12,7 +12,7 @@ from consistent_id._support.arrays import Matrix
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_names import mapping_advice, mapping_option
 from consistent_id.recordings.readers.columns import CHANNELS, Columns, at_least_one
-from consistent_id.recordings.readers.named_arrays import gained
+from consistent_id.recordings.readers.named_arrays import Conversion, LogName
 from consistent_id.recordings.readers.topics import (
     JointClock,
     Layout,
@@ -69,15 +69,19 @@ def joint_state_fields(
     return fields
 
 
+class BagContent(NamedTuple):
+    """Content of a bag: joint states, and fields of other topics by name."""
+
+    states: list[JointMessage]
+    signals: dict[str, TopicSignal]
+
+
 def recording_of_messages(
-    messages: Sequence[JointMessage],
+    content: BagContent,
     joints: Sequence[str],
     columns: Columns,
-    *,
-    where: str,
-    name: str,
+    log: LogName,
     torque_gain: ArrayLike,
-    signals: Mapping[str, TopicSignal] | None = None,
 ) -> Recording:
     """Return the recording of messages, matched by the names of joints.
 
@@ -91,6 +95,7 @@ def recording_of_messages(
         If a joint is missing, a value of it is missing or not finite, its clock runs
         backwards, or the joints hardly ever share a stamp.
     """
+    (name, where), messages = log, content.states
     fields = joint_state_fields(columns, joints, where)
     stamps_are_zero = bool(messages) and not any(m.stamp for m in messages)
     if columns.time == STAMP and stamps_are_zero:
@@ -103,19 +108,21 @@ def recording_of_messages(
     stamps, values = samples_of(messages, in_log, tuple(fields.values()), where)
     time = (stamps - stamps[0]) / 1e9
     channels = dict(zip(fields, values, strict=True))
-    recording = gained(
-        tuple(joints),
-        time,
-        channels,
-        torque_gain=torque_gain,
-        name=name,
-        without_torque=columns.without_torque(joints),
-        units={channel: u for channel, u in columns.units.items() if channel != "time"},
+    recording = message_conversion(columns, joints, torque_gain).recording(
+        tuple(joints), time, channels, name
     )
     if not columns.beside:
         return recording
     clock = JointClock(int(stamps[0]), by_log_time)
-    return with_topics(recording, clock, signals or {}, columns.beside, where)
+    return with_topics(recording, clock, content.signals, columns.beside, where)
+
+
+def message_conversion(
+    columns: Columns, joints: Sequence[str], torque_gain: ArrayLike
+) -> Conversion:
+    """Return the conversion of messages, whose times are in seconds already."""
+    units = {channel: u for channel, u in columns.units.items() if channel != "time"}
+    return Conversion(units, torque_gain, columns.without_torque(joints))
 
 
 def samples_of(

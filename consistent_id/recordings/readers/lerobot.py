@@ -16,7 +16,8 @@ from consistent_id.errors import RecordingError
 from consistent_id.recordings.log_formats import files_of
 from consistent_id.recordings.readers import parquet
 from consistent_id.recordings.readers.columns import require
-from consistent_id.recordings.readers.named_arrays import BREAK, Arrays
+from consistent_id.recordings.readers.named_arrays import Arrays
+from consistent_id.recordings.readers.used_rows import BREAK
 
 INFO = Path("meta", "info.json")
 _EPISODE, _CLOCK = parquet.EPISODE, "timestamp"

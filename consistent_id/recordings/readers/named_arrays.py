@@ -5,19 +5,16 @@ A name may select some columns of an array, counted from 0: ``qpos[7:19]``.
 
 import logging
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from consistent_id._support.arrays import (
     Array,
-    BoolArray,
-    IntArray,
     Matrix,
     Vector,
     frozen,
@@ -34,46 +31,96 @@ from consistent_id.recordings.readers.units import (
     needs_gain,
     rate_of,
 )
-from consistent_id.recordings.recording import LATEST, Recording, SampleError
+from consistent_id.recordings.readers.used_rows import (
+    MISSING_ADVICE,
+    OMIT_MISSING,
+    UsedRows,
+    broken_samples,
+    complete,
+    distinct,
+    kept,
+    of_one_clock,
+    omit_advice,
+)
+from consistent_id.recordings.recording import Recording, SampleError
 
 _log = logging.getLogger(__name__)
 
 Arrays = Mapping[str, NDArray[Any]]
 
-Duplicates = Literal["refuse", "first", "last"]
-"""The row that is used if several have one time stamp."""
-
-Missing = Literal["refuse", "omit"]
-"""Whether rows with empty or NaN values are left out."""
-
-OMIT_MISSING = "--missing omit"
-
-MISSING_ADVICE = f". Rows with missing values are left out by {OMIT_MISSING}"
-
-_MOST = 20  # rows to leave out that are listed; more are no single broken ones
-_GAP = 10.0  # usual steps without a sample
-_SHORTEST = 4  # rows between two gaps of the clock, of which fewer are broken ones
-
-_LEAST_OF_A_RECORDING = 100
-"""Rows of a part of a file that is a recording of its own."""
-
-BREAK = 3.0
-"""Time between recordings that one file contains one after another [s]."""
 
 _PART = re.compile(r"(?P<name>.+)\[(?P<first>\d*):(?P<end>\d*)\]")
+
+
+class LogName(NamedTuple):
+    """The name of a log.
+
+    Parameters
+    ----------
+    name : str
+        Name of the recording.
+    where : str
+        The log's name in messages: a path, or the same.
+    """
+
+    name: str
+    where: str
+
+    @staticmethod
+    def of(path: Path) -> "LogName":
+        """Return the name of a file's recording."""
+        return LogName(path.name, str(path))
+
+
+class Conversion(NamedTuple):
+    """The conversion of a log's numbers to SI units.
+
+    Parameters
+    ----------
+    units : mapping of str to str
+        By channel.
+    torque_gain : array_like, shape () or (joints,)
+        Factor from the torque channel to torque.
+    without_torque : sequence of int
+        Places of the joints whose torque the log does not have; it becomes zero.
+    """
+
+    units: Units
+    torque_gain: ArrayLike = 1.0
+    without_torque: Sequence[int] = ()
+
+    def recording(
+        self,
+        joints: tuple[str, ...],
+        time: Vector,
+        channels: dict[str, Matrix],
+        name: str,
+    ) -> Recording:
+        """Return the recording of a log's channels."""
+        units, torque_gain = self.units, self.torque_gain
+        if np.ndim(torque_gain) == 0 and torque_gain == 1.0:
+            require_gain(units, name)
+        time = time * factors(units, "time", joints[:1])
+        channels = {
+            channel: _times(values, factors(units, channel, joints))
+            for channel, values in channels.items()
+        }
+        if "torque" in channels:
+            shape = (len(joints),) if np.ndim(torque_gain) else ()
+            gain = frozen(torque_gain, shape, "torque_gain", RecordingError)
+            torque = channels["torque"] * gain
+            torque[:, list(self.without_torque)] = 0.0
+            channels = channels | {"torque": torque}
+        return Recording(joints, time, name=name, **cast(dict[str, Any], channels))
 
 
 def recording_of(
     arrays: Arrays,
     want: WantedChannels,
+    log: LogName,
     *,
-    where: str,
-    name: str,
     torque_gain: ArrayLike,
-    omit: Sequence[int] = (),
-    duplicates: Duplicates = "refuse",
-    missing: Missing = "refuse",
-    numbers: IntArray | None = None,
+    rows: UsedRows,
 ) -> Recording:
     """Return the recording of the wanted arrays.
 
@@ -82,17 +129,9 @@ def recording_of(
     arrays : mapping of str to ndarray
         Columns of shape (samples,), (samples, 1) or (1, samples); two-dimensional
         arrays of shape (samples, width) or its transpose, by the length of time.
-    where, name : str
-        Names of the file, for messages, and of the recording.
+    log : LogName
     torque_gain : array_like, shape () or (joints,)
-    omit : sequence of int
-        Rows to leave out, counted from 1.
-    duplicates : {"refuse", "first", "last"}
-        The row that is used if several successive ones have one time stamp.
-    missing : {"refuse", "omit"}
-        Whether rows in which a value is NaN are left out.
-    numbers : ndarray of int, shape (samples,), optional
-        Numbers of the samples' rows in the file, by default from 1 on.
+    rows : UsedRows
 
     Raises
     ------
@@ -100,6 +139,7 @@ def recording_of(
         If there is no such row, an array does not contain numbers, or shapes do not
         fit.
     """
+    where = log.where
     time = vector_of(arrays, want.time, where)
     channels: dict[str, Matrix] = {}
     for channel, array in want.arrays.items():
@@ -114,163 +154,32 @@ def recording_of(
                     f"{want.time!r} has {len(time)}"
                 )
         channels[channel] = np.column_stack(columns)
-    keep = _kept(len(time), omit, where)
-    if missing == "omit":
-        keep &= _complete(time, [*channels.values()], where)
-    keep[keep] = _distinct(time[keep], duplicates)
+    keep = kept(len(time), rows.omit, where)
+    if rows.missing == "omit":
+        keep &= complete(time, [*channels.values()], where)
+    keep[keep] = distinct(time[keep], rows.duplicates)
     second = 1.0 / float(factors(want.units, "time", want.joints[:1])[0])
-    time = _of_one_clock(time, keep, second, where)
+    time = of_one_clock(time, keep, second, where)
     beside = {n: _by_sample(arrays[n], len(time))[keep] for n in want.beside.names}
     if not keep.all():
         channels = {name: values[keep] for name, values in channels.items()}
     try:
-        recording = gained(
-            want.joints,
-            time[keep],
-            channels,
-            torque_gain=torque_gain,
-            name=name,
-            without_torque=want.without_torque,
-            units=want.units,
-        )
+        in_si = Conversion(want.units, torque_gain, want.without_torque)
+        recording = in_si.recording(want.joints, time[keep], channels, log.name)
         if want.beside:
             recording = with_beside(recording, beside, want.beside, where)
     except SampleError as cause:
         seconds = time[keep] * factors(want.units, "time", want.joints[:1])
         broken = broken_samples(seconds, [*channels.values(), *beside.values()])
-        rows = np.arange(1, len(time) + 1) if numbers is None else numbers
-        advice = omit_advice(rows[keep][broken].tolist(), len(seconds))
+        numbers = rows.numbers
+        numbers = np.arange(1, len(time) + 1) if numbers is None else numbers
+        advice = omit_advice(numbers[keep][broken].tolist(), len(seconds))
         options = cause.options
         if any(np.isnan(values).any() for values in channels.values()):
             advice = f"{advice}{MISSING_ADVICE}"
             options = f"{options} {OMIT_MISSING}".strip()
         raise RecordingError(f"{cause}{advice}", options=options) from None
     return recording
-
-
-def _of_one_clock(time: Vector, keep: BoolArray, second: float, where: str) -> Vector:
-    """Return the time of recordings that one file contains one after another.
-
-    Where the clock goes back, a recording ends, if all are long and nowhere else the
-    clock stands or goes back; the next one follows after a break.  Otherwise, or if a
-    few wild stamps make it go back, the clock is returned as it is, and refused later.
-
-    Parameters
-    ----------
-    time : ndarray, shape (rows,)
-    keep : ndarray of bool, shape (rows,)
-        Rows in use.
-    second : float
-        In the unit of `time`.
-    """
-    rows = np.flatnonzero(keep & (abs(time) <= LATEST))
-    steps = np.diff(time[rows])
-    ends = np.flatnonzero(steps <= 0.0)
-    if not len(ends) or (steps[ends] == 0.0).any():
-        return time
-    lengths = np.diff(np.concatenate([[-1], ends, [len(rows) - 1]]))
-    if lengths.min() < _LEAST_OF_A_RECORDING or len(broken_samples(time[rows], ())):
-        return time
-    late = np.zeros(len(time))
-    late[rows[ends + 1]] = BREAK * second - steps[ends]
-    shown = ", ".join(str(row + 1) for row in rows[ends[:_MOST] + 1].tolist())
-    _log.warning(
-        "%s: the clock goes back at row %s; the parts are read as recordings one after "
-        "another, %g s apart",
-        where,
-        shown,
-        BREAK,
-    )
-    return np.asarray(time + np.cumsum(late))
-
-
-def broken_samples(time: Vector, arrays: Iterable[Array]) -> IntArray:
-    """Return samples without which the clock increases and all values are finite.
-
-    Few samples between two gaps of the clock, or between a gap and an end, are among
-    them, unless the gap is one of other samples that are left out.  Empty if long parts
-    of a log contradict each other: leaving out samples does not mend that.
-
-    Examples
-    --------
-    >>> time = np.array([0.0, 2.7e154, 50.0, 50.1, 50.2, 50.3, 50.4])
-    >>> broken_samples(time, [])
-    array([0, 1])
-    """
-    good = np.isfinite(time) & (abs(time) <= LATEST)
-    for values in arrays:
-        good &= np.isfinite(values).reshape(len(time), -1).all(axis=1)
-    places = np.flatnonzero(good)
-    steps = np.diff(time[places])
-    if not (steps > 0.0).any():
-        return np.empty(0, dtype=int)
-    longest = _GAP * float(np.median(steps[steps > 0.0]))
-    short = np.split(places, np.flatnonzero((steps <= 0.0) | (steps > longest)) + 1)
-    doubtful = np.concatenate([p for p in short if len(p) < _SHORTEST] or [places[:0]])
-    good[doubtful] = False
-
-    def fits(sample: int) -> bool:
-        before, after = np.flatnonzero(good[:sample]), np.flatnonzero(good[sample:])
-        near = [time[before[-1]]] if len(before) else []
-        near += [time[sample]]
-        near += [time[sample + after[0]]] if len(after) else []
-        return all(0.0 < b - a <= longest for a, b in pairwise(near))
-
-    if len(doubtful) <= _MOST:
-        for sample in [*doubtful.tolist()[::-1], *doubtful.tolist()]:
-            good[sample] = good[sample] or fits(sample)
-    if not good.any() or (np.diff(time[good]) <= 0.0).any():
-        return np.empty(0, dtype=int)
-    return np.flatnonzero(~good)
-
-
-def omit_advice(rows: Sequence[int], of: int) -> str:
-    """Return the sentence that names broken rows to leave out, counted from 1.
-
-    Empty if they are many, or most of the `of` rows.
-    """
-    if not rows or len(rows) > _MOST or 2 * len(rows) > of:
-        return ""
-    which = "that row is" if len(rows) == 1 else "those rows are"
-    them = "it" if len(rows) == 1 else "them"
-    given = ",".join(map(str, rows))
-    return (
-        f". If only {which} broken, leave {them} out: --omit {given} (omit = "
-        f"{list(rows)} of read_recording and [[data.recordings]])"
-    )
-
-
-def _distinct(time: Vector, duplicates: Duplicates) -> BoolArray:
-    """Return the rows to use if several have one stamp; all, to refuse them later."""
-    repeated = np.zeros(len(time), dtype=bool)
-    if duplicates == "first":
-        repeated[1:] = time[1:] == time[:-1]
-    elif duplicates == "last":
-        repeated[:-1] = time[1:] == time[:-1]
-    return ~repeated
-
-
-def _complete(time: Vector, channels: Sequence[Matrix], where: str) -> BoolArray:
-    """Return the rows in which no value is missing.
-
-    Raises
-    ------
-    RecordingError
-        If there are none.
-    """
-    complete = ~np.isnan(time)
-    for values in channels:
-        complete &= ~np.isnan(values).any(axis=1)
-    if not complete.any():
-        counts = ", ".join(
-            str(int((~np.isnan(values)).all(axis=1).sum())) for values in channels
-        )
-        raise RecordingError(
-            f"{where}: no row of {len(time)} has all values: the channels have "
-            f"{counts} complete rows, but not the same ones. They were written at "
-            "other times: export them resampled to one clock"
-        )
-    return np.asarray(complete)
 
 
 def _by_sample(values: NDArray[Any], samples: int) -> NDArray[Any]:
@@ -293,36 +202,6 @@ def with_beside(
     )
 
 
-def gained(
-    joints: tuple[str, ...],
-    time: Vector,
-    channels: dict[str, Matrix],
-    *,
-    torque_gain: ArrayLike,
-    name: str,
-    without_torque: Sequence[int] = (),
-    units: Units,
-) -> Recording:
-    """Return a recording in SI units, its torque multiplied by a gain, joint by joint.
-
-    Torque of joints at the indices `without_torque` becomes zero.
-    """
-    if np.ndim(torque_gain) == 0 and torque_gain == 1.0:
-        require_gain(units, name)
-    time = time * factors(units, "time", joints[:1])
-    channels = {
-        channel: _times(values, factors(units, channel, joints))
-        for channel, values in channels.items()
-    }
-    if "torque" in channels:
-        shape = (len(joints),) if np.ndim(torque_gain) else ()
-        gain = frozen(torque_gain, shape, "torque_gain", RecordingError)
-        torque = channels["torque"] * gain
-        torque[:, list(without_torque)] = 0.0
-        channels = channels | {"torque": torque}
-    return Recording(joints, time, name=name, **cast(dict[str, Any], channels))
-
-
 def require_gain(units: Units, where: str) -> None:
     """Refuse a torque in a unit that only a gain converts.
 
@@ -342,17 +221,6 @@ def require_gain(units: Units, where: str) -> None:
 def _times(values: Matrix, factor: Vector) -> Matrix:
     """Return values times a factor for each joint; no copy where all are 1."""
     return values if (factor == 1.0).all() else values * factor
-
-
-def _kept(rows: int, omit: Sequence[int], where: str) -> BoolArray:
-    keep = np.ones(rows, dtype=np.bool_)
-    for row in omit:
-        if not 1 <= row <= rows:
-            raise RecordingError(
-                f"{where}: omit names row {row}, but there are {rows}, counted from 1"
-            )
-        keep[row - 1] = False
-    return keep
 
 
 def _numbers(arrays: Arrays, name: str, where: str) -> Array:
@@ -417,11 +285,7 @@ def stored_name(name: str) -> str:
 
 
 def read_parts(
-    reader: Any,
-    path: Path,
-    names: Sequence[str],
-    omit: Collection[int] = (),
-    missing: Missing = "refuse",
+    reader: Any, path: Path, names: Sequence[str], rows: UsedRows
 ) -> dict[str, NDArray[Any]]:
     """Return named arrays, and parts of arrays, by the requested names.
 
@@ -429,18 +293,15 @@ def read_parts(
     ----------
     reader : module
         Reader of a format, see `LogFormat`.
-    omit : collection of int
-        Rows that are left out afterwards, counted from 1; of text they may hold
-        anything.
-    missing : {"refuse", "omit"}
-        Whether empty fields of text are NaN.
+    rows : UsedRows
+        Rows that are used afterwards; of text, others may hold anything.
 
     Raises
     ------
     RecordingError
         If there is no such array, or it has no such columns.
     """
-    given = (omit, missing) if log_format(path).is_text else ()
+    given = (rows.omit, rows.missing) if log_format(path).is_text else ()
     arrays = reader.read_arrays(path, stored_names(names), *given)
     return parts_of(arrays, names, path)
 

@@ -9,7 +9,8 @@ import numpy as np
 from consistent_id._support.files import require_unpacked
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import require
-from consistent_id.recordings.readers.named_arrays import BREAK, Arrays
+from consistent_id.recordings.readers.named_arrays import Arrays
+from consistent_id.recordings.readers.used_rows import BREAK
 
 _BUFFER = 2**20  # bytes of a column that are read at a time
 _ROWS = 2**15  # of a batch

@@ -35,8 +35,7 @@ from consistent_id.recordings.readers.jointstate import (
 )
 from consistent_id.recordings.readers.named_arrays import (
     Arrays,
-    Duplicates,
-    Missing,
+    LogName,
     parts_of,
     read_parts,
     recording_of,
@@ -51,6 +50,7 @@ from consistent_id.recordings.readers.units import (
     is_other_unit,
     standard_unit,
 )
+from consistent_id.recordings.readers.used_rows import Duplicates, Missing, UsedRows
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.tracks import Channel, Track, track
 
@@ -130,13 +130,7 @@ def read_recording(
             path, topic, columns.beside.names, columns.in_log(joints)
         )
         return recording_of_messages(
-            content.states,
-            joints,
-            columns,
-            where=str(path),
-            name=path.name,
-            torque_gain=torque_gain,
-            signals=content.signals,
+            content, joints, columns, LogName.of(path), torque_gain
         )
     if topic is not None:
         raise RecordingError(
@@ -146,15 +140,13 @@ def read_recording(
     reader = reader_of(path)
     if log_format(path).in_pieces(path):
         _require_room(path)
+    rows = UsedRows(omit, duplicates, missing)
     return recording_of(
-        read_parts(reader, path, want.names, omit, missing),
+        read_parts(reader, path, want.names, rows),
         want,
-        where=str(path),
-        name=path.name,
+        LogName.of(path),
         torque_gain=torque_gain,
-        omit=omit,
-        duplicates=duplicates,
-        missing=missing,
+        rows=rows,
     )
 
 
@@ -288,10 +280,9 @@ class LogRows:
             yield recording_of(
                 arrays,
                 want,
-                where=str(self.path),
-                name=self.path.name,
+                LogName.of(self.path),
                 torque_gain=self.torque_gain,
-                numbers=self._numbers(first, last),
+                rows=UsedRows(numbers=self._numbers(first, last)),
             )
 
     def _numbers(self, first: int, last: int) -> IntArray:

@@ -41,8 +41,9 @@ from consistent_id.regression.row_structure import (
 )
 from consistent_id.regression.rows.contact_maps import (
     CHUNK,
+    ContactMixing,
     RowMap,
-    contact_maps,
+    row_numbers,
     unmeasured_contacts,
 )
 
@@ -87,14 +88,17 @@ def contact_free_regression(
     levels = _levels(sigma, rows)
     kept, expand = row_structure(whole, mixed=True)[0]
     pieces = [
-        (recording.contacts, motion.samples(part.start, part.stop), part.start)
+        (
+            tuple(flags.samples(part) for flags in recording.contacts),
+            motion.samples(part.start, part.stop),
+        )
         for recording in several(recordings)
         for bare in [replace(_at_samples(recording), contacts=())]
         for motion in [motion_of(whole, bare, None)]
         for part in chunks(len(motion.q), CHUNK)
     ]
 
-    def compressed(piece: tuple[Sequence[ContactFlags], Motion, int]) -> MappedRows:
+    def compressed(piece: tuple[tuple[ContactFlags, ...], Motion]) -> MappedRows:
         return _compress(whole, kept, *piece, levels)
 
     R: Matrix = np.zeros((0, len(kept) + 1))
@@ -163,14 +167,12 @@ class MappedRows(NamedTuple):
 def _compress(
     whole: TorqueModel,
     kept: IntArray,
-    contacts: Sequence[ContactFlags],
+    contacts: tuple[ContactFlags, ...],
     motion: Motion,
-    start: int,
     levels: Vector,
 ) -> MappedRows:
     """Return the triangular factor of the kept columns, free of contact forces."""
     n = len(motion.q)
-    flags = [contact.samples(slice(start, start + n)) for contact in contacts]
     state = motion.q, motion.dq, motion.ddq
     ((_, Y),) = whole.chunks(*state, size=n, base=motion.base)
     rows = np.empty((n, Y.shape[0], len(kept) + 1))
@@ -180,8 +182,9 @@ def _compress(
     unknown = None if motion.weights is None else motion.weights == 0.0
     if unknown is not None:
         rows[unknown] = 0.0
-    maps = contact_maps(whole.robot, motion.q, flags, levels, turned, unknown=unknown)
-    return mapped_rows(rows, maps, unknown)
+    every = row_numbers(whole.robot)
+    mixing = ContactMixing(whole.robot, every, motion.q, contacts, turned, unknown)
+    return mapped_rows(rows, mixing.row_maps(levels), unknown)
 
 
 def mapped_rows(
@@ -270,10 +273,10 @@ def contact_free_base(
         for i, c in enumerate(contacts)
     ]
     there = np.array(list(map(row_names(whole.robot).index, whole.torque_joints)))
-    levels = np.ones(len(there))
+    mixing = ContactMixing(whole.robot, there, q, tuple(flags), turned)
     rows = [
         (found.maps @ Y[found.samples]).reshape(-1, Y.shape[2])
-        for found in contact_maps(whole.robot, q, flags, levels, turned, rows=there)
+        for found in mixing.row_maps(np.ones(len(there)))
     ]
     split, _ = split_at_gap(np.vstack(rows), model.layout.kinds)
     return BaseParameters(model.layout, *split, fingerprint=model.fingerprint)
@@ -317,6 +320,7 @@ def masked_factors(
     forces = np.stack(tau, axis=2)
     used = np.flatnonzero((abs(combinations) > _NONE).any(axis=1))
     levels = np.ones(len(whole.torque_joints))
+    every = row_numbers(whole.robot)
 
     def compressed(span: slice) -> list[MappedRows]:
         parts = [motion.samples(span.start, span.stop) for motion in motions]
@@ -324,12 +328,11 @@ def masked_factors(
         turned = None if parts[0].base is None else parts[0].base.rotation
         found = []
         for log, part in zip(recordings, parts, strict=True):
-            flags = [contact.samples(span) for contact in log.contacts]
+            flags = tuple(contact.samples(span) for contact in log.contacts)
             unknown = None if part.weights is None else part.weights == 0.0
             known = rows if unknown is None else _without(rows, unknown)
-            where = whole.robot, part.q, flags, levels, turned
-            maps = contact_maps(*where, unknown=unknown)
-            found.append(mapped_rows(known, maps, unknown))
+            mixing = ContactMixing(whole.robot, every, part.q, flags, turned, unknown)
+            found.append(mapped_rows(known, mixing.row_maps(levels), unknown))
         return found
 
     with worker_threads(WORKERS) as pool:

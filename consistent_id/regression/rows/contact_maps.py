@@ -70,54 +70,9 @@ class RowMap(NamedTuple):
     maps: Array
 
 
-def contact_maps(
-    robot: RobotModel,
-    q: Matrix,
-    contacts: Sequence[ContactFlags],
-    sigma: Vector,
-    rotation: Array | None = None,
-    *,
-    rows: IntArray | None = None,
-    unknown: BoolArray | None = None,
-) -> Iterator[RowMap]:
-    """Yield row maps of samples, those with the same contacts together.
-
-    Samples where a contact is not certain have none.
-
-    Parameters
-    ----------
-    robot : RobotModel
-        Robot with a floating base.
-    q : ndarray, shape (samples, joints), [rad or m]
-    sigma : ndarray, shape (rows,)
-        Noise level of each row.
-    rotation : ndarray, shape (samples, 3, 3), optional
-        Rotation of the base in the world, for contacts with a radius.
-    rows : ndarray of int, shape (rows,), optional
-        The rows, among `row_names`; by default all.
-    unknown : ndarray of bool, shape (samples, rows), optional
-        Rows of which contacts take nothing; their own part of a map means nothing.
-    """
-    there = np.arange(6 + len(robot)) if rows is None else rows
-    down = _down(robot, contacts, rotation)
-    certain = np.ones(len(q), dtype=bool)
-    for flags in contacts:
-        certain &= flags.certain
-    closed = np.array([flags.closed for flags in contacts]).reshape(-1, len(q)).T
-    patterns, which = np.unique(closed, axis=0, return_inverse=True)
-    for number, pattern in enumerate(patterns):
-        samples = np.flatnonzero(certain & (which.ravel() == number))
-        if not len(samples):
-            continue
-        pairs = zip(contacts, pattern, strict=True)
-        touching = [flags for flags, touches in pairs if touches]
-        below = None if down is None else down[samples]
-        held = [_pushes(robot, q[samples], flags, below) for flags in touching]
-        nothing = np.zeros((len(samples), 6 + len(robot), 0))
-        pushes = np.concatenate([nothing, *held], axis=2)[:, there]
-        if unknown is not None:
-            pushes[unknown[samples]] = 0.0
-        yield from _null_spaces(samples, pushes / sigma[:, None], sigma)
+def row_numbers(robot: RobotModel) -> IntArray:
+    """Return the numbers of all `row_names`."""
+    return np.arange(6 + len(robot))
 
 
 def contact_pushes(
@@ -128,7 +83,13 @@ def contact_pushes(
 ) -> list[Array]:
     """Return ``J_c^T`` of each contact, shape (samples, 6 + joints, 3 or 6).
 
-    Parameters as of `contact_maps`.
+    Parameters
+    ----------
+    robot : RobotModel
+        Robot with a floating base.
+    q : ndarray, shape (samples, joints), [rad or m]
+    rotation : ndarray, shape (samples, 3, 3), optional
+        Rotation of the base in the world, for contacts with a radius.
     """
     down = _down(robot, contacts, rotation)
     return [_pushes(robot, q, flags, down) for flags in contacts]
@@ -225,8 +186,8 @@ def contact_force_left(model: TorqueModel, recording: Recording) -> float:
     q = quiet.of(robot.joint_names).position
     left = whole = 0.0
     turned = None if recording.base is None else recording.base.rotation
-    levels = np.ones(len(names))
-    for found in contact_maps(robot, q, recording.contacts, levels, turned):
+    mixing = ContactMixing(robot, row_numbers(robot), q, recording.contacts, turned)
+    for found in mixing.row_maps(np.ones(len(names))):
         acting = forces[found.samples]
         passed = np.einsum("nra,na->nr", found.maps, acting)
         left += float(np.sum(passed**2))
@@ -316,13 +277,44 @@ class ContactMixing:
         n = len(self.rows)
         found = np.zeros((len(self.q), n, n))
         levels = np.ones(n)
-        state = self.robot, self.q, self.contacts, levels, self.rotation
-        for group in contact_maps(*state, rows=self.rows, unknown=self.unknown):
+        for group in self.row_maps(levels):
             maps = group.maps
             found[group.samples] = np.swapaxes(maps, 1, 2) @ maps
         if self.unknown is not None:
             found *= ~self.unknown[:, :, None] & ~self.unknown[:, None]
         return found
+
+    def row_maps(self, sigma: Vector) -> Iterator[RowMap]:
+        """Yield row maps of samples, those with the same contacts together.
+
+        Samples where a contact is not certain have none.  An unknown row's own part of
+        a map means nothing.
+
+        Parameters
+        ----------
+        sigma : ndarray, shape (rows,)
+            Noise level of each row.
+        """
+        robot, q, contacts = self.robot, self.q, self.contacts
+        down = _down(robot, contacts, self.rotation)
+        certain = np.ones(len(q), dtype=bool)
+        for flags in contacts:
+            certain &= flags.certain
+        closed = np.array([flags.closed for flags in contacts]).reshape(-1, len(q)).T
+        patterns, which = np.unique(closed, axis=0, return_inverse=True)
+        for number, pattern in enumerate(patterns):
+            samples = np.flatnonzero(certain & (which.ravel() == number))
+            if not len(samples):
+                continue
+            pairs = zip(contacts, pattern, strict=True)
+            touching = [flags for flags, touches in pairs if touches]
+            below = None if down is None else down[samples]
+            held = [_pushes(robot, q[samples], flags, below) for flags in touching]
+            nothing = np.zeros((len(samples), 6 + len(robot), 0))
+            pushes = np.concatenate([nothing, *held], axis=2)[:, self.rows]
+            if self.unknown is not None:
+                pushes[self.unknown[samples]] = 0.0
+            yield from _null_spaces(samples, pushes / sigma[:, None], sigma)
 
     def chunks(self) -> Iterator[tuple[slice, Array]]:
         """Yield samples and their `maps`, in constant memory."""

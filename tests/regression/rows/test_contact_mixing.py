@@ -8,6 +8,9 @@ from quadrupeds import quadruped_text, standing
 
 import consistent_id as ci
 from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.rows.contact_maps import ContactMixing, row_numbers
+from consistent_id.regression.rows.generalised_forces import measured_forces
+from consistent_id.robot.kinematics import frame_motion
 
 THREE = [[i != j for j in range(4)] for i in range(4)]
 
@@ -26,7 +29,6 @@ def log(robot):
     return replace(whole, wrenches=())
 
 
-@pytest.mark.slow
 def test_they_hold_what_the_fewer_rows_without_names_hold(robot, log):
     model = ci.TorqueModel(robot)
     named = ci.build_regression(model, log).stacked()
@@ -81,7 +83,6 @@ def test_predictions_are_of_the_same_rows_as_torque(robot, log):
     assert found.score(log).stacked > 1e-4
 
 
-@pytest.mark.slow
 def test_degrees_of_freedom_are_counted_once(robot, log):
     """Of 18 rows three feet take nine; counts are what is left, rounded row by row."""
     regression = ci.build_regression(ci.TorqueModel(robot), log)
@@ -149,7 +150,6 @@ def test_joints_at_rest_have_no_known_torque():
     assert not found.torque_known[slow, 0].any() and found.torque_known[:, 0].any()
 
 
-@pytest.mark.slow
 def test_the_fewer_rows_hold_no_unknown_torque_either(robot, log):
     rng, model = np.random.default_rng(3), ci.TorqueModel(robot)
     part = replace(log, torque_known=rng.uniform(size=log.position.shape) > 0.2)
@@ -160,3 +160,87 @@ def test_the_fewer_rows_hold_no_unknown_torque_either(robot, log):
     squares = [R.T @ R for R in (one.stacked(), named.stacked())]
     assert np.allclose(*squares, rtol=0, atol=1e-9 * abs(squares[0]).max())
     assert one.counts[0] == pytest.approx(sum(named.counts), abs=9)
+
+
+@pytest.mark.parametrize("axes", ["frame", "base", "world"])
+def test_a_wrench_pushes_alike_in_whatever_axes_it_is_given(robot, axes):
+    """Its virtual power is that of the contact's Jacobian, in axes of the base."""
+    rng = np.random.default_rng(3)
+    whole = replace(standing(robot, np.array(THREE)), contacts=())
+    n = len(whole)
+    turned = np.linalg.qr(rng.normal(size=(n, 3, 3)))[0]
+    turned *= np.linalg.det(turned)[:, None, None]
+    force = rng.normal(size=(n, 6))
+    foot, point = "a_calf", (0.0, 0.0, -0.2)
+    J = ci.regression.contact_jacobian(robot, whole.position, frame=foot, point=point)
+    if axes == "frame":
+        turn = frame_motion(robot, whole.position, frame=foot).rotation
+    else:
+        turn = (
+            np.swapaxes(turned, 1, 2)
+            if axes == "world"
+            else np.tile(np.eye(3), (n, 1, 1))
+        )
+    halves = np.einsum("nij,nkj->nki", turn, force.reshape(n, 2, 3)).reshape(n, 6)
+    expected = np.einsum("nir,ni->nr", J, halves)
+    expected[:, 6:] += whole.torque
+    wrench = ci.recordings.Wrench(foot, force, point, axes=axes)
+    log = replace(whole, wrenches=(wrench,), base=replace(whole.base, rotation=turned))
+    model = ci.TorqueModel(robot)
+    np.testing.assert_allclose(measured_forces(model, log), expected, atol=1e-10)
+    if axes == "world":
+        with pytest.raises(ci.RecordingError, match="in world axes"):
+            measured_forces(model, replace(log, base=whole.base))
+    base_alone = replace(model, torque_joints=ci.regression.BASE_ROWS)
+    bare = replace(log, torque=None)
+    np.testing.assert_allclose(
+        measured_forces(base_alone, bare), expected[:, :6], atol=1e-10
+    )
+    assert measured_forces(model, bare) is None
+    with pytest.raises(ci.RecordingError, match="has no base motion"):
+        measured_forces(model, replace(log, base=None))
+
+
+def maps_of(robot, q, contacts, sigma):
+    """Row maps of all rows of samples with these contacts."""
+    mixing = ContactMixing(robot, row_numbers(robot), q, tuple(contacts), None)
+    return mixing.row_maps(sigma)
+
+
+def test_in_the_air_rows_are_divided_by_their_noise_alone(robot):
+    q = standing(robot, np.array(THREE)).position
+    closed = np.zeros(4, dtype=bool)
+    flags = [ci.recordings.ContactFlags("a_calf", closed)]
+    sigma = np.arange(1.0, 19.0)
+    (group,) = maps_of(robot, q, flags, sigma)
+    assert group.samples.tolist() == [0, 1, 2, 3]
+    np.testing.assert_allclose(group.maps, np.tile(np.diag(1.0 / sigma), (4, 1, 1)))
+    uncertain = replace(flags[0], certain=np.arange(4) > 1)
+    (group,) = maps_of(robot, q, [uncertain], sigma)
+    assert group.samples.tolist() == [2, 3]
+
+
+def test_levels_of_noise_are_positive_and_of_three_classes(robot):
+    levels = ci.regression.row_levels(robot, force=2.0, moment=3.0, joints=4.0)
+    assert levels.tolist() == [2.0] * 3 + [3.0] * 3 + [4.0] * 12
+    assert ci.regression.row_levels(robot).tolist() == [1.0] * 18
+    for wrong in ("force", "moment", "joints"):
+        with pytest.raises(ci.ProblemError, match="expected positive numbers"):
+            ci.regression.row_levels(robot, **{wrong: 0.0})
+
+
+def test_a_contact_along_another_is_counted_once(robot):
+    """The same point twice takes three rows, not six."""
+    q = standing(robot, np.array(THREE)).position
+    foot = ci.recordings.ContactFlags("a_calf", np.ones(4, dtype=bool), (0, 0, -0.2))
+    sigma = np.ones(18)
+    for contacts, left in (([foot], 15), ([foot, foot], 15)):
+        (group,) = maps_of(robot, q, contacts, sigma)
+        assert group.maps.shape == (4, left, 18)
+        products = group.maps @ np.swapaxes(group.maps, 1, 2)
+        np.testing.assert_allclose(
+            products, np.tile(np.eye(left), (4, 1, 1)), atol=1e-10
+        )
+    surface = replace(foot, surface=True)
+    (group,) = maps_of(robot, q, [surface], sigma)
+    assert group.maps.shape == (4, 12, 18)

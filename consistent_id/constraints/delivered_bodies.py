@@ -1,6 +1,10 @@
-"""Delivered bodies against the robot's geometry: their extent and their inertia.
+"""Checks of delivered bodies: their physical consistency, extent and inertia.
 
-No residual shows a wrong clock or a gain of all torques: with ``t -> 2 t`` a robot with
+`link_conditions` returns which links are consistent, and which are on the boundary of
+the consistency cone.
+
+`robot_size` compares the bodies' extent and inertia with the robot's geometry.  No
+residual shows a wrong clock or a gain of all torques: with ``t -> 2 t`` a robot with
 four times the inertia explains the log exactly.  Geometry shows it.  A body of mass
 ``m`` that lies within a distance ``s`` of its joint has a centre of mass and a radius
 of gyration of at most ``s``, and at most ``m (d + s)^2`` about an axis at the distance
@@ -16,17 +20,99 @@ from dataclasses import dataclass
 import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, Vector, freeze_arrays
+from consistent_id._support.tables import brief
 from consistent_id.regression.mass_matrix import mass_matrices, random_poses
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.robot.inertia import InertialParameters
+from consistent_id.robot.inertia import InertialParameters, second_moments
 from consistent_id.robot.kinematics import ancestors, link_places
 from consistent_id.robot.model import RobotModel
+from consistent_id.robot.scaling import link_scales
 
-# Of the largest inertia about a joint that geometry allows, below which a joint is not
-# judged: of a UR10e, a clean log makes the third wrist's link ten times too long.
+_CONSISTENT = 1e-9  # eigenvalues of J, per typical link, above -this are >= 0
+_NO_MASS = "no mass"
+_EDGE = 1e-5  # shares of a typical link's mass or second moment that count as zero
+
+# Share of the largest inertia about a joint that geometry allows, below which the joint
+# is not judged: a clean log of a UR10e makes the third wrist's link ten times too long.
 _MINOR = 0.05
 _POSES = 200  # random ones: a median needs few
 _THIN = 100.0  # kg/m^3; axes may cross, but few links are as thin as this
+
+
+@brief
+@dataclass(frozen=True, slots=True)
+class LinkCondition:
+    """One link's consistency margin.
+
+    Parameters
+    ----------
+    link : str
+    least_eigenvalue : float
+        Smallest eigenvalue of the pseudo-inertia, rows and columns divided by the
+        roots of the link's typical mass and second moment.
+    edge : str
+        Where on the boundary of the consistency cone the link is, in words, such as
+        ``"flat: ..."``; empty inside.
+    """
+
+    link: str
+    least_eigenvalue: float
+    edge: str
+
+    @property
+    def consistent(self) -> bool:
+        """Whether the link is physically consistent, up to rounding."""
+        return self.least_eigenvalue >= -_CONSISTENT
+
+    @property
+    def massless(self) -> bool:
+        """Whether the link has practically no mass."""
+        return self.edge == _NO_MASS
+
+
+def link_conditions(model: TorqueModel, x: Vector) -> tuple[LinkCondition, ...]:
+    """Examine each link of standard parameters.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    x : ndarray, shape (parameters,)
+    """
+    scales = link_scales(model.robot)
+    links = x[: model.layout.inertial_size].reshape(-1, 10)
+    found = []
+    for name, vector, root in zip(model.layout.links, links, scales.root, strict=True):
+        body = InertialParameters(vector)
+        least = np.linalg.eigvalsh(body.pseudo_inertia / np.outer(root, root))[0]
+        typical = root**2
+        edge = _edge(body, typical[3], typical[0]) if least >= -_CONSISTENT else ""
+        found.append(LinkCondition(name, float(least), edge))
+    return tuple(found)
+
+
+def _edge(body: InertialParameters, mass: float, moment: float) -> str:
+    """Name the boundary: second moments along principal axes that vanish.
+
+    If one vanishes, a triangle inequality of the principal moments of inertia is
+    active.
+    """
+    if body.mass <= _EDGE * mass:
+        return _NO_MASS
+    moments, axes = np.linalg.eigh(second_moments(body.central_inertia))
+    gone = int((moments <= _EDGE * moment).sum())
+    if gone == 0:
+        return ""
+    if gone == 1:
+        return f"flat: no extent along {_axis(axes[:, 0])} (triangle inequality active)"
+    if gone == 2:
+        return f"a rod along {_axis(axes[:, 2])} (two triangle inequalities active)"
+    return "a point mass"
+
+
+def _axis(axis: Array) -> str:
+    axis = axis * np.sign(axis[np.argmax(abs(axis))])
+    rounded = np.round(axis, 2) + 0.0  # and no minus zero
+    return "[" + " ".join(f"{value:.2f}" for value in rounded) + "]"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

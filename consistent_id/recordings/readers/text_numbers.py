@@ -1,0 +1,79 @@
+"""Numbers in text: decimal points or commas, durations, dates and times."""
+
+import re
+from collections.abc import Iterable
+from datetime import UTC, datetime
+
+_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
+_SECONDS_OF = {"sec": 1.0, "s": 1.0, "ms": 1e-3, "min": 60.0, "hr": 3600.0}
+_DURATION = re.compile(
+    rf"(?P<number>[-+]?\d+\.?\d*(?:e[-+]?\d+)?) ?(?P<unit>{'|'.join(_SECONDS_OF)})"
+    r"|(?:(?P<days>\d+) days? \+?)?(?:(?P<hours>\d+):)?(?P<minutes>\d\d?):"
+    r"(?P<seconds>\d\d?(?:\.\d+)?)"
+)
+
+
+def is_number(cell: str) -> bool:
+    """Return whether a cell is a number, with a decimal point or a comma."""
+    return number(cell, ".") is not None or number(cell, ",") is not None
+
+
+def decimal_mark(cells: Iterable[str]) -> str | None:
+    """Return the mark of the first number that has one."""
+    for cell in cells:
+        if _DATE.match(cell):
+            continue
+        if number(cell, None) is None and number(cell, ",") is not None:
+            return ","
+        if "." in cell:
+            return "."
+    return None
+
+
+def number(cell: str, mark: str | None) -> float | None:
+    """Return the number in a cell, None if it is not one with this decimal mark."""
+    if "_" in cell or not cell.isascii():  # Python's float() would accept them
+        return None
+    if mark == "," and not _DATE.match(cell):
+        if "." in cell:
+            return None
+        cell = cell.replace(",", ".")
+    try:
+        return float(cell)
+    except ValueError:
+        return _seconds_of_date(cell) if cell[:4].isdigit() else _duration(cell)
+
+
+def _duration(cell: str) -> float | None:
+    """Return the seconds of a duration, as MATLAB's timetables and pandas write them.
+
+    Examples
+    --------
+    >>> _duration("0.25 sec"), _duration("01:00:02.5"), _duration("0 days 00:00:01")
+    (0.25, 3602.5, 1.0)
+    """
+    found = _DURATION.fullmatch(cell)
+    if found is None:
+        return None
+    if found["number"] is not None:
+        return float(found["number"]) * _SECONDS_OF[found["unit"]]
+    days, hours = (float(found[part] or 0.0) for part in ("days", "hours"))
+    minutes, seconds = float(found["minutes"]), float(found["seconds"])
+    return 86400.0 * days + 3600.0 * hours + 60.0 * minutes + seconds
+
+
+def _seconds_of_date(cell: str) -> float | None:
+    """Return the seconds from 1970 to a date and time of ISO 8601, in UTC if no zone.
+
+    Examples
+    --------
+    >>> _seconds_of_date("1970-01-02T00:00:00.25"), _seconds_of_date("1970-01-02")
+    (86400.25, None)
+    """
+    if _DATE.match(cell) is None:
+        return None
+    try:
+        date = datetime.fromisoformat(cell)
+    except ValueError:
+        return None
+    return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()

@@ -1,0 +1,100 @@
+"""Limits of clocks: rates, gaps and steps, at both sides of each limit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from consistent_id import Recording, RecordingError
+from consistent_id.recordings.beside import ContactFlags
+from consistent_id.recordings.signals import clocks
+
+
+def log_at(time):
+    return Recording(("j",), np.asarray(time), np.sin(time)[:, None])
+
+
+@pytest.mark.parametrize(
+    ("rate", "upwards", "refused"),
+    [
+        (79.9, False, "aliased"),
+        (80.0, False, None),  # 0.8 of the mean rate
+        (125.0, False, None),  # 1.25 of its own
+        (125.1, False, "invented"),
+        (125.1, True, None),
+        (79.9, True, "aliased"),
+        (0.0, True, "expected a positive number"),
+        (np.inf, True, "expected a positive number"),
+    ],
+)
+def test_rates_from_four_fifths_to_five_fourths_are_allowed(rate, upwards, refused):
+    if refused is None:
+        clocks.require_rate("log", rate, 100.0, 100.0, upwards)
+    else:
+        with pytest.raises(RecordingError, match=refused):
+            clocks.require_rate("log", rate, 100.0, 100.0, upwards)
+
+
+def test_samples_are_invented_only_where_that_is_asked_for():
+    with pytest.raises(RecordingError, match="invented"):
+        clocks.require_rate("log", 200.0, 100.0, 100.0)
+    log = log_at(np.arange(9) / 100)
+    with pytest.raises(RecordingError, match="invented"):
+        clocks.resampled(log, 200.0)
+    assert clocks.resampled(log, 200.0, upwards=True).rate == pytest.approx(200.0)
+
+
+def test_the_nominal_rate_is_that_of_most_steps():
+    lost = np.delete(np.arange(13.0), [5, 6, 7]) / 64.0  # 9 steps in 12 / 64 s
+    assert clocks.own_rate(log_at(lost)) == 64.0
+    assert log_at(lost).rate == 48.0
+    # A step that is too short raises the mean rate beyond that of most steps.
+    assert clocks.own_rate(log_at([0.0, 1.0, 2.0, 2.25])) == 3.0 / 2.25
+
+
+def test_ten_mean_steps_are_bridged_or_as_much_as_is_allowed():
+    assert clocks.largest_gap(50.0, None) == 0.2
+    assert clocks.largest_gap(50.0, 0.5) == 0.5
+    for wrong in (0.0, -1.0, np.nan):
+        with pytest.raises(RecordingError, match="max_gap"):
+            clocks.largest_gap(50.0, wrong)
+    gap = np.concatenate([np.arange(9), np.arange(17, 26)]) / 64.0  # a step of 9/64 s
+    assert len(clocks.resampled(log_at(gap), 64.0, max_gap=9 / 64)) == 26
+    with pytest.raises(RecordingError, match=r"a gap of 0.1406 s after sample 8 "):
+        clocks.resampled(log_at(gap), 64.0, max_gap=8.9 / 64)
+
+
+def test_steps_that_differ_by_a_thousandth_are_uniform():
+    time = np.arange(11.0)  # one step is longer, by nine tenths of it than the mean
+    time[5:] += 1.0e-3
+    assert clocks.is_uniform(log_at(time))
+    assert clocks.uniform_rate(log_at(time)) == pytest.approx(1.0 / 1.0001)
+    time[5:] += 0.2e-3
+    assert not clocks.is_uniform(log_at(time))
+    with pytest.raises(RecordingError, match=r"step after sample 4 is 1.0012 s"):
+        clocks.uniform_rate(log_at(time))
+
+
+def test_distant_stamps_may_differ_by_their_rounding():
+    eps = np.finfo(np.float64).eps
+    assert clocks.jitter(0.01, 0.0) == 1e-5
+    assert clocks.jitter(0.0, 2.0) == 8.0 * eps
+
+
+def test_a_duration_has_a_sample_at_either_end():
+    assert clocks.samples_at(10.0, 0.0) == 1
+    assert clocks.samples_at(10.0, 0.3) == 4  # 0.3 * 10 is rounded below 3
+    assert clocks.samples_at(10.0, 0.299) == 3
+
+
+def test_contacts_between_stamps_are_certain_where_both_neighbours_agree():
+    closed = np.array([True, True, False, False, False])
+    certain = np.array([True, True, True, True, False])
+    log = replace(
+        log_at(np.arange(5.0)),
+        contacts=(ContactFlags("foot", closed, certain=certain),),
+    )
+    moved = clocks.onto_clock(log, np.array([0.0, 0.5, 1.0, 1.5, 2.5, 3.5, 4.0]))
+    (found,) = moved.contacts
+    assert found.closed.tolist() == [True] * 4 + [False] * 3
+    assert found.certain.tolist() == [True, True, False, False, True, False, False]

@@ -1,0 +1,121 @@
+"""Periods, and paths there and back: each limit at both sides."""
+
+import numpy as np
+import pytest
+
+from consistent_id import Recording, RecordingError
+from consistent_id.recordings.beside import BaseMotion, Wrench
+from consistent_id.recordings.signals.repetitions import (
+    estimated_period,
+    there_and_back,
+    whole_periods,
+)
+
+
+@pytest.mark.parametrize(
+    ("duration", "step", "count"),
+    [
+        (2.98, 0.0, 3),  # a fiftieth of a period may be missing
+        (2.97, 0.0, 2),
+        (2.97, 0.01, 3),  # and one step
+        (3.97, 0.0, 3),
+        (0.97, 0.0, 0),
+    ],
+)
+def test_a_motion_has_as_many_whole_periods_as_nearly_fit(duration, step, count):
+    assert whole_periods(duration, 1.0, step) == count
+    assert whole_periods(10.0 * duration, 10.0, 10.0 * step) == count
+
+
+def periodic(periods, period=2.0, step=0.01):
+    time = 7.0 + np.arange(round(periods * period / step) + 1) * step
+    angle = 2.0 * np.pi / period * (time - 7.0)
+    both = np.column_stack([np.sin(angle) + 0.3 * np.cos(3 * angle), np.cos(angle)])
+    return Recording(("a", "b"), time, both)
+
+
+@pytest.mark.parametrize("harmonics", [None, 1, 3])
+def test_the_period_of_a_series_is_found_however_many_harmonics_it_has(harmonics):
+    found = estimated_period(periodic(2.7), harmonics=harmonics)
+    # A single harmonic does not describe the third: it is biased.
+    assert found == pytest.approx(2.0, abs=0.05 if harmonics == 1 else 1e-6)
+    # Shifts by several periods fit as well: the first is meant.
+    assert estimated_period(periodic(5.3), harmonics=3) == pytest.approx(2.0, abs=1e-6)
+
+
+def test_a_period_is_sought_where_it_is_said_to_be():
+    log = periodic(5.3)  # 10.6 s
+    two = estimated_period(log, shortest=3.0, longest=5.0, harmonics=6)
+    assert two == pytest.approx(4.0, abs=1e-6)
+    whole = estimated_period(log, shortest=1.0, longest=log.duration)
+    assert whole == pytest.approx(2.0, abs=1e-6)
+    for shortest, longest in ((0.0, 3.0), (2.0, 2.0), (1.0, 10.7)):
+        with pytest.raises(RecordingError, match="a period between"):
+            estimated_period(log, shortest=shortest, longest=longest)
+    # Twenty samples are the shortest, two thirds of the log the longest.
+    with pytest.raises(RecordingError, match=r"after 0\.2 s to 1\.333 s; give"):
+        estimated_period(periodic(1.0))
+
+
+def bent(apart=0.0, count=21, turn=10, **more):
+    """A path of one radian there and back, which is `apart` on the way back."""
+    k = np.arange(count)
+    q = 1.0 - abs(k - turn) / turn
+    q[turn + 1 :] += apart * np.sin(np.pi * (k[turn + 1 :] - turn) / turn)
+    return Recording(("j",), 0.5 + 0.1 * k, q[:, None], name="log", **more)
+
+
+def test_ways_a_fiftieth_apart_are_one_path_and_others_are_not():
+    mean = there_and_back(bent(0.0195))
+    assert len(mean) == 10
+    assert mean.position[5, 0] == pytest.approx(0.5 + 0.0195 / 2.0)
+    with pytest.raises(RecordingError, match=r"0\.0205 .*for a travel of 1;"):
+        there_and_back(bent(0.0205))
+
+
+def test_the_mean_is_that_of_samples_equally_far_from_the_turn():
+    k = np.arange(21.0)[:, None]
+    torque_known = np.ones((21, 1), dtype=bool)
+    torque_known[[3, 12]] = False
+    log = bent(
+        velocity=k,
+        acceleration=10.0 * k,
+        torque=k**2,
+        torque_known=torque_known,
+        wrenches=(Wrench("tool", np.tile(k**2, 6)),),
+    )
+    for turn in (None, 1.5, 1.52):
+        mean = there_and_back(log, turn)
+        there, back = k[:10], k[20:10:-1]
+        assert mean.name == "log, there and back"
+        assert mean.time.tolist() == log.time[:10].tolist()
+        np.testing.assert_allclose(mean.velocity, (there - back) / 2.0)
+        np.testing.assert_allclose(mean.acceleration, 100.0)
+        np.testing.assert_allclose(mean.torque, (there**2 + back**2) / 2.0)
+        np.testing.assert_allclose(mean.wrenches[0].values[:, [5]], mean.torque)
+        assert np.flatnonzero(~mean.torque_known).tolist() == [3, 8]
+    rest = there_and_back(bent())
+    assert not rest.velocity.any()
+    assert not rest.acceleration.any()
+    assert rest.torque is None
+
+
+def test_the_shorter_way_may_be_a_quarter_of_the_recording():
+    for turn, ways in ((60, 60), (140, 60), (100, 100)):
+        log = bent(count=201, turn=turn)
+        assert there_and_back(log).time[-1] == pytest.approx(0.4 + 0.1 * turn)
+        assert len(there_and_back(log)) == ways
+    # Of a long recording, too, of which not every sample is tried at first.
+    log = bent(count=1501, turn=601)
+    assert len(there_and_back(log)) == 601
+
+
+def test_a_turn_at_an_end_leaves_no_way_back():
+    assert len(there_and_back(bent().samples(slice(8, 13)), 1.5)) == 2
+    for cut in (slice(9, 21), slice(0, 12)):
+        with pytest.raises(RecordingError, match="no way there or none back"):
+            there_and_back(bent().samples(cut), 1.5)
+    still = np.zeros((21, 3))
+    moving = bent(base=BaseMotion(still, still, still))
+    with pytest.raises(RecordingError, match="the base moves"):
+        there_and_back(moving)
