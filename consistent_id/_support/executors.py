@@ -10,18 +10,19 @@ import logging
 import os
 import pickle
 import signal
+import sys
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache, wraps
-from importlib import import_module
 from itertools import accumulate, count, islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import sleep
 from typing import Any, Literal, ParamSpec, Self, TypeVar, get_args
+from warnings import catch_warnings, simplefilter
 
 from consistent_id._support.extras import needed
 from consistent_id._support.run import Run, current_run, interrupts_ignored, running
@@ -235,20 +236,55 @@ def beside(
     2
     """
     run = current_run()
+    call = Call(function, replace(run, inputs=set(), executor="", beside=False))
     if not run.beside:
         yield lambda: function(task)
-        return
-    own = replace(run, inputs=set(), executor="", beside=False)
-    with processes(Call(function, own), 1) as workers:
-        handed = _HandedTask(workers, task)
-        yield handed.result
+    elif sys.platform == "linux":
+        with _in_a_copy(call, task) as result:
+            yield result
+    else:  # libraries of other systems may break in a copy of a process
+        with processes(call, 1) as workers:
+            yield _HandedTask(workers, task).result
 
 
-def begin_beside(module: str) -> None:
-    """Start the process of `beside` if the run has a core for it, with a module."""
-    if current_run().beside:
-        with interrupts_ignored():
-            _reusable_pool(1).submit(import_module, module)
+@contextmanager
+def _in_a_copy(call: "Call", task: Any) -> Iterator[Callable[[], Any]]:
+    """Yield how to get the result of a copy of this process.
+
+    It begins at once, with all modules and data of this process.  If it fails or is
+    killed, the work is done here.
+    """
+    from multiprocessing import get_context
+
+    with TemporaryDirectory(prefix="consistent-id-") as folder:
+        path = Path(folder) / "result"
+        copy = get_context("fork").Process(
+            target=_write_result, args=(call, task, path), daemon=True
+        )
+        with interrupts_ignored(), catch_warnings():
+            # Python warns of other threads: those of BLAS, which survive it, and idle
+            # ones of libraries that the work does not use.
+            simplefilter("ignore", DeprecationWarning)
+            copy.start()
+
+        def result() -> Any:
+            copy.join()
+            done = copy.exitcode == 0
+            return pickle.loads(path.read_bytes()) if done else call.function(task)
+
+        try:
+            yield result
+        finally:
+            copy.kill()
+            copy.join()
+
+
+def _write_result(call: "Call", task: Any, path: Path) -> None:
+    """Write the result of a call; if it fails, end without a word."""
+    try:
+        _spooled(call(task), path)
+    except BaseException:
+        os._exit(1)
 
 
 def tree_reduced(items: Iterable[_T], combine: Callable[[_T, _T], _T]) -> _T | None:

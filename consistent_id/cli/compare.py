@@ -182,5 +182,5 @@ def _compare(options: argparse.Namespace) -> Answer:
         def write() -> list[Path]:
             return computed.write(place(computed.name))
 
-    record, usable = found.record, found.verdict.usable
-    return tables_answer(tables, record, usable=usable, write=write)
+    record = found.record if options.json else {}
+    return tables_answer(tables, record, usable=found.verdict.usable, write=write)

@@ -228,10 +228,6 @@ def studied(
     found = stored(options, folder)
     if found is not None:
         return found
-    from consistent_id._support.executors import begin_beside
-
-    if options.log:  # selection comes first; meanwhile the process starts
-        begin_beside("consistent_id.problems.log_check")
     source = opened(options)
     if before is not None:
         before(source.problem.name)

@@ -27,9 +27,9 @@ simulation ends when `REACHED` draws have reached it, which shows that it is not
 their share is a valid p-value [Besag1991]_.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from itertools import chain
 from typing import NamedTuple
 
@@ -124,7 +124,7 @@ class NearestRobot:
 
 
 @brief
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class BaseFeasibility:
     """Answer to "is there a consistent robot with these base parameters?".
 
@@ -140,15 +140,23 @@ class BaseFeasibility:
         The least violating parameters, in original units.
     violations : tuple of LinkViolation
         Links that cannot be consistent even alone.
-    nearest : NearestRobot, optional
-        If the answer is ``"impossible"`` and one was found.
+    search : callable, optional
+        Returns `nearest`, if the answer is ``"impossible"``.
     """
 
     answer: str
     proof: Interior
     parameters: Vector
     violations: tuple[LinkViolation, ...]
-    nearest: NearestRobot | None = None
+    search: Callable[[], NearestRobot | None] | None = field(default=None, repr=False)
+
+    @cached_property
+    def nearest(self) -> NearestRobot | None:
+        """The nearest consistent robot, if the answer is ``"impossible"``.
+
+        It is searched for when first needed; None if none was found.
+        """
+        return None if self.search is None else self.search()
 
     @property
     def summary(self) -> str:
@@ -205,20 +213,21 @@ def base_feasibility(
     except SolverError:
         nothing = Interior(-np.inf, np.inf, np.zeros(len(layout)), (), ())
         return BaseFeasibility("undecided", nothing, np.zeros(len(layout)), ())
-    violations, nearest = [], None
+    violations, search = [], None
     if proof.bound < -_UNDECIDED:
         answer = "impossible"
         violations = _violations(domain, unit, layout.links)
         possible = lowered(constraints, model).normalised(unit)
-        nearest = _nearest(model, base, base_values, possible, unit)
+        search = partial(_nearest, model, base, base_values, possible, unit)
     else:
         # A witness must be consistent and have these very base parameters.
         missed = _relative_miss(domain, proof.u)
         is_one = proof.margin >= -_UNDECIDED and missed <= _UNDECIDED
         answer = "consistent" if is_one else "undecided"
-    return BaseFeasibility(answer, proof, proof.u * unit, tuple(violations), nearest)
+    return BaseFeasibility(answer, proof, proof.u * unit, tuple(violations), search)
 
 
+@single_threaded
 def _nearest(
     model: TorqueModel,
     base: BaseParameters,

@@ -22,7 +22,7 @@ from consistent_id.constraints import (
 from consistent_id.diagnosis.channel_factors import ChannelFactors, channel_factors
 from consistent_id.diagnosis.contact_stretches import contact
 from consistent_id.diagnosis.corrections import Cause
-from consistent_id.diagnosis.explain import LOAD, Candidate, FittedLog, Screen
+from consistent_id.diagnosis.explain import LOAD, Candidate, FittedLog
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.diagnosis.linearise import RANK
 from consistent_id.diagnosis.sample_rows import SampleRows
@@ -137,7 +137,7 @@ def _other_clock(as_is: FittedLog) -> Iterator[Candidate]:
     if as_is.misfit < _EXPLAINED:
         return
     model, base = as_is.factors.model, as_is.factors.base
-    screen = Screen.of(as_is)
+    screen = as_is.screen
 
     def left(speeds: Sequence[float]) -> list[float]:
         logs = [_at_speed(screen.few, speed) for speed in speeds]

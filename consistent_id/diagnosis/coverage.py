@@ -213,7 +213,7 @@ def rank_findings(
     travel = np.ptp(recording.position, axis=0)
     at_rest = travel < np.maximum(_MOVES, _STEPS * np.asarray(steps))
     steady = altered(recording, lambda raw: _without_motion(raw, at_rest))
-    excitation = excitation_of(build_regression(model, steady), base)
+    excitation = excitation_of(build_regression(model, steady, noise=False), base)
     missing = excitation.structural_rank - excitation.data_rank
     if missing == 0:
         return []

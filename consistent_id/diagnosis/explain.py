@@ -9,6 +9,7 @@ below the best misfit, so that few of them need a cone programme.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -65,7 +66,7 @@ _STRETCHES = 20  # parts of a log, whose misfits scatter
 _LIKELY = 2.0  # standard errors of a misfit that its interval reaches to
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class FittedLog:
     """A prepared log, and its best constrained fit.
 
@@ -79,6 +80,11 @@ class FittedLog:
     recording: Recording
     factors: ChannelFactors
     fit: BestFit
+
+    @cached_property
+    def screen(self) -> "Screen":
+        """Few samples, on which changes of the motion are tried first."""
+        return Screen.of(self)
 
     @property
     def misfit(self) -> float:
@@ -359,7 +365,7 @@ def _moved(
 ) -> list[tuple[Correction, ChannelFactors]]:
     """Return corrections of the motion that a few samples do not exclude."""
     model, base = as_is.factors.model, as_is.factors.base
-    screen = Screen.of(as_is)
+    screen = as_is.screen
     logs = [c.applied(screen.few) for c in corrections]
     tried = channel_factors(model, base, logs, drives=_drives(screen.few, corrections))
     # Constraints are assumed to cost the same with few samples as with all.

@@ -22,6 +22,7 @@ from consistent_id._support.arrays import IntArray, Matrix, Vector, freeze_array
 from consistent_id._support.executors import all_but_each, single_threaded
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import (
+    INSIDE,
     NominalDistance,
     Penalty,
     PointToSet,
@@ -216,52 +217,90 @@ def folds_of(
     return tuple(map(LeftOutBlock, rests, blocks))
 
 
+class RestFit(NamedTuple):
+    """The fit without a block, before a prior is chosen."""
+
+    problem: FitProblem
+    first: BestInside
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LeftOutFits:
+    """The best fit without each block, from which every prior starts.
+
+    Parameters
+    ----------
+    model : TorqueModel
+    folds : sequence of LeftOutBlock
+    fits : sequence of RestFit or None
+        None where there is no fit.
+    """
+
+    model: TorqueModel
+    folds: Sequence[LeftOutBlock]
+    fits: Sequence[RestFit | None]
+
+
 @single_threaded
-def left_out_errors(
+def left_out_fits(
     model: TorqueModel,
     folds: Sequence[LeftOutBlock],
-    priors: Sequence[Prior],
     *,
     constraints: Sequence[Constraint],
     base: BaseParameters,
+    inside: float = INSIDE,
     weighted: bool = False,
-) -> LeftOutErrors:
-    """Fit without each block, with each of several priors, and predict its segments.
-
-    A block's best fit is computed once for all priors, on triangular factors.
+) -> LeftOutFits:
+    """Fit without each block, on triangular factors.
 
     Parameters
     ----------
     folds : sequence of LeftOutBlock
         From `folds_of`.
-    priors : sequence of PointToSet, or of Penalty
-        With the same distance, and the same share inside.
+    inside : float
+        See `PointToSet`; that of all priors.
     weighted : bool
         Whether joints are weighted by their noise, found without the block.
+    """
+    fits: list[RestFit | None] = []
+    for rest, _ in folds:
+        try:
+            require_match(model, rest, base)
+            if weighted:
+                rest = rest.weighted(noise_levels(rest, base))
+            problem = FitProblem(model, unconstrained_fit(rest, base), constraints)
+            fits.append(RestFit(problem, best_inside(problem, inside)))
+        except (InfeasibleError, NotExcitedError, SolverError):
+            fits.append(None)
+    return LeftOutFits(model, folds, fits)
+
+
+@single_threaded
+def left_out_errors(fits: LeftOutFits, priors: Sequence[Prior]) -> LeftOutErrors:
+    """Predict the segments of each block by the fit without it, with each prior.
+
+    Parameters
+    ----------
+    fits : LeftOutFits
+    priors : sequence of PointToSet, or of Penalty
+        With the same distance, and the fits' share inside.
 
     Returns
     -------
     LeftOutErrors
         One fit for each prior.
     """
-    every = [segment for fold in folds for segment in fold.segments]
+    every = [segment for fold in fits.folds for segment in fold.segments]
     rows = np.array([sum(segment.counts) for segment in every])
     torque = np.sum([_squares(segment) for segment in every], axis=0)
     found: list[Sequence[_Predicted] | None] = []
     first = 1.0  # weight of the distance that is tried first: similar in all folds
-    for rest, segments in folds:
-        try:
-            require_match(model, rest, base)
-            if weighted:
-                rest = rest.weighted(noise_levels(rest, base))
-            problem = FitProblem(model, unconstrained_fit(rest, base), constraints)
-            predicted = _predicted(problem, segments, priors, first)
-        except (InfeasibleError, NotExcitedError, SolverError):
-            found.append(None)
-            continue
-        first = next_first([one.weight for one in predicted])
+    for fit, fold in zip(fits.fits, fits.folds, strict=True):
+        predicted = None if fit is None else _predicted(fit, fold, priors, first)
         found.append(predicted)
-    return _pooled(model, folds, found, torque, rows, len(priors))
+        if predicted is not None:
+            first = next_first([one.weight for one in predicted])
+    return _pooled(fits.model, fits.folds, found, torque, rows, len(priors))
 
 
 class _Predicted(NamedTuple):
@@ -281,19 +320,20 @@ class _Predicted(NamedTuple):
 
 
 def _predicted(
-    problem: FitProblem,
-    segments: Sequence[Regression],
-    priors: Sequence[Prior],
-    first: float,
-) -> list[_Predicted]:
-    """Fit with each prior and predict the segments of the block left out."""
-    ((inside, distance, _),) = {(p.inside, p.distance, type(p)) for p in priors}
-    best = best_inside(problem, inside)
+    fit: RestFit, fold: LeftOutBlock, priors: Sequence[Prior], first: float
+) -> list[_Predicted] | None:
+    """Predict the segments of the block left out; None if there is no fit."""
+    ((_, distance, _),) = {(p.inside, p.distance, type(p)) for p in priors}
+    (problem, best), segments = fit, fold.segments
     scaled = best.best.scaled
     nominal = nominal_distance(problem.model, distance, scaled.unit)
+    try:
+        points = _points(best, nominal, priors, first)
+    except (InfeasibleError, SolverError):
+        return None
     block = merged(segments).weighted(problem.free.regression.sigma)
     found = []
-    for u, weight in _points(best, nominal, priors, first):
+    for u, weight in points:
         root = prediction_root(scaled, nominal, weight)
         spread = prediction_spread(root, scaled, block, problem.free.base)
         squares = [_squares(segment, u * scaled.unit) for segment in segments]

@@ -12,25 +12,22 @@ motion better: the best fit follows noise and what the model lacks.  So a series
 slacks is tried on the blocks left out, and the one with the least pooled error is used.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from consistent_id._support.arrays import Vector
-from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import PointToSet, Prior
 from consistent_id.errors import ProblemError
 from consistent_id.estimation.expected_error import ExpectedError, expected_error
 from consistent_id.estimation.left_out import (
-    LeftOutBlock,
     LeftOutErrors,
+    LeftOutFits,
     left_out_errors,
 )
 from consistent_id.estimation.verdict import percent
-from consistent_id.regression.base import BaseParameters
-from consistent_id.regression.regressor import TorqueModel
 
 SLACKS = (0.001, 0.003, 0.01, 0.02, 0.05)
 """Slacks tried besides the default: relative increase of the misfit's norm."""
@@ -98,33 +95,20 @@ class SlackChoice:
         }
 
 
-def chosen_slack(
-    model: TorqueModel,
-    folds: Sequence[LeftOutBlock],
-    prior: Prior,
-    *,
-    constraints: Sequence[Constraint],
-    base: BaseParameters,
-    weighted: bool = False,
-) -> SlackChoice:
+def chosen_slack(fits: LeftOutFits, prior: Prior) -> SlackChoice:
     """Try slacks on the blocks left out.
 
     Parameters
     ----------
-    folds : sequence of LeftOutBlock
-        See `left_out_errors`.
+    fits : LeftOutFits
+        With the prior's share inside.
     prior : PointToSet or Penalty
         One with a stated slack or weight is the only one tried.
-    weighted : bool
-        Whether joints are weighted by their noise.
     """
     tried: tuple[Prior, ...] = (prior,)
     if isinstance(prior, PointToSet) and prior.slack is None:
         tried += tuple(replace(prior, slack=slack) for slack in SLACKS)
-    errors = left_out_errors(
-        model, folds, tried, constraints=constraints, base=base, weighted=weighted
-    )
-    return SlackChoice(tried, errors)
+    return SlackChoice(tried, left_out_errors(fits, tried))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,7 +20,11 @@ from consistent_id.estimation.cross_validation import (
     cross_validated,
 )
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.left_out import LeftOutBlock
+from consistent_id.estimation.left_out import (
+    LeftOutBlock,
+    LeftOutFits,
+    left_out_fits,
+)
 from consistent_id.estimation.method import Method, fitted_spans
 from consistent_id.estimation.recommendation import SlackChoice, chosen_slack
 from consistent_id.estimation.robust import HuberRules, huber_estimate
@@ -111,24 +115,33 @@ def identify(
     )
 
 
-def slack_choices(
+def fits_left_out(
     problem: Problem, folds: Sequence[LeftOutBlock], *, base: BaseParameters
-) -> dict[Method, SlackChoice]:
-    """Return the slacks of the constrained estimates, equally weighted and weighted."""
+) -> dict[Method, LeftOutFits]:
+    """Return the constrained fits without each block, equally weighted and weighted."""
 
-    def chosen(method: Method) -> SlackChoice:
-        return chosen_slack(
+    def fitted(method: Method) -> LeftOutFits:
+        return left_out_fits(
             problem.model,
             folds,
-            problem.prior,
             constraints=problem.constraints,
             base=base,
+            inside=problem.prior.inside,
             weighted=method == Method.WEIGHTED_CONSTRAINED,
         )
 
     methods = (Method.CONSTRAINED, Method.WEIGHTED_CONSTRAINED)
     with worker_threads(len(methods)) as pool:  # Clarabel frees the interpreter's lock
-        return dict(zip(methods, pool.map(chosen, methods), strict=True))
+        return dict(zip(methods, pool.map(fitted, methods), strict=True))
+
+
+def slack_choices(
+    problem: Problem, fits: Mapping[Method, LeftOutFits]
+) -> dict[Method, SlackChoice]:
+    """Return the slacks of the constrained estimates; `fits` of `fits_left_out`."""
+    with worker_threads(len(fits)) as pool:
+        chosen = pool.map(lambda each: chosen_slack(each, problem.prior), fits.values())
+        return dict(zip(fits, chosen, strict=True))
 
 
 def slack_notes(slacks: Mapping[Method, SlackChoice], method: str) -> tuple[str, ...]:
@@ -161,19 +174,19 @@ def regularisation_path(
 def refitted(
     problem: Problem, estimate: Estimate, recordings: Sequence[Recording], prior: Prior
 ) -> Estimate:
-    """Fit a constrained estimate again, to more data than it was judged with.
+    """Fit a constrained estimate again, to more data than it is judged with.
 
-    The verdict stays that of the judged estimate, which was not fitted to the
-    validation data; the fit, the certificate and all errors are those of the new one.
+    The verdict is to be that of the estimate from the training data alone; the fit, the
+    certificate and all errors are those of the new one.
 
     Parameters
     ----------
     estimate : Estimate
-        The estimate of a constrained method, with its verdict.
+        The estimate of a constrained method.
     recordings : sequence of Recording
         All recordings: training and validation.
     prior : PointToSet or Penalty
-        The prior of the judged estimate.
+        The prior of that estimate.
     """
     model, base = problem.model, estimate.base
     regression = regression_of(problem.table, model, recordings)
@@ -196,7 +209,7 @@ def refitted(
         again,
         notes=(note, *again.notes),
         accepted=estimate.accepted,
-        judged=estimate.verdict,
+        judged=estimate.judged,
         fitted_to=fitted_spans(recordings),
     )
 

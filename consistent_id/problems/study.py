@@ -135,15 +135,27 @@ class Study(StudyFits):
         return self._refitted(self.recommended)
 
     def _refitted(self, report: EstimateReport) -> Estimate:
-        """Return a constrained estimate, fitted again to all data."""
-        before = report.with_verdict
+        """Return a constrained estimate, fitted again to all data, with its verdict."""
         if not self.validation:
-            return before
+            return report.with_verdict
+        own = report.estimate.method == self.recommendation.method
+        again = self._refit if own else self._fitted_to_all(report.estimate)
+        return replace(again, judged=report.verdict)
+
+    @cached_property
+    def _refit(self) -> Estimate:
+        """The recommended estimate, fitted to all data, which needs no verdict yet."""
+        return self._fitted_to_all(self._candidate)
+
+    def _fitted_to_all(self, estimate: Estimate) -> Estimate:
+        """Return an estimate fitted again to training and validation data, if any."""
+        if not self.validation:
+            return estimate
         every = (*self.training, *self.validation)
-        prior = self.priors[Method(before.method)]
-        estimate = refitted(self.problem, before, every, prior)
-        why = slack_notes(self.slacks, before.method)
-        return replace(estimate, notes=(*estimate.notes, *why))
+        prior = self.priors[Method(estimate.method)]
+        again = refitted(self.problem, estimate, every, prior)
+        why = slack_notes(self.slacks, estimate.method)
+        return replace(again, notes=(*again.notes, *why))
 
     @property
     def verdict(self) -> Verdict:
@@ -364,6 +376,7 @@ _FITS = {
 }
 _JUDGEMENT = {
     "comparison": "_undiagnosed",
+    "fit to all data": "_refit",
     "faults of the recordings": "diagnosis",
     "verdict": "comparison",
 }

@@ -27,6 +27,7 @@ from consistent_id.estimation.fit import Fit, fit_of
 from consistent_id.estimation.left_out import (
     LeftOutBlock,
     LeftOutErrors,
+    LeftOutFits,
     folds_of,
     left_out_errors,
 )
@@ -42,6 +43,7 @@ from consistent_id.estimation.uncertainties.parameter_uncertainty import (
 )
 from consistent_id.problems.problem import Problem
 from consistent_id.problems.problem_estimates import (
+    fits_left_out,
     identify,
     penalty_of,
     recordings_of,
@@ -133,9 +135,14 @@ class StudyFits:
         return folds_of(self.segments)
 
     @cached_property
+    def _left_out_fits(self) -> dict[Method, LeftOutFits]:
+        """The fits without each block, from which all priors start."""
+        return fits_left_out(self.problem, self.folds, base=self.base)
+
+    @cached_property
     def slacks(self) -> dict[Method, SlackChoice]:
         """Choices of the slacks of the constrained estimates."""
-        return slack_choices(self.problem, self.folds, base=self.base)
+        return slack_choices(self.problem, self._left_out_fits)
 
     @property
     def priors(self) -> dict[Method, Prior]:
@@ -168,14 +175,9 @@ class StudyFits:
     @cached_property
     def left_out(self) -> dict[str, LeftOutErrors]:
         """Errors on blocks of the training data left out, by method."""
-        problem = self.problem
-        penalised = left_out_errors(
-            problem.model,
-            self.folds,
-            [self.priors[Method.CROSS_VALIDATED]],
-            constraints=problem.constraints,
-            base=self.base,
-        )
+        penalty = self.priors[Method.CROSS_VALIDATED]
+        equal = self._left_out_fits[Method.CONSTRAINED]
+        penalised = left_out_errors(equal, [penalty])
         chosen = {str(method): found.chosen for method, found in self.slacks.items()}
         return {**chosen, Method.CROSS_VALIDATED: penalised}
 

@@ -20,6 +20,7 @@ from consistent_id.estimation.left_out import (
     LeftOutErrors,
     folds_of,
     left_out_errors,
+    left_out_fits,
     prediction_spread,
 )
 from consistent_id.regression import base_parameters, segment_regressions
@@ -87,7 +88,10 @@ def forecast():
     whole = merged(segments)
     estimate = constrained_least_squares(model, whole, prior=prior, base=base)
     left_out = left_out_errors(
-        model, folds_of(segments), [prior], constraints=DEFAULT_CONSTRAINTS, base=base
+        left_out_fits(
+            model, folds_of(segments), constraints=DEFAULT_CONSTRAINTS, base=base
+        ),
+        [prior],
     )
     found = error_forecast(
         FitProblem.of(model, whole, DEFAULT_CONSTRAINTS, base),

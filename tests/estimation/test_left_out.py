@@ -18,6 +18,7 @@ from consistent_id.estimation.left_out import (
     LeftOutErrors,
     folds_of,
     left_out_errors,
+    left_out_fits,
     prediction_root,
     prediction_spread,
 )
@@ -45,7 +46,8 @@ def test_each_segment_is_predicted_by_the_fit_without_its_block(logged):
     model, segments, base = logged
     folds = folds_of(segments)
     found = left_out_errors(
-        model, folds, [PointToSet()], constraints=DEFAULT_CONSTRAINTS, base=base
+        left_out_fits(model, folds, constraints=DEFAULT_CONSTRAINTS, base=base),
+        [PointToSet()],
     )
     assert found.errors.shape == (1, len(segments))
     assert found.shares.sum() == pytest.approx(1.0)

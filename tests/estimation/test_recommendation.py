@@ -11,6 +11,7 @@ from consistent_id.estimation.left_out import (
     LeftOutErrors,
     folds_of,
     left_out_errors,
+    left_out_fits,
 )
 from consistent_id.estimation.recommendation import SlackChoice, recommend
 from consistent_id.regression import base_parameters, segment_regressions
@@ -53,12 +54,14 @@ def test_the_expected_error_is_that_of_another_motion():
     found = recommend(
         {
             method: left_out_errors(
-                model,
-                folds,
+                left_out_fits(
+                    model,
+                    folds,
+                    constraints=DEFAULT_CONSTRAINTS,
+                    base=base,
+                    weighted=weighted,
+                ),
                 [PointToSet()],
-                constraints=DEFAULT_CONSTRAINTS,
-                base=base,
-                weighted=weighted,
             )
             for method, weighted in (("plain", False), ("weighted", True))
         }

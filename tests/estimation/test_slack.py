@@ -7,7 +7,7 @@ from experiments import experiment
 from consistent_id.constraints import Penalty, PointToSet
 from consistent_id.estimation.constrained import constrained_least_squares
 from consistent_id.estimation.constrained_fit import DEFAULT_CONSTRAINTS
-from consistent_id.estimation.left_out import LeftOutErrors, folds_of
+from consistent_id.estimation.left_out import LeftOutErrors, folds_of, left_out_fits
 from consistent_id.estimation.recommendation import SLACKS, SlackChoice, chosen_slack
 from consistent_id.regression import base_parameters, segment_regressions
 from consistent_id.regression.segments import merged
@@ -43,11 +43,10 @@ def logged():
 def test_where_noise_hides_the_robot_a_large_slack_is_chosen_and_is_nearer(logged):
     model, truth, segments, base = logged
     found = chosen_slack(
-        model,
-        folds_of(segments),
+        left_out_fits(
+            model, folds_of(segments), constraints=DEFAULT_CONSTRAINTS, base=base
+        ),
         PointToSet(),
-        constraints=DEFAULT_CONSTRAINTS,
-        base=base,
     )
     assert len(found.tried) == 1 + len(SLACKS)
     assert found.prior.slack >= 0.01
@@ -67,7 +66,10 @@ def test_where_noise_hides_the_robot_a_large_slack_is_chosen_and_is_nearer(logge
 def test_a_stated_prior_is_the_only_one_tried(logged, prior):
     model, _, segments, base = logged
     found = chosen_slack(
-        model, folds_of(segments), prior, constraints=DEFAULT_CONSTRAINTS, base=base
+        left_out_fits(
+            model, folds_of(segments), constraints=DEFAULT_CONSTRAINTS, base=base
+        ),
+        prior,
     )
     assert found.tried == (prior,) and found.prior == prior
     assert found.statement == "" and found.to_dict() is None
@@ -78,12 +80,14 @@ def test_the_choice_is_the_same_again(logged):
     model, _, segments, base = logged
     first, second = (
         chosen_slack(
-            model,
-            folds_of(segments),
+            left_out_fits(
+                model,
+                folds_of(segments),
+                constraints=DEFAULT_CONSTRAINTS,
+                base=base,
+                weighted=True,
+            ),
             PointToSet(),
-            constraints=DEFAULT_CONSTRAINTS,
-            base=base,
-            weighted=True,
         )
         for _ in range(2)
     )

@@ -3,6 +3,7 @@
 import os
 import signal
 import socket
+import sys
 import threading
 import time
 from contextlib import closing, suppress
@@ -15,7 +16,6 @@ from killing import killing, loky_workers
 
 from consistent_id._support.executors import (
     Executor,
-    begin_beside,
     beside,
     single_threaded,
     tree_reduced,
@@ -29,6 +29,12 @@ from consistent_id.regression.linear import triangle
 def _factor(seed):
     rows = np.random.default_rng(seed).normal(size=(200, 12))
     return triangle(np.asfortranarray(rows))
+
+
+def _killed_elsewhere(process):
+    if os.getpid() != process:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return process
 
 
 def _joined(first, second):
@@ -236,10 +242,8 @@ def test_workers_of_an_own_cluster_keep_freed_memory():
     assert list(Executor("dask", 1).map(_trimming, [0])) == [(None, "1")]
 
 
-@pytest.mark.slow
 def test_work_beside_is_done_by_another_process_and_equals_to_the_last_bit():
     with running(Run(beside=True, large_files=True)):
-        begin_beside("consistent_id.regression.linear")
         with beside(_whose, 3) as result:
             process, large, factor = result()
     assert process != os.getpid() and large
@@ -254,14 +258,18 @@ def test_without_a_core_to_spare_work_beside_is_done_here_when_it_is_needed():
     assert done == [3]
 
 
-@pytest.mark.slow
 def test_an_error_of_work_beside_is_raised_where_its_result_is_needed():
     with running(Run(beside=True)), beside(_faulty, 3) as result:
         with pytest.raises(RecordingError, match="task 3: no such column"):
             result()
 
 
-@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="another process is not a copy")
+def test_work_beside_that_is_killed_is_done_here():
+    with running(Run(beside=True)), beside(_killed_elsewhere, os.getpid()) as result:
+        assert result() == os.getpid()
+
+
 def test_an_error_meanwhile_does_not_wait_for_work_beside():
     begun = time.monotonic()
     with pytest.raises(ProblemError), running(Run(beside=True)), beside(time.sleep, 60):

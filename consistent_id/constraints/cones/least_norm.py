@@ -445,6 +445,7 @@ def _minimiser(P: Array, q: Matrix, domain: ConicSet) -> Matrix:
         settings(_QUADRATIC_TOLERANCE, refined=False),
     )
     chosen.presolve_enable = chosen.chordal_decomposition_enable = False
+    chosen.equilibrate_enable = False  # entries are around one: see `minimisers`
     points, solver = [], None
     with panics_as_errors():
         for values, slope in zip(P[:, row, column], q, strict=True):

@@ -309,12 +309,10 @@ def uncertainty(
     problem = FitProblem.of(model, whole, constraints, base)
     fitted, free = constrained_fit(problem, prior), problem.free
     scatter = parameter_scatter(problem, fitted, parts, variants)
-    resampled = bootstrap(
-        model,
+    resampled = _resampled(
+        fitted,
         parts.long_enough(free.noise).regressions,
-        constraints=constraints,
-        prior=prior,
-        base=base,
+        base,
         replicates=replicates,
         seed=seed,
         progress=progress,
@@ -430,14 +428,35 @@ def bootstrap(
     SolverError
         If fewer than two replicates give an estimate.
     """
+    base = base_parameters(model) if base is None else base
+    problem = FitProblem.of(model, merged(segments), constraints, base)
+    return _resampled(
+        constrained_fit(problem, prior),
+        segments,
+        base,
+        replicates=replicates,
+        seed=seed,
+        progress=progress,
+        executor=executor,
+    )
+
+
+def _resampled(
+    fitted: ConstrainedFit,
+    segments: Sequence[Regression],
+    base: BaseParameters,
+    *,
+    replicates: int,
+    seed: int,
+    progress: bool,
+    executor: str | Executor | None = None,
+) -> Bootstrap:
+    """Estimate repeatedly like a fit to all segments; see `bootstrap`."""
     started = perf_counter()
     if len(segments) < 2 or replicates < 2:
         raise ProblemError(
             f"{len(segments)} segments and {replicates} replicates, expected 2 or more"
         )
-    base = base_parameters(model) if base is None else base
-    problem = FitProblem.of(model, merged(segments), constraints, base)
-    fitted = constrained_fit(problem, prior)
     factors = [base_factor(segment, base) for segment in segments]
     scaled, weight = fitted.best.scaled, fitted.final.weight
 
@@ -460,7 +479,7 @@ def bootstrap(
     if len(good) < 2:
         raise SolverError(f"{len(good)} of {len(found)} replicates gave an estimate")
     return Bootstrap(
-        layout=model.layout,
+        layout=base.layout,
         estimates=np.array([x for x, _ in good]),
         certified=sum(certified for _, certified in good),
         failed=len(found) - len(good),

@@ -5,6 +5,7 @@ A fit's torque error is computed on the blocks that were left out.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import accumulate
 from pathlib import Path
 from typing import NamedTuple
@@ -67,7 +68,7 @@ class Key(NamedTuple):
     term: DriveTerm
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class JointFactors:
     """The rows of one joint: bodies' and drive columns, rates, torque.
 
@@ -81,14 +82,18 @@ class JointFactors:
         Places of drive columns.
     cells : ndarray, shape (cells, rows, columns)
         Triangular factor of each cell; short ones are filled up with rows of zeros.
-    training : ndarray, shape (folds, rows, columns)
-        For each fold, the factor of the rows outside it.
     """
 
     expand: Matrix
     places: Mapping[Key, int]
     cells: Array
-    training: Array
+
+    @cached_property
+    def training(self) -> Array:
+        """For each fold, the factor of the rows outside it, as `cells` are."""
+        before, after = _cumulated(self.cells), _cumulated(self.cells[::-1])[::-1]
+        outside = [_joined(before[out[0]], after[out[-1] + 1]) for _, out in folds()]
+        return np.array(outside)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -198,10 +203,8 @@ def _joint_factors(
     for place in range(number):
         R = triangle(np.asfortranarray(rows[cell == place]))
         cells[place, : len(R)] = R
-    before, after = _cumulated(cells), _cumulated(cells[::-1])[::-1]
-    training = [_joined(before[out[0]], after[out[-1] + 1]) for _, out in folds()]
     places = {key: len(expand) + i for i, key in enumerate(keys)}
-    return JointFactors(expand, places, cells, np.array(training))
+    return JointFactors(expand, places, cells)
 
 
 def _cumulated(cells: Array) -> list[Matrix]:

@@ -25,6 +25,7 @@ from consistent_id._support.arrays import Matrix
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers.columns import require
 from consistent_id.recordings.readers.named_arrays import Arrays
+from consistent_id.recordings.readers.parquet import numbers_of
 from consistent_id.recordings.readers.printed_messages import (
     as_table,
     is_printed,
@@ -398,7 +399,7 @@ def _fast(
             continue
         values = np.empty((len(table), len(places)), order="F")
         for k, column in enumerate(wanted):
-            values[:, k] = table[column].to_numpy()
+            values[:, k] = numbers_of(table[column], column)
         return values
     return None
 
