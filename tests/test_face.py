@@ -98,6 +98,7 @@ def test_a_name_that_is_not_ours_imports_no_submodule(name):
     assert in_a_new_process(code) == "False True\n"
 
 
+@pytest.mark.slow
 def test_submodules_are_attributes_of_the_package():
     code = "import consistent_id as ci; print([getattr(ci, r).__name__ for r in ROOMS])"
     code = f"from consistent_id._support.face import ROOMS; {code}"

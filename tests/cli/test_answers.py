@@ -96,7 +96,7 @@ KEPT = {  # what each prints that has no test of its own with its schema
     "identify": ("streamed-1", ["problem.toml", "--streamed"]),
     "select": ("selection-1", ["problem.toml", "--dry-run"]),
 }
-LONG = ("identify", "select")
+LONG = ("identify", "select", "report", "export")
 DATA = """columns = { torque = "tau_{joint}" }
 recordings = [{ file = "log.csv", role = "training" }]
 preparation = { motion_cutoff = 10.0, torque_cutoff = 10.0 }

@@ -106,6 +106,7 @@ def test_a_wrong_radius_and_early_torque_are_told_apart(log, known):
     assert found.feet.offset == pytest.approx(-4e-4, rel=0.05)
 
 
+@pytest.mark.slow
 def test_early_torque_spoils_the_trunk_and_its_correction_mends_it(log, known):
     model, constraints = known
     found = ci.estimation.estimate_radius_and_delay(model, log, constraints=constraints)

@@ -108,6 +108,7 @@ def test_a_velocity_that_predicts_worse_is_not_read_unless_its_scale_is_a_fault(
     assert bool(said) != is_read
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cutoff", [1.0, 1.5, 3.0, 5.0, 20.0])
 @pytest.mark.parametrize("delayed", [False, True])
 def test_a_smoothed_velocity_never_makes_the_draft_worse(tmp_path, cutoff, delayed):
