@@ -239,7 +239,7 @@ def beside(
     call = Call(function, replace(run, inputs=set(), executor="", beside=False))
     if not run.beside:
         yield lambda: function(task)
-    elif sys.platform == "linux":
+    elif sys.platform == "linux" and not _openmp():
         with _in_a_copy(call, task) as result:
             yield result
     else:  # libraries of other systems may break in a copy of a process
@@ -251,8 +251,8 @@ def beside(
 def _in_a_copy(call: "Call", task: Any) -> Iterator[Callable[[], Any]]:
     """Yield how to get the result of a copy of this process.
 
-    It begins at once, with all modules and data of this process.  If it fails or is
-    killed, the work is done here.
+    It begins at once, with all modules and data of this process.  If it cannot begin,
+    fails or is killed, the work is done here.
     """
     from multiprocessing import get_context
 
@@ -265,7 +265,14 @@ def _in_a_copy(call: "Call", task: Any) -> Iterator[Callable[[], Any]]:
             # Python warns of other threads: those of BLAS, which survive it, and idle
             # ones of libraries that the work does not use.
             simplefilter("ignore", DeprecationWarning)
-            copy.start()
+            begun = True
+            try:
+                copy.start()
+            except (OSError, AssertionError):  # no more processes, or none of a daemon
+                begun = False
+        if not begun:
+            yield lambda: call.function(task)
+            return
 
         def result() -> Any:
             copy.join()
@@ -277,6 +284,12 @@ def _in_a_copy(call: "Call", task: Any) -> Iterator[Callable[[], Any]]:
         finally:
             copy.kill()
             copy.join()
+
+
+def _openmp() -> bool:
+    """Return whether BLAS uses OpenMP, whose threads would hang in a copy."""
+    layers = (one.get("threading_layer") for one in _controller().info())
+    return "openmp" in layers
 
 
 def _write_result(call: "Call", task: Any, path: Path) -> None:

@@ -19,7 +19,7 @@ from consistent_id.estimation.determination import determined
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.fit import fit_of
 from consistent_id.estimation.method import FittedUnder, Method
-from consistent_id.estimation.uncertainties.parameter_scatter import active_errors
+from consistent_id.estimation.uncertainties.parameter_scatter import active_ratios
 from consistent_id.regression.base import (
     BaseParameters,
     base_parameters,
@@ -54,7 +54,8 @@ class FoundOptimum:
         How far the prior moved the parameters from the best fit: their bias.  Without
         it, no standard errors are computed.
     along : ndarray, shape (parameters,), optional
-        Errors along the active constraints; see `active_errors`.
+        Standard errors along active inequalities over those without; see
+        `active_ratios`.
     penalised : bool
         Whether a penalty moved them.
     """
@@ -143,7 +144,7 @@ def constrained_estimate(
         fitted.proof,
         fitted.note,
         abs(fitted.parameters - fitted.best.parameters),
-        active_errors(fitted, problem.free.noise),
+        active_ratios(fitted, problem.free.noise),
         isinstance(prior, Penalty),
     )
     estimate = audited(problem, found, method=method, started=started)
@@ -168,8 +169,9 @@ def audited(
     found_by = determined(model, free, known, x, elsewhere="prior")
     stated = None
     if shift is not None:
-        along = found_by.errors if found.along is None else found.along
-        stated = found_by.partly_along(along).biased(shift)
+        stated = found_by.biased(shift)
+        if found.along is not None:
+            stated = found_by.partly_along(found.along).biased(shift)
     links = link_conditions(model, x)
     return Estimate(
         method=method,

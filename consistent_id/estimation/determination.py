@@ -153,7 +153,7 @@ class Determined(NamedTuple):
     errors: Vector
     quantiles: Vector
 
-    def partly_along(self, errors: Vector) -> "Determined":
+    def partly_along(self, ratios: Vector) -> "Determined":
         """Return these with the mean of both variances.
 
         Where the truth is on a boundary, noise makes it active in half of all data
@@ -161,10 +161,10 @@ class Determined(NamedTuple):
 
         Parameters
         ----------
-        errors : ndarray, shape (parameters,)
-            Standard errors along active inequalities.
+        ratios : ndarray, shape (parameters,)
+            Standard errors along active inequalities over those without them.
         """
-        return self._replace(errors=np.hypot(self.errors, errors) / np.sqrt(2.0))
+        return self._replace(errors=self.errors * np.sqrt((1.0 + ratios**2) / 2.0))
 
     def biased(self, shift: Vector) -> "Determined":
         """Return these with a bias added to the errors.

@@ -1,7 +1,7 @@
 """The study of a problem: estimates, their comparison, and the verdict."""
 
 from collections.abc import Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -13,6 +13,7 @@ from consistent_id._support.progress import stages
 from consistent_id._support.tables import brief
 from consistent_id.comparison.comparison import Comparison, EstimateReport, compare
 from consistent_id.diagnosis import Diagnosis
+from consistent_id.errors import ConsistentIdError
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.estimation.estimate_plot import draw_parameters, parameter_bars
 from consistent_id.estimation.influence import confirmed_slopes
@@ -146,6 +147,13 @@ class Study(StudyFits):
     def _refit(self) -> Estimate:
         """The recommended estimate, fitted to all data, which needs no verdict yet."""
         return self._fitted_to_all(self._candidate)
+
+    @property
+    def _refit_ahead(self) -> Estimate | None:
+        """The same, while the log is checked; who needs it hears why there is none."""
+        with suppress(ConsistentIdError):
+            return self._refit
+        return None
 
     def _fitted_to_all(self, estimate: Estimate) -> Estimate:
         """Return an estimate fitted again to training and validation data, if any."""
@@ -376,7 +384,7 @@ _FITS = {
 }
 _JUDGEMENT = {
     "comparison": "_undiagnosed",
-    "fit to all data": "_refit",
+    "fit to all data": "_refit_ahead",
     "faults of the recordings": "diagnosis",
     "verdict": "comparison",
 }

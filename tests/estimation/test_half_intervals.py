@@ -7,6 +7,10 @@ import pytest
 from experiments import experiment
 
 import consistent_id as ci
+from consistent_id.estimation.best_fit import FitProblem
+from consistent_id.estimation.constrained import constrained_estimate
+from consistent_id.estimation.constrained_fit import constrained_fit
+from consistent_id.estimation.determination import linear_errors
 from consistent_id.estimation.estimate import Estimate
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.residual_noise import half_widths, unconstrained_fit
@@ -84,11 +88,19 @@ def test_half_intervals_are_in_files_frames_and_uncertainty(tmp_path):
 
 def test_a_bound_that_is_active_by_chance_halves_the_variance():
     """A truth on its bound: the estimate is max(z, 0), of mean square one half."""
-    model, _, regression, free = fitted([50.0, 50.0])
+    model, _, regression, _ = fitted([50.0, 50.0])
     place = model.layout.index("j1.viscous")
+    prior = ci.constraints.PointToSet(slack=1e-9)  # moves next to nothing
+
+    def under(*bounds):
+        return ci.constrained_least_squares(
+            model, regression, constraints=bounds, prior=prior
+        )
+
+    free = under()
     edge = free["j1.viscous"] + 0.5 * free.parameter_errors[place]
     bound = ci.constraints.ParameterBounds({"j1.viscous": (edge, 100.0)})
-    active = ci.constrained_least_squares(model, regression, constraints=[bound])
+    active = under(bound)
     assert active["j1.viscous"] == pytest.approx(edge)
     ratio = active.parameter_errors[place] / free.parameter_errors[place]
     assert ratio == pytest.approx(np.sqrt(0.5), rel=0.01)
@@ -96,3 +108,19 @@ def test_a_bound_that_is_active_by_chance_halves_the_variance():
     known = np.isfinite(free.parameter_errors)
     ratios = active.parameter_errors[known] / free.parameter_errors[known]
     assert (ratios <= 1.001).all() and (ratios >= np.sqrt(0.5) - 0.01).all()
+
+
+def test_a_prior_narrows_no_error_where_no_inequality_is_active():
+    """The error is that of least squares and, beside it, how far the prior moved it."""
+    model, _, regression, _ = fitted([50.0, 50.0])
+    problem = FitProblem.of(model, regression, (), base_parameters(model))
+    prior = ci.constraints.PointToSet(slack=0.05)
+    found, fit = constrained_estimate(problem, prior, method="x"), problem.free
+    moved = constrained_fit(problem, prior)
+    shift = abs(moved.parameters - moved.best.parameters)
+    plain = linear_errors(fit.base, fit.noise, np.zeros((0, len(model.layout))))
+    known = np.isfinite(found.parameter_errors)
+    assert known.any()
+    assert found.parameter_errors[known] == pytest.approx(
+        np.hypot(plain.values, shift)[known], rel=1e-6
+    )

@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from consistent_id import load_problem
+from consistent_id import SolverError, load_problem
 from consistent_id._support.run import Run, running
 from consistent_id.estimation.method import Method
 from consistent_id.problems import problem_estimates as estimates_module
@@ -60,6 +60,18 @@ def test_each_part_is_computed_once(calls):
     # Of the fit to all data alone: the sum of the segments is the training data's.
     assert calls["regression_of"] == 1
     assert calls["constrained_estimate"] == 4
+
+
+@pytest.mark.slow
+def test_a_study_needs_no_fit_to_all_data_until_it_is_delivered(monkeypatch):
+    def refused(*_):
+        raise SolverError("no optimum")
+
+    monkeypatch.setattr(study_module, "refitted", refused)
+    study = run_study(load_problem("problems/rx60"), costs=False)
+    assert study.verdict.usable
+    with pytest.raises(SolverError, match="no optimum"):
+        _ = study.delivered
 
 
 @pytest.mark.slow

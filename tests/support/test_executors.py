@@ -270,6 +270,16 @@ def test_work_beside_that_is_killed_is_done_here():
         assert result() == os.getpid()
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="another process is not a copy")
+def test_where_no_process_can_begin_work_beside_is_done_here(monkeypatch):
+    def refused():
+        raise BlockingIOError("no more processes")
+
+    monkeypatch.setattr(os, "fork", refused)
+    with running(Run(beside=True)), beside(_killed_elsewhere, os.getpid()) as result:
+        assert result() == os.getpid()
+
+
 def test_an_error_meanwhile_does_not_wait_for_work_beside():
     begun = time.monotonic()
     with pytest.raises(ProblemError), running(Run(beside=True)), beside(time.sleep, 60):

@@ -32,7 +32,6 @@ from consistent_id.regression.residual_noise import NORMAL, ResidualNoise, joint
 from consistent_id.regression.segments import merged
 
 _LEVEL = 0.975  # quantile of intervals of 95 %
-"""Standard errors either way for 95 % of a normal distribution."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -288,10 +288,17 @@ def variances(fitted: ConstrainedFit, scores: Matrix) -> Vector:
     return np.asarray(np.mean(both, axis=0))
 
 
-def active_errors(fitted: ConstrainedFit, noise: ResidualNoise) -> Vector:
-    """Return standard errors along the active constraints, shape (parameters,)."""
-    own = np.diag(covariance(fitted, noise_scores(fitted, noise)))
-    return np.asarray(np.sqrt(noise.beyond) * root(own))
+def active_ratios(fitted: ConstrainedFit, noise: ResidualNoise) -> Vector:
+    """Return standard errors along active inequalities over those without them.
+
+    Shape (parameters,), at most one, and exactly one where no inequality is active:
+    the prior is in both.
+    """
+    scores = noise_scores(fitted, noise)
+    along, free = (np.diag(covariance(fitted, scores, active=a)) for a in (True, False))
+    moves = free > 0.0
+    ratio = np.where(moves, along, 1.0) / np.where(moves, free, 1.0)
+    return np.asarray(np.sqrt(np.clip(ratio, 0.0, 1.0)))
 
 
 def covariance(
