@@ -1,6 +1,7 @@
 """``consistent-id excite PROBLEM | ROBOT``: its options, and what it prints."""
 
 import argparse
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -324,11 +325,13 @@ def _excite(options: argparse.Namespace) -> Answer:
         earlier=earlier,
         progress=shows_progress(options),
     )
-    written = _written(options, problem, playable, folder, draft)
     text = "\n\n".join(table.text() for table in output.playable_tables(playable))
-    text += "\n\nwritten: " + ", ".join(str(path) for path in written)
-    record = output.playable_record(playable)
-    return Answer(1 if playable.refusals else 0, text, record)
+    return Answer(
+        1 if playable.refusals else 0,
+        text,
+        output.playable_record(playable),
+        partial(_written, options, problem, playable, folder, draft),
+    )
 
 
 def _written(

@@ -44,6 +44,20 @@ def urdf(tmp_path):
 
 
 @pytest.mark.slow
+def test_the_screen_of_a_design_is_short_and_names_the_folder_once(
+    urdf, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    call = ["excite", urdf, "--acceleration", "5", "--duration", "6", "--starts", "1"]
+    call += ["--harmonics", "4", "--workers", "1", "--output", "motion"]
+    assert main([str(word) for word in call]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 25 and max(map(len, lines)) <= 100
+    (said,) = (line for line in lines if line.startswith("written in motion: "))
+    assert "problem.toml" in said and "trajectory.csv" in said
+
+
+@pytest.mark.slow
 def test_a_robot_alone_gets_a_motion_and_a_problem_file(urdf, tmp_path, capsys):
     folder = tmp_path / "motion"
     call = ["excite", urdf, "--acceleration", "5", "--duration", "6", "--starts", "1"]
