@@ -303,24 +303,29 @@ class FixedParameters:
 class ParameterBounds:
     """Parameters between bounds, by name, such as ``{"elbow.viscous": (0, 20)}``.
 
-    An infinite bound is no bound.
+    An infinite bound is no bound, and equal ones make an equality.
     """
 
     bounds: Mapping[str, tuple[float, float]]
 
     def lower(self, model: TorqueModel) -> ConicSet:
-        """Return ``low <= x_i <= high``."""
+        """Return ``low <= x_i <= high``, or ``x_i = low`` where both are equal."""
         rows, limits, labels = [], [], []
+        known = ConicSet.everything(len(model.layout))
         for name, (low, high) in self.bounds.items():
             if not low <= high:
                 raise ProblemError(f"bounds of {name}: {low:g} is not below {high:g}")
             row = unit_row(model.layout, name)
+            if low == high and np.isfinite(low):
+                label = f"{name} = {low:g}"
+                known &= ConicSet.equal(row[None], np.array([low]), [label])
+                continue
             for sign, limit, text in ((-1.0, low, ">="), (1.0, high, "<=")):
                 if np.isfinite(limit):
                     rows.append(sign * row)
                     limits.append(sign * limit)
                     labels.append(f"{name} {text} {limit:g}")
-        return inequalities(rows, limits, labels, model)
+        return known & inequalities(rows, limits, labels, model)
 
 
 @brief

@@ -124,3 +124,14 @@ def test_a_prior_narrows_no_error_where_no_inequality_is_active():
     assert found.parameter_errors[known] == pytest.approx(
         np.hypot(plain.values, shift)[known], rel=1e-6
     )
+
+
+def test_a_parameter_between_equal_bounds_is_known_and_has_no_error():
+    model, _, regression, free = fitted([50.0, 50.0])
+    place = model.layout.index("j1.viscous")
+    assert free.origins[place] == "data" and free.parameter_errors[place] > 0.0
+    known = ci.constraints.ParameterBounds({"j1.viscous": (0.3, 0.3)})
+    found = ci.constrained_least_squares(model, regression, constraints=[known])
+    assert found["j1.viscous"] == pytest.approx(0.3, abs=1e-12)
+    assert found.origins[place] == "constraint"
+    assert not found.parameter_errors[place] > 0.0
