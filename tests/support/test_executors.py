@@ -9,11 +9,13 @@ import time
 from contextlib import closing, suppress
 from itertools import accumulate
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from killing import killing, loky_workers
 
+from consistent_id._support import executors
 from consistent_id._support.executors import (
     Executor,
     beside,
@@ -69,6 +71,10 @@ def _allowed(task):
 
 def _trimming(task):
     return os.environ.get("MALLOC_TRIM_THRESHOLD_"), os.environ["OMP_NUM_THREADS"]
+
+
+def _name_of(task):
+    return os.getpid(), task
 
 
 def _whose(task):
@@ -278,6 +284,22 @@ def test_where_no_process_can_begin_work_beside_is_done_here(monkeypatch):
     monkeypatch.setattr(os, "fork", refused)
     with running(Run(beside=True)), beside(_killed_elsewhere, os.getpid()) as result:
         assert result() == os.getpid()
+
+
+@pytest.mark.slow
+def test_beside_blas_with_openmp_no_process_is_a_copy(monkeypatch):
+    """A copy of a process whose BLAS has threads of OpenMP would wait for ever."""
+
+    def copied():
+        pytest.fail("a copy of this process was begun")
+
+    layers = SimpleNamespace(info=lambda: [{"threading_layer": "openmp"}])
+    with running(Run(beside=True)), monkeypatch.context() as patch:
+        patch.setattr(executors, "_controller", lambda: layers)
+        patch.setattr(os, "fork", copied)
+        with beside(_name_of, "work") as result:
+            process, name = result()
+    assert process != os.getpid() and name == "work"
 
 
 def test_an_error_meanwhile_does_not_wait_for_work_beside():
