@@ -1,6 +1,6 @@
 """An estimate with its provenance: method, data, certificate and verdict."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from math import nan
 from pathlib import Path
@@ -102,9 +102,10 @@ class Estimate:
         not known.
     parameter_errors : array_like, shape (parameters,), optional
         Standard errors of the standard parameters, NaN where the data do not determine
-        them.  They contain noise as correlated as the residuals, under the constraints
-        (of inequalities that are active, one half: see `variances`), and the prior's
-        bias. They ignore the scatter between recordings; `uncertainty` includes it.
+        them.  They contain noise as correlated as the residuals, under the constraints,
+        and the prior's bias; an inequality that is active counts in half of all data
+        sets, see `active_ratios`.  They ignore the scatter between recordings;
+        `uncertainty` includes it.
     parameter_quantiles, base_quantiles : array_like, optional
         Shapes (parameters,) and (base,): standard errors either way of a 95 % interval.
         They are Student's quantiles for the degrees of freedom of the noise's spectrum;
@@ -512,15 +513,7 @@ class Estimate:
 
         `load` reads it back; units and base parameters are only for people.
         """
-        layout, base = self.model.layout, self.base
         figures = {k: finite_or_none(v) for k, v in self.certificate.figures.items()}
-        errors, of_base = self.parameter_errors, self.standard_errors
-        errors = np.full(len(layout), np.nan) if errors is None else errors
-        of_base = np.full(len(base), np.nan) if of_base is None else of_base
-        half, half_of_base = self.half_intervals, self.base_half_intervals
-        half = np.full(len(layout), np.nan) if half is None else half
-        if half_of_base is None:
-            half_of_base = np.full(len(base), np.nan)
         sigma = zip(self.model.torque_joints, self.sigma.tolist(), strict=True)
         return {
             "format": FORMAT,
@@ -528,41 +521,8 @@ class Estimate:
             "method": self.method,
             **self.verdict.to_dict(),
             "certificate": {**asdict(self.certificate), "figures": figures},
-            "parameters": {
-                name: {
-                    "value": float(value),
-                    "standard_error": finite_or_none(error),
-                    "half_interval": finite_or_none(width),
-                    "unit": unit,
-                    "origin": origin,
-                }
-                for name, value, error, width, unit, origin in zip(
-                    layout.names,
-                    self.parameters,
-                    errors,
-                    half,
-                    layout.units,
-                    self.origins,
-                    strict=True,
-                )
-            },
-            "base_parameters": [
-                {
-                    "name": name,
-                    "value": float(value),
-                    "standard_error": finite_or_none(error),
-                    "half_interval": finite_or_none(width),
-                    "grouping": grouping,
-                }
-                for name, value, error, width, grouping in zip(
-                    base.names,
-                    self.base_values,
-                    of_base,
-                    half_of_base,
-                    base.groupings,
-                    strict=True,
-                )
-            ],
+            "parameters": self._parameter_records,
+            "base_parameters": self._base_records,
             "undetermined": list(self.undetermined),
             "sigma": dict(sigma),
             "notes": list(self.notes),
@@ -570,6 +530,31 @@ class Estimate:
             "fit": None if self.fit is None else self.fit.to_dict(),
             "fitted_to": [span._asdict() for span in self.fitted_to],
         }
+
+    @property
+    def _parameter_records(self) -> dict[str, dict[str, Any]]:
+        """Standard parameters as plain numbers and text, by name."""
+        layout = self.model.layout
+        sure = _sure_records(
+            self.parameters, self.parameter_errors, self.half_intervals
+        )
+        each = zip(layout.names, sure, layout.units, self.origins, strict=True)
+        return {
+            name: {**record, "unit": unit, "origin": origin}
+            for name, record, unit, origin in each
+        }
+
+    @property
+    def _base_records(self) -> list[dict[str, Any]]:
+        """Base parameters as plain numbers and text."""
+        sure = _sure_records(
+            self.base_values, self.standard_errors, self.base_half_intervals
+        )
+        each = zip(self.base.names, sure, self.base.groupings, strict=True)
+        return [
+            {"name": name, **record, "grouping": grouping}
+            for name, record, grouping in each
+        ]
 
     def save(self, path: str | Path) -> Path:
         """Write `to_dict` as JSON; the file is complete or not written.
@@ -631,6 +616,21 @@ class Estimate:
             parameter_errors=errors if np.isfinite(errors).any() else None,
             parameter_quantiles=quantiles if stated.any() else None,
         )
+
+
+def _sure_records(
+    values: Vector, errors: Vector | None, half: Vector | None
+) -> Iterator[dict[str, float | None]]:
+    """Yield each value with its standard error and half of its interval."""
+    unknown = np.full(len(values), np.nan)
+    errors = unknown if errors is None else errors
+    half = unknown if half is None else half
+    for value, error, width in zip(values, errors, half, strict=True):
+        yield {
+            "value": float(value),
+            "standard_error": finite_or_none(error),
+            "half_interval": finite_or_none(width),
+        }
 
 
 def _half_intervals(errors: Vector | None, quantiles: Vector | None) -> Vector | None:
