@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from faulty_logs import arm, at_samples, clean_log
+from faulty_logs import arm, at_samples, clean_case, clean_log
+from scipy.integrate import cumulative_trapezoid
 
-from consistent_id import Recording, differentiated
+from consistent_id import Recording, differentiated, simulate_torque
 from consistent_id.diagnosis.contact_stretches import (
     JointResidual,
     contact,
@@ -140,44 +141,45 @@ def test_a_torque_with_its_sign_has_lost_none():
     assert list(lost_signs(_as_is(_pushed(clean_log(4), 0.4, 0.5)))) == []
 
 
-def _paused(log, at, seconds, held):
+def _paused(case, at, seconds, held):
     """Return a log whose motion stops for a while; dry friction holds a torque then.
+
+    The path is that of the case, passed at another pace, and torque is simulated.
 
     Parameters
     ----------
-    log : Recording
-    at : int
-        Sample at which the robot is to come to rest.
+    case : Case
+    at : float, [s]
+        Time at which the robot begins to brake.
     seconds : float
     held : ndarray, shape (joints,)
         Torque beside that of the place where it rests.
     """
-    rate = 1.0 / np.median(np.diff(log.time))
-    brake = int(2.0 * rate)
-    slower = np.linspace(1.0, 0.0, brake)
-    pace = np.concatenate(
-        [
-            np.ones(at),
-            slower,
-            np.zeros(int(seconds * rate)),
-            slower[::-1],
-            np.ones(len(log.time) - at - 2 * brake),
-        ]
-    )
-    place = np.cumsum(pace) / rate
-    read = [
-        np.column_stack([np.interp(place, log.time, c) for c in channel.T])
-        for channel in (log.position, log.torque)
-    ]
-    read[1] += np.outer(pace == 0.0, held)
-    time = np.arange(len(pace)) / rate
-    return Recording(log.joints, time, read[0], torque=read[1], name=log.name)
+    brake, log = 2.0, case.log
+    creep = 1e-9  # as times on the path must increase
+    time = np.arange(log.time[0], log.time[-1] + seconds + brake, np.diff(log.time)[0])
+    # A half cosine down to zero, the rest, and a half cosine up again.
+    angle = np.clip((time - at) / brake, 0.0, 1.0)
+    angle += np.clip((time - at - brake - seconds) / brake, 0.0, 1.0)
+    pace = np.maximum(0.5 * (1.0 + np.cos(np.pi * angle)), creep)
+    place = time[0] + cumulative_trapezoid(pace, time, initial=0.0)
+    on_path = case.motion.at(log.joints, place)
+    pace = pace[:, None]
+    velocity = pace * on_path.velocity
+    acceleration = pace**2 * on_path.acceleration
+    acceleration += np.gradient(pace, time, axis=0) * on_path.velocity
+    states = Recording(log.joints, time, on_path.position, velocity, acceleration)
+    rng = np.random.default_rng(0)
+    paused = simulate_torque(case.model, case.truth, states, noise=case.noise, rng=rng)
+    torque = paused.torque + (pace == creep) * held
+    return Recording(log.joints, time, paused.position, torque=torque, name=log.name)
 
 
 def test_a_rest_in_which_dry_friction_holds_a_torque_is_no_contact():
     log = clean_log(4)
     spread = log.torque.std(axis=0)
-    rest = _paused(log, len(log) // 2, 1.5, 0.7 * spread)
+    middle = log.time[len(log) // 2]
+    rest = _paused(clean_case(4), middle, 1.5, 0.7 * spread)
     as_is = _as_is(rest)
     assert as_is.misfit > 0.03  # else it would not be looked for
     assert list(contact(as_is)) == []
@@ -187,7 +189,7 @@ def test_a_rest_in_which_dry_friction_holds_a_torque_is_no_contact():
     (found,) = contact(_as_is(replace(rest, torque=torque)))
     first, last = (float(found.cause.statement.split()[k]) for k in (1, 4))
     assert first <= rest.time[len(log) // 5] < rest.time[len(log) // 4 - 1] <= last
-    assert last < rest.time[len(log) // 2]
+    assert last < middle
 
 
 @pytest.mark.parametrize("rests", [True, False])

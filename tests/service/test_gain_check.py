@@ -100,8 +100,9 @@ def test_without_a_load_a_problem_s_bodies_imply_the_gains(files, capsys):
     for joint, gain in zip(JOINTS, GAINS, strict=True):
         one, other = of_problem[joint], of_log[joint]
         assert abs(one["gain"] - gain) < one["half_interval"]
-        # The problem cuts the log into rows for training and for validation.
-        assert one["gain"] == pytest.approx(other["gain"], rel=0.01)
+        # The problem cuts the log into rows for training and for validation, which
+        # have other noise.
+        assert abs(one["gain"] - other["gain"]) < 0.1 * one["half_interval"]
 
 
 def test_a_load_and_its_mass_are_stated_together(files, capsys):

@@ -4,7 +4,7 @@ The Butterworth filter is our own: the import of all of scipy.signal takes longe
 most commands take for their own work.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -24,6 +24,10 @@ from consistent_id.recordings.signals.filtered_rows import (
 _MOTION = ("position", "velocity", "acceleration")
 DECIMATION_ORDER = 8  # of the filter against aliasing
 _LOWEST = 1e-5  # cut-off over sampling rate
+
+_ENDS = 1.0  # periods of the cut-off whose motion tells how an end is bent
+_FEWEST = 8  # samples that tell it
+_SURE = 3.0  # standard errors
 
 _FORGOTTEN = 1e-22
 """Relative effect of a filter's start that counts as none.  Digits of a float end at
@@ -100,7 +104,11 @@ def _motion_filtered(recording: Recording, cutoff: float, order: int) -> Recordi
 
     def smooth(values: Matrix) -> Matrix:
         pad = min(len(values) - 1, int(3 * order * rate / cutoff))
-        return zero_phase(values, cutoff=cutoff, rate=rate, order=order, pad=pad)
+        few = max(int(_ENDS * rate / cutoff) + 1, _FEWEST)
+        ends = values[:few], values[::-1][:few]
+        bends = [_bend(end) if 2 * few <= len(values) else 0.0 for end in ends]
+        padded = _continued(values, pad, bends)
+        return _both_ways(padded, cutoff / rate, order)[pad : pad + len(values)]
 
     channels = {
         channel: smooth(values)
@@ -112,6 +120,23 @@ def _motion_filtered(recording: Recording, cutoff: float, order: int) -> Recordi
         w, dw, felt = np.split(smooth(base.stacked), 3, axis=1)
         base = BaseMotion(w, dw, felt, base.rotation)
     return replace(recording, base=base, **channels)  # type: ignore[arg-type]
+
+
+def _bend(values: Matrix) -> Array:
+    """Return half of the second difference at the first sample, by a cubic.
+
+    The more of it is noise, the smaller it is made: within `_SURE` standard errors of
+    the fit, it is less than half.
+    """
+    powers = np.linspace(0.0, 1.0, len(values))[:, None] ** np.arange(4)
+    inverse = np.linalg.pinv(powers)
+    rise = values - values[0]  # exactly zero while nothing moves
+    bend = (inverse @ rise)[2]
+    variance = np.sum((rise - powers @ (inverse @ rise)) ** 2, axis=0)
+    variance *= inverse[2] @ inverse[2] / (len(values) - 4)
+    whole = bend**2 + _SURE**2 * variance
+    share = np.divide(bend**2, whole, out=np.zeros_like(bend), where=whole > 0.0)
+    return np.asarray(share * bend / (len(values) - 1) ** 2)
 
 
 def decimated(recording: Recording, factor: int) -> Recording:
@@ -207,13 +232,29 @@ def zero_phase(
     pad : int
         Samples by which either end is continued, fewer than there are.
     """
-    before = 2.0 * values[0] - values[pad:0:-1]
-    after = 2.0 * values[-1] - values[-2 : -pad - 2 : -1]
-    padded = np.concatenate([before, values, after])
-    sections = list(_sections(order, np.tan(np.pi * cutoff / rate)))
-    for _ in range(2):  # forwards, then backwards
+    padded = _continued(values, pad)
+    return _both_ways(padded, cutoff / rate, order)[pad : pad + len(values)]
+
+
+def _continued(
+    values: Array, pad: int, bends: Sequence[Array | float] = (0.0, 0.0)
+) -> Matrix:
+    """Continue both ends: ``x(-n) = 2 x(0) - x(n) + 2 b n^2``, with `bends` ``b``.
+
+    With zero, the continuation is odd, and has no second derivative at the end.
+    """
+    squares = 2.0 * np.arange(1.0, pad + 1)[:, None] ** 2
+    before = 2.0 * values[0] - values[pad:0:-1] + squares[::-1] * bends[0]
+    after = 2.0 * values[-1] - values[-2 : -pad - 2 : -1] + squares * bends[1]
+    return np.concatenate([before, values, after])
+
+
+def _both_ways(padded: Matrix, cutoff: float, order: int) -> Matrix:
+    """Filter forwards and backwards; the cut-off is stated over the rate."""
+    sections = list(_sections(order, np.tan(np.pi * cutoff)))
+    for _ in range(2):
         padded = _one_pass(padded, sections)[::-1]
-    return padded[pad : len(padded) - pad]
+    return padded
 
 
 def _sections(order: int, w: float) -> Iterator[tuple[float, Array, Array]]:
