@@ -190,15 +190,16 @@ of the misfit, they are still too narrow. Huber's standard errors are for noise 
 
 Published arms with other bodies than the file's, friction, rotor inertias and offsets
 move at random. Positions are read in steps of 2^-19 turns, torque has noise of 2 %.
-`draft_problem` finds velocities, cut-offs and drive terms, and uses 70 % of each log.
-The table counts 95 % intervals of base parameters of weighted least squares, and
-standard parameters of the constrained estimate within 1.96 standard errors, if they
-have one; it is too large where constraints are active. The target of least squares is
-93 to 97 %. Pink noise has most of its power in the motion's slowest harmonics, where a
-log of 20 s shows it in a few periods only. So the noise's spectrum is uncertain there,
-and intervals are wider than 1.96 standard errors: the sentence on standard errors
-states by how much. Of 5 s, 3.5 s are for training, and ends of the log matter:
-intervals are too wide or too narrow.
+`draft_problem` finds velocities, cut-offs and drive terms, and trains on 7.7 s of a log
+of 20 s and on 3.5 s of one of 5 s. The table counts 95 % intervals of base parameters
+of weighted least squares, and of the standard parameters of the constrained estimate
+that have one. The target is 93 to 97 %. Pink noise has most of its power in the motion's
+slowest harmonics, where a log of 20 s shows it in a few periods only. So the noise's
+spectrum is uncertain there, and intervals are wider than 1.96 standard errors: the
+sentence on standard errors states by how much. A standard error of the constrained
+estimate knows the constraints that are active. In a log of 5 s, noise would often move
+the estimate to others, so that its intervals are too wide; those of `--uncertainty`, by
+profile likelihood, know all constraints.
 
 {logs}
 

@@ -205,13 +205,6 @@ METHODS: dict[str, Callable[[str, int], Iterator[np.ndarray]]] = {
 }
 CORRELATIONS = {"white": 1.0, "AR(1) 0.9": 19.0}  # samples, (1 + 0.9) / (1 - 0.9)
 DESIGNS = ("design on feet", "design on a wrist sensor")
-SLOW = (
-    "spring of a gear",
-    "zero of a joint",
-    "fleet",
-    "robot on its feet",
-    "radius of feet",
-)
 
 
 def share(z: np.ndarray) -> tuple[float, float]:
@@ -260,9 +253,8 @@ def table(replicates: int, methods: Sequence[str] = tuple(METHODS)) -> str:
         "|---|---|--:|--:|--:|",
     ]
     for name in methods:
-        count = max(replicates // 3, 2) if name in SLOW else replicates
         for kind in CORRELATIONS if name in DESIGNS else KINDS:
-            z = np.array(list(METHODS[name](kind, count)))
+            z = np.array(list(METHODS[name](kind, replicates)))
             held, error = share(z)
             each = np.mean(abs(z) <= stats.norm.ppf(0.975), axis=0)
             worst = each[np.argmax(abs(each - 0.95))]
