@@ -133,7 +133,7 @@ def _vibration(M: Matrix, stiffness: Vector, force: Matrix, step: float) -> Matr
         Deflection, its velocity and acceleration.
     """
     from scipy.linalg import eigh
-    from scipy.signal import lfilter
+    from scipy.linalg.lapack import ztbtrs  # scipy.signal takes a second to import
 
     squares, modes = eigh(np.diag(stiffness), M)
     found = np.zeros((3, *force.shape))
@@ -145,9 +145,11 @@ def _vibration(M: Matrix, stiffness: Vector, force: Matrix, step: float) -> Matr
         whole = g * (grown - 1.0) / s
         later = g * (grown - 1.0 - s * step) / (s * s * step)
         push = force @ mode
-        begin = -g * push[0] / s - later * push[0]
-        numerator, denominator = [later, whole - later], [1.0, -grown]
-        z, _ = lfilter(numerator, denominator, push, zi=np.array([begin]))
+        grows = later * push
+        grows[1:] += (whole - later) * push[:-1]
+        grows[0] = -g * push[0] / s  # equilibrium
+        band = np.repeat([[1.0], [-grown]], len(push), axis=1)
+        z = ztbtrs(band, grows[:, None], uplo="L", diag="U")[0][:, 0]
         y, dy = 2.0 * z.real, 2.0 * (s * z).real
         motion = np.array([y, dy, push - square * y - 2.0 * damping * rate * dy])
         found += motion[:, :, None] * mode
