@@ -19,6 +19,7 @@ from consistent_id.estimation.estimate import Estimate
 from consistent_id.export.mjcf_bodies import require_mujoco
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import PDGains, commanded
+from consistent_id.recordings.signals.derivatives import sliding_polynomials
 from consistent_id.rollout.commanded_motion import Replay, begin, replay, replayable
 from consistent_id.rollout.replay_model import ReplayModel, replay_model
 
@@ -337,11 +338,6 @@ def open_loop(
 
 def _velocity(log: Recording) -> Matrix:
     """Return the slope of positions: an error of it grows for a whole window."""
-    from scipy.signal import savgol_filter
-
     if len(log) <= _SPAN:
         return np.asarray(np.gradient(log.position, log.time, axis=0))
-    step = 1.0 / log.rate
-    return np.asarray(
-        savgol_filter(log.position, _SPAN, 3, deriv=1, delta=step, axis=0)
-    )
+    return log.rate * sliding_polynomials(log.position, _SPAN, 3, derivative=1)

@@ -23,6 +23,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
 from consistent_id.errors import ModelError
+from consistent_id.recordings.signals.derivatives import sliding_polynomials
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
 from consistent_id.rollout.servo_log import ServoLog
@@ -188,8 +189,6 @@ class _MeasuredMotion:
     """A log's motion on a uniform clock, with smoothed derivatives."""
 
     def __init__(self, log: ServoLog) -> None:
-        from scipy.signal import savgol_filter
-
         step = max(log.period, 1e-3)
         self.time = np.arange(0.0, log.time[-1] + step, step)
         q = np.column_stack(
@@ -197,10 +196,10 @@ class _MeasuredMotion:
         )
         span = min(2 * int(0.5 * _SMOOTHED / step) + 1, (len(q) - 1) | 1)
         span = max(span, 5)
-        known = dict(window_length=span, polyorder=2, axis=0, delta=step)
-        self.q = np.asarray(savgol_filter(q, deriv=0, **known))
-        self.dq = np.asarray(savgol_filter(q, deriv=1, **known))
-        self.ddq = np.asarray(savgol_filter(q, deriv=2, **known))
+        self.q, self.dq, self.ddq = (
+            sliding_polynomials(q, span, 2, derivative=order) / step**order
+            for order in range(3)
+        )
 
     def _at(self, values: Matrix, time: Vector | float) -> Array:
         return np.array([np.interp(time, self.time, column) for column in values.T]).T

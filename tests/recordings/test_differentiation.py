@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import savgol_coeffs
+from scipy.signal import savgol_coeffs, savgol_filter
 from some_fast import some_fast
 
 from consistent_id import signals
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.signals.derivatives import sliding_polynomials
 from consistent_id.recordings.signals.smoother import (
     drive_covariance,
     smoothed,
@@ -101,6 +102,18 @@ def test_savitzky_golay_is_the_convolution_that_scipy_computes():
     np.testing.assert_allclose(
         found.acceleration[10:-10, 0], np.convolve(q, weights, "valid"), atol=1e-8
     )
+
+
+@pytest.mark.parametrize("window, degree", [(3, 2), (11, 3), (51, 4), (299, 5)])
+@pytest.mark.parametrize("derivative", [0, 1, 2])
+def test_sliding_polynomials_are_those_of_scipy_up_to_both_ends(
+    window, degree, derivative
+):
+    walk = np.cumsum(np.random.default_rng(1).normal(size=(300, 2)), axis=0)
+    found = sliding_polynomials(walk, window, degree, derivative=derivative)
+    expected = savgol_filter(walk, window, degree, deriv=derivative, axis=0)
+    atol = 1e-5 * abs(expected).max()  # SciPy's powers of 149 samples lose digits
+    np.testing.assert_allclose(found, expected, rtol=0, atol=atol)
 
 
 @pytest.mark.parametrize("order", [3, 4, 5, 6])

@@ -90,8 +90,6 @@ def savitzky_golay_differentiated(
 
 
 def _polynomials(recording: Recording, window: float, degree: int) -> Recording:
-    from scipy.signal import savgol_filter
-
     rate = uniform_rate(recording)
     if not isinstance(degree, int) or degree < 2:
         raise RecordingError(f"degree is {degree!r}, expected 2, 3, 4, ...")
@@ -109,19 +107,41 @@ def _polynomials(recording: Recording, window: float, degree: int) -> Recording:
             f"expected more than the degree {degree}. Widen the window"
         )
     q, dq, ddq = (
-        np.asarray(
-            savgol_filter(
-                recording.position,
-                samples,
-                degree,
-                deriv=order,
-                delta=1.0 / rate,
-                axis=0,
-            )
-        )
+        rate**order
+        * sliding_polynomials(recording.position, samples, degree, derivative=order)
         for order in range(3)
     )
     return replace(recording, position=q, velocity=dq, acceleration=ddq)
+
+
+def sliding_polynomials(
+    values: Matrix, window: int, degree: int, *, derivative: int = 0
+) -> Matrix:
+    """Return the polynomial around each sample there, or its derivative by the sample.
+
+    As ``scipy.signal.savgol_filter``, whose import takes a second.  At both ends the
+    polynomial is that of the first and of the last window.
+
+    Parameters
+    ----------
+    values : ndarray, shape (samples, columns)
+    window : int
+        Odd number of samples, not more than there are.
+    degree : int
+        Less than the window, which has three samples or more.
+    derivative : int
+        Its order.
+    """
+    half = window // 2
+    places = np.arange(-half, half + 1) / half
+    # Coefficients of the polynomial, and of its derivative, per sample in the window.
+    fit = np.linalg.pinv(np.vander(places, degree + 1, increasing=True))
+    fit = np.polynomial.polynomial.polyder(fit, derivative, scl=1.0 / half)
+    weights = np.polynomial.polynomial.polyval(places, fit).T  # at each of the places
+    inner = len(values) - window + 1
+    middle = sum(w * values[k : k + inner] for k, w in enumerate(weights[half]))
+    ends = weights[:half] @ values[:window], weights[half + 1 :] @ values[-window:]
+    return np.concatenate([ends[0], np.asarray(middle), ends[1]])
 
 
 def noise_gain(
