@@ -105,6 +105,14 @@ def test_a_spring_between_those_that_are_tried_is_found_with_its_error():
     assert found.standard_errors == pytest.approx([error], rel=0.3)
 
 
+@pytest.mark.parametrize("frequency", [5.5, 12.0, 17.0])
+def test_soft_and_stiff_springs_are_found(frequency):
+    """The search begins with the stiffest."""
+    stiffness = LINK * (2.0 * np.pi * frequency) ** 2
+    found = joint_springs(one_joint(), [log_of(1.0 / stiffness, 0.002)])
+    assert found.stiffness == pytest.approx([stiffness], rel=0.04)
+
+
 @pytest.mark.parametrize("noise", [0.002, 0.02])
 def test_a_spring_is_found_between_the_steps_of_the_search(noise):
     """At the least of the misfit, to half a per cent."""
