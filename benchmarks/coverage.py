@@ -229,6 +229,14 @@ columns should be 93 to 97 %; the last one is the parameter that is farthest off
 This table alone is measured by
 `python benchmarks/coverage_methods.py --write docs/coverage.md`.
 
+Four kinds of figures miss that, and why. The standard errors of slopes on nominal torque
+come from 20 segments of the log; they are a tenth too small where noise is correlated
+over much of a segment. Pink noise during a walk of 12 s moves parameters whose torque
+hardly changes, such as a hip's first moment, by twice their error: no log shows noise
+that is slower than itself. Fleets and loads are physically consistent, and their errors
+know only the constraints that are active, as above. Correlated noise that a design is
+told as white noise of a lower rate is less than that at the frequencies of the motion.
+
 {methods}
 
 ## Figures with ±
