@@ -70,6 +70,45 @@ def test_an_estimated_noise_level_makes_it_that_of_an_f_distribution(errors):
     assert test.p_value == pytest.approx(p, abs=4 * np.sqrt(p * (1 - p) / 400) + 0.005)
 
 
+@pytest.mark.parametrize(
+    ("lengths", "freedom", "shared"),
+    [
+        ((4.0, 4.0, 4.0), 5.0, (4.0, 4.0, 4.0)),
+        ((3.9, 4.0, 4.1), 5.0, (4.0, 4.0, 4.0)),  # they differ by chance
+        ((1.0, 3.0, 9.0), 1e6, (1.0, 3.0, 9.0)),  # each is known
+        (None, 5.0, (1.0, 1.0, 1.0)),  # white
+    ],
+)
+def test_joints_share_the_correlation_of_their_noise(lengths, freedom, shared):
+    model, _, log = experiment(3, joints=3, noise=0.5, samples=300)
+    regression = build_regression(model, log)
+    noise = None
+    if lengths is not None:
+        effective = np.array(regression.counts) / lengths
+        freedoms = np.full(3, freedom)
+        noise = replace(
+            regression.noise, effective=effective, freedom=freedoms, beyond=1.0
+        )
+    regression = replace(regression, noise=noise)
+    base = base_parameters(model)
+    weighted = regression.weighted(joint_noise(model, regression))
+    sigma = unconstrained_fit(weighted, base).noise.sigma
+    # Least squares with these levels; friction is asked to be 10 units above it.
+    R = regression.weighted(sigma * np.sqrt(shared)).stacked()
+    A = R[:, list(base.independent)]
+    k = base.names.index("j2.viscous")
+    x = np.linalg.lstsq(A, R[:, -1])[0][k]
+    expected = 10.0**2 / np.linalg.inv(A.T @ A)[k, k]
+    test = consistency_test(
+        model,
+        regression,
+        constraints=[ParameterBounds({"j2.viscous": (x + 10.0, np.inf)})],
+        draws=1,
+    )
+    assert test.increase == pytest.approx(expected, rel=1e-4)
+    assert test.white == (lengths is None)
+
+
 def test_what_is_not_rare_is_known_from_a_few_draws_and_what_is_rare_from_all():
     model, truth, log = experiment(4, joints=2, noise=0.0, samples=400)
     noise = log.torque.std(axis=0)
