@@ -177,7 +177,7 @@ def test_a_large_bias_is_found_as_exactly_as_a_small_one():
 
 # ----- drives and noise in closed form: torque that the calibration shifts and scales
 
-SPREADS = np.r_[0.03, 0.1, 0.1, 0.05, 0.05]  # of the prior: delay, scales, biases
+SPREADS = np.r_[0.03, 0.1, 0.1, 0.05, 0.005]  # delay, scales, biases: turn, slide
 
 
 class Shifted:
@@ -188,7 +188,8 @@ class Shifted:
     """
 
     def __init__(self, truth, noise=(1.0, 6.0), samples=400):
-        arm = from_modified_dh("arm", [DHRow(np.pi / 2, 0.0), DHRow(0.0, 0.5)])
+        rows = DHRow(np.pi / 2, 0.0), DHRow(0.5, 0.5, kind="prismatic")
+        arm = from_modified_dh("arm", rows)
         body = InertialParameters.from_central(2.0, [0.2, 0.1, 0.0], 0.02 * np.eye(3))
         robot = replace(arm, links=tuple(replace(k, nominal=body) for k in arm.links))
         self.model, self.truth = TorqueModel(robot, DRIVE), truth
