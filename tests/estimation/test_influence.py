@@ -157,6 +157,11 @@ def test_a_wrong_gain_beside_a_load_is_still_doubted():
     estimate = estimated(model, log)
     crossed = confirmed_slopes(estimate, [log])
     assert model.torque_joints[2] not in confirmed_joints(crossed)
+    # Slopes of lines through independent samples, of which bodies explain a share.
+    own = replace(model, torque_joints=doubtful_joints(estimate.fit))
+    samples = build_regression(own, log).effective
+    misses = np.sqrt((1.0 / crossed.explained - 1.0) / samples)
+    np.testing.assert_allclose(crossed.errors / crossed.slopes, misses, rtol=1e-9)
     (doubt,) = [
         r for r in verdict_on(estimate, log).grounds if r.kind == "nominal model"
     ]
