@@ -177,6 +177,11 @@ def test_the_share_is_exact_where_misfit_and_distance_are_alike(seed):
     )
     assert best.x < 0.74
     assert taken == pytest.approx(best.x, abs=5e-5)
+    # Whatever the unit of the objective.
+    small = replace(fit, M=1e-4 * fit.M, z=1e-4 * fit.z)
+    scaled = Compromise(small, distance, 1e-8 * weight)
+    again = scaled.step_share(distance.along(u, step), u, step, length)
+    assert again == pytest.approx(taken, rel=1e-8)
 
 
 def test_a_step_by_which_a_body_becomes_thin_is_at_least_the_safe_one():
