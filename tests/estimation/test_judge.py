@@ -737,3 +737,29 @@ def test_how_much_nominal_bodies_explain_does_not_depend_on_their_size():
     assert whole.explained.min() > 0.5
     np.testing.assert_allclose(small.explained, whole.explained, rtol=1e-6)
     np.testing.assert_allclose(small.slopes, whole.slopes, rtol=1e-6)
+    # Nor on the unit of all rows.
+    regression = build_regression(arm, clean)
+    faint = replace(regression, factors=tuple(1e-9 * F for F in regression.factors))
+    other = slopes_on(arm, faint, bodies)
+    np.testing.assert_allclose(other.slopes, whole.slopes, rtol=1e-6)
+
+
+@pytest.mark.parametrize("drive", [DriveTerms(), DriveTerms(viscous=True, offset=True)])
+def test_slopes_are_the_coefficients_of_bodies_beside_drive_terms(drive):
+    arm, _, log = experiment(1, joints=3, noise=3.0, samples=200, drive=drive)
+    rng = np.random.default_rng(0)
+    bodies = arm.robot.nominal * rng.uniform(0.5, 2.0, arm.robot.nominal.shape)
+    found = slopes_on(arm, build_regression(arm, log), bodies)
+    Y = arm.regressor(log.position, log.velocity, log.acceleration)
+    for j, own in enumerate(Y):
+        body, terms, torque = bodies @ own[:30], own[30:].T, log.torque[:, j]
+        columns = np.column_stack([body, terms])
+        x = np.linalg.lstsq(columns, torque)[0]
+        rest = torque - columns @ x
+        alone = torque - terms @ np.linalg.lstsq(terms, torque)[0]
+        left = body - terms @ np.linalg.lstsq(terms, body)[0]
+        assert found.slopes[j] == pytest.approx(x[0], rel=1e-8)
+        share = 1.0 - rest @ rest / (alone @ alone)
+        assert found.explained[j] == pytest.approx(share, rel=1e-8)
+        size = np.linalg.norm(left) / np.linalg.norm(torque)
+        assert found.expected[j] == pytest.approx(size, rel=1e-8)
