@@ -17,6 +17,7 @@ from consistent_id import (
     constrained_least_squares,
 )
 from consistent_id.constraints import Penalty, PointToSet
+from consistent_id.constraints.cones.certificate import conic_optimum
 from consistent_id.estimation import to_cvxpy
 
 CONSTRAINTS = (PhysicalConsistency(), NonNegativeDrive())
@@ -152,6 +153,14 @@ def test_cones_without_a_proof_are_said_to_have_none():
     estimate = form.solve(terms=[-0.1 * cp.log(form.of("j0.viscous"))])
     assert estimate.certificate.verdict == "uncertified"
     assert "no proof" in estimate.certificate.reason
+
+
+def test_a_programme_without_cones_violates_none():
+    x = cp.Variable(2)
+    found = conic_optimum(cp.Problem(cp.Minimize(cp.sum_squares(x - [1.0, 2.0]))))
+    assert x.value == pytest.approx([1.0, 2.0])
+    assert found.violation() == pytest.approx(0.0, abs=1e-9)
+    assert found.gap() == pytest.approx(0.0, abs=1e-7)
 
 
 def test_a_datasheet_is_kept_to_the_last_digit():

@@ -79,7 +79,8 @@ def _of(estimate):
         found.append(estimate.standard_errors)
     fit = estimate.fit
     plain = [] if fit is None else [fit.misfits, fit.slopes, fit.explained, fit.spare]
-    return found, [estimate.origins, estimate.undetermined, *plain]
+    words = [estimate.origins, estimate.undetermined, estimate.error_notes]
+    return found, [*words, *plain]
 
 
 def _constrained(prior):
