@@ -726,6 +726,35 @@ def test_independent_samples_are_counted_for_each_parameter():
     assert spare * free.solution.rank == pytest.approx(regression.effective.sum())
 
 
+def test_figures_of_a_fit_are_those_of_its_samples():
+    arm, truth, log = experiment(1, joints=3, noise=2.0, samples=200)
+    regression = build_regression(arm, log).weighted([0.5, 2.0, 4.0])
+    base = base_parameters(arm)
+    free = unconstrained_fit(regression, base)
+    found = fit_of(arm, free, truth)
+
+    def rms(torque):
+        return np.sqrt(np.mean(torque**2, axis=0))
+
+    def left(x):
+        return log.torque - arm.predict(x, log.position, log.velocity, log.acceleration)
+
+    friction = np.where(np.arange(len(truth)) < 30, 0.0, truth)
+    torque, misses = np.linalg.norm(log.torque), left(truth)
+    assert found.misfit == pytest.approx(np.linalg.norm(misses) / torque)
+    least = left(free.parameters)
+    assert found.floor == pytest.approx(np.linalg.norm(least) / torque)
+    drive = np.linalg.norm(log.torque - left(friction)) / torque
+    assert 0.01 < found.drive_share == pytest.approx(drive)
+    np.testing.assert_allclose(found.torque, rms(log.torque))
+    np.testing.assert_allclose(found.misfits, rms(misses) / rms(log.torque))
+    weighted = [np.sum((x / [0.5, 2.0, 4.0]) ** 2) for x in (misses, least)]
+    rows, rank = 600, len(base)
+    excess = np.sqrt(weighted[0] / rows / (weighted[1] / (rows - rank)))
+    assert found.excess == pytest.approx(excess)
+    assert found.correlation == pytest.approx(rows / regression.effective.sum())
+
+
 def test_how_much_nominal_bodies_explain_does_not_depend_on_their_size():
     arm, _, clean = experiment(0, joints=2, samples=300)
     bodies = arm.robot.nominal.ravel()
