@@ -109,6 +109,16 @@ def test_base_parameters_of_no_body_are_refused_however_well_they_fit():
     assert report.verdict.word == "do not use"
     assert "impossible robot" in [r.kind for r in report.verdict.grounds]
     assert "j2" in report.base_feasibility.summary
+    assert report.possible_links == (True, True, False)
+
+
+def test_the_distance_to_nominal_is_that_of_pseudo_inertias():
+    """Half as much again in all four directions is ``||I / 2||``."""
+    _, _, truth, logs, (plain, _) = _estimates()
+    x = truth.copy()
+    x[10:20] *= 1.5
+    (report,) = compare([replace(plain, parameters=x)], [logs[1]]).reports
+    assert report.distance_to_nominal == pytest.approx([0.0, 1.0, 0.0], abs=1e-9)
 
 
 def test_comparing_nothing_or_different_models_is_refused():

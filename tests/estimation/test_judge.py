@@ -727,7 +727,11 @@ def test_independent_samples_are_counted_for_each_parameter():
 
 
 def test_figures_of_a_fit_are_those_of_its_samples():
-    arm, truth, log = experiment(1, joints=3, noise=2.0, samples=200)
+    arm, truth, log = experiment(3, joints=3, noise=2.0, samples=200)
+    assert arm.forces.any() and not arm.forces.all()
+    velocity = log.velocity.copy()
+    velocity[50:100, 1] = 0.0
+    log = replace(log, velocity=velocity)
     regression = build_regression(arm, log).weighted([0.5, 2.0, 4.0])
     base = base_parameters(arm)
     free = unconstrained_fit(regression, base)
@@ -748,6 +752,13 @@ def test_figures_of_a_fit_are_those_of_its_samples():
     assert 0.01 < found.drive_share == pytest.approx(drive)
     np.testing.assert_allclose(found.torque, rms(log.torque))
     np.testing.assert_allclose(found.misfits, rms(misses) / rms(log.torque))
+    kinds = [log.torque[:, kind] for kind in (arm.forces, ~arm.forces)]
+    largest = [rms(kind).max() for kind in kinds]
+    sizes = np.where(arm.forces, *largest)
+    np.testing.assert_allclose(found.shares, rms(log.torque) / sizes)
+    np.testing.assert_allclose(found.moving, [1.0, 0.75, 1.0])
+    coulomb = [truth[arm.layout.index(f"j{k}.coulomb")] for k in range(3)]
+    np.testing.assert_allclose(found.holding, coulomb)
     weighted = [np.sum((x / [0.5, 2.0, 4.0]) ** 2) for x in (misses, least)]
     rows, rank = 600, len(base)
     excess = np.sqrt(weighted[0] / rows / (weighted[1] / (rows - rank)))
