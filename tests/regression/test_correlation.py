@@ -189,6 +189,16 @@ def test_the_degrees_of_freedom_are_those_by_which_the_variance_scatters(a):
     assert 3.0 < expected < 40.0
 
 
+def test_what_few_samples_leave_has_few_degrees_of_freedom():
+    """One is left of three samples; two parameters at few frequencies have under two."""
+    rng = np.random.default_rng(0)
+    for n, low, high in ((3, 1.0, 1.0), (100, 1.5, 1.95)):
+        basis = np.linalg.qr(np.cos(np.outer(np.arange(n) + 0.5, [0.0, np.pi / n])))[0]
+        noise = np.cumsum(rng.normal(size=n))
+        residual = noise - basis @ (basis.T @ noise)
+        assert low <= spectral_noise(basis, residual, np.eye(2)).freedom <= high
+
+
 def test_errors_of_a_column_are_in_its_own_unit():
     rng = np.random.default_rng(3)
     rows = np.column_stack([rng.normal(size=(800, 3)), ar1(rng, 0.5, 800)])
