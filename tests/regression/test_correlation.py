@@ -190,7 +190,7 @@ def test_the_degrees_of_freedom_are_those_by_which_the_variance_scatters(a):
 
 
 def test_what_few_samples_leave_has_few_degrees_of_freedom():
-    """Three samples and two parameters leave one; at few frequencies it is below two."""
+    """Three samples less two parameters: one; at few frequencies, less than two."""
     rng = np.random.default_rng(0)
     for n, low, high in ((3, 1.0, 1.0), (100, 1.5, 1.95)):
         basis = np.linalg.qr(np.cos(np.outer(np.arange(n) + 0.5, [0.0, np.pi / n])))[0]
