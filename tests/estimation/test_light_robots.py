@@ -146,9 +146,9 @@ def _endogeneity(scale):
 
 def _uncertainty(scale):
     model, log, regression, _ = problem(scale)
-    segments = segment_regressions(model, log)
+    segments = segment_regressions(model, log, count=6)
     segments = [s.weighted(regression.sigma) for s in segments]
-    found = uncertainty(model, segments, constraints=BODIES, replicates=3).parameters
+    found = uncertainty(model, segments, constraints=BODIES, replicates=2).parameters
     return (
         [[p.standard_error for p in found], [p.resampled for p in found]],
         [[p.verdict for p in found], [p.quantile for p in found]],
@@ -157,9 +157,9 @@ def _uncertainty(scale):
 
 def _path(scale):
     model, log, regression, _ = problem(scale)
-    segments = segment_regressions(model, log)
+    segments = segment_regressions(model, log, count=6)
     segments = [s.weighted(regression.sigma) for s in segments]
-    found = cross_validated(model, segments, constraints=BODIES, weights=[1e-3, 1.0])
+    found = cross_validated(model, segments, constraints=BODIES, weights=[0.1])
     return [found.parameters], [found.errors, found.misfits, found.distances]
 
 
