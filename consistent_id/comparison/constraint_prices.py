@@ -39,8 +39,8 @@ class ShadowPrice:
     ----------
     label : str
     price : float, [N m or N], or in units of the joints' `sigma`
-        Change of the root-mean-square residual if an equality's value, or the bound of
-        an inequality or a block, rises by `STEP` of the typical size.
+        Change of the root-mean-square residual if an equality's value rises by `STEP`
+        of the typical size, or an inequality or a block is tightened by as much.
     cost : float, same unit
         Decrease of the residual if the constraint is left out.
     verdict : {"certified", "uncertified"}

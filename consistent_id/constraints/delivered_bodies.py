@@ -181,9 +181,11 @@ def robot_size(
     followed = any(joint.mimic is not None for joint in robot.joints)
     shares = np.full(len(bodies), np.nan)
     if len(robot) and not followed:
-        most = _most_inertia(robot, random_poses(model, _POSES, 0), bodies[:, 0], size)
+        poses = random_poses(model, _POSES, 0)
+        most = _most_inertia(robot, poses, bodies[:, 0], size)
         minor = np.median(most, axis=0) < _MINOR * float(np.median(most, axis=0).max())
-        shares = np.where(known & ~minor, _shares(model, parameters, most), np.nan)
+        found = _shares(model, parameters, poses, most)
+        shares = np.where(known & ~minor, found, np.nan)
         turns = np.array([joint.kind != "prismatic" for joint in robot.joints])
         radius[minor & turns] = centre[minor & turns] = np.nan
     turning = [
@@ -241,11 +243,11 @@ def _most_inertia(robot: RobotModel, q: Array, masses: Vector, size: Vector) -> 
     return most
 
 
-def _shares(model: TorqueModel, parameters: Vector, most: Array) -> Vector:
+def _shares(model: TorqueModel, parameters: Vector, q: Array, most: Array) -> Vector:
     """Return the bodies' inertia over the most, median of the poses, shape (links,)."""
     bodies = parameters.copy()
     bodies[model.layout.inertial_size :] = 0.0
-    matrices = mass_matrices(model, bodies, random_poses(model, _POSES, 0))
+    matrices = mass_matrices(model, bodies, q)
     shares = np.full(most.shape[1], np.nan)
     driven = [k for k, joint in enumerate(model.robot.joints) if joint.driven]
     for column, k in enumerate(driven):

@@ -217,10 +217,9 @@ def origin_text(
     half = quantile * error
     if origin != "data" or not half > abs(value):
         return origin
-    relative = half / max(abs(value), np.finfo(np.float64).tiny)
-    if relative > _UNCOUNTED:
+    if half > _UNCOUNTED * abs(value):
         return f"small (± more than {100.0 * _UNCOUNTED:.0f} %)"
-    return f"small (± {100.0 * relative:.0f} %)"
+    return f"small (± {100.0 * half / abs(value):.0f} %)"
 
 
 def stated_errors(

@@ -463,7 +463,7 @@ def command_delay(
     # Far from the delay, residuals are mostly its own error, which is correlated.
     built[best] = build_regression(model, recordings(best))
     sigma = joint_noise(model, built[best])
-    seconds, bend = _parabola(best, step, misfit)
+    seconds, bend = _parabola(best, step, longest, misfit)
     tried = np.array(list(built))
     misfits = np.array([misfit(delay) for delay in built])
     later = recordings(best + _LATER)
@@ -510,13 +510,14 @@ def _delay_error(
 
 
 def _parabola(
-    best: float, step: float, misfit: Callable[[float], float]
+    best: float, step: float, longest: float, misfit: Callable[[float], float]
 ) -> tuple[float, float]:
     """Return the lowest point, and the second derivative, of a parabola near a delay.
 
-    It goes through the best delay and its neighbours; at zero, through the next ones.
+    It goes through the best delay and its neighbours; at either end, through the next
+    ones.
     """
-    middle = max(best, step)
+    middle = min(max(best, step), longest - step)
     low, centre, high = (misfit(middle + k * step) for k in (-1, 0, 1))
     bend = (low - 2.0 * centre + high) / step**2
     slope = (high - low) / (2.0 * step)

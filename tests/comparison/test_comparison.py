@@ -1,5 +1,6 @@
 """Comparisons: errors by hand, mass matrices of Pinocchio, verdicts, tables."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -108,6 +109,16 @@ def test_base_parameters_of_no_body_are_refused_however_well_they_fit():
     assert report.verdict.word == "do not use"
     assert "impossible robot" in [r.kind for r in report.verdict.grounds]
     assert "j2" in report.base_feasibility.summary
+    assert report.possible_links == (True, True, False)
+
+
+def test_the_distance_to_nominal_is_that_of_pseudo_inertias():
+    """Half as much again in all four directions is ``||I / 2||``."""
+    _, _, truth, logs, (plain, _) = _estimates()
+    x = truth.copy()
+    x[10:20] *= 1.5
+    (report,) = compare([replace(plain, parameters=x)], [logs[1]]).reports
+    assert report.distance_to_nominal == pytest.approx([0.0, 1.0, 0.0], abs=1e-9)
 
 
 def test_comparing_nothing_or_different_models_is_refused():
@@ -135,6 +146,9 @@ def test_comparing_nothing_or_different_models_is_refused():
         ([1.0, 0, 0, 0, 0.5, 0, 0.1, 0, 0, 0.1], "0.5 kg m^2 about [1. 0. 0.] exceeds"),
         ([1.0, 0, 0, 0, 5, 0, 1, 0, 0, 1], "exceeds the sum of the other two, 2, by 3"),
         ([1.0, 0, 0, 0, 1, 0, 1, 0, 0, 1], "physically consistent"),
+        ([0.0, 0, 0, 0, 1, 0, 1, 0, 0, 1], "mass 0 kg is not positive"),
+        ([1.0, 0, 0, 0, 1, 0, 1, 0, 0, 2], "physically consistent"),  # flat
+        ([1.0, 0, 0, 0, 0, 0, 1, 0, 0, 1], "physically consistent"),  # a rod
     ],
 )
 def test_violations_are_said_in_words(vector, words):
@@ -154,7 +168,23 @@ def test_the_link_that_cannot_be_consistent_is_named_and_no_other():
     assert found.answer == "impossible"
     (violation,) = found.violations
     assert violation.link == "link2" and violation.margin < 0.0
-    assert "link2: the least moment of inertia, " in found.summary
+    # The moment itself, less a hundredth for the sake of shorter numbers.
+    least = re.search("link2: the least moment of inertia, ([-.0-9]+)", found.summary)
+    assert float(least[1]) == pytest.approx(-0.1, rel=0.02)
+
+
+def test_no_link_is_named_where_only_all_together_are_impossible():
+    robot = from_modified_dh("arm", [DHRow(-np.pi / 2, 0.0), DHRow(0.0, 0.5)])
+    model = TorqueModel(robot)
+    base = base_parameters(model)
+    # All mass of the second link is on its joint's axis: it has no thickness.
+    values = np.zeros(len(base))
+    assert base_feasibility(model, base, values).answer == "consistent"
+    # The first one's moment, and the second's mass, may each be less than nothing.
+    values[base.names.index("link1.Izz")] = -0.1
+    found = base_feasibility(model, base, values)
+    assert found.answer == "impossible" and found.violations == ()
+    assert "link1.Izz + 0.25 link2.m contradict each other" in found.summary
 
 
 def test_tables_align_numbers_and_escape_bars_in_markdown():

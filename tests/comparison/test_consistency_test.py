@@ -48,6 +48,30 @@ def test_of_a_half_space_the_p_value_is_half_that_of_chi_square(errors):
     assert test.p_value == pytest.approx(p, abs=4 * np.sqrt(p * (1 - p) / 400) + 0.005)
 
 
+@pytest.mark.parametrize(("inside", "counts"), [(1.9, True), (2.1, False)])
+def test_a_constraint_within_two_errors_counts_as_active(inside, counts):
+    """Two half-spaces: mixture of chi^2 by the angle between them [Shapiro1988]_."""
+    model, _, log = experiment(3, joints=2, noise=0.5, samples=300)
+    regression = replace(build_regression(model, log), noise=None)
+    regression = regression.weighted(joint_noise(model, regression))
+    plain = least_squares(model, regression)
+    names = ["j0.viscous", "j1.viscous"]
+    k = [plain.base.names.index(name) for name in names]
+    x, C = plain.base_values[k], plain.base_covariance[np.ix_(k, k)]
+    first = x[0] + np.sqrt(C[0, 0])
+    best = x[1] + C[1, 0] / C[0, 0] * (first - x[0])  # of the second, with the first
+    second = best - inside * np.sqrt(C[1, 1])
+    bounds = dict(zip(names, [(first, np.inf), (second, np.inf)], strict=True))
+    test = consistency_test(
+        model, regression, constraints=[ParameterBounds(bounds)], draws=400, enough=400
+    )
+    assert test.increase == pytest.approx(1.0, rel=1e-3)
+    angle = np.arccos(C[0, 1] / np.sqrt(C[0, 0] * C[1, 1]))
+    p = 0.5 * chdtrc(1, 1.0) + counts * angle / (2 * np.pi) * chdtrc(2, 1.0)
+    # The other case is 0.15 away: seven standard errors of 400 draws.
+    assert test.p_value == pytest.approx(p, abs=0.07)
+
+
 @pytest.mark.parametrize("errors", some_fast([3.0, 1.5]))
 def test_an_estimated_noise_level_makes_it_that_of_an_f_distribution(errors):
     model, _, regression = noisy_pendulum(1)
@@ -68,6 +92,45 @@ def test_an_estimated_noise_level_makes_it_that_of_an_f_distribution(errors):
     assert test.increase == pytest.approx(errors**2, rel=1e-3)
     p = 0.5 * fdtrc(1, 5, errors**2)
     assert test.p_value == pytest.approx(p, abs=4 * np.sqrt(p * (1 - p) / 400) + 0.005)
+
+
+@pytest.mark.parametrize(
+    ("lengths", "freedom", "shared"),
+    [
+        ((4.0, 4.0, 4.0), 5.0, (4.0, 4.0, 4.0)),
+        ((3.9, 4.0, 4.1), 5.0, (4.0, 4.0, 4.0)),  # they differ by chance
+        ((1.0, 3.0, 9.0), 1e6, (1.0, 3.0, 9.0)),  # each is known
+        (None, 5.0, (1.0, 1.0, 1.0)),  # white
+    ],
+)
+def test_joints_share_the_correlation_of_their_noise(lengths, freedom, shared):
+    model, _, log = experiment(3, joints=3, noise=0.5, samples=300)
+    regression = build_regression(model, log)
+    noise = None
+    if lengths is not None:
+        effective = np.array(regression.counts) / lengths
+        freedoms = np.full(3, freedom)
+        noise = replace(
+            regression.noise, effective=effective, freedom=freedoms, beyond=1.0
+        )
+    regression = replace(regression, noise=noise)
+    base = base_parameters(model)
+    weighted = regression.weighted(joint_noise(model, regression))
+    sigma = unconstrained_fit(weighted, base).noise.sigma
+    # Least squares with these levels; friction is asked to be 10 units above it.
+    R = regression.weighted(sigma * np.sqrt(shared)).stacked()
+    A = R[:, list(base.independent)]
+    k = base.names.index("j2.viscous")
+    x = np.linalg.lstsq(A, R[:, -1])[0][k]
+    expected = 10.0**2 / np.linalg.inv(A.T @ A)[k, k]
+    test = consistency_test(
+        model,
+        regression,
+        constraints=[ParameterBounds({"j2.viscous": (x + 10.0, np.inf)})],
+        draws=1,
+    )
+    assert test.increase == pytest.approx(expected, rel=1e-4)
+    assert test.white == (lengths is None)
 
 
 def test_what_is_not_rare_is_known_from_a_few_draws_and_what_is_rare_from_all():

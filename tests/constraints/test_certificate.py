@@ -87,6 +87,23 @@ def test_a_magnified_solution_has_the_multipliers_of_the_problem_as_it_stands(se
     )
 
 
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_magnified_problem_has_more_digits_of_multipliers_of_a_small_optimum(seed):
+    problem, answer = _triangular(seed)
+    exact = 1e-4 * (answer - problem.g / problem.G.diagonal())
+    small = replace(problem, g=problem.G @ (answer - exact))
+    i, j = np.triu_indices(3)
+    plain, magnified = (
+        abs(solve_least_norm(small, magnified=m).multipliers.blocks[0][i, j] - exact)
+        for m in (False, True)
+    )
+    assert magnified.max() < 0.5 * plain.max() < 0.5e-2 * abs(exact).max()
+    # A target that is met has none, and no size by which to magnify.
+    met = replace(problem, g=problem.G @ answer)
+    found = solve_least_norm(met, magnified=True, origin=answer)
+    np.testing.assert_allclose(found.u, answer, atol=1e-7)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_where_a_larger_gap_is_enough_a_coarse_programme_is_tried_first(
     seed, monkeypatch

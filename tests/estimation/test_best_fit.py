@@ -1,11 +1,13 @@
 """The best fit's misfit is that of its parameters on the regression itself."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from experiments import experiment
 
 from consistent_id import FixedMasses, PhysicalConsistency, build_regression
-from consistent_id.estimation.best_fit import best_fit
+from consistent_id.estimation.best_fit import best_fit, scaled_fit
 from consistent_id.regression.base import base_parameters
 
 
@@ -34,3 +36,22 @@ def test_the_misfit_is_right_also_where_it_is_less_than_a_millionth_of_the_torqu
     R = regression.stacked()
     expected = np.linalg.norm(R[:, :-1] @ best.parameters - R[:, -1])
     assert best.misfit == pytest.approx(expected, rel=1e-4)
+
+
+def test_the_torque_of_one_unit_of_a_drive_term_is_as_large_as_all_torque():
+    """Of joints at rest, it is a thousandth of the largest unit's torque instead."""
+    model, _, log = experiment(3, joints=3, samples=200)
+    slow = log.velocity * [1.0, 1e-6, 0.1]
+    log = replace(log, velocity=slow, acceleration=np.zeros_like(slow))
+    regression = build_regression(model, log).weighted([1.0, 2.0, 3.0])
+    fit = scaled_fit(model, regression, base_parameters(model), ())
+    R = regression.stacked()
+    names, sizes = model.layout.names, np.linalg.norm(R[:, :-1], axis=0)
+    norms = dict(zip(names, sizes, strict=True))
+    expected = []
+    for name in names[model.layout.inertial_size :]:
+        largest = max(norms[f"j{k}.{name.split('.')[1]}"] for k in range(3))
+        size = max(norms[name], 1e-3 * largest)
+        expected.append(np.linalg.norm(R[:, -1]) / size if size > 0.0 else 1.0)
+    assert 1.0 in expected  # without acceleration, rotors have no torque
+    np.testing.assert_allclose(fit.unit[model.layout.inertial_size :], expected)

@@ -90,10 +90,12 @@ def test_the_error_of_a_fold_is_that_of_predicting_its_samples():
         assert errors[1] == pytest.approx(np.sqrt(np.mean(rest**2)), rel=1e-4)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("right", "samples"), [(True, 60), (False, 240)])
-def test_the_path_finds_the_best_of_all_weights_without_trying_them_all(right, samples):
-    model, segments, _ = simulated(5, right, samples, noise=0.5, joints=2)
+@pytest.mark.parametrize(("right", "samples"), [(True, 60), (False, 240), (True, 24)])
+@pytest.mark.parametrize("joints", some_fast([1, 2]))
+def test_the_path_finds_the_best_of_all_weights_without_trying_them_all(
+    right, samples, joints
+):
+    model, segments, _ = simulated(5, right, samples, noise=0.5, joints=joints)
     path = cross_validated(model, segments, constraints=BODIES)
     whole = cross_validated(model, segments, constraints=BODIES, weights=GRID)
     assert len(path.weights) < len(whole.weights) == len(GRID)

@@ -17,6 +17,7 @@ from consistent_id import (
     constrained_least_squares,
 )
 from consistent_id.constraints import Penalty, PointToSet
+from consistent_id.constraints.cones.certificate import ConicOptimum, conic_optimum
 from consistent_id.estimation import to_cvxpy
 
 CONSTRAINTS = (PhysicalConsistency(), NonNegativeDrive())
@@ -147,11 +148,44 @@ def test_a_wrong_optimum_is_not_certified(monkeypatch):
     assert estimate.certificate.verdict == "uncertified"
 
 
+@pytest.mark.parametrize(
+    ("gap", "violation", "verdict"),
+    [
+        (0.9e-6, 0.9e-7, "certified"),
+        (1.1e-6, 0.0, "uncertified"),
+        (0.0, 1.1e-7, "uncertified"),
+    ],
+)
+def test_an_own_optimum_is_certified_by_its_gap_and_by_its_rows(
+    monkeypatch, gap, violation, verdict
+):
+    model, _, log = pendulum()
+    form = to_cvxpy(model, build_regression(model, log), constraints=CONSTRAINTS)
+    own = 10.0 + 0.1 * cp.norm1(form.variable)
+    form.solve(terms=[own])
+    size = float((form.misfit + form.prior + own).value)
+    monkeypatch.setattr(ConicOptimum, "gap", lambda _: gap * size)
+    monkeypatch.setattr(ConicOptimum, "violation", lambda _: violation)
+    estimate = form.solve(terms=[own])
+    assert estimate.certificate.verdict == verdict
+    figures = estimate.certificate.figures
+    assert figures["relative gap"] == pytest.approx(gap, abs=2e-8)
+    assert figures["violation by CVXPY's rows"] == violation
+
+
 def test_cones_without_a_proof_are_said_to_have_none():
     form, _ = problem(0)
     estimate = form.solve(terms=[-0.1 * cp.log(form.of("j0.viscous"))])
     assert estimate.certificate.verdict == "uncertified"
     assert "no proof" in estimate.certificate.reason
+
+
+def test_a_programme_without_cones_violates_none():
+    x = cp.Variable(2)
+    found = conic_optimum(cp.Problem(cp.Minimize(cp.sum_squares(x - [1.0, 2.0]))))
+    assert x.value == pytest.approx([1.0, 2.0])
+    assert found.violation() == pytest.approx(0.0, abs=1e-9)
+    assert found.gap() == pytest.approx(0.0, abs=1e-7)
 
 
 def test_a_datasheet_is_kept_to_the_last_digit():

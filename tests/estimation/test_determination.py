@@ -85,6 +85,7 @@ def test_a_small_value_is_called_small_with_its_relative_error():
     # 1.96 standard errors are 2.94 times the value.
     assert origin_text("data", -0.1, 0.15) == "small (± 294 %)"
     assert origin_text("data", 0.0, 0.15) == "small (± more than 1000 %)"
+    assert origin_text("data", 0.0, 1e6) == "small (± more than 1000 %)"
     assert origin_text("data", 0.0, 0.0) == "data"
     assert origin_text("data", 0.1, np.nan) == "data"
     assert origin_text("loose", 0.1, 9.0) == "loose"

@@ -1,5 +1,6 @@
 """Methods of an estimate: its uncertainty from recordings alone, and its picture."""
 
+import json
 from dataclasses import fields, replace
 from time import perf_counter
 
@@ -81,6 +82,18 @@ def test_only_constrained_estimates_have_this_uncertainty(tmp_path):
     ):
         with pytest.raises(ProblemError, match=r"consistent_id\.uncertainty"):
             other.uncertainty(log)
+
+
+@pytest.mark.parametrize("part", ["parameters", "sigma"])
+def test_a_file_of_other_parameters_or_of_other_joints_is_refused(tmp_path, part):
+    estimate, _ = estimated()
+    file = estimate.save(tmp_path / "e.json")
+    record = json.loads(file.read_text())
+    name, value = record[part].popitem()
+    record[part][f"other {name}"] = value
+    file.write_text(json.dumps(record))
+    with pytest.raises(ProblemError, match="its parameters are not those of robot"):
+        Estimate.load(file, estimate.model, estimate.base)
 
 
 @pytest.fixture

@@ -23,6 +23,7 @@ from consistent_id.estimation.left_out import (
     left_out_fits,
     prediction_spread,
 )
+from consistent_id.estimation.torque_error import stacked_of_regression
 from consistent_id.regression import base_parameters, segment_regressions
 from consistent_id.regression.segments import merged
 
@@ -147,6 +148,9 @@ def test_a_distance_beyond_that_tested_adds_to_the_error_and_a_nearer_one_does_n
     """``E_new^2 = E^2 + (E^2 - F^2) max(D^2 / D_0^2 - 1, 0)`` at equal torque."""
     _, _, log, found = forecast
     rows = build_regression(found.model, log)
+    fitted = stacked_of_regression(found.model, found.regression, found.parameters)
+    whole = found.expected.error**2 - fitted**2
+    assert 0.0 < found.excess == pytest.approx(whole, rel=1e-9)
     spread = prediction_spread(
         found.root, found.scaled, rows.weighted(found.regression.sigma), found.base
     )

@@ -1,9 +1,12 @@
 """Errors of a floating base's parameters that are not alike in all of a motion."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import consistent_id as ci
+from consistent_id.estimation.uncertainties.beyond_noise import FloatingBlocks
 from consistent_id.estimation.uncertainties.block_scatter import BLOCKS
 from consistent_id.estimation.uncertainties.parameter_uncertainty import uncertainty
 from consistent_id.regression.segments import segment_regressions
@@ -56,3 +59,11 @@ def test_a_drift_from_block_to_block_is_in_the_standard_error():
 def test_without_drift_blocks_add_next_to_nothing():
     bias = sure(np.zeros(BLOCKS))["base.fx.bias"]
     assert bias.standard_error == pytest.approx(NOISE / np.sqrt(SAMPLES), rel=0.5)
+
+
+@pytest.mark.parametrize(("count", "quantile"), [(1, 1.96), (2, 12.71), (10, 2.262)])
+def test_intervals_of_few_blocks_have_students_quantile(count, quantile):
+    blocks = FloatingBlocks(SimpleNamespace(blocks=count), np.ones(3), np.ones(3))
+    assert blocks.quantile == pytest.approx(quantile, rel=1e-3)
+    assert f"{quantile:.2f} standard errors" in blocks.sentence
+    assert blocks.variance.tolist() == [1.0 / count] * 3

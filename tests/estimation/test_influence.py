@@ -23,6 +23,7 @@ from consistent_id.estimation.influence import (
 )
 from consistent_id.estimation.slope_reasons import confirmed_joints, doubtful_joints
 from consistent_id.estimation.torque_error import Slopes
+from consistent_id.regression.row_structure import random_rows
 
 KNOWN = (PhysicalConsistency(), NonNegativeDrive())
 LOAD = InertialParameters.from_central(1.0, [0.1, 0.0, 0.2], 0.005 * np.eye(3))
@@ -157,6 +158,11 @@ def test_a_wrong_gain_beside_a_load_is_still_doubted():
     estimate = estimated(model, log)
     crossed = confirmed_slopes(estimate, [log])
     assert model.torque_joints[2] not in confirmed_joints(crossed)
+    # Slopes of lines through independent samples, of which bodies explain a share.
+    own = replace(model, torque_joints=doubtful_joints(estimate.fit))
+    samples = build_regression(own, log).effective
+    misses = np.sqrt((1.0 / crossed.explained - 1.0) / samples)
+    np.testing.assert_allclose(crossed.errors / crossed.slopes, misses, rtol=1e-9)
     (doubt,) = [
         r for r in verdict_on(estimate, log).grounds if r.kind == "nominal model"
     ]
@@ -169,3 +175,24 @@ def test_slopes_that_bodies_hardly_explain_confirm_nothing():
     assert confirmed_joints(crossed) == ("a",)
     for error in (0.07, np.inf):
         assert confirmed_joints(replace(crossed, errors=np.full(3, error))) == ()
+
+
+def test_what_is_lost_counts_by_its_torque_on_random_motions():
+    """Parts that data determine are orthogonal, each parameter times its torque."""
+    model, log = logged(1)
+    estimate = estimated(model, log)
+    whole = least_squares_on(estimate, [log])
+    others = without(estimate, [log], joints=model.torque_joints[1:2]).free
+    rows = random_rows(model)
+    size = np.where(rows.norms > 0.0, rows.norms, 1.0)
+    assert rows.norms.min() == 0.0  # of bodies that do not turn in all directions
+
+    def onto(free, p):
+        B = free.base.projection / size
+        return np.linalg.pinv(B) @ (B @ p)
+
+    seen = onto(whole, estimate.parameters * size)
+    lost = (seen - onto(others, seen)) / size
+    missed = estimate.fit.misfits * rows.rms(estimate.parameters)
+    found = influence(estimate, np.zeros(len(size)), others, whole)
+    assert found.elsewhere == pytest.approx(max(rows.rms(lost) / missed), rel=1e-6)

@@ -187,6 +187,7 @@ def test_instruments_that_do_not_fit_are_refused():
         instrumental_variables(MASS, log, told.samples(slice(400)))
     with pytest.raises(RecordingError, match="1 recordings, but 2 instruments"):
         instrumental_variables(MASS, log, [told, told])
-    bare = Recording(told.joints, told.time, told.position)
-    with pytest.raises(RecordingError, match="of instruments, has no velocity"):
-        instrumental_variables(MASS, log, bare)
+    for missing in ("velocity", "acceleration"):
+        bare = replace(told, **{missing: None})
+        with pytest.raises(RecordingError, match="of instruments, has no velocity"):
+            instrumental_variables(MASS, log, bare)

@@ -1,6 +1,7 @@
 """Consistent intervals: ellipsoids and edges in closed form, and points inside."""
 
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import get_args
 
 import numpy as np
@@ -20,8 +21,13 @@ from consistent_id import (
 from consistent_id.constraints import FixedCentresOfMass, ParameterBounds, PointToSet
 from consistent_id.constraints.priors import Distance
 from consistent_id.estimation.uncertainties import intervals
+from consistent_id.estimation.uncertainties.beyond_noise import (
+    FloatingBlocks,
+    ScatterCauses,
+)
 from consistent_id.estimation.uncertainties.intervals import consistent_intervals
 from consistent_id.regression import base_parameters, joint_noise
+from consistent_id.regression.residual_noise import unconstrained_fit
 from consistent_id.robot.scaling import link_scales
 
 SIGMA = 0.2
@@ -103,6 +109,56 @@ def test_without_constraints_profile_likelihood_is_students_interval(sigma):
     ):
         ends = x - t * error, x + t * error
         assert interval(found, name) == pytest.approx(ends, abs=1e-5)
+
+
+@pytest.mark.parametrize("joint", [False, True])
+@pytest.mark.parametrize("count", [1, 2, 9])
+def test_scatter_between_blocks_and_shifts_widen_the_interval(count, joint):
+    """Variances add; the degrees of freedom are Satterthwaite's."""
+    model, _, regression = noisy_pendulum()
+    base = base_parameters(model)
+    noise = unconstrained_fit(regression, base).noise
+    unit, between, moves = np.zeros((3, len(model.layout)))
+    kept = [model.layout.index(name) for name in base.names]
+    R = regression.stacked()[:, kept]
+    unit[kept] = np.sqrt(np.diag(np.linalg.inv(R.T @ R)))
+    between[kept] = np.sqrt(count) * unit[kept] * [0.0, 0.5, 1.0, 2.0]
+    moves[kept] = 0.7 * unit[kept]
+    blocks = FloatingBlocks(SimpleNamespace(blocks=count), between, unit)
+    shifts = SimpleNamespace(squared_misfit=np.full(len(unit), 0.7**2))
+    found = consistent_intervals(
+        model,
+        regression,
+        constraints=(),
+        joint=joint,
+        causes=ScatterCauses(noise, blocks, shifts),
+    )
+    errors = least_squares(model, regression, base=base).standard_errors
+    own, added = errors**2, between[kept] ** 2 / count
+    freedom = np.full(4, noise.freedoms(base.lift(np.eye(4)))[kept])
+    if count > 1:
+        freedom = (own + added) ** 2 / (own**2 / freedom + added**2 / (count - 1))
+        own = own + added
+    t = stdtrit(freedom, 0.975) ** 2
+    ratio = 4 * fdtri(4, freedom, 0.95) if joint else t
+    half = np.sqrt(ratio * (own + moves[kept] ** 2))
+    np.testing.assert_allclose(found.width[kept] / 2.0, half, rtol=1e-4)
+    assert (found.level, found.joint) == (0.95, joint)
+
+
+def test_bodies_of_all_links_have_mass_and_moments_and_any_centre():
+    """What least squares and the truth have is within, nothing below zero."""
+    model, truth, log = experiment(2, joints=2, samples=60, noise=0.5)
+    regression = build_regression(model, log)
+    bodies = [PhysicalConsistency(margin=0.0)]
+    found = consistent_intervals(model, regression, constraints=bodies, slack=30.0)
+    low, high = found.bounds.T
+    size = np.maximum(abs(truth), 1.0)
+    assert (low <= truth + 1e-6 * size).all() and (truth <= high + 1e-6 * size).all()
+    least = low[:20].reshape(2, 10)
+    assert (least[:, [0, 4, 6, 9]] >= 0.0).all()
+    assert (least[:, [0, 4, 6, 9]] == 0.0).any(axis=1).all()
+    assert (least[:, [1, 2, 3]] < 0.0).all()
 
 
 def test_intervals_of_all_parameters_together_are_those_of_f():
@@ -201,6 +257,9 @@ def test_a_slack_that_is_none_is_refused():
     for slack in (0.0, -0.1, np.nan, np.inf):
         with pytest.raises(ProblemError, match="slack"):
             consistent_intervals(model, regression, slack=slack)
+    for level in (0.0, 1.0, np.nan):
+        with pytest.raises(ProblemError, match="expected between 0 and 1"):
+            consistent_intervals(model, regression, level=level)
 
 
 def test_the_number_of_workers_does_not_matter(monkeypatch):

@@ -726,6 +726,46 @@ def test_independent_samples_are_counted_for_each_parameter():
     assert spare * free.solution.rank == pytest.approx(regression.effective.sum())
 
 
+def test_figures_of_a_fit_are_those_of_its_samples():
+    arm, truth, log = experiment(3, joints=3, noise=2.0, samples=200)
+    assert arm.forces.any() and not arm.forces.all()
+    velocity = log.velocity.copy()
+    velocity[50:100, 1] = 0.0
+    log = replace(log, velocity=velocity)
+    regression = build_regression(arm, log).weighted([0.5, 2.0, 4.0])
+    base = base_parameters(arm)
+    free = unconstrained_fit(regression, base)
+    found = fit_of(arm, free, truth)
+
+    def rms(torque):
+        return np.sqrt(np.mean(torque**2, axis=0))
+
+    def left(x):
+        return log.torque - arm.predict(x, log.position, log.velocity, log.acceleration)
+
+    friction = np.where(np.arange(len(truth)) < 30, 0.0, truth)
+    torque, misses = np.linalg.norm(log.torque), left(truth)
+    assert found.misfit == pytest.approx(np.linalg.norm(misses) / torque)
+    least = left(free.parameters)
+    assert found.floor == pytest.approx(np.linalg.norm(least) / torque)
+    drive = np.linalg.norm(log.torque - left(friction)) / torque
+    assert 0.01 < found.drive_share == pytest.approx(drive)
+    np.testing.assert_allclose(found.torque, rms(log.torque))
+    np.testing.assert_allclose(found.misfits, rms(misses) / rms(log.torque))
+    kinds = [log.torque[:, kind] for kind in (arm.forces, ~arm.forces)]
+    largest = [rms(kind).max() for kind in kinds]
+    sizes = np.where(arm.forces, *largest)
+    np.testing.assert_allclose(found.shares, rms(log.torque) / sizes)
+    np.testing.assert_allclose(found.moving, [1.0, 0.75, 1.0])
+    coulomb = [truth[arm.layout.index(f"j{k}.coulomb")] for k in range(3)]
+    np.testing.assert_allclose(found.holding, coulomb)
+    weighted = [np.sum((x / [0.5, 2.0, 4.0]) ** 2) for x in (misses, least)]
+    rows, rank = 600, len(base)
+    excess = np.sqrt(weighted[0] / rows / (weighted[1] / (rows - rank)))
+    assert found.excess == pytest.approx(excess)
+    assert found.correlation == pytest.approx(rows / regression.effective.sum())
+
+
 def test_how_much_nominal_bodies_explain_does_not_depend_on_their_size():
     arm, _, clean = experiment(0, joints=2, samples=300)
     bodies = arm.robot.nominal.ravel()
@@ -737,3 +777,29 @@ def test_how_much_nominal_bodies_explain_does_not_depend_on_their_size():
     assert whole.explained.min() > 0.5
     np.testing.assert_allclose(small.explained, whole.explained, rtol=1e-6)
     np.testing.assert_allclose(small.slopes, whole.slopes, rtol=1e-6)
+    # Nor on the unit of all rows.
+    regression = build_regression(arm, clean)
+    faint = replace(regression, factors=tuple(1e-9 * F for F in regression.factors))
+    other = slopes_on(arm, faint, bodies)
+    np.testing.assert_allclose(other.slopes, whole.slopes, rtol=1e-6)
+
+
+@pytest.mark.parametrize("drive", [DriveTerms(), DriveTerms(viscous=True, offset=True)])
+def test_slopes_are_the_coefficients_of_bodies_beside_drive_terms(drive):
+    arm, _, log = experiment(1, joints=3, noise=3.0, samples=200, drive=drive)
+    rng = np.random.default_rng(0)
+    bodies = arm.robot.nominal * rng.uniform(0.5, 2.0, arm.robot.nominal.shape)
+    found = slopes_on(arm, build_regression(arm, log), bodies)
+    Y = arm.regressor(log.position, log.velocity, log.acceleration)
+    for j, own in enumerate(Y):
+        body, terms, torque = bodies @ own[:30], own[30:].T, log.torque[:, j]
+        columns = np.column_stack([body, terms])
+        x = np.linalg.lstsq(columns, torque)[0]
+        rest = torque - columns @ x
+        alone = torque - terms @ np.linalg.lstsq(terms, torque)[0]
+        left = body - terms @ np.linalg.lstsq(terms, body)[0]
+        assert found.slopes[j] == pytest.approx(x[0], rel=1e-8)
+        share = 1.0 - rest @ rest / (alone @ alone)
+        assert found.explained[j] == pytest.approx(share, rel=1e-8)
+        size = np.linalg.norm(left) / np.linalg.norm(torque)
+        assert found.expected[j] == pytest.approx(size, rel=1e-8)

@@ -16,7 +16,10 @@ from consistent_id.regression import base_parameters
 SLACKS = (1e-4, 0.003, 0.05)  # the last one reaches the nominal robot
 
 
-@pytest.fixture(scope="module", params=["pullback", "entropic"])
+SLOW = pytest.param("entropic", marks=pytest.mark.slow)
+
+
+@pytest.fixture(scope="module", params=["pullback", SLOW])
 def fitted(request):
     model, _, log = experiment(5, joints=4, noise=5.0, samples=300)
     base = base_parameters(model)
@@ -26,7 +29,6 @@ def fitted(request):
     return best, nominal_distance(model, request.param, best.scaled.unit)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("first", [1.0, 1e-6, 100.0])
 def test_they_use_up_the_slack_and_are_nearly_as_near(fitted, first):
     best, distance = fitted

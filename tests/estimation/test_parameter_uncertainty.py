@@ -123,6 +123,23 @@ def test_data_drowned_in_noise_determine_nothing():
     assert np.isnan(by_name["link1.Izz"].standard_error)
 
 
+@pytest.mark.parametrize("noise", [0.05, 3.0])
+def test_scatter_between_recordings_is_stated_where_data_or_constraints_have_a_say(
+    noise,
+):
+    model, truth, log = pendulum()
+    sources = np.repeat([0, 1], 12)
+    by_name, found = answers(model, truth, log, noise=noise, sources=sources)
+    verdicts = {p.verdict for p in found.parameters}
+    assert verdicts >= {"prior", "constraint", "data" if noise < 1.0 else "loose"}
+    for p in found.parameters:
+        known = p.verdict in ("data", "constraint")
+        assert np.isfinite(p.standard_error) == known
+        assert np.isfinite(p.between_recordings) == (known or p.verdict == "loose")
+    assert by_name["link1.m"].between_recordings == 0.0
+    assert by_name["link1.Izz"].between_recordings > 0.0
+
+
 def test_a_single_segment_is_refused():
     model, _, log = pendulum()
     segments = segment_regressions(model, log)

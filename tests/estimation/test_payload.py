@@ -205,6 +205,10 @@ def test_what_a_motion_cannot_tell_of_a_load_is_open():
     assert "load.m" in found.open
     assert "load.Izz" not in found.open
     assert len(found.open) == len(INERTIAL_NAMES) - 1
+    known = found.standard_errors[-1]
+    expected = np.diag([*[np.inf] * 9, known**2])
+    assert 0.0 < known < 1.0
+    np.testing.assert_allclose(found.covariance, expected, rtol=1e-12)
 
 
 def test_the_carrier_is_the_tip_or_is_named():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from experiments import DRIVE
 from robots import random_body, random_robot, random_states
-from scipy.optimize import minimize, minimize_scalar
+from scipy.optimize import brentq, minimize, minimize_scalar
 from some_fast import some_fast
 
 from consistent_id import (
@@ -29,9 +29,11 @@ from consistent_id.constraints.cones.certificate import (
 from consistent_id.constraints.cones.least_norm import solve_least_norm
 from consistent_id.constraints.cones.programmes import Multipliers
 from consistent_id.constraints.priors import Distance, nominal_distance
-from consistent_id.estimation.best_fit import REFERENCE, scaled_fit
+from consistent_id.estimation.best_fit import REFERENCE, best_fit, scaled_fit
 from consistent_id.estimation.penalised import (
+    DISTANCE_GAP,
     Compromise,
+    nearest_within,
     penalised_fit,
 )
 from consistent_id.regression.base import base_parameters
@@ -175,6 +177,58 @@ def test_the_share_is_exact_where_misfit_and_distance_are_alike(seed):
     )
     assert best.x < 0.74
     assert taken == pytest.approx(best.x, abs=5e-5)
+    # Whatever the unit of the objective.
+    small = replace(fit, M=1e-4 * fit.M, z=1e-4 * fit.z)
+    scaled = Compromise(small, distance, 1e-8 * weight)
+    again = scaled.step_share(distance.along(u, step), u, step, length)
+    assert again == pytest.approx(taken, rel=1e-8)
+
+
+def test_a_step_by_which_a_body_becomes_thin_is_at_least_the_safe_one():
+    """A sixth of it takes all of one eigenvalue; an eighth would leave a quarter."""
+    model, regression = noisy(1, joints=2)
+    fit, distance = dimensionless(model, regression)
+    u, step = distance.nominal, np.zeros(len(distance.nominal))
+    values, V = np.linalg.eigh(J(u, fit, 0))
+    lost = -6.0 * values[0] * np.outer(V[:, 0], V[:, 0])
+    own = InertialParameters.from_pseudo_inertia(lost).vector
+    step[:10] = own / fit.unit[:10]
+    compromise = Compromise(fit, distance, 1.0)
+    taken = compromise.step_share(distance.along(u, step), u, step, 6.0)
+    assert taken == pytest.approx(1.0 / 7.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("slack", [1e-3, 0.03, 0.3])
+@pytest.mark.parametrize("noise", [0.01, 0.2])
+def test_the_nearest_point_within_a_slack_is_that_of_ridge_regression(noise, slack):
+    model, regression = noisy(3, joints=3, noise=noise)
+    best = best_fit(model, regression, (), base=base_parameters(model))
+    fit = best.scaled
+    distance = nominal_distance(model, "pullback", fit.unit)
+    G, g = distance.local(distance.nominal)
+
+    def ridge(weight):
+        A = np.vstack([fit.M, np.sqrt(weight) * G])
+        return np.linalg.lstsq(A, np.append(fit.z, np.sqrt(weight) * g))[0]
+
+    def misfit(u):
+        return np.sum((fit.M @ u - fit.z) ** 2) + fit.residual**2
+
+    limit = (1.0 + slack) ** 2 * misfit(best.solution.u)
+    if misfit(distance.nominal) <= limit:
+        exact = 0.0
+    else:
+        log = brentq(lambda log: misfit(ridge(np.exp(log))) - limit, -25.0, 15.0)
+        exact = np.sum((G @ ridge(np.exp(log)) - g) ** 2)
+    found = nearest_within(best, distance, slack)
+    u, squared = found.fit.solution.u, found.fit.squared_distance
+    assert found.slack == slack
+    assert found.allowed == pytest.approx(limit - misfit(best.solution.u), rel=1e-6)
+    assert misfit(u) <= limit * (1.0 + 1e-9)
+    assert squared == pytest.approx(np.sum((G @ u - g) ** 2), abs=1e-12)
+    assert found.distance_gap <= DISTANCE_GAP
+    # A squared distance below 0.01 counts as that.
+    assert exact - 1e-8 <= squared <= exact + found.distance_gap * max(squared, 0.01)
 
 
 def test_without_constraints_a_quadratic_distance_has_the_normal_equations_answer():

@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from some_fast import some_fast
 
 from consistent_id import (
     DHRow,
@@ -122,8 +123,7 @@ def test_the_misfit_is_that_of_weighted_least_squares():
     assert np.exp(misfit.at(values).half_log) == pytest.approx(expected, rel=1e-10)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("shared", [False, True])
+@pytest.mark.parametrize("shared", some_fast([True, False]))
 def test_the_misfits_slope_is_that_of_finite_differences(shared):
     model, log = _experiment(couplings=(COUPLING,))
     groups = None

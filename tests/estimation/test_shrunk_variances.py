@@ -104,6 +104,18 @@ def test_unlike_variances_are_shrunk_as_smyth_states(freedom, spread):
     np.testing.assert_allclose(found.values, expected, rtol=1e-6)
 
 
+@pytest.mark.parametrize("freedom", [500.0, 2000.0])
+def test_variances_that_differ_by_a_thousandth_or_so_are_alike(freedom):
+    """The common one would have a thousand degrees of freedom, and more."""
+    left = polygamma(1, 10.0 / 2.0) + polygamma(1, freedom / 2.0)
+    z = np.array([-1.0, 0.0, 1.0]) * np.sqrt(left)
+    found = shrunk(np.exp(z), 10.0)
+    if freedom > 1000.0:
+        assert np.isinf(found.freedom) and np.ptp(found.values) == 0.0
+    else:
+        assert found.freedom == pytest.approx(freedom + 10.0, rel=1e-6)
+
+
 def test_values_and_errors_of_blocks_are_shown():
     known = BlockScatter(
         ("a", "b"), [10.0, 2.0], [3.0, 0.0], [8.0, 2.0], 4, [np.inf] * 2

@@ -7,7 +7,7 @@ import pytest
 from quadrupeds import FEET, FOOT, quadruped_text
 
 import consistent_id as ci
-from consistent_id.estimation.radius_and_delay import TorqueDelay
+from consistent_id.estimation.radius_and_delay import TorqueDelay, _vertex
 
 RATE, SAMPLES = 200, 1200
 LATE = -2e-3  # s: early, by less than half a step
@@ -153,3 +153,16 @@ def test_torque_is_moved_before_the_filter(log):
     right = ci.estimation.without_torque_delay(log, LATE)
     assert source.torque == pytest.approx(right.torque)
     assert (moved.position == smooth.position).all()
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("at", [[0.3], [-1.7], [0.4, -0.2], [2.0, 0.5]])
+def test_the_least_of_a_parabola_is_found_whatever_its_size(at, size):
+    places = np.array(np.meshgrid(*[[-1.0, 0.0, 1.0]] * len(at), indexing="ij"))
+    away = places - np.reshape(at, (-1, *[1] * len(at)))
+    H = size * np.array([[3.0, -0.8], [-0.8, 1.0]])[: len(at), : len(at)]
+    misfits = 7.0 * size + 0.5 * np.einsum("i...,ij,j...->...", away, H, away)
+    assert _vertex(misfits) == pytest.approx(at)
+    assert np.isnan(_vertex(-misfits)).all()
+    saddle = misfits + 3.0 * size * places[0] * places[-1] * (len(at) - 1)
+    assert np.isnan(_vertex(saddle)).all() == (len(at) > 1)

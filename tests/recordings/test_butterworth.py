@@ -5,9 +5,20 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 
 from consistent_id import Recording, differentiated, low_passed
-from consistent_id.recordings.signals.filters import zero_phase
+from consistent_id.recordings.signals.filters import settling, zero_phase
 
 EPS = np.finfo(np.float64).eps
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4, 7, 8])
+@pytest.mark.parametrize("cutoff", [1.0, 20.0])
+def test_a_start_is_forgotten_once_the_slowest_pole_has_faded_to_a_part_in_1e22(
+    order, cutoff
+):
+    poles = butter(order, cutoff, fs=100.0, output="zpk")[1]
+    samples = np.log(1e-22) / np.log(abs(poles).max())
+    found = settling(cutoff=cutoff, rate=100.0, order=order)
+    assert found == pytest.approx(samples + 1.5, abs=0.5 + 1e-6 * samples)
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4, 7, 8])

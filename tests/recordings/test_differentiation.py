@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import expm
 from scipy.signal import savgol_coeffs, savgol_filter
+from scipy.special import gamma
 from some_fast import some_fast
 
 from consistent_id import signals
@@ -114,6 +116,19 @@ def test_sliding_polynomials_are_those_of_scipy_up_to_both_ends(
     expected = savgol_filter(walk, window, degree, deriv=derivative, axis=0)
     atol = 1e-5 * abs(expected).max()  # SciPy's powers of 149 samples lose digits
     np.testing.assert_allclose(found, expected, rtol=0, atol=atol)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4, 5, 6])
+def test_the_drive_is_white_noise_of_unit_spectrum_integrated_over_a_step(order):
+    """The covariance of ``int (1 - t)^k / k! dw``; the transition, a Taylor series."""
+    t, weights = np.polynomial.legendre.leggauss(order)
+    t, weights = 0.5 * (t + 1.0), 0.5 * weights  # of 0 to 1
+    top = np.arange(order)[::-1]
+    tails = t ** top[:, None] / gamma(top + 1.0)[:, None]
+    expected = tails * weights @ tails.T
+    np.testing.assert_allclose(drive_covariance(order), expected, rtol=1e-12)
+    shift = expm(np.eye(order, k=1))
+    np.testing.assert_allclose(transition(order), shift, rtol=1e-12, atol=1e-15)
 
 
 @pytest.mark.parametrize("order", [3, 4, 5, 6])

@@ -101,3 +101,13 @@ def test_delays_and_numbers_of_joints_are_checked():
     assert DriveCalibration().of(2).scale.tolist() == [1.0, 1.0]
     with pytest.raises(RecordingError, match="no position_command"):
         commanded(log(position_command=None), PDGains(1.0, 1.0))
+
+
+def test_drives_are_exact_unless_more_is_known():
+    stated = PDGains(30.0, 2.0, torque_limit=50.0, stiffness=400.0)
+    found, plain = DriveCalibration(), DriveCalibration(0.0, 1.0, 0.0, 0.0)
+    assert found.delay == plain.delay
+    for name in ("kp", "kd", "torque_limit", "stiffness"):
+        assert getattr(found.gains(stated), name) == getattr(stated, name)
+    for name in ("scale", "encoder_bias", "compliance"):
+        assert getattr(found, name) == getattr(plain, name)

@@ -247,6 +247,15 @@ def test_a_plateau_at_rest_is_no_limit():
     assert not limited(torque, still).any()
 
 
+@pytest.mark.parametrize(("resting", "found"), [(1, True), (2, False)])
+def test_more_than_half_of_a_plateau_is_in_motion(resting, found):
+    torque = ramps(4, count=2)
+    speeds = np.ones(len(torque))
+    for run in np.flatnonzero(torque == 1.0).reshape(2, 4):
+        speeds[run[:resting]] = 0.0
+    assert limited(torque, speeds).any() == found
+
+
 def test_a_limit_is_within_a_twentieth_of_the_largest_torque():
     for height, found in ((0.96, True), (0.94, False)):
         both = np.concatenate([ramps(6), -ramps(6, height)])

@@ -148,3 +148,18 @@ def test_both_ways_may_differ_by_a_fiftieth_of_the_travel(travel, share):
             ci.signals.there_and_back(log, turn=5.0)
     else:
         ci.signals.there_and_back(log, turn=5.0)
+
+
+@pytest.mark.parametrize(("first", "last", "turn"), [(1, 2, 80), (2, 1, 160)])
+def test_the_turn_is_where_both_ways_are_most_alike_to_their_last_samples(
+    first, last, turn
+):
+    """There, back and there: about either turn all is alike, but for one end."""
+    sample = np.arange(241)
+    q = np.cos(np.pi * sample / 80.0)
+    q[0] += 1e-3 * first
+    q[-1] += 1e-3 * last
+    log = ci.Recording(("slide",), 0.01 * sample, q[:, None])
+    mean = ci.signals.there_and_back(log)
+    np.testing.assert_allclose(mean.time, 0.01 * np.arange(turn - 80, turn))
+    np.testing.assert_allclose(mean.position[1:, 0], q[turn - 79 : turn], atol=1e-12)

@@ -10,7 +10,9 @@ from scipy import signal
 from consistent_id import Recording, build_regression, least_squares, simulate_torque
 from consistent_id.regression import correlated_noise
 from consistent_id.regression.correlated_noise import (
+    CorrelatedNoise,
     correlation_lengths,
+    joined_noise,
     spectral_errors,
     spectral_noise,
 )
@@ -187,6 +189,16 @@ def test_the_degrees_of_freedom_are_those_by_which_the_variance_scatters(a):
     assert 3.0 < expected < 40.0
 
 
+def test_what_few_samples_leave_has_few_degrees_of_freedom():
+    """Three samples less two parameters: one; at few frequencies, less than two."""
+    rng = np.random.default_rng(0)
+    for n, low, high in ((3, 1.0, 1.0), (100, 1.5, 1.95)):
+        basis = np.linalg.qr(np.cos(np.outer(np.arange(n) + 0.5, [0.0, np.pi / n])))[0]
+        noise = np.cumsum(rng.normal(size=n))
+        residual = noise - basis @ (basis.T @ noise)
+        assert low <= spectral_noise(basis, residual, np.eye(2)).freedom <= high
+
+
 def test_errors_of_a_column_are_in_its_own_unit():
     rng = np.random.default_rng(3)
     rows = np.column_stack([rng.normal(size=(800, 3)), ar1(rng, 0.5, 800)])
@@ -195,6 +207,36 @@ def test_errors_of_a_column_are_in_its_own_unit():
     np.testing.assert_allclose(
         spectral_errors([scaled]) * units, spectral_errors([rows]), rtol=1e-9
     )
+
+
+@pytest.mark.parametrize(("first", "beyond"), [(4.0, 2.2), (0.1, 1.0)])
+def test_noise_of_recordings_adds_and_errors_beyond_it_are_the_mean(first, beyond):
+    rng = np.random.default_rng(0)
+    parts = [
+        CorrelatedNoise(
+            np.array(effective),
+            tuple(rng.normal(size=(rows, 3)) for rows in (5, 2)),
+            np.array(freedom),
+            ratio,
+        )
+        for effective, freedom, ratio in (
+            ([10.0, 20.0], [3.0, 5.0], first),
+            ([15.0, 30.0], [2.0, 8.0], 1.0),
+        )
+    ]
+    scores = [part.scores for part in parts]
+    squares = [sum(N.T @ N for N in own) for own in zip(*scores, strict=True)]
+    joined = joined_noise(parts)
+    assert joined.effective.tolist() == [25.0, 50.0]
+    assert joined.freedom.tolist() == [5.0, 13.0]
+    for N, expected in zip(joined.scores, squares, strict=True):
+        np.testing.assert_allclose(N.T @ N, expected)
+    # The first has 30 of 75 effective samples; less than noise alone is chance.
+    assert joined.beyond == pytest.approx(beyond)
+    part = joined.share(0.25)
+    assert part.effective.tolist() == [6.25, 12.5] and part.beyond == joined.beyond
+    for N, whole in zip(part.scores, squares, strict=True):
+        np.testing.assert_allclose(N.T @ N, 0.25 * whole)
 
 
 @pytest.mark.parametrize(("total", "first"), [(100, 30), (101, 30), (40, 0)])

@@ -9,6 +9,7 @@ from robots import random_robot
 
 from consistent_id import DHRow, DriveTerms, TorqueModel, from_modified_dh
 from consistent_id.regression import GearCoupling
+from consistent_id.regression.elastic_joints import link_inertias
 from consistent_id.regression.mass_matrix import (
     _limbs,
     _links_and_drives,
@@ -33,6 +34,13 @@ def test_mass_matrices_are_those_of_pinocchio_with_rotor_inertia_added(seed):
         upper = np.triu(pin.crba(reference, data, pose))
         expected = upper + np.triu(upper, 1).T + np.diag(rotors)
         assert np.allclose(M, expected, rtol=0, atol=1e-12 * abs(expected).max())
+
+
+def test_a_spring_alone_moves_the_bodies_behind_its_joint_and_no_rotor():
+    reference, robot = random_robot(np.random.default_rng(4), 4)
+    q = np.array([0.3, -0.2, 0.5, 1.0])
+    expected = np.diag(pin.crba(reference, reference.createData(), q))
+    np.testing.assert_allclose(link_inertias(robot, q), expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -65,6 +65,14 @@ def _assert_squared(factor, rows):
     assert np.allclose(factor.T @ factor, gram, rtol=0, atol=1e-12 * abs(gram).max())
 
 
+@pytest.mark.parametrize("samples", [3, 4])
+def test_of_a_recording_shorter_than_a_step_the_middle_row_is_kept(samples):
+    model, _, log = _run(samples + 40)
+    left = low_passed(log, torque_cutoff=CUTOFF).samples(slice(6, 6 + samples))
+    found = motion_of(model, left, None)
+    np.testing.assert_array_equal(found.q, log.position[[6 + samples // 2]])
+
+
 # Shorter than the kernel's reach, about as long, and several times as long.
 @pytest.mark.parametrize("samples", [60, 200, 1300])
 def test_rows_are_those_of_a_filter_on_the_stacked_regressor(samples):

@@ -102,6 +102,20 @@ def test_a_hull_of_too_many_facets_is_refused_for_densities_with_the_way_out():
         DensityOn(model.layout.links[0], ball).lower(model)
 
 
+@pytest.mark.parametrize("sides", [38, 39])
+def test_forty_facets_are_not_too_many(sides):
+    angle = 2.0 * np.pi * np.arange(sides) / sides
+    round_ones = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
+    prism = Polytope([*round_ones, [0, 0, 1], [0, 0, -1]], np.ones(sides + 2))
+    model = TorqueModel(random_robot(np.random.default_rng(0), 1)[1])
+    density = DensityOn(model.layout.links[0], prism)
+    if sides + 2 > 40:
+        with pytest.raises(ProblemError, match="has 41 facets"):
+            density.lower(model)
+    else:
+        assert len(density.lower(model).b_in) >= 40 * 39 / 2  # a row for each pair
+
+
 def test_a_problem_file_may_name_a_mesh(tmp_path):
     from consistent_id import load_problem
     from consistent_id.constraints import CentreOfMassIn

@@ -183,7 +183,7 @@ def _kernel(cutoff: float, order: int) -> Vector:
     The inverse transform of ``1 / (1 + (tan(pi f) / tan(pi f_c))^(2 order))``, the
     squared magnitude of the one-way filter by the bilinear transform.
     """
-    d = 2.0 * np.sin(np.pi / (2 * order)) if order > 1 else 2.0
+    d = 2.0 * np.sin(np.pi / (2 * order))
     w = np.tan(np.pi * cutoff)
     # As long as the slowest pole, of z^2 (1 + d w + w^2) + ... + (1 - d w + w^2), takes
     # to fade.

@@ -206,10 +206,9 @@ def settling(*, cutoff: float, rate: float, order: int) -> int:
     >>> settling(cutoff=5.0, rate=1000.0, order=4)
     4216
     """
-    damping = np.sin(np.pi / (2 * order)) if order > 1 else 1.0
     w = np.tan(np.pi * cutoff / rate)
     # Of z^2 (1 + d w + w^2) + ... + (1 - d w + w^2): the product of both poles.
-    d = 2.0 * damping
+    d = 2.0 * np.sin(np.pi / (2 * order))
     squared = (1.0 - d * w + w**2) / (1.0 + d * w + w**2)
     return int(np.ceil(np.log(_FORGOTTEN) / (0.5 * np.log(squared)))) + 1
 

@@ -25,7 +25,7 @@ def robot(tmp_path_factory):
 @pytest.fixture(scope="module")
 def log(robot):
     """On three feet, whose forces are not measured."""
-    whole = standing(robot, np.array(THREE * 100), noise=0.1)
+    whole = standing(robot, np.array(THREE * 30), noise=0.1)
     return replace(whole, wrenches=())
 
 

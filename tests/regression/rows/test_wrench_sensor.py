@@ -226,3 +226,16 @@ def test_a_bias_for_all_and_one_for_each_are_not_both(arm):
         sensor_regression(
             tool_model(bias=False), arm, short, frame="link6", drift="linear"
         )
+
+
+@pytest.mark.parametrize("mass", [0.0, 0.3, 2.0])
+def test_the_tool_model_knows_mass_and_centre_of_a_tool_with_mass(mass):
+    tool = InertialParameters.from_central(1.0, [0.1, 0.0, 0.2], 0.01 * np.eye(3))
+    nominal = InertialParameters(mass * tool.vector)
+    (link,) = tool_model(nominal=nominal).robot.links
+    assert link.nominal is nominal
+    if mass:
+        assert link.datasheet.mass == mass
+        np.testing.assert_allclose(link.datasheet.com, [0.1, 0.0, 0.2])
+    else:
+        assert link.datasheet.mass is None and link.datasheet.com is None
