@@ -63,6 +63,7 @@ from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.scaling import link_scales
 
 _BACK_OFF = 0.01  # share of the margin sacrificed for smaller, more readable numbers
+_ROUGH = 1e-3  # tolerance at which a third of the iterations is needed
 _SMALL = 5e-7  # half the squared torque change, relative, that counts as zero
 _UNDECIDED = 1e-9  # margins nearer to zero than this prove nothing
 
@@ -559,8 +560,11 @@ def _reaching(
         if e @ e < increase:
             found.append(False)
             continue
+        z = predicted + e / best.scaled.size
         try:
-            T = _squared_distance(best, predicted + e / best.scaled.size)
+            # No robot is further from the data than one that is nearly the nearest.
+            T = _squared_distance(best, z, tolerance=_ROUGH)
+            T = T if T < increase else _squared_distance(best, z)
         except SolverError:
             found.append(None)
         else:
@@ -568,11 +572,11 @@ def _reaching(
     return found
 
 
-def _squared_distance(best: BestFit, z: Vector) -> float:
+def _squared_distance(best: BestFit, z: Vector, tolerance: float = COARSE) -> float:
     """Return ``T`` for other data, in the units of the rows."""
     scaled = best.scaled
     problem = LeastNorm(scaled.M, z, scaled.domain)
-    u = solve_least_norm(problem, tolerance=COARSE, origin=best.solution.u).u
+    u = solve_least_norm(problem, tolerance=tolerance, origin=best.solution.u).u
     free = np.linalg.lstsq(scaled.M, z, rcond=None)[0]
     misfit, least = (float(np.sum((scaled.M @ v - z) ** 2)) for v in (u, free))
     return max(misfit - least, 0.0) * scaled.size**2

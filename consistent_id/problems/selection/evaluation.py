@@ -52,6 +52,7 @@ from consistent_id.regression.linear import smallest_solution
 from consistent_id.regression.regression import triangle
 from consistent_id.regression.regressor import TorqueModel
 
+_DELAYS = 4  # first-order steps of a delay, at the most
 _RANK = 1e-8  # of the largest singular value, of columns of unit length
 
 
@@ -399,3 +400,17 @@ def torque_delay(
         rows.append(np.column_stack([own, np.delete(columns, late, 1)]))
     R = triangle(np.asfortranarray(np.vstack(rows)))
     return -float(smallest_solution(R[:, :-1], R[:, -1], _RANK)[-1])
+
+
+def fitting_delay(evaluator: Evaluator, current: Evaluated) -> float:
+    """Return the delay [s] that leaves no apparent lag of the torque, to two digits."""
+    setting, candidate = evaluator.setting, current.fits.candidate
+    choice = current.choice
+    for _ in range(_DELAYS):
+        factors = evaluator.factors(choice)
+        late = torque_delay(candidate, factors, setting.base, setting.sigma)
+        delay = float(f"{choice.delay + late:.2g}")
+        if delay == choice.delay:
+            break
+        choice = replace(choice, delay=delay)
+    return choice.delay
