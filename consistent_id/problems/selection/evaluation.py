@@ -296,11 +296,8 @@ def screened(
     x[:, :size] = current.parameters[:, :size]
     for group in _groups(candidate, factors):
         joints = [factors.joints[j] for j in group]
-        keys = [
-            i
-            for i, key in enumerate(candidate.keys)
-            if any(key in joint.places for joint in joints)
-        ]
+        places = set().union(*(joint.places for joint in joints))
+        keys = [i for i, key in enumerate(candidate.keys) if key in places]
         A, b = _left(candidate, joints, sigma[group], current.parameters, keys)
         x[:, [size + i for i in keys]] = _drive(A, b, candidate.nonnegative[keys])
     return held_out(FoldFits(candidate, x), factors, sigma)
@@ -333,13 +330,11 @@ def _left(
     columns, rest = [], []
     for joint, s in zip(joints, sigma, strict=True):
         R, kept = joint.training, len(joint.expand)
-        A = np.zeros((*R.shape[:2], len(keys)))
-        for i, key in enumerate(candidate.keys[i] for i in keys):
-            if key in joint.places:
-                A[:, :, i] = R[:, :, joint.places[key]]
+        places = [joint.places.get(candidate.keys[i], -1) for i in keys]
+        A = R[:, :, places] * np.where(np.array(places) < 0, 0.0, 1.0 / s)
         own = bodies[:, :size] @ joint.expand.T
-        left = R[:, :, -1] - np.einsum("frk,fk->fr", R[:, :, :kept], own)
-        columns.append(A / s)
+        left = R[:, :, -1] - (R[:, :, :kept] @ own[:, :, None])[:, :, 0]
+        columns.append(A)
         rest.append(left / s)
     return np.concatenate(columns, axis=1), np.concatenate(rest, axis=1)
 
