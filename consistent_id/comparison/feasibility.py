@@ -63,7 +63,7 @@ from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.scaling import link_scales
 
 _BACK_OFF = 0.01  # share of the margin sacrificed for smaller, more readable numbers
-_ROUGH = 1e-3  # tolerance at which a third of the iterations is needed
+_TRIED = 1e-3, COARSE  # tolerances: a nearly nearest robot is no nearer
 _SMALL = 5e-7  # half the squared torque change, relative, that counts as zero
 _UNDECIDED = 1e-9  # margins nearer to zero than this prove nothing
 
@@ -557,18 +557,14 @@ def _reaching(
     """Return whether simulated data reach an increase; None where there is no fit."""
     predicted, found = best.scaled.M @ best.solution.u, list[bool | None]()
     for e in noise:
-        if e @ e < increase:
-            found.append(False)
-            continue
         z = predicted + e / best.scaled.size
         try:
-            # No robot is further from the data than one that is nearly the nearest.
-            T = _squared_distance(best, z, tolerance=_ROUGH)
-            T = T if T < increase else _squared_distance(best, z)
+            found.append(
+                bool(e @ e >= increase)
+                and all(_squared_distance(best, z, t) >= increase for t in _TRIED)
+            )
         except SolverError:
             found.append(None)
-        else:
-            found.append(T >= increase)
     return found
 
 
