@@ -63,6 +63,7 @@ from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.scaling import link_scales
 
 _BACK_OFF = 0.01  # share of the margin sacrificed for smaller, more readable numbers
+_TRIED = 1e-3, COARSE  # tolerances: a nearly nearest robot is no nearer
 _SMALL = 5e-7  # half the squared torque change, relative, that counts as zero
 _UNDECIDED = 1e-9  # margins nearer to zero than this prove nothing
 
@@ -556,23 +557,22 @@ def _reaching(
     """Return whether simulated data reach an increase; None where there is no fit."""
     predicted, found = best.scaled.M @ best.solution.u, list[bool | None]()
     for e in noise:
-        if e @ e < increase:
-            found.append(False)
-            continue
+        z = predicted + e / best.scaled.size
         try:
-            T = _squared_distance(best, predicted + e / best.scaled.size)
+            found.append(
+                bool(e @ e >= increase)
+                and all(_squared_distance(best, z, t) >= increase for t in _TRIED)
+            )
         except SolverError:
             found.append(None)
-        else:
-            found.append(T >= increase)
     return found
 
 
-def _squared_distance(best: BestFit, z: Vector) -> float:
+def _squared_distance(best: BestFit, z: Vector, tolerance: float = COARSE) -> float:
     """Return ``T`` for other data, in the units of the rows."""
     scaled = best.scaled
     problem = LeastNorm(scaled.M, z, scaled.domain)
-    u = solve_least_norm(problem, tolerance=COARSE, origin=best.solution.u).u
+    u = solve_least_norm(problem, tolerance=tolerance, origin=best.solution.u).u
     free = np.linalg.lstsq(scaled.M, z, rcond=None)[0]
     misfit, least = (float(np.sum((scaled.M @ v - z) ** 2)) for v in (u, free))
     return max(misfit - least, 0.0) * scaled.size**2

@@ -18,7 +18,6 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.diagnosis.factor_rows import (
     HARM,
     FactorLogs,
-    FactorRows,
     eliminated,
     solution_of,
 )
@@ -91,7 +90,7 @@ def change_ratio(state: FactorLogs, change: LogChange) -> float:
 
 def _changing(state: FactorLogs) -> tuple[FactorLogs, dict[str, Matrix]]:
     """Return logs without friction by load, and the torques that may change."""
-    state = replace(state, rows=FactorRows(state.model, state.logs, loads=False))
+    state = replace(state, rows=state.rows.without_loads)
     A, inertial = state.rows.columns, state.model.layout.inertial_size
     x = solution_of(state)
     drives = np.einsum("jps,p->js", A[:, inertial:], x[inertial:])

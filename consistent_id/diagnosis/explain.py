@@ -242,6 +242,15 @@ def thinned(recording: Recording, samples: int) -> Recording:
     return spaced(recording, -(-len(recording) // samples))
 
 
+def explained_by_friction(as_is: FittedLog, noise: float) -> bool:
+    """Return whether a log is mostly friction, and fits: nothing else explains it."""
+    return as_is.friction >= RUBS and as_is.misfit <= _usual_misfit(as_is, noise)
+
+
+def _usual_misfit(as_is: FittedLog, noise: float) -> float:
+    return max(_UNUSUAL, _WHITE * noise, _OF_FRICTION * as_is.friction)
+
+
 def explanations(
     as_is: FittedLog, candidates: Sequence[Candidate], noise: float
 ) -> Explanations:
@@ -259,9 +268,7 @@ def explanations(
         misfit of the best candidate in least squares without constraints, which
         includes the error of the friction model.
     """
-    usual = max(_UNUSUAL, _WHITE * noise, _OF_FRICTION * as_is.friction)
-    if as_is.friction >= RUBS and as_is.misfit <= usual:
-        candidates = ()
+    usual = _usual_misfit(as_is, noise)
     factors = [c.factors.joined() for c in candidates]
     bounds = [least_within(R, ()) for R in factors]
     own = [b for b, c in zip(bounds, candidates, strict=True) if c.cause.excuse != 2]

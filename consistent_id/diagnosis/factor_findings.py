@@ -5,11 +5,18 @@ a fault if it is five, or if an estimate that does not know it would be harmful.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from consistent_id.diagnosis.factor_rows import HARM, Factor, leaning
+from consistent_id._support.arrays import Vector
+from consistent_id.diagnosis.factor_rows import (
+    HARM,
+    Factor,
+    FactorLogs,
+    leaning,
+    solution_of,
+)
 from consistent_id.diagnosis.findings import LogFinding, Severity
 from consistent_id.regression.regressor import TorqueModel
 
@@ -29,6 +36,7 @@ _LIKELY_ONE = 2.5  # the same for clock and gain: there is one of each, not one 
 # Below `_RUBS`, the drives' share of the torque, a harmful one may explain less.
 _RUBS = 0.5
 _MUCH = {"offset zero": 0.03, "gravity": 0.03}
+_LOOSE = 5.0  # times the widths: bodies are nearly free
 _LARGE = 2.0  # times the least size that is reported: a fault
 FARTHEST = {  # beyond, it is another fault: another unit, another channel
     "clock": float(np.log(10.0)),
@@ -251,3 +259,29 @@ def _cause(model: TorqueModel, found: FoundFactor) -> str:
             f"{sign}{abs(np.degrees(size)):.2g} (+- {np.degrees(error):.2g}) degrees"
         )
     return f"with {moved} added to the position of {joint.name}"
+
+
+def harm(as_is: FactorLogs, factor: Factor, size: float) -> float:
+    """Return what error a factor would mean for an estimate that does not know it.
+
+    The logs as they are and the logs without the factor are fitted, both with bodies
+    that are nearly free.  The error is that of the former's torque on the motion of the
+    latter, relative to the torque of all joints.
+    """
+    widths, rows = _LOOSE * as_is.widths, as_is.rows.without_loads
+    loose = replace(as_is, widths=widths, rows=rows)
+    right = loose.without(factor, size)
+    wrong, x = solution_of(loose), solution_of(right)
+    torque, error = (
+        np.linalg.norm(np.einsum("jps,p->js", right.rows.columns, y))
+        for y in (x, wrong - x)
+    )
+    return float(error / torque)
+
+
+def effects(state: FactorLogs, factors: Sequence[Factor]) -> Vector:
+    """Return the torque that a unit of each factor changes, over that of all joints."""
+    x = solution_of(state)
+    slopes = [rows.slopes(x, factors) for rows in state.rows.each]
+    changed = np.linalg.norm(np.concatenate(slopes, axis=2), axis=(0, 2))
+    return np.asarray(changed / np.linalg.norm(state.rows.torque))

@@ -5,7 +5,7 @@ leaning base.  The rows of a log are those of all parameters, of the factors, an
 nominal bodies; the latter are weighted by the usual errors of nominal bodies.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from operator import add, or_
@@ -14,6 +14,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, IntArray, Matrix, Vector
 from consistent_id.diagnosis.alternatives import last_links
+from consistent_id.diagnosis.channel_factors import joint_factor
 from consistent_id.diagnosis.linearise import SEGMENTS, Jackknife, jackknife
 from consistent_id.diagnosis.sample_rows import SampleRows, of_own_row
 from consistent_id.recordings.recording import Recording
@@ -40,7 +41,6 @@ HARM = 0.10
 
 _FREE_MASS = 0.3  # where masses are free to differ from the model's
 
-_LOOSE = 5.0  # times the widths: bodies are nearly free
 _RANK = 1e-7  # of the largest singular value of unit columns
 _EXACT = 1e-3  # of the torque: least residual that weights a joint's rows
 
@@ -103,6 +103,24 @@ class FactorRows:
     def torque(self) -> Matrix:
         """The torque of all logs, shape (torque joints, samples)."""
         return np.concatenate([rows.log.torque for rows in self.each], axis=1)
+
+    @cached_property
+    def without_loads(self) -> "FactorRows":
+        """The same rows without friction that grows with the measured torque."""
+        if not self.loads:
+            return self
+        fewer = FactorRows(self.model, self.logs, loads=False)
+        fewer.__dict__["each"] = [rows.without_loads for rows in self.each]
+        return fewer
+
+    @cached_property
+    def factors(self) -> list[list[Matrix]]:
+        """Triangular factors of each joint's columns and torque, group by group."""
+        torque = self.torque[:, :, None]
+        return [
+            [joint_factor(self.columns[j, g.columns], torque[j]) for j in g.joints]
+            for g in self.groups
+        ]
 
     @cached_property
     def groups(self) -> list["_Limb"]:
@@ -256,37 +274,11 @@ class FactorSystem(Jackknife):
     pulled: Vector
 
 
-def harm(as_is: FactorLogs, factor: Factor, size: float) -> float:
-    """Return what error a factor would mean for an estimate that does not know it.
-
-    The logs as they are and the logs without the factor are fitted, both with bodies
-    that are nearly free.  The error is that of the former's torque on the motion of the
-    latter, relative to the torque of all joints.
-    """
-    loose = replace(as_is, widths=_LOOSE * as_is.widths)
-    loose = replace(loose, rows=FactorRows(as_is.model, as_is.logs, loads=False))
-    right = loose.without(factor, size)
-    wrong, x = solution_of(loose), solution_of(right)
-    torque, error = (
-        np.linalg.norm(np.einsum("jps,p->js", right.rows.columns, y))
-        for y in (x, wrong - x)
-    )
-    return float(error / torque)
-
-
 def drives_share(state: FactorLogs) -> float:
     """Return the torque of the drives over that of all joints."""
     first, x = state.model.layout.inertial_size, solution_of(state)
     drives = np.einsum("jps,p->js", state.rows.columns[:, first:], x[first:])
     return float(np.linalg.norm(drives) / np.linalg.norm(state.rows.torque))
-
-
-def effects(state: FactorLogs, factors: Sequence[Factor]) -> Vector:
-    """Return the torque that a unit of each factor changes, over that of all joints."""
-    x = solution_of(state)
-    slopes = [rows.slopes(x, factors) for rows in state.rows.each]
-    changed = np.linalg.norm(np.concatenate(slopes, axis=2), axis=(0, 2))
-    return np.asarray(changed / np.linalg.norm(state.rows.torque))
 
 
 def factor_system(
@@ -334,15 +326,10 @@ def eliminated(
     for group in groups:
         rows = np.concatenate([A[group.part], c[group.joints]], axis=1)
         w = weights[group.joints, None]
-        free = jackknife(
-            rows.transpose(0, 2, 1) * w[:, :, None],
-            torque[group.joints] * w,
-            segments=SEGMENTS if scatter else 1,
-        )
         own = _of_group(prior, group, A.shape[1])
         whole, *others = (
             triangle(np.asfortranarray(np.vstack([F, own])))
-            for F in (free.whole, *(free.others if scatter else ()))
+            for F in _free(rows * w[:, :, None], torque[group.joints] * w, scatter)
         )
         count = len(group.columns)
         squares += np.sum(whole[:, count:] ** 2, axis=0)
@@ -350,6 +337,17 @@ def eliminated(
         systems.append(Jackknife(whole, tuple(others)).eliminated(count))
     found = reduce(add, systems).cleared(np.sqrt(squares))
     return FactorSystem(found.whole, found.others, pulled)
+
+
+def _free(A: Array, torque: Matrix, scatter: bool) -> Iterator[Matrix]:
+    """Yield a factor of all rows, and with `scatter` of all segments but each."""
+    if scatter:
+        free = jackknife(A.transpose(0, 2, 1), torque, segments=SEGMENTS)
+        yield from (free.whole, *free.others)
+        return
+    # Most columns belong to one joint.
+    pairs = zip(A, torque[:, :, None], strict=True)
+    yield np.vstack([joint_factor(own, tau) for own, tau in pairs])
 
 
 def _pulled(whole: Matrix, own: Matrix, count: int) -> Vector:
@@ -394,6 +392,15 @@ class _Rows:
         frictions = rows.frictions(rows.smooth_torque())
         own = np.concatenate([rotors, frictions[:, : None if loads else -1]], axis=1)
         return cls(rows, np.concatenate([rows.regressor(), of_own_row(own)], axis=1))
+
+    @property
+    def without_loads(self) -> "_Rows":
+        """The same without the last of each joint's own columns."""
+        first, joints = len(self.log.model.layout), len(self.columns)
+        number = np.arange(self.columns.shape[1] - first)
+        each = len(number) // joints
+        kept = np.append(np.full(first, True), number % each < each - 1)
+        return _Rows(self.log, self.columns[:, kept])
 
     def slopes(self, x: Vector, factors: Sequence[Factor]) -> Array:
         """Return torque per unit of each factor, (torque joints, factors, samples).
@@ -448,16 +455,10 @@ def least_costs(state: FactorLogs) -> tuple[float, float]:
 
     They are those of the torque and of the bodies' distance.
     """
-    A, torque = state.rows.columns, state.rows.torque
-    weights = 1.0 / (state.noise * _size(torque))
-    prior = np.column_stack(_pull(state, A.shape[1]))
-    found = np.zeros(2)
-    for group in state.rows.groups:
-        free = _factor(A, torque, weights, group)
-        count = len(group.columns)
-        for k, rows in enumerate(
-            (np.vstack([free, _of_group(prior, group, A.shape[1])]), free)
-        ):
+    prior, found = _prior(state), np.zeros(2)
+    for group, free in zip(state.rows.groups, _weighted(state), strict=True):
+        own, count = _of_group(prior, group, prior.shape[1] - 1), len(group.columns)
+        for k, rows in enumerate((np.vstack([free, own]), free)):
             whole = triangle(np.asfortranarray(rows))
             z = Jackknife(whole, ()).without(count).whole[:, -1]
             found[k] += z @ z
@@ -490,15 +491,10 @@ def _residual(logs: FactorRows) -> tuple[Matrix, Vector]:
     """
     A, torque = logs.columns, logs.torque
     size = _size(torque)
-    one = np.ones(len(A))
-    own = [
-        [_factor(A, torque, one, _Limb(j[None], group.columns)) for j in group.joints]
-        for group in logs.groups
-    ]
     sigma, rest = size, torque
     for _ in range(3):
         x = np.zeros(A.shape[1])
-        for group, factors in zip(logs.groups, own, strict=True):
+        for group, factors in zip(logs.groups, logs.factors, strict=True):
             errors = sigma[group.joints]
             rows = [F / error for F, error in zip(factors, errors, strict=True)]
             R = triangle(np.asfortranarray(np.vstack(rows)))
@@ -510,27 +506,30 @@ def _residual(logs: FactorRows) -> tuple[Matrix, Vector]:
 
 def solution_of(state: FactorLogs) -> Vector:
     """Return the parameters of logs beside the nominal bodies."""
-    A, torque = state.rows.columns, state.rows.torque
-    weights = 1.0 / (state.noise * _size(torque))
-    pull = np.column_stack(_pull(state, A.shape[1]))
-    return _solution(A, torque, weights, pull, state.rows.groups)
-
-
-def _solution(
-    A: Array,
-    torque: Matrix,
-    weights: Vector,
-    prior: Matrix,
-    groups: Sequence[_Limb],
-) -> Vector:
-    x, pull = np.zeros(A.shape[1]), np.diag(prior)
+    prior = _prior(state)
+    x, pull = np.zeros(prior.shape[1] - 1), np.diag(prior)
     # Parameters that no data show take their nominal values.
     x[: len(pull)] = prior[:, -1] / np.where(pull > 0.0, pull, np.inf)
-    for group in groups:
-        rows = [_factor(A, torque, weights, group), _of_group(prior, group, A.shape[1])]
+    for group, free in zip(state.rows.groups, _weighted(state), strict=True):
+        rows = [free, _of_group(prior, group, len(x))]
         R = triangle(np.asfortranarray(np.vstack(rows)))
         x[group.columns] = smallest_solution(R[:, :-1], R[:, -1], _RANK)
     return x
+
+
+def _prior(state: FactorLogs) -> Matrix:
+    """Return the rows and values that pull bodies to nominal ones, in one matrix."""
+    return np.column_stack(_pull(state, state.rows.columns.shape[1]))
+
+
+def _weighted(state: FactorLogs) -> list[Matrix]:
+    """Return rows of each group with the same least squares as its weighted rows."""
+    rows = state.rows
+    weights = 1.0 / (state.noise * _size(rows.torque))
+    return [
+        np.vstack([F * weights[j] for F, j in zip(factors, g.joints, strict=True)])
+        for g, factors in zip(rows.groups, rows.factors, strict=True)
+    ]
 
 
 def _of_group(prior: Matrix, group: _Limb, width: int) -> Matrix:
@@ -542,12 +541,3 @@ def _of_group(prior: Matrix, group: _Limb, width: int) -> Matrix:
     beyond = np.arange(width, prior.shape[1])
     found: Matrix = prior[np.ix_(rows, np.concatenate([group.columns, beyond]))]
     return found
-
-
-def _factor(A: Array, torque: Matrix, weights: Vector, group: _Limb) -> Matrix:
-    """Return the triangular factor of a group's weighted rows and torque."""
-    rows = [
-        np.column_stack([A[j, group.columns].T, torque[j]]) * weights[j]
-        for j in group.joints
-    ]
-    return triangle(np.asfortranarray(np.vstack(rows)))

@@ -20,9 +20,11 @@ from consistent_id.diagnosis.coverage import (
 )
 from consistent_id.diagnosis.explain import (
     SAMPLES,
+    Candidate,
     Explanations,
     FittedLog,
     corrected,
+    explained_by_friction,
     explanation_finding,
     explanations,
     fitted_log,
@@ -205,8 +207,10 @@ def _dynamic(
         statement = f"no robot with the datasheet's values explains the log: {failure}"
         advice = "check masses and bounds; see the certificate of each method"
         return [LogFinding("datasheet", "fault", prepared.name, statement, advice)]
-    candidates = corrected(as_is, corrections(model.robot, model.torque_joints))
-    candidates += alternatives(as_is)
+    candidates: list[Candidate] = []
+    if not explained_by_friction(as_is, noise):
+        candidates += corrected(as_is, corrections(model.robot, model.torque_joints))
+        candidates += alternatives(as_is)
     found = explanations(as_is, candidates, noise)
     best = found.best
     if best is not None and not best.cause.excuse:

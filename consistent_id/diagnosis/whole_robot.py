@@ -37,8 +37,10 @@ from consistent_id.diagnosis.factor_findings import (
     FARTHEST,
     LIKELY,
     FoundFactor,
+    effects,
     factor_findings,
     gate_of,
+    harm,
     hidden_factors,
 )
 from consistent_id.diagnosis.factor_rows import (
@@ -48,11 +50,9 @@ from consistent_id.diagnosis.factor_rows import (
     FactorRows,
     FactorSystem,
     drives_share,
-    effects,
     factor_system,
     factors_of,
     gain_of,
-    harm,
     leaning,
     least_costs,
     least_misfit,

@@ -240,14 +240,15 @@ class _FoldedRecordings:
             training = differentiated(
                 low_passed(part, motion_cutoff=motion, torque_cutoff=torque)
             )
+            rows = build_regression(self.model, self._inner(training), noise=self.noise)
+            if torque == self.target and not self.noise:
+                return rows, rows  # the filters are the same, too
             lightly = low_passed(
                 differentiated(low_passed(part, motion_cutoff=motion)),
                 torque_cutoff=self.target,
             )
-            return (
-                build_regression(self.model, self._inner(training), noise=self.noise),
-                build_regression(self.model, self._inner(lightly), noise=False),
-            )
+            inner = self._inner(lightly)
+            return rows, build_regression(self.model, inner, noise=False)
 
         with worker_threads(2) as pool:
             training, validation = zip(*pool.map(both, self.parts), strict=True)

@@ -276,6 +276,11 @@ class RobotModel:
     ground : tuple of FixedFrame
         Links of the model's file that do not move.
 
+    Attributes
+    ----------
+    driven, joint_names : tuple
+        Joints that move by themselves, the generalised coordinates; and their names.
+
     Raises
     ------
     ModelError
@@ -295,6 +300,8 @@ class RobotModel:
     links: tuple[Link, ...]
     gravity: Vector = array_default(STANDARD_GRAVITY)
     ground: tuple[FixedFrame, ...] = ()
+    driven: tuple[Joint, ...] = field(init=False, repr=False)
+    joint_names: tuple[str, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if not self.joints:
@@ -324,15 +331,12 @@ class RobotModel:
             )
         _require_leaders(self.joints)
         gravity = frozen(self.gravity, (3,), "gravity", ModelError)
-        freeze(self, gravity=gravity)
+        driven = tuple(joint for joint in self.joints if joint.driven)
+        names = tuple(joint.name for joint in driven)
+        freeze(self, gravity=gravity, driven=driven, joint_names=names)
 
     def __len__(self) -> int:
         return len(self.driven)
-
-    @property
-    def driven(self) -> tuple[Joint, ...]:
-        """The joints that move by themselves, in order: the generalised coordinates."""
-        return tuple(joint for joint in self.joints if joint.driven)
 
     @property
     def floating(self) -> bool:
@@ -343,11 +347,6 @@ class RobotModel:
     def connected(self) -> bool:
         """Whether all links are of one tree, so that their motion can be computed."""
         return sum(joint.kind == "free" for joint in self.joints) <= 1
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the joints that move by themselves, in order."""
-        return tuple(joint.name for joint in self.driven)
 
     @property
     def transmissions(self) -> tuple[Transmission, ...]:

@@ -11,7 +11,9 @@ from consistent_id import InertialParameters, Recording, TorqueModel, simulate_t
 from consistent_id.diagnosis import LogFinding, diagnose
 from consistent_id.diagnosis.factor_findings import (
     FoundFactor,
+    effects,
     factor_findings,
+    harm,
     hidden_factors,
 )
 from consistent_id.diagnosis.factor_rows import (
@@ -19,10 +21,8 @@ from consistent_id.diagnosis.factor_rows import (
     FactorLogs,
     FactorRows,
     drives_share,
-    effects,
     factors_of,
     gain_of,
-    harm,
     leaning,
     least_costs,
     least_misfit,

@@ -229,7 +229,7 @@ class FreeSet:
         return [
             replace(
                 cone,
-                A=np.pad(cone.A, ((0, 0), (others, 0))),
+                A=np.hstack([np.zeros((len(cone.b), others)), cone.A]),
                 b=cone.b - cone.A @ y,
             )
             for cone in self.rows

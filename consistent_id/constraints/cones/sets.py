@@ -10,7 +10,8 @@ matrices of one order at once.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, reduce
+from functools import cached_property, lru_cache
+from itertools import chain
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -116,15 +117,7 @@ class ConicSet:
 
     def __and__(self, other: "ConicSet") -> "ConicSet":
         """Return the intersection."""
-        return ConicSet(
-            np.vstack([self.A_eq, other.A_eq]),
-            np.concatenate([self.b_eq, other.b_eq]),
-            self.eq_labels + other.eq_labels,
-            np.vstack([self.A_in, other.A_in]),
-            np.concatenate([self.b_in, other.b_in]),
-            self.in_labels + other.in_labels,
-            self.blocks + other.blocks,
-        )
+        return _together([self, other])
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -207,7 +200,7 @@ class ConicSet:
         b_eq, b_in = self.b_eq - self.A_eq @ origin, self.b_in - self.A_in @ origin
         return replace(self, b_eq=b_eq, b_in=b_in, blocks=blocks)
 
-    @property
+    @cached_property
     def box(self) -> tuple[Vector, Vector]:
         """Least and largest value of each parameter by rows on it alone."""
         low = np.full(self.A_eq.shape[1], -np.inf)
@@ -221,6 +214,8 @@ class ConicSet:
         up, down = slopes > 0.0, slopes < 0.0
         np.minimum.at(high, columns[up], bounds[up])
         np.maximum.at(low, columns[down], bounds[down])
+        for ends in (low, high):
+            ends.setflags(write=False)
         return low, high
 
     def snapped(self, x: Vector) -> Vector:
@@ -247,7 +242,19 @@ class ConicSet:
 
 def intersection(sets: Iterable[ConicSet], size: int) -> ConicSet:
     """Return the intersection of any number of sets of `size` parameters."""
-    return reduce(lambda a, b: a & b, sets, ConicSet.everything(size))
+    return _together([ConicSet.everything(size), *sets])
+
+
+def _together(sets: Sequence[ConicSet]) -> ConicSet:
+    return ConicSet(
+        np.vstack([each.A_eq for each in sets]),
+        np.concatenate([each.b_eq for each in sets]),
+        tuple(chain.from_iterable(each.eq_labels for each in sets)),
+        np.vstack([each.A_in for each in sets]),
+        np.concatenate([each.b_in for each in sets]),
+        tuple(chain.from_iterable(each.in_labels for each in sets)),
+        tuple(chain.from_iterable(each.blocks for each in sets)),
+    )
 
 
 def _unit_rows(A: Matrix, b: Vector) -> tuple[Matrix, Vector]:

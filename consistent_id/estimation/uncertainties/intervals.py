@@ -206,7 +206,7 @@ def _box(model: TorqueModel, best: BestFit) -> tuple[Vector, Vector]:
     Mass and moments of inertia of a consistent link are not negative: if they can
     vanish, the programmes alone do not find their least value.
     """
-    low, high = best.scaled.domain.box
+    low, high = map(np.copy, best.scaled.domain.box)
     bodies = {block.label for block in best.scaled.domain.blocks}
     for k, link in enumerate(model.layout.links):
         if link in bodies:

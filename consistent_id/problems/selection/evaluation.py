@@ -52,6 +52,7 @@ from consistent_id.regression.linear import smallest_solution
 from consistent_id.regression.regression import triangle
 from consistent_id.regression.regressor import TorqueModel
 
+_DELAYS = 4  # first-order steps of a delay, at the most
 _RANK = 1e-8  # of the largest singular value, of columns of unit length
 
 
@@ -295,11 +296,8 @@ def screened(
     x[:, :size] = current.parameters[:, :size]
     for group in _groups(candidate, factors):
         joints = [factors.joints[j] for j in group]
-        keys = [
-            i
-            for i, key in enumerate(candidate.keys)
-            if any(key in joint.places for joint in joints)
-        ]
+        places = set().union(*(joint.places for joint in joints))
+        keys = [i for i, key in enumerate(candidate.keys) if key in places]
         A, b = _left(candidate, joints, sigma[group], current.parameters, keys)
         x[:, [size + i for i in keys]] = _drive(A, b, candidate.nonnegative[keys])
     return held_out(FoldFits(candidate, x), factors, sigma)
@@ -332,13 +330,11 @@ def _left(
     columns, rest = [], []
     for joint, s in zip(joints, sigma, strict=True):
         R, kept = joint.training, len(joint.expand)
-        A = np.zeros((*R.shape[:2], len(keys)))
-        for i, key in enumerate(candidate.keys[i] for i in keys):
-            if key in joint.places:
-                A[:, :, i] = R[:, :, joint.places[key]]
+        places = [joint.places.get(candidate.keys[i], -1) for i in keys]
+        A = R[:, :, places] * np.where(np.array(places) < 0, 0.0, 1.0 / s)
         own = bodies[:, :size] @ joint.expand.T
-        left = R[:, :, -1] - np.einsum("frk,fk->fr", R[:, :, :kept], own)
-        columns.append(A / s)
+        left = R[:, :, -1] - (R[:, :, :kept] @ own[:, :, None])[:, :, 0]
+        columns.append(A)
         rest.append(left / s)
     return np.concatenate(columns, axis=1), np.concatenate(rest, axis=1)
 
@@ -399,3 +395,17 @@ def torque_delay(
         rows.append(np.column_stack([own, np.delete(columns, late, 1)]))
     R = triangle(np.asfortranarray(np.vstack(rows)))
     return -float(smallest_solution(R[:, :-1], R[:, -1], _RANK)[-1])
+
+
+def fitting_delay(evaluator: Evaluator, current: Evaluated) -> float:
+    """Return the delay [s] that leaves no apparent lag of the torque, to two digits."""
+    setting, candidate = evaluator.setting, current.fits.candidate
+    choice = current.choice
+    for _ in range(_DELAYS):
+        factors = evaluator.factors(choice)
+        late = torque_delay(candidate, factors, setting.base, setting.sigma)
+        delay = float(f"{choice.delay + late:.2g}")
+        if delay == choice.delay:
+            break
+        choice = replace(choice, delay=delay)
+    return choice.delay

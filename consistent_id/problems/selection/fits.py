@@ -160,8 +160,8 @@ class _OwnColumns:
     @property
     def _pairs(self) -> list[tuple[GearCoupling, tuple[int, int]]]:
         """Couplings of the joint, and both joints of each."""
-        pairs = [(c, coupled_joints(self.bodies.robot, c)) for c in self.couplings]
-        return [(c, pair) for c, pair in pairs if self._joint in pair]
+        own = [c for c in self.couplings if self.name in (c.first, c.second)]
+        return [(c, coupled_joints(self.bodies.robot, c)) for c in own]
 
     @property
     def keys(self) -> tuple[Key, ...]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 
 from consistent_id.errors import ConsistentIdError
 from consistent_id.problems.selection.choice import (
@@ -22,15 +23,13 @@ from consistent_id.problems.selection.choice import (
 from consistent_id.problems.selection.evaluation import (
     Evaluated,
     Evaluator,
-    torque_delay,
+    fitting_delay,
 )
 from consistent_id.problems.selection.fits import Gain, HeldOut, gain, joint_gains
 from consistent_id.problems.selection.superset import couplings_between
 
 LEAST_HELP = 0.025
 """Least relative decrease of a joint's own squared error by a term that helps it."""
-
-_DELAYS = 4  # first-order steps of a delay, at the most
 
 LEAST_GAIN = 0.025
 """Least relative decrease of the squared error by a move."""
@@ -146,6 +145,8 @@ class Step:
     stands_for : tuple of str
         Rivals with half the gain or more that gain little beside this move: the data
         hardly distinguish them.
+    later : tuple of ModelMove
+        Other promising moves, which were not fitted because rows are chosen first.
     """
 
     move: ModelMove
@@ -153,6 +154,7 @@ class Step:
     error: float
     rivals: dict[str, Gain]
     stands_for: tuple[str, ...] = ()
+    later: tuple[ModelMove, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -190,7 +192,8 @@ def _forward(evaluator: Evaluator, state: State, scope: Scope) -> _Search:
     """Yield states; each makes the move with the largest gain on the one before."""
     for _ in range(_ROUNDS):
         offered = list(proposals(evaluator, state.current, scope))
-        state = replace(state, steps=_with_stand_ins(state.steps, offered))
+        steps = _with_stand_ins(evaluator, state.steps, offered)
+        state = replace(state, steps=steps)
         found = _best_move(evaluator, state.current, offered)
         if found is None:
             break
@@ -204,20 +207,25 @@ def _best_move(
     evaluator: Evaluator, current: Evaluated, offered: Sequence[Proposal]
 ) -> tuple[Step, Evaluated] | None:
     """Return the move with the largest gain, if it is large enough."""
-    tried = _tried(evaluator, current, _worth_trying(offered))
+    moves = _worth_trying(offered)
+    # Rows first: gains of other moves are compared on the remaining rows.
+    tried = _tried(evaluator, current, [m for m in moves if m.kind == "least_speed"])
+    later: list[ModelMove] = []
+    if any(_enough(t[0], t[1]) for t in tried):
+        later = [m for m in moves if m.kind != "least_speed"]
+    else:
+        tried = _tried(evaluator, current, moves)
     if any(t[0].kind == "masses" and _enough(t[0], t[1]) for t in tried):
         bounded = mass_move(current.choice, "bounds")
         tried = _without_tight_bounds(tried, _tried(evaluator, current, [bounded]))
     enough = [t for t in tried if _enough(t[0], t[1])]
     if not enough:
         return None
-    # Rows first: gains of other moves are compared on the remaining rows.
-    enough = [t for t in enough if t[0].kind == "least_speed"] or enough
     best = max(brought.share for _, brought, _ in enough)
     alike = [t for t in enough if t[1].share >= _ALIKE * best]
     move, brought, after = min(alike, key=lambda t: _size(t[0], current))
     rivals = {m.label: g for m, g, _ in tried if m != move}
-    return Step(move, brought, after.error, rivals), after
+    return Step(move, brought, after.error, rivals, later=tuple(later)), after
 
 
 def _without_tight_bounds(tried: list[_Tried], bounded: list[_Tried]) -> list[_Tried]:
@@ -290,18 +298,22 @@ def _size(move: ModelMove, current: Evaluated) -> float:
 
 
 def _with_stand_ins(
-    steps: tuple[Step, ...], offered: Sequence[Proposal]
+    evaluator: Evaluator, steps: tuple[Step, ...], offered: Sequence[Proposal]
 ) -> tuple[Step, ...]:
     """Name the last step's rivals that gain little beside it."""
     if not steps:
         return steps
     last = steps[-1]
     left = {p.move.label: p.hoped for p in offered if p.hoped is not None}
+    little = _REPLACED * LEAST_GAIN
+    replaced = [m for m in last.later if left.get(m.label, inf) < little]
+    before = evaluator.evaluated(last.move.before)
+    late = {m.label: g for m, g, _ in _tried(evaluator, before, replaced)}
     alike = tuple(
         label
-        for label, brought in last.rivals.items()
+        for label, brought in {**late, **last.rivals}.items()
         if brought.share >= 0.5 * last.gain.share
-        and left.get(label, brought.share) < _REPLACED * LEAST_GAIN
+        and left.get(label, brought.share) < little
     )
     return (*steps[:-1], replace(last, stands_for=alike))
 
@@ -451,7 +463,7 @@ def _other_moves(
                     "motion_cutoff", f"motion_cutoff = {cutoff:g}", choice, after
                 )
     if "delay" not in scope.fixed:
-        delay = _delay(evaluator, current)
+        delay = fitting_delay(evaluator, current)
         if delay != choice.delay:
             after = replace(choice, delay=delay)
             yield ModelMove("delay", f"torque {_by(delay)}", choice, after)
@@ -460,20 +472,6 @@ def _other_moves(
 def _by(delay: float) -> str:
     """Return how late or early a signal is, in words."""
     return f"{'late' if delay >= 0.0 else 'early'} by {1e3 * abs(delay):.3g} ms"
-
-
-def _delay(evaluator: Evaluator, current: Evaluated) -> float:
-    """Return the delay [s] that leaves no apparent lag of the torque, to two digits."""
-    setting, candidate = evaluator.setting, current.fits.candidate
-    choice = current.choice
-    for _ in range(_DELAYS):
-        factors = evaluator.factors(choice)
-        late = torque_delay(candidate, factors, setting.base, setting.sigma)
-        delay = float(f"{choice.delay + late:.2g}")
-        if delay == choice.delay:
-            break
-        choice = replace(choice, delay=delay)
-    return choice.delay
 
 
 def _of_terms(
