@@ -17,8 +17,9 @@ from scipy import stats
 sys.path.insert(0, str(Path(__file__).parent))
 import coverage_filtered
 import coverage_logs
+import coverage_methods
 from coverage_arm import DURATION, KINDS, LEVEL, arm, motion, noise
-from coverage_methods import BEGIN, END, table
+from coverage_methods import BEGIN, END, section, table
 from coverage_robots import HELD, PROBLEMS, SPLITS, WIDEST, real_robots
 from pages import measured
 
@@ -90,12 +91,12 @@ def page(replicates: int, few: int, others: int, logs: int, before: str = "") ->
     found = real_robots()
     methods = _between(before, BEGIN, END)
     if others:
-        methods = f"{BEGIN}\n\n{table(others)}\n\n{END}"
+        methods = section(table(others))
     raw = _between(before, coverage_logs.BEGIN, coverage_logs.END)
     if logs:
         raw = coverage_logs.section(logs)
     missed += found.missed
-    missed += coverage_logs.missed(raw)
+    missed += coverage_logs.missed(raw) + coverage_methods.missed(methods)
     said = "\n".join(f"- {line}" for line in missed) or "Every target is met."
     script = (
         f"coverage.py --replicates {replicates} --few {few} --others {others} "
@@ -226,8 +227,6 @@ white noise, or for the correlation that is stated: for sensors by
 `Aim(correlation_time=)`, and for feet by the rate, since noise correlated over `n`
 samples is white at a rate `n` times lower. AR(1) 0.9 is stated as 19 samples. Both
 columns should be 93 to 97 %; the last one is the parameter that is farthest off.
-This table alone is measured by
-`python benchmarks/coverage_methods.py --write docs/coverage.md`.
 
 Four kinds of figures miss that, and why. The standard errors of slopes on nominal torque
 come from 20 segments of the log; they are a tenth too small where noise is correlated
