@@ -36,7 +36,6 @@ other terms of a model.  For a leg with a spring of 7 Hz the decrease is 0.65; w
 stiff gears every spring that is tried increases the misfit.
 """
 
-_RISES = 2  # of the misfit, from stiff to soft
 _HALVINGS = 4  # refinements of the factor between frequencies, each with two more fits
 _FACTOR = 2.0**0.5  # between frequencies
 _AROUND = 0.05  # step of the compliance, for the misfit's parabola and its effect
@@ -156,20 +155,8 @@ class _SpringSearch:
     error: Callable[[Vector, Vector], float]
 
     def softened(self, soft: Vector, unit: Vector) -> Vector:
-        """Return the compliances with the best spring of a group, of those tried.
-
-        The misfit is a parabola in small compliances, so that softer springs are not
-        tried after it has risen `_RISES` times.
-        """
-        best, rises, last = soft + unit / FREQUENCIES[0] ** 2, 0, self.misfit(soft)
-        for frequency in FREQUENCIES:
-            tried = soft + unit / frequency**2
-            found = self.misfit(tried)
-            best = min(best, tried, key=self.misfit)
-            rises, last = rises + (found > last), found
-            if rises == _RISES:
-                break
-        return best
+        """Return the compliances with the best spring of a group, of those tried."""
+        return min((soft + unit / f**2 for f in FREQUENCIES), key=self.misfit)
 
     def finer(self, soft: Vector, unit: Vector) -> Vector:
         """Return the compliances with a group's spring between those tried."""
