@@ -20,6 +20,7 @@ import numpy as np
 from clean_recordings import Robot, completed, draft_of, robots
 from faults import UNNAMED
 from faults_catalogue import GAIN
+from pages import stamp
 from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
@@ -380,12 +381,12 @@ def page(outcomes: dict[str, Outcome]) -> str:
     lines = [
         "# Verdicts on spoilt recordings",
         "",
-        "Measured by `python benchmarks/faults_real.py --quick`: a recording of each",
-        "arm gets a typical fault, a problem is drafted from it, and the problem is",
-        "run. The error is that of predicting another recording, which has no fault.",
-        f"An estimate is called `estimated well` if its error is at most {TIMES:g}",
-        "times the error without the fault. If a fault is found, no estimate is",
-        "computed (no error is shown).",
+        f"Measured by `python benchmarks/faults_real.py --quick`{stamp()}:",
+        "a recording of each arm gets a typical fault, a problem is drafted from it,",
+        "and the problem is run. The error is that of predicting another recording,",
+        "which has no fault. An estimate is called `estimated well` if its error is at",
+        f"most {TIMES:g} times the error without the fault. If a fault is found, no",
+        "estimate is computed (no error is shown).",
         "",
         f"{len(answers)} of {spoilt} spoilt logs: {counts}.",
         "",
