@@ -21,8 +21,11 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id._support.tables import Table
+from consistent_id.comparison import feasibility
 from consistent_id.comparison.comparison import verdict_table
 from consistent_id.comparison.feasibility import base_feasibility, in_words
+from consistent_id.constraints.cones.certificate import ball_about, certify
+from consistent_id.constraints.cones.least_norm import solve_least_norm
 from consistent_id.estimation.estimate import torque_errors
 from consistent_id.regression import base_parameters
 from consistent_id.report.summary import comparison_tables
@@ -185,6 +188,55 @@ def test_no_link_is_named_where_only_all_together_are_impossible():
     found = base_feasibility(model, base, values)
     assert found.answer == "impossible" and found.violations == ()
     assert "link1.Izz + 0.25 link2.m contradict each other" in found.summary
+
+
+@pytest.mark.parametrize(("bound", "named"), [(-9e-10, ()), (-2e-9, ("link2",))])
+def test_a_link_is_named_if_its_own_proof_is_beyond_rounding(monkeypatch, bound, named):
+    model, base, values = _without_inertia(0.1)
+
+    def found(domain):
+        alone = find_interior(domain)
+        last = [block.label for block in domain.blocks] == ["link2"]
+        return replace(alone, bound=bound) if last else alone
+
+    find_interior = feasibility.find_interior
+    monkeypatch.setattr(feasibility, "find_interior", found)
+    violations = base_feasibility(model, base, values).violations
+    assert tuple(violation.link for violation in violations) == named
+
+
+@pytest.mark.parametrize(("farther", "nearest"), [(3e-13, True), (3e-12, False)])
+def test_the_nearest_robot_is_proven_to_a_part_of_a_thousandth_of_the_torque(
+    monkeypatch, farther, nearest
+):
+    """A square of a millionth, of which a millionth is allowed: a square of 1e-12."""
+    model, base, values = _without_inertia(1e-5)
+    best = base_feasibility(model, base, values).nearest
+    assert best.verdict == "certified" and best.torque_change < 1e-4
+
+    def beside(problem, centre, *, reference):
+        solution = solve_least_norm(problem)
+        rest, step = problem.G @ solution.u - problem.g, centre - solution.u
+        moved = problem.G @ step
+        share = np.roots([moved @ moved, 2.0 * moved @ rest, -farther]).max()
+        u = solution.u + share * step
+        wrong = replace(solution, u=u)
+        return wrong, certify(problem, wrong, ball_about(centre), reference=reference)
+
+    monkeypatch.setattr(feasibility, "solve_certified", beside)
+    found = base_feasibility(model, base, values).nearest
+    assert (found.verdict == "certified") == nearest
+
+
+def _without_inertia(moment):
+    """Two pendulums, the second of which has a moment less than nothing."""
+    robot = from_modified_dh("arm", [DHRow(-np.pi / 2, 0.0), DHRow(0.0, 0.5)])
+    model = TorqueModel(robot)
+    base = base_parameters(model)
+    values = np.zeros(len(base))
+    values[base.names.index("link1.Izz")] = 1.0
+    values[base.names.index("link2.Izz")] = -moment
+    return model, base, values
 
 
 def test_tables_align_numbers_and_escape_bars_in_markdown():
