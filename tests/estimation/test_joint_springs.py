@@ -8,6 +8,7 @@ from scipy.optimize import brentq
 from some_fast import some_fast
 
 from consistent_id import DriveTerms, Recording, TorqueModel, from_modified_dh
+from consistent_id.constraints import FixedParameters
 from consistent_id.estimation.transmission_springs import (
     _search,
     joint_springs,
@@ -86,9 +87,15 @@ def error_of(noise):
     return noise / np.linalg.norm(seen)
 
 
+@pytest.mark.parametrize("offset", [0.0, 3.0])
 @pytest.mark.parametrize("noise", [0.002, 0.02])
-def test_the_error_of_a_compliance_is_that_of_noise_beside_the_inertia(noise):
-    search = _search(one_joint(), [log_of(1.0 / SPRING, noise)], (), ())
+def test_the_error_of_a_compliance_is_that_of_noise_beside_the_inertia(noise, offset):
+    """Whatever is known besides, such as an offset."""
+    model = replace(one_joint(), drive=DriveTerms(rotor_inertia=True, offset=True))
+    log = log_of(1.0 / SPRING, noise)
+    log = replace(log, torque=log.torque + offset)
+    known = FixedParameters({"joint1.offset": offset})
+    search = _search(model, [log], (), [known])
     found = search.error(np.array([1.0 / SPRING]), search.units[0])
     # The noise at the spring's few frequencies is estimated from the residual.
     assert found == pytest.approx(error_of(noise), rel=0.3)
