@@ -24,10 +24,13 @@ from consistent_id._support.tables import Table
 from consistent_id.comparison import feasibility
 from consistent_id.comparison.comparison import verdict_table
 from consistent_id.comparison.feasibility import base_feasibility, in_words
+from consistent_id.constraints import PhysicalConsistency
 from consistent_id.constraints.cones.certificate import ball_about, certify
 from consistent_id.constraints.cones.least_norm import solve_least_norm
+from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.estimation.estimate import torque_errors
 from consistent_id.regression import base_parameters
+from consistent_id.regression.row_structure import random_rows
 from consistent_id.report.summary import comparison_tables
 from consistent_id.robot.inertia import InertialParameters
 
@@ -226,6 +229,46 @@ def test_the_nearest_robot_is_proven_to_a_part_of_a_thousandth_of_the_torque(
     monkeypatch.setattr(feasibility, "solve_certified", beside)
     found = base_feasibility(model, base, values).nearest
     assert (found.verdict == "certified") == nearest
+
+
+def test_the_nearest_robots_change_is_that_of_torque_along_random_motions():
+    _, model, truth, _, (plain, _) = _estimates()
+    x = truth.copy()
+    x[20:30] *= -1.0
+    values = plain.base.projection @ x
+    nearest = base_feasibility(model, plain.base, values).nearest
+    R = random_rows(model).stacked()
+    change = np.linalg.norm(R @ (nearest.parameters - x)) / np.linalg.norm(R @ x)
+    assert nearest.torque_change == pytest.approx(change, rel=1e-6)
+    assert 0.01 < change < np.linalg.norm(R @ (truth - x)) / np.linalg.norm(R @ x)
+
+
+def test_of_no_torque_no_robot_is_the_nearest():
+    model, base, values = _without_inertia(0.0)
+    thick = [PhysicalConsistency(margin=0.01)]
+    found = base_feasibility(model, base, 0.0 * values, constraints=thick)
+    assert found.answer == "impossible" and found.nearest is None
+
+
+def test_a_witness_is_the_answer_if_it_has_the_base_parameters():
+    model, base, values = _without_inertia(-0.3)
+    x = base.lift(values)
+    x[[6, 9, 16]] += 1.0  # of what no torque depends on, or both links' together
+    values = base.projection @ x
+    free = base_feasibility(model, base, values, constraints=(), witness=x)
+    assert (free.answer, free.proof.margin) == ("consistent", 1.0)
+    np.testing.assert_allclose(free.parameters, x, rtol=1e-12)
+    values[0] += 1e-6
+    other = base_feasibility(model, base, values, constraints=(), witness=x)
+    assert other.answer == "consistent"
+    assert base.projection @ other.parameters == pytest.approx(values, abs=1e-9)
+
+
+@pytest.mark.parametrize(("value", "missed"), [(5.0, 0.1), (0.5, 0.4), (0.0, 0.6)])
+def test_what_equalities_miss_is_relative_to_their_values(value, missed):
+    domain = ConicSet.equal(np.eye(2), np.array([0.0, -value]), ("a", "b"))
+    found = feasibility._relative_miss(domain, np.array([0.0, 0.6 - value]))
+    assert found == pytest.approx(missed, rel=1e-12)
 
 
 def _without_inertia(moment):

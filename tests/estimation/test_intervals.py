@@ -13,6 +13,7 @@ from consistent_id import (
     FixedMasses,
     PhysicalConsistency,
     ProblemError,
+    SolverError,
     build_regression,
     constrained_least_squares,
     least_squares,
@@ -207,6 +208,16 @@ def test_what_ends_only_with_the_ball_has_no_bound(tilt, size):
         assert found == -np.inf
     else:
         assert found == pytest.approx(2.0 - change, rel=1e-4)
+
+
+def test_where_the_solver_fails_nothing_bounds_a_parameter(monkeypatch):
+    def fails(*_, **__):
+        raise SolverError("no point")
+
+    monkeypatch.setattr(intervals, "solve_cones", fails)
+    model, _, regression = noisy_pendulum()
+    found = consistent_intervals(model, regression, constraints=())
+    assert np.array_equal(found.bounds, [[-np.inf, np.inf]] * len(model.layout))
 
 
 def test_what_is_fixed_has_no_width():

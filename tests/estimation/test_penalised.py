@@ -20,6 +20,7 @@ from consistent_id import (
     build_regression,
     simulate_torque,
 )
+from consistent_id.constraints import Penalty
 from consistent_id.constraints.cones.certificate import (
     GAP_TOLERANCE,
     Parabola,
@@ -31,7 +32,13 @@ from consistent_id.constraints.cones.least_norm import solve_least_norm
 from consistent_id.constraints.cones.programmes import Multipliers
 from consistent_id.constraints.priors import Distance, nominal_distance
 from consistent_id.estimation import penalised
-from consistent_id.estimation.best_fit import REFERENCE, best_fit, scaled_fit
+from consistent_id.estimation.best_fit import (
+    REFERENCE,
+    FitProblem,
+    best_fit,
+    scaled_fit,
+)
+from consistent_id.estimation.constrained_fit import constrained_fit
 from consistent_id.estimation.penalised import (
     DISTANCE_GAP,
     Compromise,
@@ -409,6 +416,21 @@ def test_newton_converges_on_long_robots_and_every_link_is_strictly_a_body(
     for body in map(InertialParameters, links):
         values = np.linalg.eigvalsh(body.pseudo_inertia)
         assert values[0] > 1e-9 * values[-1]
+
+
+@pytest.mark.parametrize("weight", [1e-3, 1.0])
+def test_what_a_compromise_gives_away_is_stated_as_misfit_above_the_best(weight):
+    model, regression = noisy(6, joints=2)
+    problem = FitProblem.of(model, regression, BODIES, base_parameters(model))
+    found = constrained_fit(problem, Penalty(weight))
+    R = regression.stacked()
+
+    def misfit(u):
+        return np.linalg.norm(R @ np.append(u * found.best.scaled.unit, -1.0))
+
+    u, best = found.final.solution.u, found.best.solution.u
+    given = misfit(u) / misfit(best) - 1.0
+    assert 1e-3 < given == pytest.approx(found.slack, rel=1e-4)
 
 
 def test_where_newton_starts_does_not_matter():
