@@ -60,6 +60,9 @@ def test_errors_are_those_computed_by_hand():
     assert error.stacked == pytest.approx(
         np.sqrt(np.sum(rest**2) / np.sum(logs[1].torque ** 2))
     )
+    # All joints move, so that nothing is held by friction.
+    np.testing.assert_array_equal(error.beyond, error.rms)
+    assert error.stacked_beyond == error.stacked
     assert np.allclose(
         error.relative, error.rms / np.sqrt(np.mean(logs[1].torque ** 2, axis=0))
     )
