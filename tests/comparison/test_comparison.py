@@ -21,10 +21,16 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id._support.tables import Table
+from consistent_id.comparison import feasibility
 from consistent_id.comparison.comparison import verdict_table
 from consistent_id.comparison.feasibility import base_feasibility, in_words
+from consistent_id.constraints import PhysicalConsistency
+from consistent_id.constraints.cones.certificate import ball_about, certify
+from consistent_id.constraints.cones.least_norm import solve_least_norm
+from consistent_id.constraints.cones.sets import ConicSet
 from consistent_id.estimation.estimate import torque_errors
 from consistent_id.regression import base_parameters
+from consistent_id.regression.row_structure import random_rows
 from consistent_id.report.summary import comparison_tables
 from consistent_id.robot.inertia import InertialParameters
 
@@ -54,6 +60,9 @@ def test_errors_are_those_computed_by_hand():
     assert error.stacked == pytest.approx(
         np.sqrt(np.sum(rest**2) / np.sum(logs[1].torque ** 2))
     )
+    # All joints move, so that nothing is held by friction.
+    np.testing.assert_array_equal(error.beyond, error.rms)
+    assert error.stacked_beyond == error.stacked
     assert np.allclose(
         error.relative, error.rms / np.sqrt(np.mean(logs[1].torque ** 2, axis=0))
     )
@@ -185,6 +194,95 @@ def test_no_link_is_named_where_only_all_together_are_impossible():
     found = base_feasibility(model, base, values)
     assert found.answer == "impossible" and found.violations == ()
     assert "link1.Izz + 0.25 link2.m contradict each other" in found.summary
+
+
+@pytest.mark.parametrize(("bound", "named"), [(-9e-10, ()), (-2e-9, ("link2",))])
+def test_a_link_is_named_if_its_own_proof_is_beyond_rounding(monkeypatch, bound, named):
+    model, base, values = _without_inertia(0.1)
+
+    def found(domain):
+        alone = find_interior(domain)
+        last = [block.label for block in domain.blocks] == ["link2"]
+        return replace(alone, bound=bound) if last else alone
+
+    find_interior = feasibility.find_interior
+    monkeypatch.setattr(feasibility, "find_interior", found)
+    violations = base_feasibility(model, base, values).violations
+    assert tuple(violation.link for violation in violations) == named
+
+
+@pytest.mark.parametrize(("farther", "nearest"), [(3e-13, True), (3e-12, False)])
+def test_the_nearest_robot_is_proven_to_a_part_of_a_thousandth_of_the_torque(
+    monkeypatch, farther, nearest
+):
+    """A square of a millionth, of which a millionth is allowed: a square of 1e-12."""
+    model, base, values = _without_inertia(1e-5)
+    best = base_feasibility(model, base, values).nearest
+    assert best.verdict == "certified" and best.torque_change < 1e-4
+
+    def beside(problem, centre, *, reference):
+        solution = solve_least_norm(problem)
+        rest, step = problem.G @ solution.u - problem.g, centre - solution.u
+        moved = problem.G @ step
+        share = np.roots([moved @ moved, 2.0 * moved @ rest, -farther]).max()
+        u = solution.u + share * step
+        wrong = replace(solution, u=u)
+        return wrong, certify(problem, wrong, ball_about(centre), reference=reference)
+
+    monkeypatch.setattr(feasibility, "solve_certified", beside)
+    found = base_feasibility(model, base, values).nearest
+    assert (found.verdict == "certified") == nearest
+
+
+def test_the_nearest_robots_change_is_that_of_torque_along_random_motions():
+    _, model, truth, _, (plain, _) = _estimates()
+    x = truth.copy()
+    x[20:30] *= -1.0
+    values = plain.base.projection @ x
+    nearest = base_feasibility(model, plain.base, values).nearest
+    R = random_rows(model).stacked()
+    change = np.linalg.norm(R @ (nearest.parameters - x)) / np.linalg.norm(R @ x)
+    assert nearest.torque_change == pytest.approx(change, rel=1e-6)
+    assert 0.01 < change < np.linalg.norm(R @ (truth - x)) / np.linalg.norm(R @ x)
+
+
+def test_of_no_torque_no_robot_is_the_nearest():
+    model, base, values = _without_inertia(0.0)
+    thick = [PhysicalConsistency(margin=0.01)]
+    found = base_feasibility(model, base, 0.0 * values, constraints=thick)
+    assert found.answer == "impossible" and found.nearest is None
+
+
+def test_a_witness_is_the_answer_if_it_has_the_base_parameters():
+    model, base, values = _without_inertia(-0.3)
+    x = base.lift(values)
+    x[[6, 9, 16]] += 1.0  # of what no torque depends on, or both links' together
+    values = base.projection @ x
+    free = base_feasibility(model, base, values, constraints=(), witness=x)
+    assert (free.answer, free.proof.margin) == ("consistent", 1.0)
+    np.testing.assert_allclose(free.parameters, x, rtol=1e-12)
+    values[0] += 1e-6
+    other = base_feasibility(model, base, values, constraints=(), witness=x)
+    assert other.answer == "consistent"
+    assert base.projection @ other.parameters == pytest.approx(values, abs=1e-9)
+
+
+@pytest.mark.parametrize(("value", "missed"), [(5.0, 0.1), (0.5, 0.4), (0.0, 0.6)])
+def test_what_equalities_miss_is_relative_to_their_values(value, missed):
+    domain = ConicSet.equal(np.eye(2), np.array([0.0, -value]), ("a", "b"))
+    found = feasibility._relative_miss(domain, np.array([0.0, 0.6 - value]))
+    assert found == pytest.approx(missed, rel=1e-12)
+
+
+def _without_inertia(moment):
+    """Two pendulums, the second of which has a moment less than nothing."""
+    robot = from_modified_dh("arm", [DHRow(-np.pi / 2, 0.0), DHRow(0.0, 0.5)])
+    model = TorqueModel(robot)
+    base = base_parameters(model)
+    values = np.zeros(len(base))
+    values[base.names.index("link1.Izz")] = 1.0
+    values[base.names.index("link2.Izz")] = -moment
+    return model, base, values
 
 
 def test_tables_align_numbers_and_escape_bars_in_markdown():

@@ -240,6 +240,9 @@ def test_no_draws_are_refused():
     model, _, regression = noisy_pendulum(2)
     with pytest.raises(ProblemError, match="draws is 0"):
         consistency_test(model, regression, draws=0)
+    with pytest.raises(ProblemError, match="enough is 0"):
+        consistency_test(model, regression, enough=0)
+    assert consistency_test(model, regression, draws=1, enough=1).draws == 1
 
 
 def test_a_contradiction_goes_with_the_consistent_estimates_as_worth_knowing():

@@ -49,6 +49,19 @@ def _triangular(seed, size=3):
     return LeastNorm(np.diag(weight), weight * target, domain), answer
 
 
+def test_no_way_of_solving_is_tried_twice():
+    """Tolerances as they are, and one that is finer of a problem that is magnified."""
+    problem, _ = _triangular(0)
+    ways = list(certificate._ways(problem, np.zeros(6), [], reach=0.0, gap=1e-6))
+    told = [tuple(sorted(way.keywords.items(), key=str)) for way in ways]
+    assert len({str(one) for one in told}) == len(told)
+    plain = [way.keywords for way in ways if "within" not in way.keywords]
+    magnified = [k["tolerance"] for k in plain if k.get("magnified")]
+    assert magnified == [certificate._FINE[0]]
+    others = [k["tolerance"] for k in plain if not k.get("magnified")]
+    assert others == list(certificate.TOLERANCES)
+
+
 @pytest.mark.parametrize("seed", range(10))
 def test_the_nearest_semidefinite_matrix_is_the_one_with_its_negative_part_cut(seed):
     problem, answer = _triangular(seed)

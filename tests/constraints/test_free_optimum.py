@@ -98,6 +98,7 @@ def test_an_optimum_that_a_block_holds_back_is_left_to_the_solver(target, free):
     assert (free_optimum(problem, np.ones(2)).solution is not None) == free
     solution, optimality = solve_certified(problem, np.ones(2), reference=0.5)
     assert (solution.status == "Free") == free
+    assert (solution.build_seconds == 0.0) == free
     assert optimality.verdict == "certified"
     np.testing.assert_allclose(solution.u, [max(target, 0.0), 1.0], rtol=0, atol=1e-4)
 

@@ -1,6 +1,7 @@
 """Scatter between blocks, of blocks whose parameters are known to differ."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from consistent_id import DriveTerms, NotExcitedError, Recording, TorqueModel
 from consistent_id.constraints import FixedParameters
 from consistent_id.estimation.uncertainties.block_scatter import (
     BlockScatter,
+    _freedom,
     block_scatter,
 )
 from consistent_id.regression.regression import build_regression
@@ -128,6 +130,28 @@ def test_a_block_that_leaves_a_parameter_open_is_refused():
     model, _, blocks, _ = found(0.0, count=2)
     with pytest.raises(NotExcitedError, match="fewer"):
         block_scatter(model, blocks)
+
+
+def test_freedoms_are_those_of_joints_by_their_shares_in_the_variance():
+    rng = np.random.default_rng(0)
+    factors = rng.normal(size=(2, 6, 4)) * [[[1.0]], [[0.3]]]
+    level = np.array([0.5 * 1.2, 2.0 * 0.9])
+    regression = SimpleNamespace(
+        noise=SimpleNamespace(freedom=np.array([7.0, 40.0])),
+        sigma=np.array([0.5, 2.0]),
+        correlation=np.array([1.2, 0.9]) ** 2,
+        factors=factors,
+        weighted=lambda sigma: SimpleNamespace(
+            stacked=lambda: np.vstack(factors / sigma[:, None, None])
+        ),
+    )
+    A = factors[:, :, :-1] / level[:, None, None]
+    inverse = np.linalg.inv(np.einsum("jki,jkl->il", A, A))
+    parts = np.sum((A @ inverse) ** 2, axis=1)
+    shares = parts / np.diag(inverse)
+    expected = 1.0 / (shares[0] ** 2 / 7.0 + shares[1] ** 2 / 40.0)
+    found = _freedom(regression, SimpleNamespace(directions=np.eye(3)))
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
 def test_the_unit_of_a_parameter_does_not_matter():

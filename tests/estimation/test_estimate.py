@@ -6,11 +6,13 @@ from time import perf_counter
 
 import numpy as np
 import pytest
+from estimates import estimate_of
 from experiments import experiment
 
 from consistent_id import (
     Estimate,
     FixedMasses,
+    InertialParameters,
     PhysicalConsistency,
     ProblemError,
     build_regression,
@@ -50,6 +52,14 @@ def test_an_estimate_knows_the_conditions_that_its_uncertainty_needs():
     assert found.to_dict() == expected.to_dict()
     values = [parameter.value for parameter in found.parameters]
     np.testing.assert_allclose(values, estimate.parameters, rtol=1e-7, atol=1e-9)
+
+
+def test_an_estimate_without_a_search_took_no_time_and_has_no_notes():
+    estimate, _ = estimated()
+    links = [InertialParameters(body) for body in estimate.links]
+    stated = estimate_of(estimate.model, links, drive=0.1)
+    assert (stated.seconds, stated.notes) == (0.0, ())
+    assert estimate.seconds > 0.0
 
 
 def test_a_weighted_estimate_keeps_its_weights_in_its_uncertainty():

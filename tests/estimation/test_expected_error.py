@@ -154,7 +154,13 @@ def test_a_distance_beyond_that_tested_adds_to_the_error_and_a_nearer_one_does_n
     spread = prediction_spread(
         found.root, found.scaled, rows.weighted(found.regression.sigma), found.base
     )
+    x = found.parameters
     E, excess = found.expected.error, 0.5 * found.expected.error**2
     for tested, farther in ((spread / 4.0, 3.0), (spread, 0.0), (4.0 * spread, 0.0)):
         there = replace(found, tested=tested, excess=excess).on(rows)
         assert there.error == pytest.approx(np.sqrt(E**2 + farther * excess), rel=1e-9)
+    # Without torque there is none to compare; an error of nothing has no range.
+    still = replace(found, tested=spread / 4.0, excess=0.04, parameters=0.0 * x)
+    still = replace(still, expected=ExpectedError(0.0, 0.0, 0.0)).on(rows)
+    assert (still.error, still.low) == (pytest.approx(np.sqrt(0.12)), 0.0)
+    assert still.high == still.error

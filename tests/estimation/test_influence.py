@@ -16,6 +16,7 @@ from consistent_id import (
 from consistent_id.estimation import judge
 from consistent_id.estimation.influence import (
     _determined,
+    _lost,
     confirmed_slopes,
     influence,
     least_squares_on,
@@ -196,3 +197,7 @@ def test_what_is_lost_counts_by_its_torque_on_random_motions():
     missed = estimate.fit.misfits * rows.rms(estimate.parameters)
     found = influence(estimate, np.zeros(len(size)), others, whole)
     assert found.elsewhere == pytest.approx(max(rows.rms(lost) / missed), rel=1e-6)
+    # Whatever the unit of torque.
+    again = _lost(1e-3 * rows.norms, estimate.parameters, others, whole)
+    felt = rows.norms > 1e-9
+    np.testing.assert_allclose(again[felt], lost[felt], rtol=1e-6, atol=1e-9)

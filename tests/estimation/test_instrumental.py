@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from consistent_id.estimation import (
     instrumental_variables,
     weighted_least_squares,
 )
+from consistent_id.estimation.instrumental import _certificate
 from consistent_id.laboratory import Controller, Encoders, controlled, with_friction
 from consistent_id.recordings.joint_paths import Sinusoid, SinusoidalMotion
 from consistent_id.regression import base_parameters
@@ -91,6 +93,16 @@ def test_the_residual_is_orthogonal_to_instruments_however_large_the_torque():
     proof = instrumental_variables(model, log, shifted).certificate
     assert proof.figures["orthogonality"] < 1e-11
     assert proof.verdict == "certified"
+
+
+@pytest.mark.parametrize(("left", "certified"), [(5e-10, True), (2e-9, False)])
+def test_a_residual_is_orthogonal_to_a_billionth_of_the_torque(left, certified):
+    torque = 40.0 * np.array([0.6, 0.8])
+    rows = SimpleNamespace(projected=np.eye(2), projected_torque=torque)
+    solution = SimpleNamespace(x=np.add(torque, [0.0, 40.0 * left]), rank=2)
+    found = _certificate(rows, solution)
+    assert (found.verdict == "certified") == certified
+    assert found.figures["orthogonality"] == pytest.approx(left, rel=1e-5)
 
 
 def test_its_standard_error_is_that_of_the_textbook():

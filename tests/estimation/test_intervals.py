@@ -13,12 +13,14 @@ from consistent_id import (
     FixedMasses,
     PhysicalConsistency,
     ProblemError,
+    SolverError,
     build_regression,
     constrained_least_squares,
     least_squares,
     simulate_torque,
 )
 from consistent_id.constraints import FixedCentresOfMass, ParameterBounds, PointToSet
+from consistent_id.constraints.cones.programmes import Ball, ConeRows
 from consistent_id.constraints.priors import Distance
 from consistent_id.estimation.uncertainties import intervals
 from consistent_id.estimation.uncertainties.beyond_noise import (
@@ -183,6 +185,39 @@ def test_what_the_data_do_not_touch_is_without_bounds_or_has_those_given():
     held = consistent_intervals(model, regression, constraints=[bounds])
     assert interval(held, "link1.Ixx").tolist() == pytest.approx([0.1, 0.3])
     assert interval(held, "link1.hz").tolist() == pytest.approx([-np.inf, 0.5])
+
+
+@pytest.mark.parametrize("tilt", [4e-8, 6e-8, 1e-5, 1e-3])
+@pytest.mark.parametrize("size", [1e-6, 0.1, 10.0])
+def test_what_ends_only_with_the_ball_has_no_bound(tilt, size):
+    """Data say ``u + tilt v`` to `size`; ``v`` ends with the ball, at a thousand."""
+    origin = np.array([2.0, 3.0])
+    misfit = np.array([[0.0, 0.0], [-1.0, -tilt]])
+    programme = intervals._IntervalProgramme(
+        SimpleNamespace(
+            scaled=SimpleNamespace(residual=3.0), solution=SimpleNamespace(u=origin)
+        ),
+        (),
+        Ball(np.zeros(2), 1000.0),
+        ConeRows("second order", misfit, np.zeros(2)),
+    )
+    found = programme.least(np.array([1.0, 0.0]), 9.0 + size**2)
+    change = size + 1000.0 * tilt
+    # A twentieth of the change by the ball is none; less than a thousandth is none.
+    if 1000.0 * tilt > 0.05 * max(change, 1e-3):
+        assert found == -np.inf
+    else:
+        assert found == pytest.approx(2.0 - change, rel=1e-4)
+
+
+def test_where_the_solver_fails_nothing_bounds_a_parameter(monkeypatch):
+    def fails(*_, **__):
+        raise SolverError("no point")
+
+    monkeypatch.setattr(intervals, "solve_cones", fails)
+    model, _, regression = noisy_pendulum()
+    found = consistent_intervals(model, regression, constraints=())
+    assert np.array_equal(found.bounds, [[-np.inf, np.inf]] * len(model.layout))
 
 
 def test_what_is_fixed_has_no_width():

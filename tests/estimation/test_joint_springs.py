@@ -8,11 +8,12 @@ from scipy.optimize import brentq
 from some_fast import some_fast
 
 from consistent_id import DriveTerms, Recording, TorqueModel, from_modified_dh
+from consistent_id.constraints import FixedParameters
 from consistent_id.estimation.transmission_springs import (
     _search,
     joint_springs,
 )
-from consistent_id.regression.elastic_joints import DAMPING, as_rigid
+from consistent_id.regression.elastic_joints import DAMPING, as_rigid, deflection_torque
 from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.loaders import DHRow
 
@@ -86,9 +87,15 @@ def error_of(noise):
     return noise / np.linalg.norm(seen)
 
 
+@pytest.mark.parametrize("offset", [0.0, 3.0])
 @pytest.mark.parametrize("noise", [0.002, 0.02])
-def test_the_error_of_a_compliance_is_that_of_noise_beside_the_inertia(noise):
-    search = _search(one_joint(), [log_of(1.0 / SPRING, noise)], (), ())
+def test_the_error_of_a_compliance_is_that_of_noise_beside_the_inertia(noise, offset):
+    """Whatever is known besides, such as an offset."""
+    model = replace(one_joint(), drive=DriveTerms(rotor_inertia=True, offset=True))
+    log = log_of(1.0 / SPRING, noise)
+    log = replace(log, torque=log.torque + offset)
+    known = FixedParameters({"joint1.offset": offset})
+    search = _search(model, [log], (), [known])
     found = search.error(np.array([1.0 / SPRING]), search.units[0])
     # The noise at the spring's few frequencies is estimated from the residual.
     assert found == pytest.approx(error_of(noise), rel=0.3)
@@ -142,3 +149,22 @@ def test_at_rest_a_spring_is_bent_by_the_weight_from_the_first_sample():
     bent = abs(weight[1] - weight[0])
     np.testing.assert_allclose(rigid, weight[1], rtol=0, atol=bent / 25**2)
     assert np.ptp(rigid) < 1e-3 * bent
+
+
+def test_where_a_spring_moves_the_link_its_velocity_is_the_slope_of_that(monkeypatch):
+    states, predict = [], TorqueModel.predict
+
+    def seen(self, x, *moved, **options):
+        states.append(moved)
+        return predict(self, x, *moved, **options)
+
+    monkeypatch.setattr(TorqueModel, "predict", seen)
+    log = log_of(0.0, 0.0)
+    deflection_torque(one_joint(9.81, 0.2).robot, log, np.array([1.0 / SPRING]))
+    rigid, soft = np.array(states[0]), np.array(states[-1])
+    moved = (soft - rigid)[..., 0]
+    slopes = np.gradient(moved, TIME, axis=1)
+    inner = slice(200, -200)
+    for higher, slope in zip(moved[1:], slopes, strict=False):
+        size = abs(higher[inner]).max()
+        np.testing.assert_allclose(higher[inner], slope[inner], atol=0.05 * size)

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ from consistent_id import (
 )
 from consistent_id.estimation import judge, weighted_least_squares
 from consistent_id.estimation.estimate import Estimate
-from consistent_id.estimation.fit import fit_of, usual_efforts
+from consistent_id.estimation.fit import _excess, fit_of, usual_efforts
 from consistent_id.estimation.slope_reasons import doubtful_joints, slope_reasons
 from consistent_id.estimation.torque_error import Slopes, slopes_on
 from consistent_id.estimation.verdict import WORDS, Verdict, confirmed
@@ -764,6 +765,14 @@ def test_figures_of_a_fit_are_those_of_its_samples():
     excess = np.sqrt(weighted[0] / rows / (weighted[1] / (rows - rank)))
     assert found.excess == pytest.approx(excess)
     assert found.correlation == pytest.approx(rows / regression.effective.sum())
+
+
+@pytest.mark.parametrize(("rank", "excess"), [(9, np.sqrt(0.1)), (10, np.nan)])
+def test_of_as_many_parameters_as_rows_there_is_no_excess(rank, excess):
+    regression = SimpleNamespace(counts=(4, 6), sigma=np.array([0.5, 2.0]))
+    rms = np.array([1.0, 3.0])
+    found = _excess(regression, 5.0 * rms, rms, rank)
+    assert found == pytest.approx(5.0 * excess, nan_ok=True)
 
 
 def test_how_much_nominal_bodies_explain_does_not_depend_on_their_size():

@@ -22,7 +22,7 @@ from consistent_id import (
 )
 from consistent_id.estimation import weighted_least_squares
 from consistent_id.regression import base_parameters, joint_noise
-from consistent_id.regression.linear import solve_linear
+from consistent_id.regression.linear import null_space, solve_linear
 
 
 def _experiment(seed, joints=3, samples=2000, noise=0.0, drive=None):
@@ -252,3 +252,8 @@ def test_with_a_wide_bend_huber_is_weighted_least_squares():
     # The scale is the median absolute residual over that of a normal distribution.
     left = abs(log.torque - wide.predict(log))
     np.testing.assert_allclose(wide.sigma, np.median(left, axis=0) / 0.67449, rtol=1e-3)
+
+
+def test_null_spaces_of_rows_do_not_depend_on_the_rows_units():
+    rows = np.array([[1e-12, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 0.0]])
+    np.testing.assert_allclose(abs(null_space(rows, 1e-9)), [[0.0], [0.0], [1.0]])

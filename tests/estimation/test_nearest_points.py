@@ -1,5 +1,7 @@
 """Points for several slacks at once are nearly those that are proven one by one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from experiments import experiment
@@ -45,6 +47,16 @@ def test_they_use_up_the_slack_and_are_nearly_as_near(fitted, first):
         if proven.squared_distance > 0.01:
             assert misfit == pytest.approx(1.0 + slack, rel=0.01 * slack)
             assert 0.1 < point.weight / proven.weight < 10.0
+
+
+@pytest.mark.parametrize("slack", [1e-4, 1e-3])
+def test_the_slack_is_a_share_of_the_whole_misfit(fitted, slack):
+    best, distance = fitted
+    large = replace(best, scaled=replace(best.scaled, residual=3.0))
+    (point,) = nearest_points(large, distance, (slack,), first=1e-4)
+    excess = large.scaled.excess(best.solution.u)
+    used = (large.scaled.excess(point.u) - excess) / (excess + 9.0)
+    assert used == pytest.approx((1.0 + slack) ** 2 - 1.0, rel=0.02)
 
 
 def test_the_next_fit_begins_above_the_highest_weight():

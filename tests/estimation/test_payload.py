@@ -16,6 +16,7 @@ from consistent_id import (
     ModelError,
     NotExcitedError,
     ProblemError,
+    Recording,
     RecordingError,
     TorqueModel,
     build_regression,
@@ -88,6 +89,24 @@ def test_loaded_gears_feel_the_load():
         for j, column in enumerate(torque_model.layout.drive_indices("load_friction")):
             expected = np.sign(states[1][:, j]) * abs(np.array(torque)[:, j])
             assert np.allclose(Y[j, column], expected, rtol=0, atol=1e-11)
+
+
+def test_the_link_that_carries_fits_exactly_where_gears_feel_the_load():
+    terms = DriveTerms(coulomb="sign", load_friction=True)
+    robot = loaded_robot(TorqueModel(arm()[1].robot, terms), Link("load", LOAD))
+    rng = np.random.default_rng(0)
+    x = np.append(robot.bare.robot.nominal, rng.uniform(0.2, 0.5, 8))
+    logs = []
+    for loaded in (False, True):
+        q, dq, ddq = random_states(rng, 4, 100)
+        y = x.copy()
+        if loaded:
+            y[robot.bare.layout.link_slice(3)] += LOAD.vector
+        torque = robot.torque_model(loaded=loaded).predict(y, q, dq, ddq)
+        names, time = robot.bare.robot.joint_names, np.arange(100) / 100.0
+        logs.append([Recording(names, time, q, dq, ddq, torque)])
+    misfits = robot.misfits(*logs, np.ones(4))
+    assert misfits[3] < 1e-15 * misfits[:3].min()
 
 
 def test_loaded_gears_feel_nothing_of_a_load_of_which_nothing_is_known():
@@ -306,6 +325,12 @@ def test_gains_that_are_all_larger_make_the_load_heavier_by_the_same_factor():
     for wrong in ([0.1, 0.1], -0.1, [0.1, 0.1, 0.1, np.inf], indefinite):
         with pytest.raises(ProblemError, match="expected one share or 4"):
             identify_payload(model, loaded, unloaded, gain_errors=wrong)
+
+
+def test_errors_of_two_gains_may_be_their_covariance():
+    matrix = np.array([[0.04, 0.01], [0.01, 0.09]])
+    np.testing.assert_array_equal(_gain_covariance(matrix, 2), matrix)
+    np.testing.assert_allclose(_gain_covariance([0.2, 0.3], 2), np.diag([0.04, 0.09]))
 
 
 def test_errors_of_gains_may_be_zero_or_common_to_all_joints():

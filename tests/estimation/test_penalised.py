@@ -20,7 +20,9 @@ from consistent_id import (
     build_regression,
     simulate_torque,
 )
+from consistent_id.constraints import Penalty
 from consistent_id.constraints.cones.certificate import (
+    GAP_TOLERANCE,
     Parabola,
     ball_about,
     certify,
@@ -29,7 +31,14 @@ from consistent_id.constraints.cones.certificate import (
 from consistent_id.constraints.cones.least_norm import solve_least_norm
 from consistent_id.constraints.cones.programmes import Multipliers
 from consistent_id.constraints.priors import Distance, nominal_distance
-from consistent_id.estimation.best_fit import REFERENCE, best_fit, scaled_fit
+from consistent_id.estimation import penalised
+from consistent_id.estimation.best_fit import (
+    REFERENCE,
+    FitProblem,
+    best_fit,
+    scaled_fit,
+)
+from consistent_id.estimation.constrained_fit import constrained_fit
 from consistent_id.estimation.penalised import (
     DISTANCE_GAP,
     Compromise,
@@ -231,6 +240,51 @@ def test_the_nearest_point_within_a_slack_is_that_of_ridge_regression(noise, sla
     assert exact - 1e-8 <= squared <= exact + found.distance_gap * max(squared, 0.01)
 
 
+@pytest.mark.parametrize("slack", [1e-3, 3.0])
+@pytest.mark.parametrize("finer", ["met", "missed", "beyond"])
+def test_a_proof_that_just_suffices_is_made_finer_for_the_distance(
+    monkeypatch, slack, finer
+):
+    """As of a solver that stops where the gap is as large as it may be."""
+    model, regression = noisy(3, joints=2, noise=0.3)
+    best = best_fit(model, regression, (), base=base_parameters(model))
+    distance = nominal_distance(model, "pullback", best.scaled.unit)
+    least = best.scaled.excess(best.solution.u) + 0.7  # as if the best fit had that
+    near = nearest_within(best, distance, slack)
+    fit, size = near.fit, max(near.fit.squared_distance, 0.01)
+    assert (fit.squared_distance > 0.01) == (slack < 1.0)
+    asked, optimum = [], Compromise.optimum
+
+    def just(self, start=None, *, gap=GAP_TOLERANCE):
+        assert np.array_equal(start, fit.solution.u)
+        asked.append(gap)
+        gap = 100.0 * gap if finer == "missed" else gap
+        found = optimum(self, start)
+        found = replace(found, excess=found.excess + 0.7)
+        if finer == "beyond":
+            found = replace(found, excess=least + 1.001 * near.allowed)
+        return replace(found, optimality=replace(found.optimality, gap=gap))
+
+    monkeypatch.setattr(Compromise, "optimum", just)
+    enough = replace(near, distance_gap=DISTANCE_GAP)
+    assert penalised._finer(best.scaled, distance, enough, least, 3.0) is enough
+    coarse = replace(near, distance_gap=2.0 * DISTANCE_GAP)
+    found = penalised._finer(best.scaled, distance, coarse, least, 3.0)
+    (gap,) = asked
+    # Half of what is allowed is for the proof, and half for what the slack leaves.
+    objective = max(fit.optimality.objective, REFERENCE)
+    proven = 2.0 * gap * objective / fit.weight
+    assert proven == pytest.approx(DISTANCE_GAP / 2.0 * size, rel=1e-9)
+    if finer == "met":
+        unused = (near.allowed - (fit.excess + 0.7 - least)) / fit.weight
+        expected = unused / size + DISTANCE_GAP / 2.0
+        assert found.distance_gap == pytest.approx(expected, rel=1e-6)
+        assert found.fit.optimality.gap == gap
+        assert (found.slack, found.allowed) == (slack, near.allowed)
+    else:
+        assert found is coarse
+
+
 def test_without_constraints_a_quadratic_distance_has_the_normal_equations_answer():
     model, regression = noisy(3, joints=3)
     fit, distance = dimensionless(model, regression, "pullback", constraints=())
@@ -362,6 +416,21 @@ def test_newton_converges_on_long_robots_and_every_link_is_strictly_a_body(
     for body in map(InertialParameters, links):
         values = np.linalg.eigvalsh(body.pseudo_inertia)
         assert values[0] > 1e-9 * values[-1]
+
+
+@pytest.mark.parametrize("weight", [1e-3, 1.0])
+def test_what_a_compromise_gives_away_is_stated_as_misfit_above_the_best(weight):
+    model, regression = noisy(6, joints=2)
+    problem = FitProblem.of(model, regression, BODIES, base_parameters(model))
+    found = constrained_fit(problem, Penalty(weight))
+    R = regression.stacked()
+
+    def misfit(u):
+        return np.linalg.norm(R @ np.append(u * found.best.scaled.unit, -1.0))
+
+    u, best = found.final.solution.u, found.best.solution.u
+    given = misfit(u) / misfit(best) - 1.0
+    assert 1e-3 < given == pytest.approx(found.slack, rel=1e-4)
 
 
 def test_where_newton_starts_does_not_matter():

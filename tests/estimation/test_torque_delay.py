@@ -93,7 +93,9 @@ def test_early_torque_is_found_and_taken_back(log, known):
     found = ci.estimation.estimate_radius_and_delay(model, log, constraints=constraints)
     assert found.delay.significant
     assert found.delay.seconds == pytest.approx(LATE, rel=0.01)
-    assert abs(found.feet.offset) < 2e-5
+    assert abs(found.feet.offset) < 2e-6
+    errors = found.feet.standard_error, found.delay.standard_error
+    np.testing.assert_allclose(np.diag(found.covariance), np.square(errors), rtol=1e-9)
 
 
 def test_a_wrong_radius_and_early_torque_are_told_apart(log, known):

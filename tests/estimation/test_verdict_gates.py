@@ -8,7 +8,7 @@ from made_up_fits import JOINTS, evidence, fit, held_out
 
 from consistent_id.constraints.delivered_bodies import LinkCondition, RobotSize
 from consistent_id.estimation.drive_ratios import DriveRatios, drive_reasons
-from consistent_id.estimation.judgement import judge
+from consistent_id.estimation.judgement import _prior_is_good, judge
 from consistent_id.estimation.verdict import (
     Reason,
     Verdict,
@@ -30,6 +30,20 @@ def words(found):
 
 def test_made_up_fits_give_no_reason():
     assert judge(evidence(held_out=(held_out(),))).reasons == ()
+
+
+@pytest.mark.parametrize(
+    ("errors", "good"), [(0.08, True), (0.081, False), (np.nan, False)]
+)
+def test_a_prior_is_good_up_to_the_misfit_that_is(errors, good):
+    one = fit(("a",), torque=1.0, prior_errors=errors)
+    assert _prior_is_good(one) == good
+
+
+@pytest.mark.parametrize(("errors", "good"), [(0.3, True), (0.301, False)])
+def test_a_prior_of_a_weak_joint_is_good_up_to_the_misfit_of_one(errors, good):
+    weak = fit(torque=[1.0, 10.0, 10.0], prior_errors=[errors, 0.01, 0.01])
+    assert _prior_is_good(weak) == good
 
 
 # One changed figure of the fit, the kind of reason, and its word.

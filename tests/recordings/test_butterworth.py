@@ -5,6 +5,7 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 
 from consistent_id import Recording, differentiated, low_passed
+from consistent_id.recordings.signals import filters
 from consistent_id.recordings.signals.filters import settling, zero_phase
 
 EPS = np.finfo(np.float64).eps
@@ -79,3 +80,18 @@ def test_a_log_that_is_too_short_to_show_a_bend_is_continued_oddly():
     few = np.random.default_rng(0).normal(size=(15, 3))
     odd = zero_phase(few, cutoff=20.0, rate=100.0, order=4, pad=14)
     np.testing.assert_array_equal(filtered(few, cutoff=20.0), odd)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01, 0.3])
+def test_the_bend_at_an_end_is_that_of_a_cubic_less_what_is_noise(noise):
+    """Half of the second difference: the square's coefficient, per sample."""
+    places = np.linspace(0.0, 1.0, 30)
+    values = 2.0 + places - 0.7 * places**2 + 0.4 * places**3
+    values = values + noise * np.random.default_rng(0).normal(size=30)
+    powers = np.vander(places, 4, increasing=True)
+    fitted = np.linalg.lstsq(powers, values, rcond=None)[0]
+    left = np.sum((values - powers @ fitted) ** 2) / (30 - 4)
+    variance = left * np.linalg.inv(powers.T @ powers)[2, 2]
+    sure = fitted[2] ** 2 / (fitted[2] ** 2 + filters._SURE**2 * variance)
+    found = filters._bend(values[:, None])
+    np.testing.assert_allclose(found, [sure * fitted[2] / 29.0**2], rtol=1e-6)

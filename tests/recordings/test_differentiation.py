@@ -16,6 +16,7 @@ from consistent_id.errors import RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.derivatives import sliding_polynomials
 from consistent_id.recordings.signals.smoother import (
+    _first_state,
     drive_covariance,
     smoothed,
     transition,
@@ -116,6 +117,21 @@ def test_sliding_polynomials_are_those_of_scipy_up_to_both_ends(
     expected = savgol_filter(walk, window, degree, deriv=derivative, axis=0)
     atol = 1e-5 * abs(expected).max()  # SciPy's powers of 149 samples lose digits
     np.testing.assert_allclose(found, expected, rtol=0, atol=atol)
+    if derivative == 0:
+        np.testing.assert_array_equal(sliding_polynomials(walk, window, degree), found)
+
+
+@pytest.mark.parametrize("order", [2, 3, 4])
+def test_the_smoother_begins_with_a_polynomial_through_four_samples_per_unknown(order):
+    t = np.arange(30.0)
+    z = np.column_stack([t ** (order - 1) - 2.0 * t, 5.0 + t])
+    z[4 * order :] = np.nan
+    first = np.zeros((order, 2))
+    first[:2] += [[0.0, 5.0], [-2.0, 1.0]]
+    first[order - 1, 0] += gamma(order)
+    np.testing.assert_allclose(_first_state(z, order), first, atol=1e-7)
+    few = _first_state(z[: order + 1], order)
+    np.testing.assert_allclose(few, first, atol=1e-7)
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4, 5, 6])

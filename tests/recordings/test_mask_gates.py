@@ -8,6 +8,7 @@ import pytest
 from consistent_id import Recording, RecordingError
 from consistent_id.recordings.beside import ContactFlags
 from consistent_id.recordings.signals.drive_limits import (
+    _filled_runs,
     beyond_speed,
     saturated,
     within_speed,
@@ -301,3 +302,9 @@ def test_single_readings_at_one_value_show_a_limit_that_noise_hides(
         assert marked(limited(-torque)) == marked(torque == 1.0)
     still = np.where(torque == 1.0, 0.0, 1.0)
     assert not limited(torque, still).any()
+
+
+def test_runs_that_a_lone_mark_divides_are_two_and_those_with_a_gap_are_one():
+    marks = np.array(list("11110001000111110111")) == "1"
+    assert _filled_runs(marks, 4) == [slice(0, 4), slice(11, 20)]
+    assert _filled_runs(marks, 5) == [slice(11, 20)]

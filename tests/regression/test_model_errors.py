@@ -158,6 +158,13 @@ def test_the_ratio_of_lacking_terms_is_that_of_fits_with_and_without_them():
     moved = np.median((y[:columns] - x) ** 2 / variance) / 0.455
     assert W > terms
     assert lacking_ratio(fit, rows) == pytest.approx(1.0 + (1.0 - terms / W) * moved)
+    small = np.column_stack([A @ fit.steps, 1e-9 * Z, b]) / sigma
+    assert lacking_ratio(fit, small) == pytest.approx(lacking_ratio(fit, rows))
+    still = np.insert(rows, columns, 0.0, axis=1)
+    assert lacking_ratio(fit, still) == pytest.approx(lacking_ratio(fit, rows))
+    nothing = fit._replace(steps=fit.steps[:, :0])
+    assert lacking_ratio(nothing, rows[:, columns:]) == 1.0
+    assert lacking_ratio(fit, np.delete(rows, range(columns, columns + terms), 1)) == 1
     # Terms that explain no more than noise does, and terms that the model has.
     assert lacking_ratio(fit, np.column_stack([rows[:, :-1], A @ fit.x])) == 1.0
     has = np.column_stack([A @ fit.steps, A @ rng.normal(size=(columns, terms)), b])

@@ -25,6 +25,7 @@ from consistent_id.regression import base_parameters
 from consistent_id.regression.residual_noise import (
     ResidualNoise,
     Scatter,
+    _steps,
     joint_noise,
     unconstrained_fit,
 )
@@ -78,6 +79,17 @@ def test_the_covariance_is_the_one_least_squares_states():
     covariance = noise.steps @ noise.inflation @ noise.steps.T
     stated = least_squares(model, regression, base=base).base_covariance
     assert np.allclose(covariance, stated, rtol=1e-6)
+
+
+@pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
+@pytest.mark.parametrize("small", [0.0, 1e-14])
+def test_steps_have_unit_effects_where_a_column_is_none(small, size):
+    rng = np.random.default_rng(0)
+    A = size * rng.normal(size=(30, 4)) * [1.0, 300.0, 1.0, small]
+    A[:, 2] = A[:, 0] - 1e-3 * A[:, 1]
+    steps = _steps(A, None)  # the solution's own have no column to leave out
+    assert steps.shape == (4, 2) and not steps[3].any()
+    np.testing.assert_allclose(steps.T @ A.T @ A @ steps, np.eye(2), atol=1e-9)
 
 
 def test_under_right_weights_and_white_noise_next_to_nothing_is_inflated():

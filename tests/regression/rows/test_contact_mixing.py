@@ -244,3 +244,16 @@ def test_a_contact_along_another_is_counted_once(robot):
     surface = replace(foot, surface=True)
     (group,) = maps_of(robot, q, [surface], sigma)
     assert group.maps.shape == (4, 12, 18)
+
+
+@pytest.mark.parametrize("known", [None, [[1, 1, 0], [1, 0, 0], [0, 1, 0]]])
+def test_noise_that_mixing_takes_is_that_of_the_mean_share_left(robot, log, known):
+    shares = np.array([[0.2, 0.0, 0.0], [0.4, 0.0, 0.0], [0.6, 1.0, 0.2]])
+    motion = motion_of(ci.TorqueModel(robot), log, None)._replace(shares=shares)
+    # Of three samples, or of those that are known, and at least of one in three.
+    left = [0.4, 1.0 / 3.0, 1.0 / 3.0] if known is None else [0.6, 0.5, 1.0 / 3.0]
+    if known is not None:
+        motion = motion._replace(known=np.array(known, dtype=float))
+    np.testing.assert_allclose(motion.noise_lost(), 1.0 / np.sqrt(left), rtol=1e-12)
+    alone = motion._replace(shares=None)
+    np.testing.assert_array_equal(alone.noise_lost(), np.ones(motion.torque.shape[1]))
