@@ -2,6 +2,6 @@
 
 import sys
 
-from consistent_id.cli import main
+from consistent_id.cli import run
 
-sys.exit(main())
+sys.exit(run())

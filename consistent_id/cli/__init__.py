@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-__all__ = ["main"]
+__all__ = ["main", "run"]
 
 _Handler = Callable[[int, FrameType | None], Any] | signal.Handlers
 
@@ -38,23 +38,40 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return run_tool(options)
 
 
+def run() -> int:
+    """Run the tool as a process of its own; return its exit code.
+
+    A signal that comes while Python ends, such as a third interrupt, ends it at once:
+    an exception there can abort the process.
+    """
+    code = main()
+    _listen()
+    return code
+
+
 @contextmanager
 def _ended_by_signals() -> Iterator[None]:
     """End at once before the work begins; `run_to_its_end` has its own handlers.
 
     An exception that is raised in an import can become another error, or be lost.
     """
-    try:
-        heard = [n for n, end in _ENDS.items() if signal.getsignal(n) is end[0]]
-        for number in heard:
-            signal.signal(number, _end)
-    except ValueError:  # outside of the main thread nobody may listen
-        heard = []
+    heard = _listen()
     try:
         yield
     finally:
         for number in heard:
             signal.signal(number, _ENDS[number][0])
+
+
+def _listen() -> list[int]:
+    """Let signals end the process at once, but for those that are handled otherwise."""
+    heard = [n for n, end in _ENDS.items() if signal.getsignal(n) is end[0]]
+    try:
+        for number in heard:
+            signal.signal(number, _end)
+    except ValueError:  # outside of the main thread nobody may listen
+        return []
+    return heard
 
 
 def _end(number: int, frame: FrameType | None) -> None:

@@ -237,6 +237,9 @@ def test_a_pool_of_another_size_is_replaced_and_not_resized(monkeypatch):
     for workers in (2, 3, 3, 2):
         executor = Executor.named(f"processes:{workers}")
         assert list(executor.map(abs, [-1, -2, -3])) == [1, 2, 3]
+        end = time.monotonic() + 20.0  # one that is still starting has another name
+        while len(loky_workers()) < workers and time.monotonic() < end:
+            time.sleep(0.05)
         pids.append(frozenset(loky_workers()))
     assert pids[1] == pids[2]
     assert [len(found) for found in pids] == [2, 3, 3, 2]
