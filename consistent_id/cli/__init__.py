@@ -44,9 +44,10 @@ def run() -> int:
     A signal that comes while Python ends, such as a third interrupt, ends it at once:
     an exception there can abort the process.
     """
-    code = main()
-    _listen()
-    return code
+    try:
+        return main()
+    finally:
+        _listen()
 
 
 @contextmanager

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from argparse import Namespace
+from importlib.metadata import version
 
 import pytest
 from logged import write_arm
@@ -324,6 +325,29 @@ def test_the_first_interrupt_of_a_design_keeps_the_best(tmp_path, workers, execu
     assert "interrupted: the user ended the search" in out
     record = (tmp_path / "out" / "excitation.json").read_text()
     assert "interrupted: the user ended the search" in record
+
+
+LATE = """
+import atexit, os, signal, sys
+from consistent_id.cli import run
+sys.argv = ["consistent-id", "--version"]
+atexit.register(os.kill, os.getpid(), signal.SIGINT)
+sys.exit(run())
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_an_interrupt_while_python_ends_ends_it():
+    ended = subprocess.run(
+        [sys.executable, "-c", LATE],
+        capture_output=True,
+        text=True,
+        preexec_fn=_heeds_interrupts,
+        check=False,
+    )
+    assert ended.returncode == 130
+    assert ended.stderr == "consistent-id: interrupted\n"
+    assert ended.stdout == f"{version('consistent-id')}\n"
 
 
 @pytest.mark.slow

@@ -17,8 +17,14 @@ from consistent_id import (
     least_squares,
     simulate_torque,
 )
-from consistent_id.comparison.feasibility import ConsistencyTest, consistency_test
+from consistent_id.comparison.feasibility import (
+    ConsistencyTest,
+    _reaching,
+    _squared_distance,
+    consistency_test,
+)
 from consistent_id.constraints import ParameterBounds
+from consistent_id.estimation.best_fit import best_fit
 from consistent_id.regression import base_parameters
 from consistent_id.regression.residual_noise import joint_noise, unconstrained_fit
 
@@ -157,6 +163,25 @@ def test_what_is_not_rare_is_known_from_a_few_draws_and_what_is_rare_from_all():
         consistency_test(model, rare, draws=99, enough=k) for k in (10, 99)
     )
     assert (first.draws, first.p_value) == (second.draws, second.p_value) == (99, 0.01)
+
+
+def test_simulated_data_reach_what_their_own_distance_is_above():
+    """Distances to a robot on the boundary, which rough fits find to some per cent."""
+    model, truth, log = experiment(4, joints=2, noise=0.0, samples=400)
+    wrong, rng = truth.copy(), np.random.default_rng(0)
+    wrong[10:20] *= -1.0
+    noise = 0.1 * log.torque.std(axis=0)
+    log = simulate_torque(model, wrong, log, noise=noise, rng=rng)
+    regression, base = build_regression(model, log), base_parameters(model)
+    regression = regression.weighted(joint_noise(model, regression, base=base))
+    consistent = [PhysicalConsistency(margin=0.0)]
+    best = best_fit(model, regression, consistent, base=base)
+    fitted = best.scaled.M @ best.solution.u
+    for e in np.random.default_rng(0).normal(size=(40, len(fitted))):
+        distance = _squared_distance(best, fitted + e / best.scaled.size)
+        if distance > 0.1:
+            for share, reached in ((0.999, True), (1.001, False)):
+                assert _reaching(best, share * distance, [e]) == [reached]
 
 
 def test_weights_of_the_regression_do_not_matter():

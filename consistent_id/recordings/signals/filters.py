@@ -45,10 +45,11 @@ def low_passed(
 ) -> Recording:
     """Filter with a zero-phase Butterworth filter.
 
-    Motion is filtered forwards and backwards.  Torque passes the same filter as a
-    kernel, and the recording keeps its torque from before, so that `build_regression`
-    can filter its rows like the torque: ``F Y x = F tau`` holds exactly, also where
-    friction jumps.
+    Motion is filtered forwards and backwards; at both ends, the motion of one period of
+    the cut-off tells how it goes on, so that acceleration is kept.  Torque passes the
+    same filter as a kernel, and the recording keeps its torque from before, so that
+    `build_regression` can filter its rows like the torque: ``F Y x = F tau`` holds
+    exactly, also where friction jumps.
 
     Parameters
     ----------
