@@ -327,6 +327,13 @@ def test_the_first_interrupt_of_a_design_keeps_the_best(tmp_path, workers, execu
     assert "interrupted: the user ended the search" in record
 
 
+def test_in_python_a_command_gives_signals_back(capsys):
+    before = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)}
+    with pytest.raises(SystemExit):
+        main(["--version"])
+    assert {n: signal.getsignal(n) for n in before} == before
+
+
 LATE = """
 import atexit, os, signal, sys
 from consistent_id.cli import run
