@@ -328,10 +328,15 @@ def test_the_first_interrupt_of_a_design_keeps_the_best(tmp_path, workers, execu
 
 
 def test_in_python_a_command_gives_signals_back(capsys):
-    before = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)}
+    at_start = {
+        signal.SIGINT: signal.default_int_handler,
+        signal.SIGTERM: signal.SIG_DFL,
+    }
+    for number, handler in at_start.items():
+        signal.signal(number, handler)
     with pytest.raises(SystemExit):
         main(["--version"])
-    assert {n: signal.getsignal(n) for n in before} == before
+    assert {n: signal.getsignal(n) for n in at_start} == at_start
 
 
 LATE = """
