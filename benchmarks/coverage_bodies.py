@@ -18,6 +18,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from coverage_arm import LEVEL, arm, motion
+from coverage_raw import Preparation, standing
 from known_arm import logged
 from quadrupeds import CORNERS, FEET, FOOT, quadruped_text
 from walking import Walk, walked
@@ -102,8 +103,9 @@ def slopes(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
     rng = np.random.default_rng(17)
     for k in range(replicates):
         model, log = logged(k, noise=0.0)
-        torque = log.torque + LEVEL * log.torque.std(axis=0) * noise((len(log), 4), rng)
-        parts = torque_parts(model, replace(log, torque=torque))
+        if k == 0:
+            prepared = Preparation(model, log)
+        parts = torque_parts(model, prepared(log, shake(noise, log, rng), rng))
         for slope, error, shown in (
             (parts.gravity, parts.gravity_error, parts.gravity_shown),
             (parts.inertial, parts.inertial_error, parts.inertial_shown),
@@ -146,13 +148,18 @@ def _of_factors(
     rng = np.random.default_rng(9)
     for k in range(replicates):
         model, log = logged(k, noise=0.0)
+        if k == 0:
+            prepared = Preparation(model, log)
         log = ci.simulate_torque(model, _drawn(model, rng), log)
-        torque = log.torque + LEVEL * log.torque.std(axis=0) * noise((len(log), 4), rng)
-        right = FactorLogs.of(model, [replace(log, torque=torque)], masses_known=True)
+        added = shake(noise, log, rng)
         put_in = chosen(model, k)
         size = SIZES[put_in.kind]
-        spoilt = right.without(put_in, -size)
-        as_is = FactorLogs.of(spoilt.model, list(spoilt.logs), masses_known=True)
+        spoilt = FactorLogs.of(model, [log]).without(put_in, -size)
+        (wrong,) = spoilt.logs
+        if put_in.kind == "clock":
+            wrong = replace(wrong, time=np.exp(size) * wrong.time)
+        raw = prepared(wrong, added, rng)
+        as_is = FactorLogs.of(spoilt.model, [raw], masses_known=True)
         if put_in.kind == "torque gain":
             alone = gain_beside_bodies(as_is, put_in.where)
             found = [] if alone is None else [alone]
@@ -163,6 +170,11 @@ def _of_factors(
                 # The axis of a lean is found, too, and may point the other way.
                 seen = abs(one.size) if put_in.kind == "gravity" else one.size
                 yield np.array([(seen - size) / one.error])
+
+
+def shake(noise: Noise, log: ci.Recording, rng: np.random.Generator) -> np.ndarray:
+    """Return noise of `LEVEL` of a log's torques."""
+    return LEVEL * log.torque.std(axis=0) * noise(log.torque.shape, rng)
 
 
 def _drawn(model: ci.TorqueModel, rng: np.random.Generator) -> np.ndarray:
@@ -197,10 +209,8 @@ def radii(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
     known = [ci.constraints.FixedParameters(values)]
     rng = np.random.default_rng(10)
     for _ in range(replicates):
-        torque = clean.torque + TORQUE * noise(clean.torque.shape, rng)
-        found = ci.estimation.contact_radius(
-            model, replace(clean, torque=torque), constraints=known
-        )
+        log = standing(clean, TORQUE * noise(clean.torque.shape, rng), rng)
+        found = ci.estimation.contact_radius(model, log, constraints=known)
         yield np.array([NORMAL * (found.offset + WORN) / found.half_width])
 
 
@@ -231,8 +241,7 @@ def walks(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
     true = base.projection @ robot.nominal
     rng = np.random.default_rng(11)
     for _ in range(replicates):
-        torque = clean.torque + TORQUE * noise(clean.torque.shape, rng)
-        log = replace(clean, torque=torque)
+        log = standing(clean, TORQUE * noise(clean.torque.shape, rng), rng)
         regression = ci.build_regression(model, log)
         found = ci.least_squares(model, regression, base=base)
         widths = NORMAL / unconstrained_fit(regression, base).noise.quantiles
@@ -255,14 +264,15 @@ def of_fleets(noise: Noise, replicates: int) -> Iterator[tuple[np.ndarray, np.nd
     link = model.robot.links[-1].name
     loaded = truth.copy()
     loaded[20:30] += BRICK.vector
+    first = ci.simulate_torque(model, truth, states[0])
+    prepared = Preparation(model, first)
     for _ in range(replicates):
         regressions = {}
         for k, path in enumerate(states):
             x = (loaded if k == ROBOTS - 1 else truth).copy()
             x[30:] *= rng.uniform(0.5, 1.5, len(x) - 30)
             log = ci.simulate_torque(model, x, path)
-            size = LEVEL * log.torque.std(axis=0)
-            log = replace(log, torque=log.torque + size * noise(log.torque.shape, rng))
+            log = prepared(log, shake(noise, log, rng), rng)
             regressions[f"robot{k}"] = ci.build_regression(model, log)
         fleet = ci.fleet.fleet_estimate(
             model,
@@ -297,15 +307,11 @@ def blocks(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
     names = model.layout.names
     known = [ci.constraints.FixedParameters(dict(zip(names[:30], truth, strict=False)))]
     clean = ci.simulate_torque(model, truth, motion(model))
-    size = LEVEL * clean.torque.std(axis=0)
-    rng = np.random.default_rng(13)
-    first = clean.samples(slice(0, round(len(clean) * BLOCKS / (BLOCKS + 1))))
-    last = clean.samples(slice(len(first), None))
+    rng, prepared = np.random.default_rng(13), Preparation(model, clean)
+    first = round(len(clean) * BLOCKS / (BLOCKS + 1))
     for _ in range(replicates):
-        log, later = (
-            replace(run, torque=run.torque + size * noise(run.torque.shape, rng))
-            for run in (first, last)
-        )
+        whole = prepared(clean, shake(noise, clean, rng), rng)
+        log, later = whole.samples(slice(0, first)), whole.samples(slice(first, None))
         sigma = joint_noise(model, ci.build_regression(model, log))
         parts = segment_regressions(model, log, count=BLOCKS, sigma=sigma)
         one = ci.build_regression(model, later).weighted(sigma)

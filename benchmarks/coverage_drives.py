@@ -13,10 +13,11 @@ from scipy.interpolate import make_interp_spline
 
 sys.path.insert(0, str(Path(__file__).parent))
 from coverage_arm import LEVEL, arm, motion
+from coverage_raw import Preparation, encoded
 
 import consistent_id as ci
 from consistent_id.regression.elastic_joints import DAMPING
-from consistent_id.signals import DriveCalibration, PDGains, calibrated, commanded
+from consistent_id.signals import DriveCalibration, PDGains, calibrated
 
 Noise = Callable[[tuple[int, int], np.random.Generator], np.ndarray]
 GAINS = PDGains(300.0, 10.0)
@@ -39,21 +40,34 @@ def told() -> tuple[ci.TorqueModel, np.ndarray, ci.Recording]:
     q, dq, ddq = (spline.derivative(k)(ahead) for k in range(3))
     torque = model.predict(x, q, dq, ddq)
     command = q + (torque + GAINS.kd * dq) / GAINS.kp
-    return model, x, replace(states, position_command=command)
+    return model, x, replace(states, position_command=command, torque=torque)
 
 
-def shaken(
-    make: Callable[..., ci.Recording], noise: Noise, rng: np.random.Generator
-) -> Callable[..., list[ci.Recording]]:
-    """Return the same recording with noise of `LEVEL` on its torque, as a function."""
-    first = make()
-    added = LEVEL * first.torque.std(axis=0) * noise((len(first) + 9, 3), rng)
+def logs_of_commands(
+    noise: Noise, replicates: int, seed: int
+) -> Iterator[Callable[[DriveCalibration], list[ci.Recording]]]:
+    """Yield logs, each a function from what is known of drives to the prepared log.
 
-    def noisy(*known: object) -> list[ci.Recording]:
-        one = make(*known)
-        return [replace(one, torque=one.torque + added[: len(one)])]
+    Torque is computed from commands and positions in steps, and has noise of `LEVEL`;
+    then motion and torque are filtered.
+    """
+    model, _, exact = told()
+    rng, prepared = np.random.default_rng(seed), Preparation(model, exact)
+    for _ in range(replicates):
+        raw = replace(exact, position=encoded(exact.position, rng))
+        size = LEVEL * exact.torque.std(axis=0)
+        added = size * noise(exact.torque.shape, rng)
+        prepared.log(_computed(raw, added, DriveCalibration(LATE)))
+        yield lambda known, raw=raw, added=added: [
+            prepared.alike(_computed(raw, added, known))
+        ]
 
-    return noisy
+
+def _computed(
+    raw: ci.Recording, added: np.ndarray, known: DriveCalibration
+) -> ci.Recording:
+    log = calibrated(raw, GAINS, known)
+    return replace(log, torque=log.torque + added[: len(log)])
 
 
 def command_delays(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
@@ -62,15 +76,12 @@ def command_delays(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
     They are beside the mean over all logs, because commands are held and interpolated
     between samples: this error is not noise, and the same in all logs.
     """
-    model, _, log = told()
-    rng = np.random.default_rng(7)
-
-    def make(delay: float = LATE) -> ci.Recording:
-        return commanded(log, GAINS, delay=delay)
-
+    model, _, _ = told()
     found = [
-        ci.estimation.command_delay(model, shaken(make, noise, rng))
-        for _ in range(replicates)
+        ci.estimation.command_delay(
+            model, lambda late, log=log: log(DriveCalibration(late))
+        )
+        for log in logs_of_commands(noise, replicates, 7)
     ]
     seconds = np.array([one.seconds for one in found])
     # The mean of n logs takes one nth of their variance.
@@ -103,10 +114,10 @@ def springs(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
     link = replace(robot.links[0], nominal=body)
     drive = ci.DriveTerms(rotor_inertia=True)
     model = ci.TorqueModel(replace(robot, links=(link,)), drive)
-    rng = np.random.default_rng(16)
+    exact = ci.Recording(robot.joint_names, time, q, dq, ddq, tau)
+    rng, prepared = np.random.default_rng(16), Preparation(model, exact)
     for _ in range(replicates):
-        seen = tau + LEVEL * tau.std() * noise(tau.shape, rng)
-        log = ci.Recording(robot.joint_names, time, q, dq, ddq, seen)
+        log = prepared(exact, LEVEL * tau.std() * noise(tau.shape, rng), rng)
         found = ci.estimation.joint_springs(model, [log])
         if found.misfit < 1.0:
             yield (found.compliance - 1.0 / SPRING) / found.standard_errors
@@ -114,21 +125,16 @@ def springs(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
 
 def calibrations(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
     """Yield errors of torque scales and encoder biases, bodies being known."""
-    model, x, log = told()
+    model, x, _ = told()
     names = model.layout.names[: model.layout.inertial_size]
     bodies = dict(zip(names, x.tolist(), strict=False))
     known = [ci.constraints.FixedParameters(bodies)]
     start = DriveCalibration(LATE)
     truth = np.repeat([1.0, 0.0], 3)
-    rng = np.random.default_rng(8)
-
-    def make(given: DriveCalibration = start) -> ci.Recording:
-        return calibrated(log, GAINS, given).samples(slice(0, len(log) - 9))
-
-    for _ in range(replicates):
+    for log in logs_of_commands(noise, replicates, 8):
         found = ci.estimation.fit_calibration(
             model,
-            shaken(make, noise, rng),
+            log,
             ("scale", "encoder_bias"),
             start=start,
             constraints=known,

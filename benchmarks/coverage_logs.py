@@ -23,6 +23,7 @@ from threadpoolctl import threadpool_limits
 sys.path.insert(0, str(Path(__file__).parent))
 from clean_simulations import arm_file, drawn_bodies, drawn_motion, part_of, reflected
 from coverage_methods import KINDS, noise
+from coverage_raw import DRAFTS, encoded
 from pages import stamp
 
 import consistent_id as ci
@@ -31,8 +32,6 @@ ARMS = ("ur5", "kinova", "xarm7")
 SECONDS = (20.0, 5.0)  # of which 7.7 and 3.5 are training
 RATES = {"ur5": 200.0, "kinova": 100.0, "xarm7": 250.0}  # Hz
 LEVEL = 0.02  # noise over each torque's standard deviation
-STEP = 2.0 * np.pi / 2**19  # rad, of encoders
-DRAFTS = 20  # logs of each draft
 PERIOD = 10.0  # s, least period of a motion's lowest frequency
 BEGIN, END = "<!-- logs: begin -->", "<!-- logs: end -->"
 
@@ -84,8 +83,7 @@ def logged(of: Case, kind: str, rng: np.random.Generator) -> ci.Recording:
     """Return a raw log: encoders' readings, and torque with noise."""
     clean = of.clean
     torque = clean.torque + LEVEL * of.size * noise(kind, clean.torque.shape, rng)
-    ahead = STEP * rng.uniform(size=len(clean.joints))
-    read = STEP * np.round((clean.position + ahead) / STEP)
+    read = encoded(clean.position, rng)
     return ci.Recording(clean.joints, clean.time, read, torque=torque)
 
 

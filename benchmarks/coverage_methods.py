@@ -3,9 +3,9 @@
 ``python benchmarks/coverage_methods.py [--replicates 200] [--write docs/coverage.md]``
 
 A payload, drive gains, delays, instruments, Huber's loss on the three-jointed arm of
-`coverage`, and what `coverage_bodies` has: each under four kinds of noise, predicted
-errors of designs under two, whose correlation is stated.  Too wide intervals are wrong,
-too.
+`coverage`, and what `coverage_drives` and `coverage_bodies` have, from raw logs (see
+`coverage_raw`): each under four kinds of noise, predicted errors of designs under two,
+whose correlation is stated.  Too wide intervals are wrong, too.
 """
 
 import argparse
@@ -35,6 +35,7 @@ from coverage_bodies import (
     zeros,
 )
 from coverage_drives import calibrations, command_delays, springs
+from coverage_raw import STEP, Preparation, encoded
 from pages import stamp
 
 import consistent_id as ci
@@ -42,6 +43,7 @@ from consistent_id.estimation.loaded_robot import loaded_robot
 from consistent_id.recordings.signals.tracks import Track, estimate_delay
 
 KINDS = ("white", "AR(1) 0.9", "pink", "changing level")
+COARSE = 2.0 * np.pi / 2**16  # rad, steps of encoders
 COMMAND = "python benchmarks/coverage_methods.py --write docs/coverage.md"
 BEGIN, END = "<!-- methods: begin -->", "<!-- methods: end -->"
 LOAD = ci.InertialParameters.from_central(
@@ -68,7 +70,7 @@ def noise(kind: str, shape: tuple[int, int], rng: np.random.Generator) -> np.nda
 def payloads(kind: str, replicates: int) -> Iterator[np.ndarray]:
     """Yield the errors of a load's parameters over their standard errors."""
     model, *runs = runs_with_load()
-    for shaken in noisy(runs, kind, replicates, seed=2):
+    for shaken in noisy(model, runs, kind, replicates, seed=2):
         found = ci.estimation.identify_payload(model, *shaken)
         known = np.isfinite(found.standard_errors)
         error = found.free.vector - LOAD.vector
@@ -80,26 +82,29 @@ def drive_gains(kind: str, replicates: int) -> Iterator[np.ndarray]:
     model, *runs = runs_with_load()
     gains = np.array([9.0, 11.0, 7.0])
     currents = [replace(run, torque=run.torque / gains) for run in runs]
-    for shaken in noisy(currents, kind, replicates, seed=5):
+    for shaken in noisy(model, currents, kind, replicates, seed=5):
         known = {"load.m": LOAD.mass}
         found = ci.estimation.identify_gains(model, *shaken, known=known)
         yield (found.gains - gains) / found.standard_errors
 
 
 def noisy(
-    runs: Sequence[ci.Recording], kind: str, replicates: int, *, seed: int
+    model: ci.TorqueModel,
+    runs: Sequence[ci.Recording],
+    kind: str,
+    replicates: int,
+    *,
+    seed: int,
 ) -> Iterator[list[ci.Recording]]:
-    """Yield runs with noise of `LEVEL` on their torque."""
-    rng = np.random.default_rng(seed)
+    """Yield prepared logs of runs, with noise of `LEVEL` on their torque."""
+    rng, prepared = np.random.default_rng(seed), Preparation(model, runs[-1])
     for _ in range(replicates):
-        yield [
-            replace(
-                run,
-                torque=run.torque
-                + LEVEL * run.torque.std(axis=0) * noise(kind, run.torque.shape, rng),
-            )
-            for run in runs
-        ]
+        yield [prepared(run, shake(kind, run, rng), rng) for run in runs]
+
+
+def shake(kind: str, run: ci.Recording, rng: np.random.Generator) -> np.ndarray:
+    """Return noise of `LEVEL` of a run's torques."""
+    return LEVEL * run.torque.std(axis=0) * noise(kind, run.torque.shape, rng)
 
 
 def runs_with_load() -> tuple[ci.TorqueModel, ci.Recording, ci.Recording]:
@@ -118,48 +123,52 @@ def runs_with_load() -> tuple[ci.TorqueModel, ci.Recording, ci.Recording]:
 
 
 def instruments(kind: str, replicates: int) -> Iterator[np.ndarray]:
-    """Yield the same of instrumental variables; the motion has noise as well."""
-    rng = np.random.default_rng(3)
+    """Yield the same of instrumental variables.
 
-    def estimate(log: ci.Recording, exact: ci.Recording) -> ci.Estimate:
-        size = 0.05 * exact.acceleration.std(axis=0)
-        seen = exact.acceleration + size * rng.normal(size=exact.acceleration.shape)
-        log = replace(log, acceleration=seen)
-        return ci.estimation.instrumental_variables(arm(3)[0], log, exact)
-
-    return of_base_parameters(kind, replicates, estimate)
+    Encoders are coarse, so that the motion has noise as well; the instruments are the
+    exact motion, prepared as the log is.
+    """
+    return of_base_parameters(
+        kind, replicates, ci.estimation.instrumental_variables, step=COARSE
+    )
 
 
 def hubers(kind: str, replicates: int) -> Iterator[np.ndarray]:
     """Yield the same of Huber's loss."""
-    return of_base_parameters(kind, replicates, lambda log, _: ci.huber(arm(3)[0], log))
+    return of_base_parameters(
+        kind, replicates, lambda model, log, _: ci.huber(model, log)
+    )
 
 
 def of_base_parameters(
     kind: str,
     replicates: int,
-    estimate: Callable[[ci.Recording, ci.Recording], ci.Estimate],
+    estimate: Callable[[ci.TorqueModel, ci.Recording, ci.Recording], ci.Estimate],
+    *,
+    step: float = STEP,
 ) -> Iterator[np.ndarray]:
     """Yield errors of base parameters, estimated from a log and the exact motion."""
     model, truth = arm(3)
     true = ci.regression.base_parameters(model).projection @ truth
     exact = ci.simulate_torque(model, truth, motion(model))
-    for (log,) in noisy([exact], kind, replicates, seed=4):
-        found = estimate(log, exact)
+    rng, prepared = np.random.default_rng(4), Preparation(model, exact)
+    for _ in range(replicates):
+        log = prepared(exact, shake(kind, exact, rng), rng, step=step)
+        found = estimate(model, log, prepared.alike(exact))
         yield (found.base_values - true) / found.standard_errors
 
 
 def delays(kind: str, replicates: int) -> Iterator[np.ndarray]:
     """Yield the same of the delay of a velocity, and of a position, behind a position.
 
-    Encoders have 2^16 steps; the late signals have the noise.
+    Encoders are coarse; the late signals have the noise.
     """
-    states, late, step = motion(arm(3)[0]), 0.0123, 2.0 * np.pi / 2**16
+    states, late = motion(arm(3)[0]), 0.0123
     spline = make_interp_spline(states.time, states.position, k=5)
     moved = (spline(states.time - late), spline.derivative()(states.time - late))
     rng = np.random.default_rng(6)
     for _ in range(replicates):
-        seen = step * np.round(states.position / step)
+        seen = encoded(states.position, rng, step=COARSE)
         reference = Track("position", states.joints, states.time, seen)
         found = []
         for channel, exact in zip(("position", "velocity"), moved, strict=True):

@@ -15,7 +15,7 @@ part: where the model has one, that part shows no gain above one.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,6 +34,8 @@ _CREEP = 0.02  # rad/s or m/s, of the smooth Coulomb term
 # such as the weight on a sliding trunk, cannot be distinguished from an offset.
 _SHOWN = 0.3
 _SURE = 0.15  # largest standard error over the slope's scale that can be judged
+# Student's quantile for one degree of freedom less than segments, over the normal one.
+_FEW = 2.0930 / 1.9600
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +48,8 @@ class TorqueParts:
         Slopes on the gravity torque, on the inertial torque (Coriolis included), and on
         their sum.
     gravity_error, inertial_error, whole_error : ndarray, shape (joints,)
-        Standard errors from leaving segments out, which allows for correlation.
+        Standard errors from leaving segments out, which allows for correlation; 1.96
+        of them are 95 % intervals, for so few segments.
     gravity_shown, inertial_shown, whole_shown : ndarray of bool, shape (joints,)
         Whether the part is large enough and the slope exact enough to be judged.
     friction : ndarray, shape (joints,)
@@ -171,7 +174,8 @@ def _judged(
 
 
 def _fitted(columns: Matrix, torque: Vector) -> Fitted:
-    return jackknife(columns[None], torque[None]).fitted(list(range(columns.shape[1])))
+    fit = jackknife(columns[None], torque[None]).fitted(list(range(columns.shape[1])))
+    return replace(fit, errors=_FEW * fit.errors)
 
 
 # Nominal inertials are 10 to 20 % wrong in practice: a slope within these may be one.

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from faulty_logs import DRIVE
+from scipy import stats
 
 from consistent_id import (
     DHRow,
@@ -242,3 +243,33 @@ def test_a_rotor_of_the_model_is_no_gain_of_the_inertial_part(rotor):
     assert said(1.4) == ([] if rotor else [third])
     # A rotor makes no part smaller, and no drawing is so wrong in mass and centre.
     assert said(0.6) == said(1.8) == [third]
+
+
+def test_slopes_have_the_scatter_between_fits_that_leave_a_twentieth_out():
+    model, motion, gravity, inertial, friction = _parts()
+    noise = np.random.default_rng(1).normal(size=gravity.shape)
+    torque = gravity + inertial + friction + 0.02 * noise
+    found = torque_parts(model, replace(motion, torque=torque))
+    count, joint = len(torque), 2
+    speed = motion.velocity[:, joint]
+    columns = np.column_stack(
+        [
+            gravity[:, joint],
+            inertial[:, joint],
+            speed,
+            np.tanh(speed / 0.02),
+            np.ones(count),
+        ]
+    )
+
+    def slopes(rows):
+        return np.linalg.lstsq(columns[rows], torque[rows, joint])[0][:2]
+
+    cuts = np.array_split(np.arange(count), 20)
+    every = np.arange(count)
+    moved = [slopes(np.setdiff1d(every, cut)) - slopes(every) for cut in cuts]
+    scatter = np.sqrt(19.0 / 20.0 * np.sum(np.square(moved), axis=0))
+    # Twenty segments: Student's quantile for 19 degrees of freedom, in place of 1.96.
+    expected = scatter * stats.t.ppf(0.975, 19) / stats.norm.ppf(0.975)
+    shown = found.gravity_error[joint], found.inertial_error[joint]
+    np.testing.assert_allclose(shown, expected, rtol=1e-4)
