@@ -17,6 +17,7 @@ from coverage_raw import Preparation, encoded
 
 import consistent_id as ci
 from consistent_id.regression.elastic_joints import DAMPING
+from consistent_id.rollout.settings import Settings
 from consistent_id.signals import DriveCalibration, PDGains, calibrated
 
 Noise = Callable[[tuple[int, int], np.random.Generator], np.ndarray]
@@ -92,7 +93,8 @@ def command_delays(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
 def springs(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
     """Yield errors of the compliance of a spring between a motor and its link.
 
-    Only logs count in which the spring is found.
+    Logs are prepared as `rollout` does before it chooses a cut-off.  Only those count
+    in which the spring is found.
     """
     time, slow = np.arange(1600) / 200.0, 2.0 * np.pi / 8.0
     tones = 2.0 * np.pi * np.array([0.5, 1.25, 2.0, 3.0, 3.5])
@@ -107,17 +109,19 @@ def springs(noise: Noise, replicates: int) -> Iterator[np.ndarray]:
     coupling = own**2 + 2j * DAMPING * own * tones
     larger = coupling / (coupling - tones**2)  # the link's motion over the motor's
     torque = -(tones**2) * (ROTOR + LINK * larger) * motor
-    states = (motor, 1j * tones * motor, -(tones**2) * motor, torque)
-    q, dq, ddq, tau = (x.imag.sum(axis=1, keepdims=True) for x in states)
+    states = (motor, torque)
+    q, tau = (x.imag.sum(axis=1, keepdims=True) for x in states)
     robot = ci.from_modified_dh("arm", [ci.DHRow(0.0, 0.0)], gravity=(0.0, 0.0, 0.0))
     body = ci.InertialParameters([1.0, 0, 0, 0, 0.002, 0, 0.05, 0, 0, LINK])
     link = replace(robot.links[0], nominal=body)
     drive = ci.DriveTerms(rotor_inertia=True)
     model = ci.TorqueModel(replace(robot, links=(link,)), drive)
-    exact = ci.Recording(robot.joint_names, time, q, dq, ddq, tau)
-    rng, prepared = np.random.default_rng(16), Preparation(model, exact)
+    rng, cutoff = np.random.default_rng(16), Settings().cutoff
     for _ in range(replicates):
-        log = prepared(exact, LEVEL * tau.std() * noise(tau.shape, rng), rng)
+        seen = tau + LEVEL * tau.std() * noise(tau.shape, rng)
+        raw = ci.Recording(robot.joint_names, time, encoded(q, rng), torque=seen)
+        smooth = ci.low_passed(raw, motion_cutoff=cutoff, torque_cutoff=cutoff)
+        log = ci.differentiated(smooth)
         found = ci.estimation.joint_springs(model, [log])
         if found.misfit < 1.0:
             yield (found.compliance - 1.0 / SPRING) / found.standard_errors
