@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from second_solver import FORMULATIONS, solve_anew
 
-from consistent_id import SolverError
+from consistent_id import ProblemError, SolverError
 from consistent_id.constraints.cones.certificate import (
     ball_about,
     certify,
@@ -311,3 +311,12 @@ def test_a_solution_without_a_point_is_refused(status, x, z):
         point_of(SimpleNamespace(status=status, x=x, z=z))
     fine = SimpleNamespace(status="AlmostSolved", x=[2.0], z=[1.0])
     assert point_of(fine).tolist() == [2.0]
+
+
+@pytest.mark.parametrize(("A", "b"), [(np.nan, 1.0), (1.0, np.inf)])
+@pytest.mark.parametrize("equal", [True, False])
+def test_a_row_that_is_not_of_finite_numbers_is_refused_by_its_name(A, b, equal):
+    bad = np.array([[1.0, 2.0], [A, 0.0]]), np.array([3.0, b]), ("fine", "bad")
+    none = np.zeros((0, 2)), np.zeros(0), ()
+    with pytest.raises(ProblemError, match="'bad' is not of finite numbers"):
+        ConicSet(*(bad if equal else none), *(none if equal else bad))

@@ -10,6 +10,7 @@ from some_fast import some_fast
 from consistent_id import DriveTerms, Recording, TorqueModel, from_modified_dh
 from consistent_id.constraints import FixedParameters
 from consistent_id.estimation.transmission_springs import (
+    JointSprings,
     _search,
     joint_springs,
 )
@@ -168,3 +169,8 @@ def test_where_a_spring_moves_the_link_its_velocity_is_the_slope_of_that(monkeyp
     for higher, slope in zip(moved[1:], slopes, strict=False):
         size = abs(higher[inner]).max()
         np.testing.assert_allclose(higher[inner], slope[inner], atol=0.05 * size)
+
+
+def test_the_error_of_a_spring_may_be_infinite():
+    found = JointSprings(("a", "b"), [0.0, 1e-3], [0.0, np.inf], 0.5)
+    assert found.stiffness.tolist() == [np.inf, 1e3]

@@ -210,3 +210,13 @@ def test_a_smoother_needs_48_samples_and_positive_noise():
                 **{"joints": ("j",), "order": 3, "position": [1.0], "drive": [1.0]}
                 | wrong
             )
+
+
+def test_a_window_as_long_as_an_even_log_is_the_next_shorter_odd_one():
+    values = np.random.default_rng(0).normal(size=10)
+    whole = savitzky_golay_differentiated(log(values), 1.0, degree=2)
+    nine = savitzky_golay_differentiated(log(values), 0.9, degree=2)
+    np.testing.assert_array_equal(whole.position, nine.position)
+    fits = [np.polyfit(range(9), values[k : k + 9], 2) for k in range(2)]
+    expected = [*np.polyval(fits[0], range(5)), *np.polyval(fits[1], range(4, 9))]
+    np.testing.assert_allclose(whole.position[:, 0], expected)

@@ -407,3 +407,19 @@ def test_filters_want_steps_that_are_equal_before_the_filter():
         low_passed(gappy, torque_cutoff=4.0).torque,
         (matrix(raw, 4.0) @ raw.torque)[kept],
     )
+
+
+@pytest.mark.parametrize(("change", "refused"), [(4e-9, False), (1e-7, True)])
+def test_rounding_of_filtered_torque_is_no_change(change, refused):
+    """A part in 1e9 of the torque, times the root of 600 samples."""
+    smooth = low_passed(log(), torque_cutoff=8.0)
+    torque = 1e-3 * smooth.torque
+    torque[100, 1] += change * abs(torque[:, 1]).max()
+    raw = replace(smooth.torque_filter.source, torque=1e-3 * log().torque)
+    behind = replace(smooth.torque_filter, source=raw)
+    rounded = replace(smooth, torque=torque, torque_filter=behind)
+    if refused:
+        with pytest.raises(RecordingError, match="torque was changed"):
+            require_unchanged(rounded)
+    else:
+        require_unchanged(rounded)

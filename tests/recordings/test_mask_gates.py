@@ -9,6 +9,7 @@ from consistent_id import Recording, RecordingError
 from consistent_id.recordings.beside import ContactFlags
 from consistent_id.recordings.signals.drive_limits import (
     _filled_runs,
+    _stays,
     beyond_speed,
     saturated,
     within_speed,
@@ -308,3 +309,11 @@ def test_runs_that_a_lone_mark_divides_are_two_and_those_with_a_gap_are_one():
     marks = np.array(list("11110001000111110111")) == "1"
     assert _filled_runs(marks, 4) == [slice(0, 4), slice(11, 20)]
     assert _filled_runs(marks, 5) == [slice(11, 20)]
+
+
+@pytest.mark.parametrize(("least", "stays"), [(5, 1), (6, 0)])
+def test_a_stay_is_long_enough_and_is_come_to_with_a_slope(least, stays):
+    """Five equal readings at 0.6 of the peak; a long rest at 0.7 has no slope."""
+    steep = [0.1, 0.2, 0.3, 0.6, 0.6, 0.6, 0.6, 0.6, 0.3, 0.2, 0.1]
+    assert _stays(2.0 * np.array(steep), 2.0, 0.02, least) == stays
+    assert _stays(np.full(40, -1.4), 2.0, 0.02, least) == 0

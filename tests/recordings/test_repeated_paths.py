@@ -6,6 +6,7 @@ import pytest
 from consistent_id import Recording, RecordingError
 from consistent_id.recordings.beside import BaseMotion, Wrench
 from consistent_id.recordings.signals.repetitions import (
+    _require_one_path,
     estimated_period,
     there_and_back,
     whole_periods,
@@ -119,3 +120,29 @@ def test_a_turn_at_an_end_leaves_no_way_back():
     moving = bent(base=BaseMotion(still, still, still))
     with pytest.raises(RecordingError, match="the base moves"):
         there_and_back(moving)
+
+
+def test_joints_count_alike_for_a_period_whatever_their_units():
+    """Two joints of slightly different periods, one of which moves by a millimetre."""
+    time = np.arange(900) * 0.01
+    both = np.sin(2.0 * np.pi * time[:, None] / [2.0, 2.02])
+    periods = [
+        estimated_period(Recording(("a", "b"), time, both * size), harmonics=1)
+        for size in ([1.0, 1.0], [1e-3, 1.0], [1.0, 1e-3])
+    ]
+    assert periods == pytest.approx([periods[0]] * 3, abs=1e-5)
+    assert 2.005 < periods[0] < 2.015
+
+
+@pytest.mark.parametrize(("apart", "refused"), [(0.0019, False), (0.0021, True)])
+def test_a_joint_that_moves_little_has_to_come_back_the_same_way_too(apart, refused):
+    """Within a fiftieth of its own 0.1 rad; another joint comes within 0.015 of 1."""
+    there, back = np.arange(3), np.array([6, 5, 4])
+    q = np.abs(np.arange(7) - 3.0)[:, None] / 3.0 * [1.0, 0.1]
+    q[1] += [0.015, apart]
+    log = Recording(("far", "near"), np.arange(7.0), q)
+    if refused:
+        with pytest.raises(RecordingError, match="near differs by up to"):
+            _require_one_path(log, there, back)
+    else:
+        _require_one_path(log, there, back)

@@ -350,3 +350,7 @@ def test_a_small_column_of_another_unit_is_no_small_effect():
     W = rng.normal(size=(60, 3)) * [1.0, 1.0, 1e-6]
     assert split_at_gap(W, ["kg", "kg", "kg m^2"]).split.independent == (0, 1, 2)
     assert split_at_gap(W, ["kg", "kg", "kg"]).split.independent == (0, 1)
+
+
+def test_a_single_number_has_the_condition_of_one():
+    assert condition_number(np.array([[-2.0]]), basis="a number").value == 1.0
