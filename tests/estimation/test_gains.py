@@ -10,7 +10,7 @@ from loaded import GAINS, LOAD, runs
 from ur10e_loads import prepared, ur10e_runs
 
 from consistent_id import ProblemError, RecordingError, SolverError
-from consistent_id.estimation import identify_gains, identify_payload
+from consistent_id.estimation import gains, identify_gains, identify_payload
 
 KNOWN = {"load.m": LOAD.mass}
 AXES = ("hx", "hy", "hz")
@@ -175,3 +175,11 @@ def _moving(file, gains, folder):
     _, log = prepared(copy, gains)
     moving = np.flatnonzero(abs(log.velocity).max(axis=1) > 0.05)
     return log.samples(slice(moving[0], moving[-1]))
+
+
+def test_gains_scatter_as_much_more_as_the_noise_is_correlated(monkeypatch):
+    monkeypatch.setattr(gains, "correlation_length", lambda *_: 4.0)
+    monkeypatch.setattr(gains, "_spread", lambda _: np.eye(len(GAINS)))
+    found = _found(0.0)
+    assert found.correlation == 4.0
+    np.testing.assert_array_equal(found.covariance, 4.0 * np.eye(len(GAINS)))

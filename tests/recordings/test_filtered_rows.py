@@ -8,10 +8,12 @@ from filter_matrix import filter_matrix
 
 from consistent_id import Recording, RecordingError, differentiated, low_passed, trimmed
 from consistent_id.recordings.beside import BaseMotion, ContactFlags, Wrench
+from consistent_id.recordings.recording import TorqueFilter
 from consistent_id.recordings.signals.filtered_rows import (
     RowFilter,
     counting,
     left_out,
+    places_of_rows,
     require_unchanged,
     row_filter,
 )
@@ -423,3 +425,14 @@ def test_rounding_of_filtered_torque_is_no_change(change, refused):
             require_unchanged(rounded)
     else:
         require_unchanged(rounded)
+
+
+def test_rows_worth_keeping_are_on_a_grid_of_the_whole_log():
+    """Of every second sample from the fifth on, in a log that begins at sample 7."""
+    kept = np.arange(5, 60, 2)
+    raw = log()
+    behind = TorqueFilter(8.0, 4, raw, kept, first=7, thinned=2)
+    rows = places_of_rows(behind, 6)
+    assert (kept[rows] + 7).tolist() == [12, 18, 24, 30, 36, 42, 48, 54, 60, 66]
+    # Steps that are no multiple are shortened to one.
+    assert places_of_rows(behind, 5).tolist() == places_of_rows(behind, 4).tolist()

@@ -6,7 +6,9 @@ import pytest
 from consistent_id import Recording, RecordingError
 from consistent_id.recordings.beside import BaseMotion, Wrench
 from consistent_id.recordings.signals.repetitions import (
+    _refined,
     _require_one_path,
+    _self_similar,
     estimated_period,
     there_and_back,
     whole_periods,
@@ -138,11 +140,37 @@ def test_joints_count_alike_for_a_period_whatever_their_units():
 def test_a_joint_that_moves_little_has_to_come_back_the_same_way_too(apart, refused):
     """Within a fiftieth of its own 0.1 rad; another joint comes within 0.015 of 1."""
     there, back = np.arange(3), np.array([6, 5, 4])
-    q = np.abs(np.arange(7) - 3.0)[:, None] / 3.0 * [1.0, 0.1]
-    q[1] += [0.015, apart]
-    log = Recording(("far", "near"), np.arange(7.0), q)
+    q = np.abs(np.arange(7) - 3.0)[:, None] / 3.0 * [1.0, 0.1, 0.0]
+    q[1] += [0.015, apart, 0.0]
+    log = Recording(("far", "near", "still"), np.arange(7.0), q)
     if refused:
         with pytest.raises(RecordingError, match="near differs by up to"):
             _require_one_path(log, there, back)
     else:
         _require_one_path(log, there, back)
+
+
+def random_periods(periods, size=(1.0, 1e-3)):
+    """Random readings, again after 23 samples; of the first joint after 11.5."""
+    rng = np.random.default_rng(4)
+    half = rng.normal(size=12)
+    once = np.column_stack([[*half[:11], half[11], *half[:11]], rng.normal(size=23)])
+    time = 5.0 + np.arange(23 * periods) * 0.02
+    return Recording(("a", "b"), time, np.tile(once, (periods, 1)) * size)
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.02, 0.9), (0.44, 0.9), (0.02, 0.46)])
+@pytest.mark.parametrize("size", [(1.0, 1e-3), (1e-4, 1.0)])
+def test_a_motion_is_first_like_itself_after_all_joints_are(low, high, size):
+    """To the sample, though readings in between have nothing in common."""
+    found = _self_similar(random_periods(3, size), low + 1e-9, high + 1e-9)
+    assert found == pytest.approx([0.46, 0.02])
+    with pytest.raises(RecordingError, match="does not repeat itself"):
+        _self_similar(random_periods(3, size), 0.02, 0.4)
+
+
+def test_no_more_harmonics_are_fitted_than_samples_tell_apart():
+    """Of 23 samples a period, 0.45 times as many."""
+    log = random_periods(4)
+    most = _refined(log, 0.46, 0.01, 10)
+    assert _refined(log, 0.46, 0.01, 1000) == most == pytest.approx(0.46, abs=1e-3)

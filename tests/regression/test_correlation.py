@@ -203,7 +203,7 @@ def test_what_few_samples_leave_has_few_degrees_of_freedom():
 def test_errors_of_a_column_are_in_its_own_unit():
     rng = np.random.default_rng(3)
     rows = np.column_stack([rng.normal(size=(800, 3)), ar1(rng, 0.5, 800)])
-    units = np.array([1e-4, 1.0, 1e5])
+    units = np.array([1e-14, 1.0, 1e5])
     scaled = rows * np.append(units, 1.0)
     np.testing.assert_allclose(
         spectral_errors([scaled]) * units, spectral_errors([rows]), rtol=1e-9
