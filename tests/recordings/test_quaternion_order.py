@@ -127,3 +127,11 @@ def test_each_stretch_moves_by_itself_and_needs_four_samples():
     time[4] = 3.5
     with pytest.raises(ci.RecordingError, match="samples 5 to 7 stand between"):
         moved_by_stretch(moved, time, "log")
+
+
+def test_a_few_readings_of_a_slow_gyroscope_decide_too():
+    turned, gyro, _ = swaying(0.7, size=0.02)
+    few = slice(0, 2000, 100)
+    assert np.linalg.norm(gyro[few] - gyro[few].mean(axis=0)) < 0.3
+    found = quaternion_order(TIME[few], turned[few], gyro[few])
+    assert found == ("xyzw", "from the gyroscope")
