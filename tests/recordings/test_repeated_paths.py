@@ -9,6 +9,7 @@ from consistent_id.recordings.signals.repetitions import (
     _refined,
     _require_one_path,
     _self_similar,
+    _turn,
     estimated_period,
     there_and_back,
     whole_periods,
@@ -166,7 +167,7 @@ def test_a_motion_is_first_like_itself_after_all_joints_are(low, high, size):
     found = _self_similar(random_periods(3, size), low + 1e-9, high + 1e-9)
     assert found == pytest.approx([0.46, 0.02])
     with pytest.raises(RecordingError, match="does not repeat itself"):
-        _self_similar(random_periods(3, size), 0.02, 0.4)
+        _self_similar(random_periods(3, size), 0.02, 0.44 + 1e-9)
 
 
 def test_no_more_harmonics_are_fitted_than_samples_tell_apart():
@@ -174,3 +175,8 @@ def test_no_more_harmonics_are_fitted_than_samples_tell_apart():
     log = random_periods(4)
     most = _refined(log, 0.46, 0.01, 10)
     assert _refined(log, 0.46, 0.01, 1000) == most == pytest.approx(0.46, abs=1e-3)
+
+
+@pytest.mark.parametrize(("at", "found"), [(9, 10), (10, 10), (17, 17), (31, 30)])
+def test_a_turn_is_not_in_the_first_or_last_quarter(at, found):
+    assert _turn(abs(np.arange(41.0) - at)[:, None]) == found
