@@ -7,7 +7,14 @@ import pytest
 from experiments import experiment
 from scipy import signal
 
-from consistent_id import Recording, build_regression, least_squares, simulate_torque
+from consistent_id import (
+    DriveTerms,
+    Recording,
+    TorqueModel,
+    build_regression,
+    least_squares,
+    simulate_torque,
+)
 from consistent_id.regression import correlated_noise
 from consistent_id.regression.correlated_noise import (
     CorrelatedNoise,
@@ -17,7 +24,13 @@ from consistent_id.regression.correlated_noise import (
     spectral_errors,
     spectral_noise,
 )
+from consistent_id.regression.model_errors import (
+    joint_fit,
+    lacking_ratio,
+    lacking_terms,
+)
 from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.row_structure import joint_rows
 from consistent_id.regression.segments import merged, segment_regressions
 from consistent_id.signals import decimated
 
@@ -376,3 +389,36 @@ def test_what_a_prior_says_is_in_the_errors_of_least_squares():
     expected = np.sqrt(np.diag(inverse @ (9 * gram + P.T @ P) @ inverse))
     # Spectra of 10,000 samples scatter by a few per cent.
     np.testing.assert_allclose(spectral_errors(rows, prior), expected, rtol=0.05)
+
+
+def test_terms_that_both_joints_lack_count_beside_noise_of_their_own_rows(monkeypatch):
+    """The first joint has noise like samples, the second more; both lack friction."""
+    whole, _, log = experiment(4, joints=2, samples=600)
+    rng = np.random.default_rng(0)
+    noise = np.column_stack([ar1(rng, a, 600)[:, 0] for a in (0.0, 0.8)])
+    log = replace(log, torque=log.torque + 0.02 * log.torque.std(axis=0) * noise)
+    model = TorqueModel(whole.robot, DriveTerms(viscous=True))
+    plain = build_regression(model, log, noise=False)
+    motion = motion_of(model, log, None)
+    given = model, plain.factors, plain.counts, [motion]
+    found = correlated_noise.recorded_noise(*given)
+    fit = joint_fit(plain.factors, plain.counts)
+    level = fit.noise * np.sqrt(np.maximum(np.array(plain.counts) / found.effective, 1))
+    lacking = lacking_terms(model, [motion])
+    sizes = [len(each.terms.names) for each in lacking]
+    assert sorted({each.row for each in lacking}) == [0, 1]
+    parts = []
+    for j, (rows, expand) in enumerate(joint_rows(model, motion)):
+        columns = [motion.drive_columns(*each) * (each.row == j) for each in lacking]
+        beside = np.column_stack([rows[:, :-1] @ expand @ fit.steps, *columns])
+        parts.append(np.column_stack([beside, rows[:, -1]]) / level[j])
+    assert sum(sizes) == parts[0].shape[1] - fit.steps.shape[1] - 1
+    expected = lacking_ratio(fit, np.vstack(parts))
+    monkeypatch.setattr(correlated_noise, "lacking_terms", lambda *_: ())
+    assert expected > 1.5 * correlated_noise.recorded_noise(*given).beyond
+    assert found.beyond == pytest.approx(expected)
+
+
+def test_zeros_are_not_longer_than_white_noise():
+    rows = np.random.default_rng(0).normal(size=(50, 2))
+    assert spectral_noise(rows, np.zeros(50), np.eye(2) / 7.0).length == 1.0
