@@ -5,6 +5,8 @@ import pytest
 from made_up_fits import JOINTS, fit
 
 from consistent_id.estimation.slope_reasons import (
+    _common,
+    _wrong_share,
     agreeing,
     confirmed_joints,
     doubtful_joints,
@@ -300,3 +302,18 @@ def test_torque_beyond_a_limit_is_doubted_unless_single_samples_are(
         again = fit(efforts=[1.5, 0.5, 0.5], slopes=slope)
         (reason,) = effort_reasons(again, None)
         assert ("perhaps outliers" in reason.statement) is peaks
+
+
+def test_wrong_gains_make_as_much_of_all_torque_wrong_as_theirs_is():
+    """Of 2.5 and 4 N m right, 0.2 of the first less what friction at rest may do."""
+    two = fit(JOINTS[:2], slopes=[1.2, 1.5], torque=[3.0, 4.0])
+    share = _wrong_share(two, [0], np.array([0.05, 0.0]))
+    assert share == pytest.approx(0.15 * 2.5 / np.hypot(2.5, 4.0))
+    assert _wrong_share(two, [], np.zeros(2)) == 0.0
+
+
+def test_slopes_that_may_be_zero_have_no_common_factor():
+    both, slopes = np.array([True, True]), np.array([0.2, 0.3])
+    most = np.array([0.4, 0.5])
+    assert _common(both, np.array([0.1, 0.1]), most, slopes) == [0, 1]
+    assert _common(both, np.array([0.0, 0.1]), most, slopes) == []

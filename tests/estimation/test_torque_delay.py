@@ -9,6 +9,7 @@ from quadrupeds import FEET, FOOT, quadruped_text
 import consistent_id as ci
 from consistent_id.estimation.radius_and_delay import (
     TorqueDelay,
+    _around,
     _shrunk,
     _vertex,
 )
@@ -201,3 +202,10 @@ def test_of_what_the_data_do_not_contain_the_prior_is_left():
     value, error, freedom = (getattr(found.delay, f.name) for f in fields(TorqueDelay))
     assert (value, error, freedom) == (0.0, 3e-4, np.inf)
     assert found.covariance.tolist() == [[0.0, 0.0], [0.0, 3e-4**2]]
+
+
+def test_what_is_not_wanted_stays_as_it_is():
+    at, steps = np.array([0.5]), np.array([0.25])
+    around = [0.25, 0.5, 0.75]
+    assert _around(np.array([False, True]), at, steps) == ([0.0], around)
+    assert _around(np.array([True, False]), at, steps) == (around, [0.0])

@@ -23,6 +23,7 @@ from consistent_id.regression.base import (
 )
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.linear import (
+    _readable,
     independent_columns,
     split_at_gap,
 )
@@ -354,3 +355,17 @@ def test_a_small_column_of_another_unit_is_no_small_effect():
 
 def test_a_single_number_has_the_condition_of_one():
     assert condition_number(np.array([[-2.0]]), basis="a number").value == 1.0
+
+
+def test_the_first_entry_of_a_readable_direction_is_one():
+    null = np.array([[0.0], [-1.0], [2.0]]) / np.sqrt(5.0)
+    np.testing.assert_allclose(_readable(null), [[0.0], [1.0], [-2.0]], atol=1e-15)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-13])
+def test_a_column_below_a_billionth_of_the_largest_is_zero_beside_small_ones(unit):
+    W = np.zeros((3, 3))
+    W[0, 0], W[1, 1], W[1, 2] = 1.0, 1e-8, 5e-10
+    split = independent_columns(unit * W)
+    assert split.independent == (0, 1) and split.dependent == (2,)
+    assert split.regrouping.tolist() == [[0.0], [0.0]]
