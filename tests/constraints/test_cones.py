@@ -320,3 +320,24 @@ def test_a_row_that_is_not_of_finite_numbers_is_refused_by_its_name(A, b, equal)
     none = np.zeros((0, 2)), np.zeros(0), ()
     with pytest.raises(ProblemError, match="'bad' is not of finite numbers"):
         ConicSet(*(bad if equal else none), *(none if equal else bad))
+
+
+def test_a_set_in_larger_units_is_violated_by_as_much_less():
+    """By points for which a row, an equality or a block is the worst."""
+    rng = np.random.default_rng(0)
+    A, b = rng.normal(size=(2, 3)), rng.normal(size=2)
+    F = rng.normal(size=(4, 2, 2))
+    F += np.swapaxes(F, 1, 2)
+    block = SemidefiniteBlock("F", F[:3], F[3], np.ones(2))
+    domain = ConicSet.equal(A[:1], b[:1], ["e"]) & ConicSet.at_most(A[1:], b[1:], ["i"])
+    domain &= ConicSet.semidefinite([block], 3)
+    for x in rng.normal(size=(20, 3)):
+        expected = domain.violation(x) / 40.0
+        assert domain.shrunk(40.0).violation(x / 40.0) == pytest.approx(expected)
+        assert domain.moved(x).violation(np.zeros(3)) == pytest.approx(40.0 * expected)
+
+
+def test_the_box_of_a_set_is_kept_as_it_is():
+    box = ConicSet.at_most(np.diag([2.0, -4.0]), np.array([1.0, 8.0]), ["a", "b"]).box
+    assert [end.tolist() for end in box] == [[-np.inf, -2.0], [0.5, np.inf]]
+    assert not any(end.flags.writeable for end in box)
