@@ -338,6 +338,8 @@ def test_a_set_in_larger_units_is_violated_by_as_much_less():
 
 
 def test_the_box_of_a_set_is_kept_as_it_is():
-    box = ConicSet.at_most(np.diag([2.0, -4.0]), np.array([1.0, 8.0]), ["a", "b"]).box
-    assert [end.tolist() for end in box] == [[-np.inf, -2.0], [0.5, np.inf]]
+    rows = np.diag([2.0, -4.0, -1.0]), np.array([1.0, 8.0, 0.0])
+    box = ConicSet.at_most(*rows, ["a", "b", "c"]).box
+    low, high = "[-inf, -2.0, 0.0]", "[0.5, inf, inf]"  # and no minus zero
+    assert [str(end.tolist()) for end in box] == [low, high]
     assert not any(end.flags.writeable for end in box)
