@@ -97,8 +97,8 @@ def test_a_shape_is_said_with_the_ends_that_the_data_show(low_found, high_found,
         (lambda u: (u / 0.3) ** 2, [0.05, 0.15, 0.35, 0.45]),
     ],
 )
-def test_steps_double_where_the_misfit_changes_little_and_halve_where_much(root, steps):
-    """Of the root of the rise: below 0.25, above 1, and not beyond 2; alike both ways."""
+def test_steps_double_where_little_changes_and_halve_where_much_does(root, steps):
+    """Of the root of the rise: below 0.25, above 1, not beyond 2; alike both ways."""
     best, allowed = np.array([0.3]), 0.01
 
     def misfit(u):
@@ -109,3 +109,7 @@ def test_steps_double_where_the_misfit_changes_little_and_halve_where_much(root,
     places = np.log(found.curve[:, 0]) - 0.3
     expected = [-step for step in steps[::-1]] + [0.0, *steps]
     np.testing.assert_allclose(places, expected, atol=1e-12)
+    # An end is interpolated in the root, between the points about one.
+    away = np.interp(1.0, [root(step) for step in steps], steps)
+    ends = np.log([found.low, found.high]) - 0.3
+    np.testing.assert_allclose(ends, [-away, away], atol=1e-12)
