@@ -284,3 +284,9 @@ def test_a_value_that_is_known_has_no_say_in_how_wide_intervals_are():
     assert not any("standard errors either way" in note for note in sure.error_notes)
     wide = replace(sure, parameter_quantiles=few)
     assert any("is 12.7 standard errors" in note for note in wide.error_notes)
+
+
+def test_a_fixed_base_has_no_loose_trunk():
+    model, _, _ = experiment(2, joints=1, samples=10)
+    made = estimate_of(model, [model.robot.links[0].nominal], drive=0.5)
+    assert replace(made, origins=("prior",) * len(model.layout)).loose_trunk == ()

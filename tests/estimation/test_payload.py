@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from loaded import LOAD, arm, runs, with_load
-from robots import random_states
+from robots import random_robot, random_states
 from ur10e_loads import ur10e_runs
 
 from consistent_id import (
@@ -339,3 +339,16 @@ def test_errors_of_gains_may_be_zero_or_common_to_all_joints():
     assert np.array_equal(_gain_covariance(common, 3), common)
     with pytest.raises(ProblemError, match="zero or more"):
         _gain_covariance(np.diag([1.0, -1e-3, 1.0]), 3)
+
+
+def test_another_nominal_load_is_the_last_body_of_the_reference_alone():
+    _, bare = random_robot(np.random.default_rng(2), 2)
+    drive = DriveTerms(coulomb="tanh", velocity_scale=0.1, load_friction=True)
+    body = InertialParameters.from_central(1.0, [0.1, 0.0, 0.2], 0.01 * np.eye(3))
+    robot = loaded_robot(TorqueModel(bare, drive), Link("load", body))
+    heavy = InertialParameters.from_central(3.0, [0.0, 0.1, 0.0], 0.02 * np.eye(3))
+    found = robot.with_nominal(heavy)
+    expected = np.concatenate([bare.nominal, heavy.vector])
+    np.testing.assert_array_equal(found.model.load_reference, expected)
+    assert found.model.robot.links[-1].nominal is heavy
+    np.testing.assert_array_equal(found.model.robot.nominal, expected)

@@ -152,6 +152,7 @@ def test_the_shape_of_an_own_term_is_found():
     found = fit_shapes(guess, log, starts=1)
     assert found["period"].value == pytest.approx(0.7, rel=1e-3)
     assert found["period"].unit == "rad"
+    assert found.misfits == (1.0,)
     assert found.model.terms[0].terms[-1].period == found["period"].value
 
 
