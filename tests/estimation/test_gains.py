@@ -178,9 +178,14 @@ def _moving(file, gains, folder):
 
 
 def test_gains_scatter_as_much_more_as_the_noise_is_correlated(monkeypatch):
-    monkeypatch.setattr(gains, "correlation_length", lambda *_: 4.0)
+    seen = []
+    monkeypatch.setattr(
+        gains, "correlation_length", lambda left, _: seen.append(left) or 4.0
+    )
     monkeypatch.setattr(gains, "_spread", lambda _: np.eye(len(GAINS)))
     found = _found(0.0)
+    # Residuals of the current, of both runs with their own bodies: there is no noise.
+    assert max(abs(part).max() for part in seen[0]) < 1e-6
     assert found.correlation == 4.0
     np.testing.assert_array_equal(found.covariance, 4.0 * np.eye(len(GAINS)))
 

@@ -7,6 +7,7 @@ from time import perf_counter
 import numpy as np
 import pinocchio as pin
 import pytest
+from experiments import experiment
 from loaded import LOAD, arm, runs, with_load
 from robots import random_robot, random_states
 from ur10e_loads import ur10e_runs
@@ -37,6 +38,8 @@ from consistent_id.estimation.payload import (
     datasheet_constraints,
     gain_slopes,
 )
+from consistent_id.regression import base_parameters
+from consistent_id.regression.residual_noise import base_solution
 from consistent_id.robot import Datasheet, Link
 from consistent_id.robot.inertia import INERTIAL_NAMES, InertialParameters
 from consistent_id.robot.loaders.urdf import from_pinocchio
@@ -352,3 +355,18 @@ def test_another_nominal_load_is_the_last_body_of_the_reference_alone():
     np.testing.assert_array_equal(found.model.load_reference, expected)
     assert found.model.robot.links[-1].nominal is heavy
     np.testing.assert_array_equal(found.model.robot.nominal, expected)
+
+
+def test_slopes_over_gains_are_what_each_joints_torque_adds_to_the_parameters():
+    model, _, log = experiment(5, joints=3, noise=0.1, samples=90)
+    regression = build_regression(model, log, noise=False).weighted([0.3, 1.0, 4.0])
+    base = base_parameters(model)
+    slopes = gain_slopes(regression, base)
+    x = base_solution(regression, base).x
+    for j in range(3):
+        factors = list(regression.factors)
+        factors[j] = factors[j].copy()
+        factors[j][:, -1] *= 1.5
+        more = base_solution(replace(regression, factors=tuple(factors)), base).x
+        size = abs(x).max()
+        np.testing.assert_allclose(more - x, 0.5 * slopes[:, j], atol=1e-9 * size)

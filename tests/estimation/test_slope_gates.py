@@ -1,9 +1,13 @@
 """Each gate of a slope, at both sides: made-up fits of joints with known slopes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from experiments import experiment
 from made_up_fits import JOINTS, fit
 
+from consistent_id import build_regression
 from consistent_id.estimation.slope_reasons import (
     _common,
     _wrong_share,
@@ -13,7 +17,7 @@ from consistent_id.estimation.slope_reasons import (
     effort_reasons,
     slope_reasons,
 )
-from consistent_id.estimation.torque_error import Slopes
+from consistent_id.estimation.torque_error import Slopes, slopes_on
 
 CARE, NO, NOTE = "use with care", "do not use", "use"
 #: Little torque: a wrong gain of the first joint makes little of all torque wrong.
@@ -317,3 +321,24 @@ def test_slopes_that_may_be_zero_have_no_common_factor():
     most = np.array([0.4, 0.5])
     assert _common(both, np.array([0.1, 0.1]), most, slopes) == [0, 1]
     assert _common(both, np.array([0.0, 0.1]), most, slopes) == []
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-20])
+def test_slopes_are_those_of_torque_without_what_drives_explain(size):
+    model, truth, log = experiment(5, joints=2, noise=0.5, samples=200)
+    regression = build_regression(model, log, noise=False)
+    small = replace(regression, factors=tuple(size * F for F in regression.factors))
+    found = slopes_on(model, small, 2.0 * truth[:20])
+    for j, F in enumerate(regression.factors):
+        drive = F[:, 20:-1]
+        drive = drive[:, drive.any(axis=0)]
+        bodies, torque = F[:, :20] @ (2.0 * truth[:20]), F[:, -1]
+        left = [
+            v - drive @ np.linalg.lstsq(drive, v, rcond=None)[0]
+            for v in (bodies, torque)
+        ]
+        slope = left[0] @ left[1] / (left[0] @ left[0])
+        assert found.slopes[j] == pytest.approx(slope) == pytest.approx(0.5, abs=0.05)
+        assert found.explained[j] == pytest.approx(
+            (left[0] @ left[1]) ** 2 / (left[0] @ left[0]) / (left[1] @ left[1])
+        )

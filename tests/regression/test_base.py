@@ -3,6 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from experiments import experiment
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from robots import random_robot, random_states
@@ -19,6 +20,7 @@ from consistent_id.regression.base import (
     BaseParameters,
     base_parameters,
     condition_number,
+    excitation_of,
     linear_combination,
 )
 from consistent_id.regression.drive.drive_terms import DriveTerms
@@ -369,3 +371,14 @@ def test_a_column_below_a_billionth_of_the_largest_is_zero_beside_small_ones(uni
     split = independent_columns(unit * W)
     assert split.independent == (0, 1) and split.dependent == (2,)
     assert split.regrouping.tolist() == [[0.0], [0.0]]
+
+
+def test_excitation_states_the_condition_with_and_without_units():
+    model, _, log = experiment(2, joints=2, noise=0.1, samples=90)
+    regression, base = build_regression(model, log, noise=False), base_parameters(model)
+    R = regression.stacked()[:, list(base.independent)]
+    plain, unit = excitation_of(regression, base).condition
+    assert plain.value == pytest.approx(np.linalg.cond(R))
+    assert unit.value == pytest.approx(np.linalg.cond(R / np.linalg.norm(R, axis=0)))
+    assert (plain.scaling, unit.scaling) == ("none", "unit columns")
+    assert plain.value > 2.0 * unit.value
