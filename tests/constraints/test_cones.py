@@ -343,3 +343,10 @@ def test_the_box_of_a_set_is_kept_as_it_is():
     low, high = "[-inf, -2.0, 0.0]", "[0.5, inf, inf]"  # and no minus zero
     assert [str(end.tolist()) for end in box] == [low, high]
     assert not any(end.flags.writeable for end in box)
+
+
+def test_a_point_of_a_second_order_cone_is_as_long_as_its_first_number():
+    """3 and 4 are 5 long: 2 too much for 3, none for 5."""
+    rows = ConeRows("second order", -np.eye(3), np.zeros(3))
+    found = [rows.violation(np.array([t, 3.0, -4.0])) for t in (3.0, 5.0, 6.0)]
+    assert found == [2.0, 0.0, 0.0]

@@ -290,3 +290,11 @@ def test_a_fixed_base_has_no_loose_trunk():
     model, _, _ = experiment(2, joints=1, samples=10)
     made = estimate_of(model, [model.robot.links[0].nominal], drive=0.5)
     assert replace(made, origins=("prior",) * len(model.layout)).loose_trunk == ()
+
+
+@pytest.mark.parametrize("missing", ["velocity", "acceleration"])
+def test_an_error_needs_velocity_and_acceleration(missing):
+    model, _, log = experiment(2, joints=1, samples=10)
+    made = estimate_of(model, [model.robot.links[0].nominal], drive=0.5)
+    with pytest.raises(ProblemError, match="need velocity and acceleration"):
+        made.score(replace(log, **{missing: None}))

@@ -3,6 +3,7 @@
 import os
 from dataclasses import replace
 from time import perf_counter
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -10,6 +11,7 @@ import pytest
 from experiments import experiment
 from loaded import LOAD, arm, runs, with_load
 from robots import random_robot, random_states
+from scipy.stats import t
 from ur10e_loads import ur10e_runs
 
 from consistent_id import (
@@ -31,7 +33,7 @@ from consistent_id.constraints import (
     ParameterBounds,
     TotalMass,
 )
-from consistent_id.estimation import identify_payload
+from consistent_id.estimation import identify_payload, payload
 from consistent_id.estimation.loaded_robot import likely_body, loaded_robot
 from consistent_id.estimation.payload import (
     _gain_covariance,
@@ -370,3 +372,23 @@ def test_slopes_over_gains_are_what_each_joints_torque_adds_to_the_parameters():
         more = base_solution(replace(regression, factors=tuple(factors)), base).x
         size = abs(x).max()
         np.testing.assert_allclose(more - x, 0.5 * slopes[:, j], atol=1e-9 * size)
+
+
+def test_scatter_of_a_load_is_that_of_noise_and_of_gains_with_its_freedoms(monkeypatch):
+    """Three of four base parameters are the load's own; one is not determined."""
+    base = SimpleNamespace(independent=(0, 10, 11, 12), regrouping=np.zeros((4, 1)))
+    robot = SimpleNamespace(base=base, load_slice=slice(10, 20))
+    by_noise = np.diag([1.0, 4.0, 9.0, np.inf])
+    by_noise[1, 2] = by_noise[2, 1] = 0.5
+    of_gains = np.diag([7.0, 12.0, 1.0, 0.0])
+    free = SimpleNamespace(parameters=np.zeros(20), base_covariance=by_noise)
+    noise = SimpleNamespace(freedoms=lambda rows: rows @ [3.0, 8.0, 20.0, 1.0])
+    fitted = SimpleNamespace(noise=noise)
+    monkeypatch.setattr(payload, "unconstrained_fit", lambda *_: fitted)
+    found = payload._scatter(robot, None, free, of_gains)
+    expected = np.diag([16.0, 10.0, *[np.inf] * 8])
+    expected[0, 1] = expected[1, 0] = 0.5
+    np.testing.assert_array_equal(found.covariance, expected)
+    # Shares of noise in the variances: a quarter, of 8 freedoms, and 0.9, of 20.
+    few = (0.25**2 / 8.0 + 0.9**2 / 20.0) / 2.0
+    assert found.quantile == pytest.approx(t.ppf(0.975, 1.0 / few))
