@@ -1,12 +1,19 @@
 """Segments are predicted by fits without their block, and squares are pooled."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from experiments import experiment
 
-from consistent_id import ProblemError, build_regression
+from consistent_id import (
+    DHRow,
+    ProblemError,
+    TorqueModel,
+    build_regression,
+    from_modified_dh,
+)
 from consistent_id.constraints import PointToSet
 from consistent_id.estimation.best_fit import FitProblem, scaled_fit
 from consistent_id.estimation.constrained_fit import (
@@ -16,6 +23,8 @@ from consistent_id.estimation.constrained_fit import (
 from consistent_id.estimation.left_out import (
     FOLDS,
     LeftOutErrors,
+    _pooled,
+    _Predicted,
     folds_of,
     left_out_errors,
     left_out_fits,
@@ -107,3 +116,26 @@ def test_one_segment_cannot_be_left_out(logged):
     _, segments, _ = logged
     with pytest.raises(ProblemError, match="1 segments, expected two"):
         folds_of(segments[:1])
+
+
+def test_errors_of_folds_are_pooled_by_their_shares_of_the_rows():
+    """Three segments of two folds; the second fold has no fit the second time."""
+    model = TorqueModel(from_modified_dh("arm", [DHRow(0, 0), DHRow(0, 0.4)]))
+    folds = [SimpleNamespace(segments=(0,)), SimpleNamespace(segments=(1, 2))]
+    squares = [np.array([4.0, 1.0]), np.array([9.0, 2.0]), np.array([1.0, 3.0])]
+    first = [_Predicted(squares[:1], 0.5, 2.0)]
+    second = [_Predicted(squares[1:], 8.0, 3.0)]
+    torque, rows = np.array([100.0, 400.0]), np.array([10, 5, 25])
+    found = _pooled(model, folds, [first, second], torque, rows, 1)
+    shares = rows / 40.0
+    expected = [
+        np.sqrt(each.sum() / share / torque.sum())
+        for each, share in zip(squares, shares, strict=True)
+    ]
+    np.testing.assert_allclose(found.errors, [expected])
+    np.testing.assert_allclose(found.shares, shares)
+    assert found.weights == pytest.approx([2.0])  # the geometric mean
+    assert found.spreads == pytest.approx([0.25 * 2.0 + 0.75 * 3.0])
+    alone = _pooled(model, folds, [first, None], torque, rows, 1)
+    assert alone.weights == pytest.approx([0.5])
+    assert np.isinf(alone.errors).tolist() == [[False, True, True]]
