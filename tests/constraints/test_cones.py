@@ -350,3 +350,12 @@ def test_a_point_of_a_second_order_cone_is_as_long_as_its_first_number():
     rows = ConeRows("second order", -np.eye(3), np.zeros(3))
     found = [rows.violation(np.array([t, 3.0, -4.0])) for t in (3.0, 5.0, 6.0)]
     assert found == [2.0, 0.0, 0.0]
+
+
+def test_a_row_of_zeros_stays_one_where_rows_are_made_of_unit_size():
+    A = np.array([[0.0, 0.0], [3.0, 4.0]])
+    units = ConicSet.at_most(A, np.array([2.0, 10.0]), ["a", "b"]).normalised(
+        np.ones(2)
+    )
+    np.testing.assert_allclose(units.A_in, [[0.0, 0.0], [0.6, 0.8]])
+    np.testing.assert_allclose(units.b_in, [2.0, 2.0])

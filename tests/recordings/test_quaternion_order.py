@@ -135,3 +135,15 @@ def test_a_few_readings_of_a_slow_gyroscope_decide_too():
     assert np.linalg.norm(gyro[few] - gyro[few].mean(axis=0)) < 0.3
     found = quaternion_order(TIME[few], turned[few], gyro[few])
     assert found == ("xyzw", "from the gyroscope")
+
+
+@pytest.mark.parametrize(("tilt", "told"), [(0.5, True), (0.52, False)])
+def test_gravity_decides_if_one_order_leaves_less_than_half(tilt, told):
+    """A quarter turn about x, or about z; the unit is tilted on the base."""
+    half = np.sqrt(0.5)
+    turned = np.tile([half, 0.0, 0.0, half], (50, 1))
+    felt = np.tile([0.0, 9.81 * np.cos(tilt), 9.81 * np.sin(tilt)], (50, 1))
+    off = 2.0 * np.sin(tilt / 2.0), np.hypot(np.cos(tilt), 1.0 - np.sin(tilt))
+    assert (off[0] < 0.5 * off[1]) == told
+    found = quaternion_order(TIME[:50], turned, None, felt)
+    assert (found == ("xyzw", "from measured gravity")) == told

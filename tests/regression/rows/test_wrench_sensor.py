@@ -244,6 +244,7 @@ def test_the_tool_model_knows_mass_and_centre_of_a_tool_with_mass(mass):
 
 def test_the_bias_of_each_row_is_in_what_a_model_predicts():
     model, rng = tool_model("gripper"), np.random.default_rng(3)
+    assert model.robot.gravity.tolist() == [0.0, 0.0, -9.81]
     w, dw, felt = rng.normal(size=(3, 5, 3))
     base, still = BaseMotion(w, dw, felt), np.zeros((5, 0))
     x = rng.normal(size=16)
