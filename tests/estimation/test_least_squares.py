@@ -22,7 +22,10 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.estimation import weighted_least_squares
-from consistent_id.estimation.base_least_squares import stationarity_certificate
+from consistent_id.estimation.base_least_squares import (
+    _covariance,
+    stationarity_certificate,
+)
 from consistent_id.regression import base_parameters, joint_noise
 from consistent_id.regression.linear import null_space, solve_linear
 
@@ -269,3 +272,12 @@ def test_how_stationary_a_solution_is_does_not_depend_on_units(size):
     left = abs(A.T @ (A @ x - b)) / np.linalg.norm(A, axis=0) / np.linalg.norm(b)
     assert found.figures["stationarity"] == pytest.approx(left.max())
     assert found.verdict == "uncertified"
+
+
+def test_parameters_of_open_directions_have_infinite_errors_and_no_covariance():
+    noise = SimpleNamespace(steps=np.eye(3)[:, :2], scatter=np.diag([4.0, 9.0]))
+    null = np.array([[0.0], [0.6], [-0.8]])
+    found = _covariance(noise, SimpleNamespace(null_space=null))
+    nan, inf = np.nan, np.inf
+    expected = [[4.0, nan, nan], [nan, inf, nan], [nan, nan, inf]]
+    np.testing.assert_array_equal(found, expected)

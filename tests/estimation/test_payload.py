@@ -34,7 +34,7 @@ from consistent_id.constraints import (
     TotalMass,
 )
 from consistent_id.estimation import identify_payload, payload
-from consistent_id.estimation.loaded_robot import likely_body, loaded_robot
+from consistent_id.estimation.loaded_robot import _carrier, likely_body, loaded_robot
 from consistent_id.estimation.payload import (
     _gain_covariance,
     datasheet_constraints,
@@ -392,3 +392,16 @@ def test_scatter_of_a_load_is_that_of_noise_and_of_gains_with_its_freedoms(monke
     # Shares of noise in the variances: a quarter, of 8 freedoms, and 0.9, of 20.
     few = (0.25**2 / 8.0 + 0.9**2 / 20.0) / 2.0
     assert found.quantile == pytest.approx(t.ppf(0.975, 1.0 / few))
+
+
+@pytest.mark.parametrize(("parents", "carrier"), [((-1, 0, 1), 2), ((-1, 0, 0), None)])
+def test_a_load_is_carried_by_the_one_link_at_the_end(parents, carrier):
+    joints = [SimpleNamespace(parent=parent) for parent in parents]
+    robot = SimpleNamespace(link_names=("a", "b", "c"), joints=joints)
+    model = SimpleNamespace(robot=robot)
+    assert _carrier(model, "a") == 0
+    if carrier is not None:
+        assert _carrier(model, None) == carrier
+    else:
+        with pytest.raises(ModelError, match="ends in b, c; name the carrier"):
+            _carrier(model, None)

@@ -113,3 +113,8 @@ def test_a_cut_off_is_at_least_a_hundred_thousandth_of_the_rate(cutoff, refused)
             low_passed(log, motion_cutoff=cutoff)
     else:
         assert not low_passed(log, motion_cutoff=cutoff).position.any()
+
+
+def test_the_lowest_cut_off_itself_is_allowed():
+    log = Recording(("elbow",), np.arange(20) / 1024.0, np.zeros((20, 1)))
+    low_passed(log, motion_cutoff=filters._LOWEST * 1024.0)

@@ -422,3 +422,13 @@ def test_terms_that_both_joints_lack_count_beside_noise_of_their_own_rows(monkey
 def test_zeros_are_not_longer_than_white_noise():
     rows = np.random.default_rng(0).normal(size=(50, 2))
     assert spectral_noise(rows, np.zeros(50), np.eye(2) / 7.0).length == 1.0
+
+
+@pytest.mark.parametrize(("apart", "kept"), [(1.5, False), (2.5, True)])
+def test_columns_as_near_as_rounding_are_one(apart, kept):
+    """Two columns of unit length: their smallest over their largest singular value."""
+    c, d = np.eye(100)[:2] - 0.01
+    size = apart * correlated_noise.DATA_RANK_TOLERANCE
+    rows = np.column_stack([c, c + size * d, np.random.default_rng(0).normal(size=100)])
+    errors = spectral_errors([rows])
+    assert (errors.max() > 1e6) == kept
