@@ -192,3 +192,20 @@ def test_a_finer_search_ends_within_its_last_step_either_way(target):
     reach = min(max(target, _FACTOR**-1.875), _FACTOR**1.875)
     assert found[0] == 7e-4
     assert 1.0 / last <= found[1] / (2e-3 * reach) <= last
+
+
+@pytest.mark.parametrize(
+    ("bend", "away", "moved"),
+    [(1e-6, 0.4, 0.4), (1e-6, 1.7, 1.0), (1e3, -1.7, -1.0), (-1.0, 0.4, 0.0)],
+)
+def test_a_spring_moves_to_the_vertex_and_no_farther_than_a_step(bend, away, moved):
+    """Of the second joint alone, in steps of a twentieth of its compliance."""
+    search = _search(one_joint(), [log_of(0.0, 0.01)], (), ())
+
+    def parabola(soft):
+        return 5.0 + bend * ((soft[1] / 2e-3 - 1.0) / 0.05 - away) ** 2
+
+    found = replace(search, misfit=parabola).at_vertex(
+        np.array([7e-4, 2e-3]), np.array([0.0, 1.0])
+    )
+    np.testing.assert_allclose(found, [7e-4, 2e-3 * (1.0 + 0.05 * moved)], rtol=1e-6)

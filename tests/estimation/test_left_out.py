@@ -23,6 +23,7 @@ from consistent_id.estimation.constrained_fit import (
 from consistent_id.estimation.left_out import (
     FOLDS,
     LeftOutErrors,
+    _between,
     _pooled,
     _Predicted,
     folds_of,
@@ -139,3 +140,32 @@ def test_errors_of_folds_are_pooled_by_their_shares_of_the_rows():
     alone = _pooled(model, folds, [first, None], torque, rows, 1)
     assert alone.weights == pytest.approx([0.5])
     assert np.isinf(alone.errors).tolist() == [[False, True, True]]
+
+
+def test_a_point_between_two_fits_uses_up_the_slack_on_the_line_between_them():
+    rng = np.random.default_rng(4)
+    M, z = rng.normal(size=(6, 3)), rng.normal(size=6)
+    free = np.linalg.lstsq(M, z, rcond=None)[0]
+    best = SimpleNamespace(scaled=SimpleNamespace(M=M, z=z))
+
+    def fit(u, weight):
+        excess = float(np.sum((M @ u - z) ** 2))
+        return SimpleNamespace(
+            excess=excess, weight=weight, solution=SimpleNamespace(u=u)
+        )
+
+    path = [
+        fit(free + step * np.array([1.0, -2.0, 0.5]), w)
+        for step, w in ((1.0, 100.0), (0.3, 10.0), (0.01, 1.0))
+    ]
+    limit = 0.5 * (path[0].excess + path[1].excess)
+    found = _between(best, path, limit)
+    assert np.sum((M @ found.u - z) ** 2) == pytest.approx(limit)
+    share = np.linalg.norm(found.u - path[1].solution.u) / np.linalg.norm(
+        path[0].solution.u - path[1].solution.u
+    )
+    assert found.weight == pytest.approx(10.0 ** (1.0 + share))
+    # Beyond either end, it is the end.
+    for out, end in ((2.0 * path[0].excess, path[0]), (0.0, path[2])):
+        point = _between(best, path, out)
+        assert point.weight == end.weight and (point.u == end.solution.u).all()

@@ -254,3 +254,12 @@ def test_lost_acceleration_is_that_of_twelve_bands_written_out():
     # Above a fifth of the rate nothing counts, whatever is asked for.
     most = [lost_acceleration(t, q, v, highest=at) for at in (10.0, 20.0)]
     np.testing.assert_array_equal(*most)
+
+
+def test_polynomials_are_of_the_fourth_degree_if_nothing_else_is_said():
+    noise = log(np.random.default_rng(1).normal(size=30))
+    usual, fourth = (
+        savitzky_golay_differentiated(noise, 1.1, **more)
+        for more in ({}, {"degree": 4})
+    )
+    np.testing.assert_array_equal(usual.position, fourth.position)
