@@ -226,3 +226,10 @@ def test_a_mesh_is_in_metres_if_nothing_else_is_said(tmp_path):
     file = _stl(tmp_path / "cube.stl", CUBE)
     assert mesh_vertices(file).max(axis=0).tolist() == [1.0] * 3
     assert mesh_triangles(file).max() == 1.0
+
+
+@pytest.mark.parametrize("missing", range(6))
+def test_a_box_without_one_of_its_facets_is_not_closed(missing):
+    normals = np.delete(np.vstack([np.eye(3), -np.eye(3)]), missing, axis=0)
+    with pytest.raises(ProblemError, match="5 facets do not close it"):
+        Polytope(normals, np.ones(5))
