@@ -104,6 +104,8 @@ def test_own_terms_and_constraints_are_solved_and_proven(seed):
     )
     assert estimate.certificate.verdict == "certified"
     assert "CVXPY" in estimate.certificate.reason
+    figures = estimate.certificate.figures
+    assert figures["violation of own constraints, in their units"] < 1e-6
     assert estimate["j0.viscous"] <= limit + 1e-9
     found = sum(estimate.parameters[layout.link_slice(k)][0] for k in range(4))
     assert found == pytest.approx(mass)

@@ -7,7 +7,13 @@ import pytest
 from experiments import experiment
 from made_up_fits import JOINTS, fit
 
-from consistent_id import build_regression
+from consistent_id import (
+    DHRow,
+    DriveTerms,
+    TorqueModel,
+    build_regression,
+    from_modified_dh,
+)
 from consistent_id.estimation.slope_reasons import (
     _common,
     _wrong_share,
@@ -17,7 +23,7 @@ from consistent_id.estimation.slope_reasons import (
     effort_reasons,
     slope_reasons,
 )
-from consistent_id.estimation.torque_error import Slopes, slopes_on
+from consistent_id.estimation.torque_error import Slopes, holding, slopes_on
 
 CARE, NO, NOTE = "use with care", "do not use", "use"
 #: Little torque: a wrong gain of the first joint makes little of all torque wrong.
@@ -342,3 +348,19 @@ def test_slopes_are_those_of_torque_without_what_drives_explain(size):
         assert found.explained[j] == pytest.approx(
             (left[0] @ left[1]) ** 2 / (left[0] @ left[0]) / (left[1] @ left[1])
         )
+
+
+def test_friction_of_a_joint_that_hardly_moved_may_be_a_quarter_of_its_limit():
+    robot = from_modified_dh("arm", [DHRow(0, 0), DHRow(0, 0.4), DHRow(0, 0.3)])
+    efforts = (80.0, np.inf, 80.0)
+    joints = [
+        replace(joint, limits=replace(joint.limits, effort=effort))
+        for joint, effort in zip(robot.joints, efforts, strict=True)
+    ]
+    drive = DriveTerms(coulomb="sign", viscous=True)
+    model = TorqueModel(replace(robot, joints=tuple(joints)), drive)
+    x = np.full(len(model.layout), 7.0)
+    for name in ("joint1", "joint2", "joint3"):
+        x[model.layout.index(f"{name}.coulomb")] = 3.0
+    found = holding(model, x, np.array([0.0, 0.0, 1.0]))
+    np.testing.assert_array_equal(found, [20.0, np.nan, 3.0])

@@ -380,3 +380,11 @@ def test_a_limit_is_met_within_a_thousandth_in_any_unit(size):
     top = torque == 1.0
     torque[top] -= 9e-4 * np.random.default_rng(0).random(12)
     assert marked(limited(size * torque)) == marked(top)
+
+
+def test_readings_that_differ_by_rounding_are_of_one_value():
+    """By a part in 1e9 of the largest, or less."""
+    torque = noisy_tops(6)
+    top = torque == 1.0
+    torque[top] -= np.linspace(0.0, 9e-10, 6)
+    assert marked(limited(torque)) == marked(top)
