@@ -147,3 +147,9 @@ def test_gravity_decides_if_one_order_leaves_less_than_half(tilt, told):
     assert (off[0] < 0.5 * off[1]) == told
     found = quaternion_order(TIME[:50], turned, None, felt)
     assert (found == ("xyzw", "from measured gravity")) == told
+
+
+def test_a_norm_that_is_not_quite_one_is_taken_out():
+    turned = 1.008 * swaying(0.7)[0][:20]
+    R = ci.signals.rotations(turned, "xyzw")
+    np.testing.assert_allclose(R @ np.swapaxes(R, 1, 2), [np.eye(3)] * 20, atol=1e-12)

@@ -421,7 +421,8 @@ def test_terms_that_both_joints_lack_count_beside_noise_of_their_own_rows(monkey
 
 def test_zeros_are_not_longer_than_white_noise():
     rows = np.random.default_rng(0).normal(size=(50, 2))
-    assert spectral_noise(rows, np.zeros(50), np.eye(2) / 7.0).length == 1.0
+    found = spectral_noise(rows, np.zeros(50), np.eye(2) / 7.0)
+    assert (found.length, found.freedom) == (1.0, 50.0)
 
 
 @pytest.mark.parametrize(("apart", "kept"), [(1.5, False), (2.5, True)])
