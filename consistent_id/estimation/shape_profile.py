@@ -251,17 +251,17 @@ def profile(minimum: LeastMisfit, group: ShapeGroup, place: int) -> ShapeProfile
     points = [(best[place], 0.0)]
     for side in (-1.0, 1.0):
         end = box[place][int(side > 0)]
-        step, u, others = _FIRST, best[place], best
+        step, u, others, before = _FIRST, best[place], best, 0.0
         for _ in range(_MOST):
             u = np.clip(u + side * step, *box[place])
             others, found = _least_at(misfit, place, u, others, box)
-            rise = max(found - least, 0.0) / allowed
-            points.append((u, side * np.sqrt(rise)))
-            if u == end or rise > _BEYOND**2:
+            root = np.sqrt(max(found - least, 0.0) / allowed)
+            points.append((u, side * root))
+            if u == end or root > _BEYOND:
                 break
             # Steps grow while the misfit changes little, and shrink where it changes
             # much.
-            last = abs(points[-1][1] - (points[-2][1] if len(points) > 2 else 0.0))
+            last, before = abs(root - before), root
             step *= 2.0 if last < 0.25 else 0.5 if last > 1.0 else 1.0
     ordered = np.array(sorted(points))
     low, low_found = _crossing(ordered[ordered[:, 1] <= 0.0][::-1], -1.0)

@@ -9,6 +9,7 @@ from scipy.special import chdtrc, fdtrc
 from some_fast import some_fast
 
 from consistent_id import (
+    InertialParameters,
     PhysicalConsistency,
     ProblemError,
     build_regression,
@@ -22,6 +23,7 @@ from consistent_id.comparison.feasibility import (
     _reaching,
     _squared_distance,
     consistency_test,
+    in_words,
 )
 from consistent_id.constraints import ParameterBounds
 from consistent_id.estimation.best_fit import best_fit
@@ -297,3 +299,27 @@ def test_only_a_small_p_value_is_called_a_contradiction(p_value, contradicted):
     assert ("no consistent robot" in found.sentence) == contradicted
     assert ("chi^2 rises by 12.3" in found.contradiction) == contradicted
     assert bool(found.contradiction) == contradicted
+
+
+def test_only_less_than_one_in_twenty_is_significant():
+    shares = (0.0499, 0.05)
+    found = [ConsistencyTest(3.0, share, 100, False).significant for share in shares]
+    assert found == [True, False]
+
+
+def test_the_excess_of_a_moment_is_over_the_sum_of_the_other_two():
+    body = InertialParameters.from_central(
+        2.0, [0.1, 0, 0], np.diag([4e-3, 1e-3, 2e-3])
+    )
+    assert "0.004 kg m^2" in in_words(body.vector)
+    assert "sum of the other two, 0.003, by 0.001" in in_words(body.vector)
+
+
+def test_draws_are_those_of_seed_zero_unless_another_is_given():
+    model, _, regression = noisy_pendulum(1)
+    few = {"draws": 12, "enough": 12}
+    first, again, other = (
+        consistency_test(model, regression, **few, **seed).p_value
+        for seed in ({}, {"seed": 0}, {"seed": 1})
+    )
+    assert first == again != other

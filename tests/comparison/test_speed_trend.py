@@ -118,3 +118,14 @@ def test_what_is_expected_says_at_which_speed():
     width = record["parameters"]["hip.viscous"]["half_width"]
     expected = trend.quantile * trend.standard_errors(1.9)[0]
     assert width == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("count", [3, 4])
+def test_four_blocks_are_the_fewest_for_a_trend(count):
+    speeds = np.array([0.5, 0.8, 1.1, 1.6])[:count]
+    few = drawn(np.random.default_rng(0), speeds, 0.0, 0.01)
+    if count == 4:
+        assert speed_trend(few, speeds).at(1.0) == pytest.approx([2.0, -1.0], abs=0.1)
+    else:
+        with pytest.raises(NotExcitedError, match="expected four or more"):
+            speed_trend(few, speeds)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from second_solver import FORMULATIONS, solve_anew
 
-from consistent_id import SolverError
+from consistent_id import ProblemError, SolverError
 from consistent_id.constraints.cones.certificate import (
     ball_about,
     certify,
@@ -311,3 +311,51 @@ def test_a_solution_without_a_point_is_refused(status, x, z):
         point_of(SimpleNamespace(status=status, x=x, z=z))
     fine = SimpleNamespace(status="AlmostSolved", x=[2.0], z=[1.0])
     assert point_of(fine).tolist() == [2.0]
+
+
+@pytest.mark.parametrize(("A", "b"), [(np.nan, 1.0), (1.0, np.inf)])
+@pytest.mark.parametrize("equal", [True, False])
+def test_a_row_that_is_not_of_finite_numbers_is_refused_by_its_name(A, b, equal):
+    bad = np.array([[1.0, 2.0], [A, 0.0]]), np.array([3.0, b]), ("fine", "bad")
+    none = np.zeros((0, 2)), np.zeros(0), ()
+    with pytest.raises(ProblemError, match="'bad' is not of finite numbers"):
+        ConicSet(*(bad if equal else none), *(none if equal else bad))
+
+
+def test_a_set_in_larger_units_is_violated_by_as_much_less():
+    """By points for which a row, an equality or a block is the worst."""
+    rng = np.random.default_rng(0)
+    A, b = rng.normal(size=(2, 3)), rng.normal(size=2)
+    F = rng.normal(size=(4, 2, 2))
+    F += np.swapaxes(F, 1, 2)
+    block = SemidefiniteBlock("F", F[:3], F[3], np.ones(2))
+    domain = ConicSet.equal(A[:1], b[:1], ["e"]) & ConicSet.at_most(A[1:], b[1:], ["i"])
+    domain &= ConicSet.semidefinite([block], 3)
+    for x in rng.normal(size=(20, 3)):
+        expected = domain.violation(x) / 40.0
+        assert domain.shrunk(40.0).violation(x / 40.0) == pytest.approx(expected)
+        assert domain.moved(x).violation(np.zeros(3)) == pytest.approx(40.0 * expected)
+
+
+def test_the_box_of_a_set_is_kept_as_it_is():
+    rows = np.diag([2.0, -4.0, -1.0]), np.array([1.0, 8.0, 0.0])
+    box = ConicSet.at_most(*rows, ["a", "b", "c"]).box
+    low, high = "[-inf, -2.0, 0.0]", "[0.5, inf, inf]"  # and no minus zero
+    assert [str(end.tolist()) for end in box] == [low, high]
+    assert not any(end.flags.writeable for end in box)
+
+
+def test_a_point_of_a_second_order_cone_is_as_long_as_its_first_number():
+    """3 and 4 are 5 long: 2 too much for 3, none for 5."""
+    rows = ConeRows("second order", -np.eye(3), np.zeros(3))
+    found = [rows.violation(np.array([t, 3.0, -4.0])) for t in (3.0, 5.0, 6.0)]
+    assert found == [2.0, 0.0, 0.0]
+
+
+def test_a_row_of_zeros_stays_one_where_rows_are_made_of_unit_size():
+    A = np.array([[0.0, 0.0], [3.0, 4.0]])
+    units = ConicSet.at_most(A, np.array([2.0, 10.0]), ["a", "b"]).normalised(
+        np.ones(2)
+    )
+    np.testing.assert_allclose(units.A_in, [[0.0, 0.0], [0.6, 0.8]])
+    np.testing.assert_allclose(units.b_in, [2.0, 2.0])

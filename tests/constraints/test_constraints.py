@@ -1,5 +1,7 @@
 """Constraints on shape, symmetry and parameters: point masses as the truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -35,6 +37,7 @@ from consistent_id.constraints import (
     SymmetricLink,
     TotalMass,
 )
+from consistent_id.constraints.parameter_constraints import _dragged
 from consistent_id.regression import GearCoupling
 from consistent_id.robot import JointLimits
 
@@ -400,3 +403,13 @@ def test_mass_bounds_that_are_equal_fix_the_mass():
     x = np.zeros(len(MODEL.layout))
     x[place] = 2.0
     assert domain.violation(x) == 0.0
+
+
+@pytest.mark.parametrize("limit", [0.4, 3.0])
+def test_drag_may_be_negative_up_to_a_joints_speed_limit_however_low(limit):
+    robot = from_modified_dh("arm", [DHRow(0, 0)])
+    (joint,) = robot.joints
+    limits = replace(joint.limits, velocity=limit)
+    robot = replace(robot, joints=(replace(joint, limits=limits),))
+    model = TorqueModel(robot, DriveTerms(viscous=True, drag=True))
+    assert _dragged(model) == {"joint1.drag": ("joint1.viscous", limit)}

@@ -1,5 +1,8 @@
 """Optima that no semidefinite block holds back: SciPy's, closed forms, the solver's."""
 
+from dataclasses import replace
+from time import perf_counter
+
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
@@ -14,6 +17,7 @@ from consistent_id.constraints.cones.certificate import (
 from consistent_id.constraints.cones.least_norm import (
     LeastNorm,
     free_optimum,
+    free_set,
     solve_least_norm,
 )
 from consistent_id.constraints.cones.sets import ConicSet, SemidefiniteBlock, row_spaces
@@ -156,3 +160,31 @@ def test_a_large_problem_is_first_tried_without_refinement(monkeypatch):
     # The optimum's own gap bounds the distance; 1e-7 is what violation may add.
     excess = optimality.gap * max(optimality.objective, 0.5)
     assert np.linalg.norm(error) <= np.sqrt(2.0 * excess) + 1e-7 * np.sqrt(size)
+
+
+@pytest.mark.parametrize(("rows", "whole"), [(2, False), (3, True), (4, True)])
+def test_a_triangle_is_returned_where_rows_are_enough_and_time_is_measured(rows, whole):
+    started = perf_counter()
+    rng = np.random.default_rng(rows)
+    problem = LeastNorm(
+        rng.normal(size=(rows, 3)), np.ones(rows), ConicSet.everything(3)
+    )
+    found = free_optimum(problem, np.zeros(3))
+    assert (found.triangle is not None) == whole
+    if whole:
+        R = found.triangle
+        np.testing.assert_allclose(R.T @ R, problem.G.T @ problem.G)
+        assert 0.0 < found.solution.solve_seconds <= perf_counter() - started
+
+
+@pytest.mark.parametrize(
+    ("least", "kept"), [(0.0, False), (1e-3, False), (-1e-3, True)]
+)
+def test_a_block_of_pinned_parameters_alone_is_kept_only_if_it_fails(least, kept):
+    pin = equal(np.array([[1.0, 0.0]]), np.array([2.0]))
+    coefficients = np.zeros((2, 2, 2))
+    coefficients[0] = np.diag([3.0, 0.0])
+    block = SemidefiniteBlock("b", coefficients, np.diag([0.0, least]), np.ones(2))
+    found = free_set(replace(pin, blocks=(block,)))
+    assert found.rows[2].orders == ((2,) if least < 0.0 else ())
+    assert found.start.tolist() == [2.0, 0.0]

@@ -5,7 +5,7 @@ import pytest
 from experiments import pendulum
 
 from consistent_id import InertialParameters
-from consistent_id.constraints.delivered_bodies import link_conditions
+from consistent_id.constraints.delivered_bodies import _edge, link_conditions
 
 
 def body(*places, mass=2.0):
@@ -68,3 +68,12 @@ def test_the_least_eigenvalue_is_per_typical_mass_and_length():
     ball = InertialParameters.from_central(2.0, [0, 0, 0], 0.004 * np.eye(3))
     link = condition(np.append(ball.vector, 0.0))
     assert link.least_eigenvalue == pytest.approx(0.002 / (2.0 * 0.1**2))
+
+
+@pytest.mark.parametrize("typical", [0.02, 50.0])
+@pytest.mark.parametrize(("share", "edge"), [(9e-6, "no mass"), (1.1e-5, "")])
+def test_a_link_has_no_mass_below_a_hundred_thousandth_of_the_typical(
+    typical, share, edge
+):
+    solid = InertialParameters(body(*CORNERS, [0, 0, 1], mass=share * typical)[:10])
+    assert _edge(solid, typical, 1e-3 * share * typical) == edge

@@ -185,3 +185,16 @@ def test_the_furthest_step_leaves_bodies_a_share_of_their_eigenvalues(kept):
     # Away from it, and by little, all of the step may be taken.
     assert mine.along(u, u).furthest(kept) == 1.0
     assert mine.along(u, -0.05 * u).furthest(kept) == 1.0
+
+
+def test_a_euclidean_distance_of_one_is_a_typical_size_of_one_parameter():
+    _, robot = random_robot(np.random.default_rng(4), 2)
+    model = TorqueModel(robot)
+    sizes = link_scales(robot).units
+    unit = 7.0 * sizes
+    distance = nominal_distance(model, "euclidean", unit)
+    nominal = np.concatenate([link.nominal.vector for link in robot.links])
+    for k in (0, 5, 13):
+        x = nominal.copy()
+        x[k] += 3.0 * sizes[k]
+        assert distance.squared(x / unit) == pytest.approx(9.0)

@@ -19,7 +19,7 @@ from consistent_id import (
     from_modified_dh,
     low_passed,
 )
-from consistent_id.constraints.delivered_bodies import robot_size
+from consistent_id.constraints.delivered_bodies import _axis, robot_size
 from consistent_id.estimation.judgement import INERTIA_REFUSED
 from consistent_id.robot import load_urdf
 from consistent_id.robot.inertia import InertialParameters
@@ -224,3 +224,7 @@ def test_a_link_is_as_long_as_its_shapes_its_joints_or_a_thin_ball_of_its_mass()
     heavy[10] = 1e4  # kg: a ball of 100 kg/m^3 has a radius of 2.88 m
     radius = (3.0 * 1e4 / (4.0 * np.pi * 100.0)) ** (1.0 / 3.0)
     assert robot_size(model, heavy).size[1] == pytest.approx(radius)
+
+
+def test_a_direction_is_written_without_a_minus_zero_and_its_largest_part_is_positive():
+    assert _axis(np.array([-0.999, 0.002, 0.04])) == "[1.00 0.00 -0.04]"

@@ -1,13 +1,15 @@
 """The best fit's misfit is that of its parameters on the regression itself."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from experiments import experiment
 
 from consistent_id import FixedMasses, PhysicalConsistency, build_regression
-from consistent_id.estimation.best_fit import best_fit, scaled_fit
+from consistent_id.constraints import TotalMass
+from consistent_id.estimation.best_fit import _gain, best_fit, scaled_fit
 from consistent_id.regression.base import base_parameters
 
 
@@ -55,3 +57,17 @@ def test_the_torque_of_one_unit_of_a_drive_term_is_as_large_as_all_torque():
         expected.append(np.linalg.norm(R[:, -1]) / size if size > 0.0 else 1.0)
     assert 1.0 in expected  # without acceleration, rotors have no torque
     np.testing.assert_allclose(fit.unit[model.layout.inertial_size :], expected)
+
+
+def test_the_gain_from_more_mass_is_bounded_by_the_price_of_its_bound():
+    """Of 5 units more than 0.2 each, half squared, to ten times the mass: 9 times 5."""
+    total = TotalMass(0.0, 40.0)
+    domain = SimpleNamespace(
+        in_labels=("other", "total mass <= 40 kg"), b_in=np.array([1.0, 5.0])
+    )
+    prices = SimpleNamespace(at_most=np.array([7.0, 0.2]))
+    best = SimpleNamespace(
+        scaled=SimpleNamespace(domain=domain, size=3.0),
+        solution=SimpleNamespace(multipliers=prices),
+    )
+    assert _gain(best, total) == pytest.approx(2.0 * 0.2 * 9.0 * 5.0 * 3.0**2)

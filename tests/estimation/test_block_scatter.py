@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from robots import random_robot
+from scipy.stats import t
 
 from consistent_id import DriveTerms, NotExcitedError, Recording, TorqueModel
 from consistent_id.constraints import FixedParameters
@@ -162,3 +163,13 @@ def test_the_unit_of_a_parameter_does_not_matter():
     one, same = (block_scatter(model, b, constraints=[bodies]) for b in (blocks, other))
     assert same.values * unit[10:12] == pytest.approx(one.values)
     assert same.noise * unit[10:12] == pytest.approx(one.noise)
+
+
+def test_errors_of_noise_and_of_blocks_have_students_quantile_together():
+    """By Satterthwaite, with 7 and 30 degrees of freedom, and 3 of four blocks."""
+    noise, between, freedom = (np.array(x) for x in ([2e-3, 3], [5e-3, 0.5], [7, 30]))
+    known = BlockScatter(("a", "b"), [1e-3, 9.0], noise, between, 4, freedom)
+    parts = noise**2, between**2 / 4
+    together = sum(parts) ** 2 / (parts[0] ** 2 / freedom + parts[1] ** 2 / 3)
+    np.testing.assert_allclose(known.quantiles, t.ppf(0.975, together))
+    np.testing.assert_allclose(known.standard_errors**2, sum(parts))

@@ -71,4 +71,18 @@ def test_the_misfit_is_least_at_the_delay():
     assert found.seconds == pytest.approx(nearest - slope / (2.0 * bend), abs=1e-7)
     assert abs(nearest - 0.008) < 1e-3
     assert found.misfits.min() == 1.0
-    assert "late by" in str(found.table().title)
+    # Six steps of 5 ms, then three times half a step either way of the least.
+    tried = {round(1e3 * float(delay), 6) for delay in found.tried}
+    halved = {7.5, 12.5, 6.25, 8.75, 6.875, 8.125}
+    assert tried == {0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, *halved}
+
+
+def test_a_torque_that_is_the_same_at_any_delay_tells_none():
+    _, robot = random_robot(np.random.default_rng(6), 1)
+    model = TorqueModel(robot, DRIVE)
+    states = motion(TIME[:100], 1)
+    torque = model.predict(np.append(robot.nominal, [0.3, 0.02]), *states)
+    torque += 0.1 * np.random.default_rng(0).normal(size=torque.shape)
+    log = Recording(robot.joint_names, TIME[:100], *states, torque)
+    found = command_delay(model, lambda _: [log])
+    assert np.isinf(found.standard_error)

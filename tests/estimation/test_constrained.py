@@ -1,6 +1,7 @@
 """Constrained estimates: closed forms, recovery, contradictions, costs."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -32,7 +33,9 @@ from consistent_id.constraints import (
     Penalty,
     PointToSet,
 )
+from consistent_id.estimation.constrained_fit import _OTHER_SIZE, _of_torque_size
 from consistent_id.regression import joint_noise
+from consistent_id.robot.scaling import reference_bodies
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -255,3 +258,19 @@ def test_torque_of_the_wrong_sign_leaves_an_optimum_that_is_proven(seed):
     estimate = constrained_least_squares(model, build_regression(model, wrong))
     assert estimate.certificate.verdict == "certified"
     assert estimate.certificate.figures["slack"] >= 4.9e-6
+
+
+@pytest.mark.parametrize("unit", [1e-20, 1.0])
+def test_torque_of_another_size_than_the_nominal_robots_is_said(unit):
+    _, robot = random_robot(np.random.default_rng(0), 1)
+    bodies = reference_bodies(robot).ravel()
+
+    def said(times):
+        R = unit * np.array([[*np.eye(10)[0], 0.0, times * bodies[0]]])
+        free = SimpleNamespace(regression=SimpleNamespace(stacked=lambda: R))
+        model = SimpleNamespace(robot=robot)
+        return _of_torque_size(SimpleNamespace(free=free, model=model))
+
+    assert said(1.0) == said(0.99 * _OTHER_SIZE) == said(1.01 / _OTHER_SIZE) == ""
+    for times in (1.01 * _OTHER_SIZE, 0.99 / _OTHER_SIZE):
+        assert f"is {times:.1e} times that of the nominal robot" in said(times)

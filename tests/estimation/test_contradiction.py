@@ -147,3 +147,21 @@ def test_the_nearest_robot_to_an_impossible_one_is_possible_and_near():
     assert again.answer != "impossible"
     possible = base_feasibility(model, base, base.projection @ truth)
     assert possible.nearest is None
+
+
+def test_the_misfit_without_a_value_is_that_of_the_estimate_without_it():
+    model, _, log = pendulum()
+    rng = np.random.default_rng(0)
+    log = replace(log, torque=log.torque + 0.3 * rng.normal(size=log.torque.shape))
+    regression = build_regression(model, log)
+    wrong = {"link1.Izz": 0.01, "link1.hx": 0.6}
+    rest = [PhysicalConsistency(), FixedMasses()]
+    found = contradiction(model, regression, [*rest, FixedParameters(wrong)])
+    by_label = {one.label: one.rms for one in found.resolutions}
+    estimate = constrained_least_squares(
+        model, regression, constraints=[*rest, FixedParameters({"link1.hx": 0.6})]
+    )
+    off = log.torque - estimate.predict(log)
+    rms = by_label["link1.Izz = 0.01 kg m^2"]
+    # The prior may use up a slack of a thousandth.
+    assert rms == pytest.approx(np.sqrt(np.mean(off**2)), rel=2e-3)

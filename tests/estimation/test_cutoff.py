@@ -5,10 +5,12 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
+from experiments import experiment as random_log
 from robots import random_robot
 
 import consistent_id as ci
-from consistent_id.estimation.cutoff import CutoffChoice
+from consistent_id import build_regression, least_squares
+from consistent_id.estimation.cutoff import CutoffChoice, _held_out, _Sides
 from consistent_id.problems.file import ColumnsTable, DataTable, PreparationTable
 from consistent_id.problems.preparation import (
     check_base,
@@ -16,6 +18,9 @@ from consistent_id.problems.preparation import (
     prepared,
 )
 from consistent_id.recordings.joint_paths import Sinusoid, SinusoidalMotion
+from consistent_id.regression import base_parameters
+from consistent_id.regression.segments import merged
+from consistent_id.regression.torque_along import predicted_torque
 
 CANDIDATES = (2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 40.0)
 RATE = 200.0
@@ -219,3 +224,22 @@ def test_the_delay_of_torque_is_estimated_only_for_a_base_that_floats():
     data = DataTable(recordings=[], preparation=late)
     with pytest.raises(ci.ProblemError, match="only for a base that floats"):
         check_base(data, floating=False)
+
+
+def test_each_part_is_predicted_by_the_others_in_shares_of_all_torque():
+    model, _, log = random_log(6, joints=2, noise=0.5, samples=300)
+    runs = slice(0, 80), slice(80, 200), slice(200, 300)
+    parts = [log.samples(run) for run in runs]
+    rows = [build_regression(model, part, noise=False) for part in parts]
+    base = base_parameters(model)
+
+    def fitted(regression):
+        return least_squares(model, regression, base=base).parameters
+
+    found = _held_out(_Sides(rows, rows), fitted)
+    size = np.sqrt(np.mean(log.torque**2, axis=0))
+    for k, part in enumerate(parts):
+        x = fitted(merged([own for i, own in enumerate(rows) if i != k]))
+        off = part.torque - predicted_torque(model, x, part)
+        expected = np.sqrt(np.mean(np.mean(off**2, axis=0) / size**2))
+        assert found[k] == pytest.approx(expected)

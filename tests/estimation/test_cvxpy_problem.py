@@ -18,6 +18,7 @@ from consistent_id import (
 )
 from consistent_id.constraints import Penalty, PointToSet
 from consistent_id.constraints.cones.certificate import ConicOptimum, conic_optimum
+from consistent_id.constraints.priors import nominal_distance
 from consistent_id.estimation import to_cvxpy
 
 CONSTRAINTS = (PhysicalConsistency(), NonNegativeDrive())
@@ -103,6 +104,8 @@ def test_own_terms_and_constraints_are_solved_and_proven(seed):
     )
     assert estimate.certificate.verdict == "certified"
     assert "CVXPY" in estimate.certificate.reason
+    figures = estimate.certificate.figures
+    assert figures["violation of own constraints, in their units"] < 1e-6
     assert estimate["j0.viscous"] <= limit + 1e-9
     found = sum(estimate.parameters[layout.link_slice(k)][0] for k in range(4))
     assert found == pytest.approx(mass)
@@ -206,3 +209,18 @@ def test_what_cannot_be_is_refused():
         form.solve(terms=[-cp.sum_squares(form.variable)])
     with pytest.raises(SolverError):
         form.solve(objective=-form.of("j0.viscous"))
+
+
+@pytest.mark.parametrize("name", ["pullback", "euclidean", "entropic"])
+def test_the_term_of_the_prior_is_half_of_the_squared_distance(name):
+    model, truth, log = experiment(1, joints=2, noise=0.5, samples=100)
+    regression = build_regression(model, log)
+    form = to_cvxpy(
+        model, regression, constraints=CONSTRAINTS, prior=Penalty(1.0, name)
+    )
+    unit = form.scaled.unit
+    distance = nominal_distance(model, name, unit)
+    for x in (truth, 1.3 * truth):
+        form.variable.value = x / unit
+        half = distance.squared(x / unit) / 2.0
+        assert float(form.prior.value) == pytest.approx(half, abs=1e-9)

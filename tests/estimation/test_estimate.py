@@ -271,3 +271,30 @@ def test_an_estimate_took_no_longer_than_it_took():
         started = perf_counter()
         seconds = estimator().seconds
         assert 0.0 < seconds <= perf_counter() - started
+
+
+def test_a_value_that_is_known_has_no_say_in_how_wide_intervals_are():
+    """Of a fixed parameter, the error is zero; of one that is open, it is infinite."""
+    model, _, _ = experiment(2, joints=1, samples=10)
+    made = estimate_of(model, [model.robot.links[0].nominal], drive=0.5)
+    few = np.full(len(model.layout), 12.7)
+    errors = np.array([0.1, np.inf, *np.zeros(len(few) - 2)])
+    quantiles = np.array([1.96, *few[1:]])
+    sure = replace(made, parameter_errors=errors, parameter_quantiles=quantiles)
+    assert not any("standard errors either way" in note for note in sure.error_notes)
+    wide = replace(sure, parameter_quantiles=few)
+    assert any("is 12.7 standard errors" in note for note in wide.error_notes)
+
+
+def test_a_fixed_base_has_no_loose_trunk():
+    model, _, _ = experiment(2, joints=1, samples=10)
+    made = estimate_of(model, [model.robot.links[0].nominal], drive=0.5)
+    assert replace(made, origins=("prior",) * len(model.layout)).loose_trunk == ()
+
+
+@pytest.mark.parametrize("missing", ["velocity", "acceleration"])
+def test_an_error_needs_velocity_and_acceleration(missing):
+    model, _, log = experiment(2, joints=1, samples=10)
+    made = estimate_of(model, [model.robot.links[0].nominal], drive=0.5)
+    with pytest.raises(ProblemError, match="need velocity and acceleration"):
+        made.score(replace(log, **{missing: None}))

@@ -10,7 +10,7 @@ from loaded import GAINS, LOAD, runs
 from ur10e_loads import prepared, ur10e_runs
 
 from consistent_id import ProblemError, RecordingError, SolverError
-from consistent_id.estimation import identify_gains, identify_payload
+from consistent_id.estimation import gains, identify_gains, identify_payload
 
 KNOWN = {"load.m": LOAD.mass}
 AXES = ("hx", "hy", "hz")
@@ -175,3 +175,41 @@ def _moving(file, gains, folder):
     _, log = prepared(copy, gains)
     moving = np.flatnonzero(abs(log.velocity).max(axis=1) > 0.05)
     return log.samples(slice(moving[0], moving[-1]))
+
+
+def test_gains_scatter_as_much_more_as_the_noise_is_correlated(monkeypatch):
+    seen = []
+    monkeypatch.setattr(
+        gains, "correlation_length", lambda left, _: seen.append(left) or 4.0
+    )
+    monkeypatch.setattr(gains, "_spread", lambda _: np.eye(len(GAINS)))
+    found = _found(0.0)
+    # Residuals of the current, of both runs with their own bodies: there is no noise.
+    assert max(abs(part).max() for part in seen[0]) < 1e-6
+    assert found.correlation == 4.0
+    np.testing.assert_array_equal(found.covariance, 4.0 * np.eye(len(GAINS)))
+
+
+def test_slopes_over_gains_are_orthogonal_to_what_parameters_fit():
+    rng = np.random.default_rng(0)
+    joint = np.repeat([0, 1], 6)
+    A, known, current = rng.normal(size=(12, 3)), rng.normal(size=12), np.ones(12)
+    rows = gains.Currents(A, known, current, joint)
+    log_gains, noise = np.array([0.4, -1.0]), np.array([0.1, 3.0])
+    fit = rows.at(log_gains, noise)
+    scale = np.exp(log_gains)[joint] * noise[joint]
+    weighted, b = A / scale[:, None], current / noise[joint] - known / scale
+    np.testing.assert_allclose(fit.x, np.linalg.lstsq(weighted, b, rcond=None)[0])
+    np.testing.assert_allclose(fit.residual, weighted @ fit.x - b)
+    step = 1e-6 * np.eye(2)
+    slopes = [
+        (
+            (A @ fit.x + known) / (np.exp(log_gains + d)[joint] * noise[joint])
+            - (A @ fit.x + known) / (np.exp(log_gains - d)[joint] * noise[joint])
+        )
+        / 2e-6
+        for d in step
+    ]
+    np.testing.assert_allclose(fit.raw, np.transpose(slopes), rtol=1e-6, atol=1e-6)
+    Q = np.linalg.qr(weighted)[0]
+    np.testing.assert_allclose(fit.jacobian, fit.raw - Q @ (Q.T @ fit.raw), atol=1e-12)

@@ -1,6 +1,7 @@
 """What a part of the data changes: rows, a joint, and joints that others confirm."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from consistent_id import (
 from consistent_id.estimation import judge
 from consistent_id.estimation.influence import (
     _determined,
+    _elsewhere,
     _lost,
     confirmed_slopes,
     influence,
@@ -201,3 +203,10 @@ def test_what_is_lost_counts_by_its_torque_on_random_motions():
     again = _lost(1e-3 * rows.norms, estimate.parameters, others, whole)
     felt = rows.norms > 1e-9
     np.testing.assert_allclose(again[felt], lost[felt], rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize(("connected", "fit"), [(True, None), (False, object())])
+def test_there_is_no_torque_elsewhere_without_a_fit_or_a_chain(connected, fit):
+    robot = SimpleNamespace(connected=connected)
+    estimate = SimpleNamespace(model=SimpleNamespace(robot=robot), fit=fit)
+    assert np.isnan(_elsewhere(estimate, np.zeros(1), None, None))

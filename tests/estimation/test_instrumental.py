@@ -24,7 +24,7 @@ from consistent_id.estimation import (
     instrumental_variables,
     weighted_least_squares,
 )
-from consistent_id.estimation.instrumental import _certificate
+from consistent_id.estimation.instrumental import EndogeneityTest, _certificate, _left
 from consistent_id.laboratory import Controller, Encoders, controlled, with_friction
 from consistent_id.recordings.joint_paths import Sinusoid, SinusoidalMotion
 from consistent_id.regression import base_parameters
@@ -203,3 +203,25 @@ def test_instruments_that_do_not_fit_are_refused():
         bare = replace(told, **{missing: None})
         with pytest.raises(RecordingError, match="of instruments, has no velocity"):
             instrumental_variables(MASS, log, bare)
+
+
+def test_one_in_a_hundred_is_still_chance():
+    said = [str(EndogeneityTest(4.0, 2, 300.0, p)) for p in (0.0099, 0.01)]
+    assert ["differ by more" in text for text in said] == [True, False]
+
+
+@pytest.mark.parametrize(("left", "verdict"), [(0.9e-9, "cert"), (1.1e-9, "uncert")])
+def test_without_torque_what_is_left_counts_as_it_is(left, verdict):
+    rows = SimpleNamespace(projected=np.eye(2), projected_torque=np.zeros(2))
+    solution = SimpleNamespace(x=np.array([left, 0.0]), rank=2)
+    assert _certificate(rows, solution).verdict == f"{verdict}ified"
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
+def test_a_rank_and_what_is_left_do_not_depend_on_the_unit_of_a_column(unit):
+    rng = np.random.default_rng(0)
+    A, b = rng.normal(size=(30, 3)), rng.normal(size=30)
+    A = np.column_stack([A, A[:, 0] - 2.0 * A[:, 1]]) * [1.0, unit, 1.0, 1.0]
+    rank, left = _left(A, b)
+    expected = np.linalg.lstsq(A[:, :3] / [1.0, unit, 1.0], b)[1][0]
+    assert rank == 3 and left == pytest.approx(expected)

@@ -10,6 +10,9 @@ from some_fast import some_fast
 from consistent_id import DriveTerms, Recording, TorqueModel, from_modified_dh
 from consistent_id.constraints import FixedParameters
 from consistent_id.estimation.transmission_springs import (
+    _FACTOR,
+    _HALVINGS,
+    JointSprings,
     _search,
     joint_springs,
 )
@@ -168,3 +171,41 @@ def test_where_a_spring_moves_the_link_its_velocity_is_the_slope_of_that(monkeyp
     for higher, slope in zip(moved[1:], slopes, strict=False):
         size = abs(higher[inner]).max()
         np.testing.assert_allclose(higher[inner], slope[inner], atol=0.05 * size)
+
+
+def test_the_error_of_a_spring_may_be_infinite():
+    found = JointSprings(("a", "b"), [0.0, 1e-3], [0.0, np.inf], 0.5)
+    assert found.stiffness.tolist() == [np.inf, 1e3]
+
+
+@pytest.mark.parametrize("target", [0.3, 0.9, 1.0, 1.6, 3.0])
+def test_a_finer_search_ends_within_its_last_step_either_way(target):
+    """Of the second group alone, whose misfit is the distance of logarithms."""
+    search = _search(one_joint(), [log_of(0.0, 0.01)], (), ())
+
+    def apart(soft):
+        return abs(np.log(soft[1] / (2e-3 * target)))
+
+    away = replace(search, misfit=apart)
+    found = away.finer(np.array([7e-4, 2e-3]), np.array([0.0, 1.0]))
+    last = _FACTOR ** (2.0 * 0.5**_HALVINGS)
+    reach = min(max(target, _FACTOR**-1.875), _FACTOR**1.875)
+    assert found[0] == 7e-4
+    assert 1.0 / last <= found[1] / (2e-3 * reach) <= last
+
+
+@pytest.mark.parametrize(
+    ("bend", "away", "moved"),
+    [(1e-6, 0.4, 0.4), (1e-6, 1.7, 1.0), (1e3, -1.7, -1.0), (-1.0, 0.4, 0.0)],
+)
+def test_a_spring_moves_to_the_vertex_and_no_farther_than_a_step(bend, away, moved):
+    """Of the second joint alone, in steps of a twentieth of its compliance."""
+    search = _search(one_joint(), [log_of(0.0, 0.01)], (), ())
+
+    def parabola(soft):
+        return 5.0 + bend * ((soft[1] / 2e-3 - 1.0) / 0.05 - away) ** 2
+
+    found = replace(search, misfit=parabola).at_vertex(
+        np.array([7e-4, 2e-3]), np.array([0.0, 1.0])
+    )
+    np.testing.assert_allclose(found, [7e-4, 2e-3 * (1.0 + 0.05 * moved)], rtol=1e-6)

@@ -1,6 +1,7 @@
 """Least squares: SciPy's answer, known truth, standard errors, open directions."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,6 +22,10 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.estimation import weighted_least_squares
+from consistent_id.estimation.base_least_squares import (
+    _covariance,
+    stationarity_certificate,
+)
 from consistent_id.regression import base_parameters, joint_noise
 from consistent_id.regression.linear import null_space, solve_linear
 
@@ -257,3 +262,22 @@ def test_with_a_wide_bend_huber_is_weighted_least_squares():
 def test_null_spaces_of_rows_do_not_depend_on_the_rows_units():
     rows = np.array([[1e-12, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 0.0]])
     np.testing.assert_allclose(abs(null_space(rows, 1e-9)), [[0.0], [0.0], [1.0]])
+
+
+@pytest.mark.parametrize("size", [1e-9, 1.0, 1e6])
+def test_how_stationary_a_solution_is_does_not_depend_on_units(size):
+    A, b = size * np.array([[1.0, 0.0], [1.0, 2.0]]), np.array([3.0, 4.0]) / size
+    x = np.array([3.0, 0.5]) / size**2 * (1.0 + 1e-3)
+    found = stationarity_certificate(A, b, SimpleNamespace(x=x, rank=2))
+    left = abs(A.T @ (A @ x - b)) / np.linalg.norm(A, axis=0) / np.linalg.norm(b)
+    assert found.figures["stationarity"] == pytest.approx(left.max())
+    assert found.verdict == "uncertified"
+
+
+def test_parameters_of_open_directions_have_infinite_errors_and_no_covariance():
+    noise = SimpleNamespace(steps=np.eye(3)[:, :2], scatter=np.diag([4.0, 9.0]))
+    null = np.array([[0.0], [0.6], [-0.8]])
+    found = _covariance(noise, SimpleNamespace(null_space=null))
+    nan, inf = np.nan, np.inf
+    expected = [[4.0, nan, nan], [nan, inf, nan], [nan, nan, inf]]
+    np.testing.assert_array_equal(found, expected)

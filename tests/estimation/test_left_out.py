@@ -1,12 +1,19 @@
 """Segments are predicted by fits without their block, and squares are pooled."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from experiments import experiment
 
-from consistent_id import ProblemError, build_regression
+from consistent_id import (
+    DHRow,
+    ProblemError,
+    TorqueModel,
+    build_regression,
+    from_modified_dh,
+)
 from consistent_id.constraints import PointToSet
 from consistent_id.estimation.best_fit import FitProblem, scaled_fit
 from consistent_id.estimation.constrained_fit import (
@@ -16,6 +23,9 @@ from consistent_id.estimation.constrained_fit import (
 from consistent_id.estimation.left_out import (
     FOLDS,
     LeftOutErrors,
+    _between,
+    _pooled,
+    _Predicted,
     folds_of,
     left_out_errors,
     left_out_fits,
@@ -107,3 +117,55 @@ def test_one_segment_cannot_be_left_out(logged):
     _, segments, _ = logged
     with pytest.raises(ProblemError, match="1 segments, expected two"):
         folds_of(segments[:1])
+
+
+def test_errors_of_folds_are_pooled_by_their_shares_of_the_rows():
+    """Three segments of two folds; the second fold has no fit the second time."""
+    model = TorqueModel(from_modified_dh("arm", [DHRow(0, 0), DHRow(0, 0.4)]))
+    folds = [SimpleNamespace(segments=(0,)), SimpleNamespace(segments=(1, 2))]
+    squares = [np.array([4.0, 1.0]), np.array([9.0, 2.0]), np.array([1.0, 3.0])]
+    first = [_Predicted(squares[:1], 0.5, 2.0)]
+    second = [_Predicted(squares[1:], 8.0, 3.0)]
+    torque, rows = np.array([100.0, 400.0]), np.array([10, 5, 25])
+    found = _pooled(model, folds, [first, second], torque, rows, 1)
+    shares = rows / 40.0
+    expected = [
+        np.sqrt(each.sum() / share / torque.sum())
+        for each, share in zip(squares, shares, strict=True)
+    ]
+    np.testing.assert_allclose(found.errors, [expected])
+    np.testing.assert_allclose(found.shares, shares)
+    assert found.weights == pytest.approx([2.0])  # the geometric mean
+    assert found.spreads == pytest.approx([0.25 * 2.0 + 0.75 * 3.0])
+    alone = _pooled(model, folds, [first, None], torque, rows, 1)
+    assert alone.weights == pytest.approx([0.5])
+    assert np.isinf(alone.errors).tolist() == [[False, True, True]]
+
+
+def test_a_point_between_two_fits_uses_up_the_slack_on_the_line_between_them():
+    rng = np.random.default_rng(4)
+    M, z = rng.normal(size=(6, 3)), rng.normal(size=6)
+    free = np.linalg.lstsq(M, z, rcond=None)[0]
+    best = SimpleNamespace(scaled=SimpleNamespace(M=M, z=z))
+
+    def fit(u, weight):
+        excess = float(np.sum((M @ u - z) ** 2))
+        return SimpleNamespace(
+            excess=excess, weight=weight, solution=SimpleNamespace(u=u)
+        )
+
+    path = [
+        fit(free + step * np.array([1.0, -2.0, 0.5]), w)
+        for step, w in ((1.0, 100.0), (0.3, 10.0), (0.01, 1.0))
+    ]
+    limit = 0.5 * (path[0].excess + path[1].excess)
+    found = _between(best, path, limit)
+    assert np.sum((M @ found.u - z) ** 2) == pytest.approx(limit)
+    share = np.linalg.norm(found.u - path[1].solution.u) / np.linalg.norm(
+        path[0].solution.u - path[1].solution.u
+    )
+    assert found.weight == pytest.approx(10.0 ** (1.0 + share))
+    # Beyond either end, it is the end.
+    for out, end in ((2.0 * path[0].excess, path[0]), (0.0, path[2])):
+        point = _between(best, path, out)
+        assert point.weight == end.weight and (point.u == end.solution.u).all()

@@ -3,12 +3,15 @@
 import os
 from dataclasses import replace
 from time import perf_counter
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from experiments import experiment
 from loaded import LOAD, arm, runs, with_load
-from robots import random_states
+from robots import random_robot, random_states
+from scipy.stats import t
 from ur10e_loads import ur10e_runs
 
 from consistent_id import (
@@ -30,13 +33,15 @@ from consistent_id.constraints import (
     ParameterBounds,
     TotalMass,
 )
-from consistent_id.estimation import identify_payload
-from consistent_id.estimation.loaded_robot import likely_body, loaded_robot
+from consistent_id.estimation import identify_payload, payload
+from consistent_id.estimation.loaded_robot import _carrier, likely_body, loaded_robot
 from consistent_id.estimation.payload import (
     _gain_covariance,
     datasheet_constraints,
     gain_slopes,
 )
+from consistent_id.regression import base_parameters
+from consistent_id.regression.residual_noise import base_solution
 from consistent_id.robot import Datasheet, Link
 from consistent_id.robot.inertia import INERTIAL_NAMES, InertialParameters
 from consistent_id.robot.loaders.urdf import from_pinocchio
@@ -339,3 +344,64 @@ def test_errors_of_gains_may_be_zero_or_common_to_all_joints():
     assert np.array_equal(_gain_covariance(common, 3), common)
     with pytest.raises(ProblemError, match="zero or more"):
         _gain_covariance(np.diag([1.0, -1e-3, 1.0]), 3)
+
+
+def test_another_nominal_load_is_the_last_body_of_the_reference_alone():
+    _, bare = random_robot(np.random.default_rng(2), 2)
+    drive = DriveTerms(coulomb="tanh", velocity_scale=0.1, load_friction=True)
+    body = InertialParameters.from_central(1.0, [0.1, 0.0, 0.2], 0.01 * np.eye(3))
+    robot = loaded_robot(TorqueModel(bare, drive), Link("load", body))
+    heavy = InertialParameters.from_central(3.0, [0.0, 0.1, 0.0], 0.02 * np.eye(3))
+    found = robot.with_nominal(heavy)
+    expected = np.concatenate([bare.nominal, heavy.vector])
+    np.testing.assert_array_equal(found.model.load_reference, expected)
+    assert found.model.robot.links[-1].nominal is heavy
+    np.testing.assert_array_equal(found.model.robot.nominal, expected)
+
+
+def test_slopes_over_gains_are_what_each_joints_torque_adds_to_the_parameters():
+    model, _, log = experiment(5, joints=3, noise=0.1, samples=90)
+    regression = build_regression(model, log, noise=False).weighted([0.3, 1.0, 4.0])
+    base = base_parameters(model)
+    slopes = gain_slopes(regression, base)
+    x = base_solution(regression, base).x
+    for j in range(3):
+        factors = list(regression.factors)
+        factors[j] = factors[j].copy()
+        factors[j][:, -1] *= 1.5
+        more = base_solution(replace(regression, factors=tuple(factors)), base).x
+        size = abs(x).max()
+        np.testing.assert_allclose(more - x, 0.5 * slopes[:, j], atol=1e-9 * size)
+
+
+def test_scatter_of_a_load_is_that_of_noise_and_of_gains_with_its_freedoms(monkeypatch):
+    """Three of four base parameters are the load's own; one is not determined."""
+    base = SimpleNamespace(independent=(0, 10, 11, 12), regrouping=np.zeros((4, 1)))
+    robot = SimpleNamespace(base=base, load_slice=slice(10, 20))
+    by_noise = np.diag([1.0, 4.0, 9.0, np.inf])
+    by_noise[1, 2] = by_noise[2, 1] = 0.5
+    of_gains = np.diag([7.0, 12.0, 1.0, 0.0])
+    free = SimpleNamespace(parameters=np.zeros(20), base_covariance=by_noise)
+    noise = SimpleNamespace(freedoms=lambda rows: rows @ [3.0, 8.0, 20.0, 1.0])
+    fitted = SimpleNamespace(noise=noise)
+    monkeypatch.setattr(payload, "unconstrained_fit", lambda *_: fitted)
+    found = payload._scatter(robot, None, free, of_gains)
+    expected = np.diag([16.0, 10.0, *[np.inf] * 8])
+    expected[0, 1] = expected[1, 0] = 0.5
+    np.testing.assert_array_equal(found.covariance, expected)
+    # Shares of noise in the variances: a quarter, of 8 freedoms, and 0.9, of 20.
+    few = (0.25**2 / 8.0 + 0.9**2 / 20.0) / 2.0
+    assert found.quantile == pytest.approx(t.ppf(0.975, 1.0 / few))
+
+
+@pytest.mark.parametrize(("parents", "carrier"), [((-1, 0, 1), 2), ((-1, 0, 0), None)])
+def test_a_load_is_carried_by_the_one_link_at_the_end(parents, carrier):
+    joints = [SimpleNamespace(parent=parent) for parent in parents]
+    robot = SimpleNamespace(link_names=("a", "b", "c"), joints=joints)
+    model = SimpleNamespace(robot=robot)
+    assert _carrier(model, "a") == 0
+    if carrier is not None:
+        assert _carrier(model, None) == carrier
+    else:
+        with pytest.raises(ModelError, match="ends in b, c; name the carrier"):
+            _carrier(model, None)

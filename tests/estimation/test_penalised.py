@@ -1,6 +1,7 @@
 """Penalised fits: an independent minimiser, weak duality, invariants, convergence."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import get_args
 
 import numpy as np
@@ -42,6 +43,8 @@ from consistent_id.estimation.constrained_fit import constrained_fit
 from consistent_id.estimation.penalised import (
     DISTANCE_GAP,
     Compromise,
+    _WeightedPoint,
+    _WeightSearch,
     nearest_within,
     penalised_fit,
 )
@@ -442,3 +445,71 @@ def test_where_newton_starts_does_not_matter():
     here = penalised_fit(fit, distance, 0.1)
     there = penalised_fit(fit, distance, 0.1, start=start)
     assert there.solution.u == pytest.approx(here.solution.u, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("lengths", "steps"),
+    [
+        # Idle steps are longer than half the shortest so far, which is below 1e-4.
+        ([1e-3, 5e-5, 4e-5, 1e-5, 9e-6, 8e-6, 1e-8], 6),
+        ([1e-3, 1.1e-4, 1e-4, 9e-5, 4e-5, 3e-5, 2.5e-5, 1e-8], 7),
+        ([1e-2, 1e-4, 2e-7, 0.9e-7, 1e-8], 4),
+    ],
+)
+def test_newton_ends_with_a_tiny_step_or_two_idle_ones(monkeypatch, lengths, steps):
+    asked = []
+
+    def longer(_, origin):
+        asked.append(lengths[len(asked)])
+        return SimpleNamespace(u=origin + asked[-1])
+
+    monkeypatch.setattr(penalised, "solve_least_norm", longer)
+    problem = SimpleNamespace(near=lambda _: (SimpleNamespace(G=np.eye(1)), None))
+    distance = SimpleNamespace(squared=lambda _: 1.0, nominal=np.zeros(1))
+    found = Compromise._newton(problem, distance, np.zeros(1))
+    assert len(asked) == steps
+    assert found.u == pytest.approx(sum(asked))
+
+
+def test_a_weight_is_sought_by_brackets_and_then_by_interpolation():
+    search = _WeightSearch(5.0)
+    # Upwards by the slope of 1.2, and 0.3 further; not more than a thousandfold.
+    assert search.narrowed(np.exp(-2.0)).log_weight == pytest.approx(5.3 + 2.0 / 1.2)
+    assert search.narrowed(np.exp(3.0)).log_weight == pytest.approx(4.7 - 3.0 / 1.2)
+    assert search.narrowed(1.0).log_weight == pytest.approx(5.3)
+    assert search.narrowed(1e-9).log_weight == pytest.approx(5.0 + np.log(1e3))
+    assert search.narrowed(np.exp(20.0)).log_weight == pytest.approx(5.0 - np.log(1e3))
+    # From the fourth step in one direction on, each is twice the one before.
+    steps = []
+    for _ in range(5):
+        further = search.narrowed(np.exp(-0.6))
+        steps.append(further.log_weight - search.log_weight)
+        search = further
+    assert steps == pytest.approx([0.8, 0.8, 0.8, 1.6, 3.2])
+
+
+def test_within_a_bracket_a_parabola_is_taken_and_its_ends_are_kept_away_from():
+    def narrowed(tried, used, widths=(), aim=0.98):
+        points = tuple(_WeightedPoint(*point) for point in tried)
+        return _WeightSearch(1.0, points, widths).narrowed(np.exp(used), aim)
+
+    line = narrowed([(0.0, -1.0)], 0.5)
+    assert line.log_weight == pytest.approx((1.0 + np.log(0.98)) / 1.5)
+    assert line.widths == (1.0,)
+
+    # Shares of a parabola in the weight; the farthest is left out.
+    def curve(u):
+        return 0.5 * u * u + 2.0 * u + 1.555
+
+    known = [(curve(u), u) for u in (-0.4, 0.5, -1.5)]
+    bent = narrowed([*known, (-9.0, -5.0)], -0.3, aim=0.9)
+    assert bent.log_weight == pytest.approx(curve(np.log(0.9)))
+    # An end is kept away from by a twentieth of the width.
+    assert narrowed([(0.0, -30.0)], 1e-3).log_weight == pytest.approx(0.95)
+    assert narrowed([(0.0, -1e-3)], 9.0).log_weight == pytest.approx(0.05)
+    # A third width that is not half of the first is halved; but not if it is small.
+    for widths, halved in (((1.9, 1.5), True), ((2.1, 1.5), False)):
+        found = narrowed([(0.0, -1.0)], 0.5, widths)
+        assert (found.log_weight == 0.5) is halved
+    assert narrowed([(0.71, -1.0)], 0.5, (0.3, 0.3)).log_weight != 0.71 + 0.29 / 2
+    assert narrowed([(0.69, -1.0)], 0.5, (0.3, 0.3)).log_weight == 0.69 + 0.31 / 2

@@ -18,6 +18,7 @@ from consistent_id import (
 from consistent_id.constraints import Penalty
 from consistent_id.estimation.best_fit import FitProblem
 from consistent_id.estimation.constrained_fit import constrained_fit
+from consistent_id.estimation.uncertainties import parameter_scatter
 from consistent_id.estimation.uncertainties.beyond_noise import ScatterCauses
 from consistent_id.estimation.uncertainties.block_scatter import (
     RecordingScatter,
@@ -240,3 +241,12 @@ def test_shifts_between_recordings_move_the_estimate_by_their_information():
         noise.steps @ added.covariance @ noise.steps.T, expected, rtol=1e-6
     )
     assert added.freedom == 2.0
+
+
+def test_variances_are_the_mean_with_and_without_active_inequalities(monkeypatch):
+    monkeypatch.setattr(
+        parameter_scatter,
+        "covariance",
+        lambda *_, active: np.diag([1.0, 6.0]) if active else np.diag([3.0, 8.0]),
+    )
+    assert parameter_scatter.variances(None, None).tolist() == [2.0, 7.0]

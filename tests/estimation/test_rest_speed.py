@@ -8,6 +8,7 @@ from quadrupeds import quadruped_text, standing
 
 import consistent_id as ci
 from consistent_id.estimation import resting
+from consistent_id.estimation.resting import _errors
 
 RATE, SECONDS, STICKS = 100.0, 60, 0.15  # Hz, s, rad/s below which friction is anything
 DRIVE = ci.DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.01)
@@ -150,3 +151,21 @@ def test_what_does_not_move_has_no_rests():
         ci.estimation.rest_speed(model, replace(log, velocity=0 * log.velocity))
     with pytest.raises(ci.ProblemError, match="rests show in velocity"):
         ci.estimation.rest_speed(model, replace(log, velocity=None, acceleration=None))
+
+
+def test_parts_are_predicted_by_the_others_along_the_allowed_combinations():
+    """Rows of steps, of a start that is known, and of the torque."""
+    rng = np.random.default_rng(0)
+    parts = [rng.normal(size=(n, 5)) for n in (9, 12, 7)]
+    tested = [rng.normal(size=(6, 5)) for _ in parts]
+    turn = rng.normal(size=(3, 2))
+    found = _errors(parts, tested, turn)
+    for k, rows in enumerate(tested):
+        A, start, torque = np.split(
+            np.vstack(parts[:k] + parts[k + 1 :]), [3, 4], axis=1
+        )
+        y = turn @ np.linalg.lstsq(A @ turn, torque - start, rcond=None)[0]
+        rest = rows[:, :3] @ y[:, 0] + rows[:, 3] - rows[:, 4]
+        assert found[k] == pytest.approx(
+            np.linalg.norm(rest) / np.linalg.norm(rows[:, 4])
+        )

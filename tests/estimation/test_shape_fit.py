@@ -249,3 +249,11 @@ def test_the_ur10es_friction_turns_at_a_hundredth_of_a_radian_per_second():
     assert found.error_after == pytest.approx(0.0339, abs=1e-4)
     # Its residuals, filtered at 8.5 Hz, go on for many samples.
     assert found.correlation > 10.0
+
+
+def test_a_joint_may_have_points_in_its_name():
+    drive = DriveTerms(coulomb="tanh", velocity_scale=0.1)
+    robot = from_modified_dh("arm", [DHRow(0, 0)])
+    named = replace(robot, joints=(replace(robot.joints[0], name="left.arm.j1"),))
+    model = with_shapes(TorqueModel(named, drive), {"left.arm.j1.velocity_scale": 0.2})
+    assert model.terms[0].velocity_scale == 0.2

@@ -88,3 +88,28 @@ def test_a_shape_is_said_with_the_ends_that_the_data_show(low_found, high_found,
     )
     assert str(found) == said
     assert found.determined is (low_found and high_found)
+
+
+@pytest.mark.parametrize(
+    ("root", "steps"),
+    [
+        (lambda u: 2.0 * u, [0.05, 0.15, 0.35, 0.55, 0.75, 0.95, 1.15]),
+        (lambda u: (u / 0.3) ** 2, [0.05, 0.15, 0.35, 0.45]),
+    ],
+)
+def test_steps_double_where_little_changes_and_halve_where_much_does(root, steps):
+    """Of the root of the rise: below 0.25, above 1, not beyond 2; alike both ways."""
+    best, allowed = np.array([0.3]), 0.01
+
+    def misfit(u):
+        return SimpleNamespace(half_log=7.0 + allowed * root(abs(u[0] - 0.3)) ** 2)
+
+    box = np.array([[-5.0, 5.0]])
+    found = profile(LeastMisfit(misfit, best, box, allowed), GROUP, 0)
+    places = np.log(found.curve[:, 0]) - 0.3
+    expected = [-step for step in steps[::-1]] + [0.0, *steps]
+    np.testing.assert_allclose(places, expected, atol=1e-12)
+    # An end is interpolated in the root, between the points about one.
+    away = np.interp(1.0, [root(step) for step in steps], steps)
+    ends = np.log([found.low, found.high]) - 0.3
+    np.testing.assert_allclose(ends, [-away, away], atol=1e-12)

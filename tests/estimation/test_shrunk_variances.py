@@ -7,6 +7,7 @@ from scipy.special import digamma, polygamma
 from consistent_id.estimation.uncertainties.block_scatter import (
     BlockScatter,
     RecordingScatter,
+    _independent,
     excess,
     shrunk,
 )
@@ -138,3 +139,9 @@ def test_few_recordings_are_said_to_be_few(count, few):
     scatter = RecordingScatter(count, np.ones(1), ("friction",), {"friction": 4.4})
     assert scatter.sentence.startswith("it has degrees of freedom: 4 for friction")
     assert ("record at least 6" in scatter.sentence) is few
+
+
+def test_two_parameters_that_change_together_are_one():
+    off = np.array([[1.0], [-2.0], [0.5], [0.5]]) * [1.0, 3e-3]
+    assert _independent(off) == pytest.approx(1.0)
+    assert _independent(off[:, :1]) == 1.0

@@ -1,17 +1,29 @@
 """Each gate of a slope, at both sides: made-up fits of joints with known slopes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from experiments import experiment
 from made_up_fits import JOINTS, fit
 
+from consistent_id import (
+    DHRow,
+    DriveTerms,
+    TorqueModel,
+    build_regression,
+    from_modified_dh,
+)
 from consistent_id.estimation.slope_reasons import (
+    _common,
+    _wrong_share,
     agreeing,
     confirmed_joints,
     doubtful_joints,
     effort_reasons,
     slope_reasons,
 )
-from consistent_id.estimation.torque_error import Slopes
+from consistent_id.estimation.torque_error import Slopes, holding, slopes_on
 
 CARE, NO, NOTE = "use with care", "do not use", "use"
 #: Little torque: a wrong gain of the first joint makes little of all torque wrong.
@@ -300,3 +312,55 @@ def test_torque_beyond_a_limit_is_doubted_unless_single_samples_are(
         again = fit(efforts=[1.5, 0.5, 0.5], slopes=slope)
         (reason,) = effort_reasons(again, None)
         assert ("perhaps outliers" in reason.statement) is peaks
+
+
+def test_wrong_gains_make_as_much_of_all_torque_wrong_as_theirs_is():
+    """Of 2.5 and 4 N m right, 0.2 of the first less what friction at rest may do."""
+    two = fit(JOINTS[:2], slopes=[1.2, 1.5], torque=[3.0, 4.0])
+    share = _wrong_share(two, [0], np.array([0.05, 0.0]))
+    assert share == pytest.approx(0.15 * 2.5 / np.hypot(2.5, 4.0))
+    assert _wrong_share(two, [], np.zeros(2)) == 0.0
+
+
+def test_slopes_that_may_be_zero_have_no_common_factor():
+    both, slopes = np.array([True, True]), np.array([0.2, 0.3])
+    most = np.array([0.4, 0.5])
+    assert _common(both, np.array([0.1, 0.1]), most, slopes) == [0, 1]
+    assert _common(both, np.array([0.0, 0.1]), most, slopes) == []
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-20])
+def test_slopes_are_those_of_torque_without_what_drives_explain(size):
+    model, truth, log = experiment(5, joints=2, noise=0.5, samples=200)
+    regression = build_regression(model, log, noise=False)
+    small = replace(regression, factors=tuple(size * F for F in regression.factors))
+    found = slopes_on(model, small, 2.0 * truth[:20])
+    for j, F in enumerate(regression.factors):
+        drive = F[:, 20:-1]
+        drive = drive[:, drive.any(axis=0)]
+        bodies, torque = F[:, :20] @ (2.0 * truth[:20]), F[:, -1]
+        left = [
+            v - drive @ np.linalg.lstsq(drive, v, rcond=None)[0]
+            for v in (bodies, torque)
+        ]
+        slope = left[0] @ left[1] / (left[0] @ left[0])
+        assert found.slopes[j] == pytest.approx(slope) == pytest.approx(0.5, abs=0.05)
+        assert found.explained[j] == pytest.approx(
+            (left[0] @ left[1]) ** 2 / (left[0] @ left[0]) / (left[1] @ left[1])
+        )
+
+
+def test_friction_of_a_joint_that_hardly_moved_may_be_a_quarter_of_its_limit():
+    robot = from_modified_dh("arm", [DHRow(0, 0), DHRow(0, 0.4), DHRow(0, 0.3)])
+    efforts = (80.0, np.inf, 80.0)
+    joints = [
+        replace(joint, limits=replace(joint.limits, effort=effort))
+        for joint, effort in zip(robot.joints, efforts, strict=True)
+    ]
+    drive = DriveTerms(coulomb="sign", viscous=True)
+    model = TorqueModel(replace(robot, joints=tuple(joints)), drive)
+    x = np.full(len(model.layout), 7.0)
+    for name in ("joint1", "joint2", "joint3"):
+        x[model.layout.index(f"{name}.coulomb")] = 3.0
+    found = holding(model, x, np.array([0.0, 0.0, 1.0]))
+    np.testing.assert_array_equal(found, [20.0, np.nan, 3.0])

@@ -1,13 +1,18 @@
 """The delay of a standing robot's torque, found with the radius of its feet."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from quadrupeds import FEET, FOOT, quadruped_text
 
 import consistent_id as ci
-from consistent_id.estimation.radius_and_delay import TorqueDelay, _vertex
+from consistent_id.estimation.radius_and_delay import (
+    TorqueDelay,
+    _around,
+    _shrunk,
+    _vertex,
+)
 
 RATE, SAMPLES = 200, 1200
 LATE = -2e-3  # s: early, by less than half a step
@@ -168,3 +173,39 @@ def test_the_least_of_a_parabola_is_found_whatever_its_size(at, size):
     assert np.isnan(_vertex(-misfits)).all()
     saddle = misfits + 3.0 * size * places[0] * places[-1] * (len(at) - 1)
     assert np.isnan(_vertex(saddle)).all() == (len(at) > 1)
+
+
+def test_a_prior_draws_estimates_in_as_far_as_blocks_scatter():
+    """Two Gaussians multiplied; the jackknife of five blocks is the likelihood's."""
+    said, at = np.array([5e-3, 2e-4]), np.array([2e-3, 3e-4])
+    rng = np.random.default_rng(2)
+    left = at + rng.normal(size=(5, 2)) @ [[8e-4, 5e-5], [0.0, 1e-4]]
+    found = _shrunk(np.array([True, True]), at, left, said)
+    noise = 4.0 * np.cov(left.T, bias=True)
+    exact, blurred = np.linalg.inv(noise), np.diag(said**-2)
+    covariance = np.linalg.inv(exact + blurred)
+    trust = covariance @ exact
+    np.testing.assert_allclose(found.covariance, covariance, rtol=1e-9)
+    for k, part in enumerate((found.feet, found.delay)):
+        value, error, freedom = (getattr(part, f.name) for f in fields(part))
+        assert value == pytest.approx((trust @ at)[k])
+        assert error == pytest.approx(np.sqrt(covariance[k, k]))
+        # The error is as sure as four degrees of freedom and the prior make it.
+        assert freedom == pytest.approx(4.0 / trust[k, k] ** 2)
+
+
+def test_of_what_the_data_do_not_contain_the_prior_is_left():
+    found = _shrunk(
+        np.array([False, True]), np.array([np.nan]), np.zeros((5, 1)), np.array([3e-4])
+    )
+    assert found.feet is None
+    value, error, freedom = (getattr(found.delay, f.name) for f in fields(TorqueDelay))
+    assert (value, error, freedom) == (0.0, 3e-4, np.inf)
+    assert found.covariance.tolist() == [[0.0, 0.0], [0.0, 3e-4**2]]
+
+
+def test_what_is_not_wanted_stays_as_it_is():
+    at, steps = np.array([0.5]), np.array([0.25])
+    around = [0.25, 0.5, 0.75]
+    assert _around(np.array([False, True]), at, steps) == ([0.0], around)
+    assert _around(np.array([True, False]), at, steps) == (around, [0.0])

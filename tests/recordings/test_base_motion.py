@@ -129,3 +129,10 @@ def test_filtered_motion_of_a_base_is_the_true_one_below_the_cut_off(swing):
     found = base_from_imu(TIME, w, noisy, cutoff=20.0, rotation=R)
     np.testing.assert_allclose(found.stacked[inside], truth.stacked[inside], atol=2e-3)
     assert found.rotation.tolist() == R.tolist()
+
+
+def test_an_imu_is_at_the_origin_if_nothing_else_is_said():
+    turning = np.tile([0.0, 3.0, 0.0], (len(TIME), 1))
+    felt = np.tile([1.0, 2.0, 9.81], (len(TIME), 1))
+    base = base_from_imu(TIME, turning, felt, cutoff=None)
+    np.testing.assert_allclose(base.specific_force, felt, atol=1e-9)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
 
-from consistent_id import Recording, differentiated, low_passed
+from consistent_id import Recording, RecordingError, differentiated, low_passed
 from consistent_id.recordings.signals import filters
 from consistent_id.recordings.signals.filters import settling, zero_phase
 
@@ -95,3 +95,26 @@ def test_the_bend_at_an_end_is_that_of_a_cubic_less_what_is_noise(noise):
     sure = fitted[2] ** 2 / (fitted[2] ** 2 + filters._SURE**2 * variance)
     found = filters._bend(values[:, None])
     np.testing.assert_allclose(found, [sure * fitted[2] / 29.0**2], rtol=1e-6)
+
+
+@pytest.mark.parametrize(("samples", "bent"), [(42, True), (41, False)])
+def test_an_end_is_bent_where_there_are_two_periods_of_the_cut_off(samples, bent):
+    square = (np.arange(samples)[:, None] / 10.0) ** 2
+    pad = samples - 1
+    odd = zero_phase(square, cutoff=5.0, rate=100.0, order=4, pad=pad)
+    assert np.array_equal(filtered(square, cutoff=5.0), odd) is not bent
+
+
+@pytest.mark.parametrize(("cutoff", "refused"), [(0.0201, False), (0.0199, True)])
+def test_a_cut_off_is_at_least_a_hundred_thousandth_of_the_rate(cutoff, refused):
+    log = Recording(("elbow",), np.arange(20) / 2000.0, np.zeros((20, 1)))
+    if refused:
+        with pytest.raises(RecordingError, match=r"expected between 0\.02 Hz"):
+            low_passed(log, motion_cutoff=cutoff)
+    else:
+        assert not low_passed(log, motion_cutoff=cutoff).position.any()
+
+
+def test_the_lowest_cut_off_itself_is_allowed():
+    log = Recording(("elbow",), np.arange(20) / 1024.0, np.zeros((20, 1)))
+    low_passed(log, motion_cutoff=filters._LOWEST * 1024.0)

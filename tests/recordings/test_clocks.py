@@ -98,3 +98,13 @@ def test_contacts_between_stamps_are_certain_where_both_neighbours_agree():
     (found,) = moved.contacts
     assert found.closed.tolist() == [True] * 4 + [False] * 3
     assert found.certain.tolist() == [True, True, False, False, True, False, False]
+
+
+def test_commands_in_force_are_the_last_ones_and_before_any_the_first():
+    log = replace(log_at([0.0, 1.0, 2.0]), position_command=np.array([[3.0], [5], [7]]))
+    held = clocks.held_commands(log, np.array([-0.5, 0.0, 0.9, 1.0, 2.5]))
+    assert held["position_command"][:, 0].tolist() == [3.0, 3.0, 3.0, 5.0, 7.0]
+
+
+def test_a_rate_may_be_less_than_one_hertz():
+    clocks.require_rate("log", 0.01, 0.01, 0.01)

@@ -14,7 +14,12 @@ from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers import Columns, read_recording
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.masks import quantum
-from consistent_id.recordings.signals.tracks import _filtered_pair
+from consistent_id.recordings.signals.tracks import (
+    _cutoffs,
+    _filtered_pair,
+    _FilteredSignals,
+    _with_error,
+)
 
 ORDER = {"position": 0, "velocity": 1, "acceleration": 2, "torque": 0}
 NAMES = ("a", "b", "c")
@@ -491,3 +496,76 @@ def test_a_quantum_is_told_by_steps_of_up_to_three_thousand_of_it(far, found):
 def test_a_quantum_is_known_from_twelve_steps_on(steps, found):
     multiples = np.r_[0, 1 + np.arange(steps) % 3]
     assert quantum(np.cumsum(multiples) * 2.0**-10) == found
+
+
+def test_cut_offs_are_halved_while_blocks_hold_enough_and_half_of_the_variance_stays():
+    def both(size):
+        time = np.arange(6401) / 160.0  # 40 s
+        slow, fast = np.sin(0.5 * time), np.sin(6 * np.pi * time)
+        return log(time, np.column_stack([slow, size * fast]))
+
+    first = log(np.arange(401) / 80.0, np.zeros(401))  # highest: an eighth of 80 Hz
+    # Blocks of 2.5 periods: 25 of a cut-off of 0.625 Hz would fill the 40 s.
+    assert _cutoffs(first, both(0.5)) == [1.25, 2.5, 5.0, 10.0]
+    # Of a tone of 3 Hz, little passes 2.5 Hz.
+    assert _cutoffs(first, both(2.0)) == [5.0, 10.0]
+
+
+@pytest.mark.parametrize(("samples", "enough"), [(72, True), (71, False)])
+def test_forty_samples_are_needed_between_the_ends(samples, enough):
+    """Of 16 at each end, 0.052 s for the delay and 0.1 s for the filter."""
+    time = np.arange(samples) / 100.0
+    late = log(time, np.sin(9.0 * time))
+    if enough:
+        found = _filtered_pair(late, late, 0, 10.0, longest=0.052, lowest=10.0)
+        assert len(found.time) == 40
+    else:
+        with pytest.raises(RecordingError, match="too little of both is left"):
+            _filtered_pair(late, late, 0, 10.0, longest=0.052, lowest=10.0)
+
+
+def test_of_a_filtered_signal_sixteen_samples_stand_for_a_period():
+    time = np.arange(4001) / 100.0
+    late = log(time, np.sin(2.0 * time))
+    found = _filtered_pair(late, late, 0, 2.0, longest=0.5, lowest=2.0)
+    np.testing.assert_allclose(np.diff(found.time), 0.03, atol=1e-12)
+
+
+def test_the_error_of_a_delay_is_that_of_newton_steps_without_a_block():
+    """Two joints of other units, gains and noise; 30 s are 12 blocks of 2.5 s."""
+    rng = np.random.default_rng(8)
+    time = np.arange(601) / 20.0
+    w, size, gain = np.array([1.3, 2.1]), np.array([1e-3, 40.0]), np.array([0.7, 1.9])
+
+    def at(order):
+        return lambda t: (
+            size * w**order * np.sin(np.outer(t, w) + order * np.pi / 2) + size
+        )
+
+    y = gain * at(0)(time - 0.1) + size * [0.05, 0.2] * rng.normal(size=(601, 2))
+    y -= y.mean(axis=0)
+    pair = _FilteredSignals(time, y, at(0), at(1), at(2))
+    found = _with_error(pair, y, 0.1, NAMES[:2], 1.0)
+
+    r, slope, bend = (at(order)(time - 0.1) for order in range(3))
+    fits = [np.polyfit(r[:, j], y[:, j], 1) for j in range(2)]
+    correlations = [np.corrcoef(r[:, j], y[:, j])[0, 1] for j in range(2)]
+    np.testing.assert_allclose(found.gains, [fit[0] for fit in fits])
+    np.testing.assert_allclose(found.correlations, correlations)
+    variance = [np.var(y[:, j] - np.polyval(fits[j], r[:, j])) for j in range(2)]
+    steps = []
+    for block in np.array_split(np.arange(601), 12):
+        kept = np.setdiff1d(np.arange(601), block)
+        score = curvature = 0.0
+        for j in range(2):
+            g, level = np.polyfit(r[kept, j], y[kept, j], 1)
+            rest = y[kept, j] - g * r[kept, j] - level
+            felt = slope[kept, j] - slope[kept, j].mean()
+            centred = y[kept, j] - y[kept, j].mean()
+            score -= g * rest @ felt / variance[j]
+            curvature -= g * centred @ bend[kept, j] / variance[j]
+        steps.append(score / curvature)
+    few = t.ppf(0.975, 11) / norm.ppf(0.975)
+    expected = few * np.sqrt(11 * np.var(steps))
+    assert found.standard_error == pytest.approx(expected, rel=1e-6)
+    assert (found.seconds, found.cutoff, found.joints) == (0.1, 1.0, NAMES[:2])

@@ -210,3 +210,56 @@ def test_a_smoother_needs_48_samples_and_positive_noise():
                 **{"joints": ("j",), "order": 3, "position": [1.0], "drive": [1.0]}
                 | wrong
             )
+
+
+def test_a_window_as_long_as_an_even_log_is_the_next_shorter_odd_one():
+    values = np.random.default_rng(0).normal(size=10)
+    whole = savitzky_golay_differentiated(log(values), 1.0, degree=2)
+    nine = savitzky_golay_differentiated(log(values), 0.9, degree=2)
+    np.testing.assert_array_equal(whole.position, nine.position)
+    fits = [np.polyfit(range(9), values[k : k + 9], 2) for k in range(2)]
+    expected = [*np.polyval(fits[0], range(5)), *np.polyval(fits[1], range(4, 9))]
+    np.testing.assert_allclose(whole.position[:, 0], expected)
+
+
+def test_lost_acceleration_is_that_of_twelve_bands_written_out():
+    rng = np.random.default_rng(2)
+    step, n = 0.02, 101
+    t = 3.0 + step * np.arange(n)
+    w, phase = rng.uniform(1.0, 60.0, (40, 1, 1)), rng.uniform(0, 6, (40, 1, 2))
+    size = [2e-3, 30.0] * rng.normal(size=(40, 1, 2)) / w
+    q = np.sum(size * np.sin(w * t[:, None] + phase), axis=0)
+    v = np.sum(size * w / (1 + w / 30) * np.cos(w * t[:, None] + phase), axis=0) + 0.1
+    found = lost_acceleration(t, q, v, highest=9.0)
+    window = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(n - 2) / (n - 3))
+    slope = (q[2:] - q[:-2]) / (2 * step)
+    # Half of the rate is 25 Hz; a fifth of it is more than the highest.
+    f = np.arange(1, n) / ((n - 2) * step)
+    f = f[f <= 9.0]
+    wave = np.exp(-2j * np.pi * np.outer(f * step, np.arange(n - 2)))
+    for j in range(2):
+        D, V = (wave @ (window * (x - x.mean())) for x in (slope[:, j], v[1:-1, j]))
+        D = D * 2 * np.pi * f * step / np.sin(2 * np.pi * f * step)
+        energy, fast = abs(D) ** 2, f**2 * abs(D) ** 2
+        share = np.cumsum(energy / energy.sum() + fast / fast.sum()) / 2
+        bands = [
+            (share >= k / 12) & ((share < (k + 1) / 12) | (k == 11)) for k in range(12)
+        ]
+        bands = [band for band in bands if band.any()]
+        gains = [abs(np.vdot(D[b], V[b])) / energy[b].sum() for b in bands]
+        weights = np.array([fast[b].sum() for b in bands])
+        lost = np.maximum(1 - np.array(gains) / gains[0], 0)
+        assert found[j] == pytest.approx(np.sqrt(np.average(lost**2, weights=weights)))
+    assert 0.2 < found.min() and found.max() < 0.8
+    # Above a fifth of the rate nothing counts, whatever is asked for.
+    most = [lost_acceleration(t, q, v, highest=at) for at in (10.0, 20.0)]
+    np.testing.assert_array_equal(*most)
+
+
+def test_polynomials_are_of_the_fourth_degree_if_nothing_else_is_said():
+    noise = log(np.random.default_rng(1).normal(size=30))
+    usual, fourth = (
+        savitzky_golay_differentiated(noise, 1.1, **more)
+        for more in ({}, {"degree": 4})
+    )
+    np.testing.assert_array_equal(usual.position, fourth.position)

@@ -17,6 +17,7 @@ from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.derivatives import sliding_polynomials
 from consistent_id.recordings.signals.smoother import (
     _first_state,
+    _likeliest,
     drive_covariance,
     smoothed,
     transition,
@@ -323,3 +324,42 @@ def test_a_motion_is_compared_with_itself_as_by_definition():
     lags = np.arange(1, 299)
     expected = [((q[lag:] - q[:-lag]) ** 2).mean(axis=0) for lag in lags]
     np.testing.assert_allclose(_changes(q, lags), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("order", [3, 4])
+def test_noise_levels_are_those_of_the_largest_likelihood(order):
+    """Innovations of a plain filter, joint by joint, in units that differ."""
+    rng = np.random.default_rng(order)
+    time = np.arange(80)[:, None] / 10.0
+    z = np.sin(time * [1.0, 2.0, 3.0]) + rng.normal(size=(80, 3)) * [0.3, 0.03, 1e-3]
+    z = (z - z[0]) * [1.0, 1e-3, 50.0]
+    found = _likeliest(z, order, np.full(3, 1e-12))
+    F, M, one = transition(order), drive_covariance(order), np.eye(order)
+
+    def cost(j, near):
+        P, x, terms = 1e7 * one, _first_state(z[:, [j]], order)[:, 0], []
+        for reading in z[:, j]:
+            S, e = P[0, 0] + 1.0, reading - x[0]
+            K = P[:, 0] / S
+            terms.append((S, e))
+            x = F @ (x + K * e)
+            P = F @ (P - np.outer(K, P[0])) @ F.T + 10.0 ** (2 * order * near) * M
+        S, e = np.array(terms[6:]).T
+        variance = np.mean(e**2 / S)
+        return len(S) * (np.log(variance) + 1.0) + np.log(S).sum(), variance
+
+    near = np.log10(found.ratio) / (2 * order)
+    best = [cost(j, near[j]) for j in range(3)]
+    assert found.cost == pytest.approx(sum(c for c, _ in best), rel=1e-4)
+    np.testing.assert_allclose(found.variance, [v for _, v in best], rtol=1e-2)
+    for j in range(3):
+        beside = (near[j] - 0.0625, near[j] + 0.0625)
+        others = [cost(j, at)[0] for at in beside if -3.51 < at < 0.76]
+        assert min(others) > best[j][0]
+
+
+def test_of_joints_at_rest_the_noise_is_the_rounding_of_their_angles():
+    log = Recording(("a", "b", "c"), np.arange(60) / 10, np.full((60, 3), [40, 0.5, 0]))
+    found = signals.motion_noise(log, order=3, least=np.zeros(3))
+    eps = np.finfo(float).eps
+    np.testing.assert_allclose(found.position, 4 * eps * np.array([40, 0.5, 1e-3]))

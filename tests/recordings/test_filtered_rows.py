@@ -8,10 +8,12 @@ from filter_matrix import filter_matrix
 
 from consistent_id import Recording, RecordingError, differentiated, low_passed, trimmed
 from consistent_id.recordings.beside import BaseMotion, ContactFlags, Wrench
+from consistent_id.recordings.recording import TorqueFilter
 from consistent_id.recordings.signals.filtered_rows import (
     RowFilter,
     counting,
     left_out,
+    places_of_rows,
     require_unchanged,
     row_filter,
 )
@@ -407,3 +409,30 @@ def test_filters_want_steps_that_are_equal_before_the_filter():
         low_passed(gappy, torque_cutoff=4.0).torque,
         (matrix(raw, 4.0) @ raw.torque)[kept],
     )
+
+
+@pytest.mark.parametrize(("change", "refused"), [(4e-9, False), (1e-7, True)])
+def test_rounding_of_filtered_torque_is_no_change(change, refused):
+    """A part in 1e9 of the torque, times the root of 600 samples."""
+    smooth = low_passed(log(), torque_cutoff=8.0)
+    torque = 1e-3 * smooth.torque
+    torque[100, 1] += change * abs(torque[:, 1]).max()
+    raw = replace(smooth.torque_filter.source, torque=1e-3 * log().torque)
+    behind = replace(smooth.torque_filter, source=raw)
+    rounded = replace(smooth, torque=torque, torque_filter=behind)
+    if refused:
+        with pytest.raises(RecordingError, match="torque was changed"):
+            require_unchanged(rounded)
+    else:
+        require_unchanged(rounded)
+
+
+def test_rows_worth_keeping_are_on_a_grid_of_the_whole_log():
+    """Of every second sample from the fifth on, in a log that begins at sample 7."""
+    kept = np.arange(5, 60, 2)
+    raw = log()
+    behind = TorqueFilter(8.0, 4, raw, kept, first=7, thinned=2)
+    rows = places_of_rows(behind, 6)
+    assert (kept[rows] + 7).tolist() == [12, 18, 24, 30, 36, 42, 48, 54, 60, 66]
+    # Steps that are no multiple are shortened to one.
+    assert places_of_rows(behind, 5).tolist() == places_of_rows(behind, 4).tolist()

@@ -9,11 +9,14 @@ from consistent_id import Recording, RecordingError
 from consistent_id.recordings.beside import ContactFlags
 from consistent_id.recordings.signals.drive_limits import (
     _filled_runs,
+    _runs_into,
+    _stays,
     beyond_speed,
     saturated,
     within_speed,
 )
 from consistent_id.recordings.signals.masks import (
+    _turning,
     encoder_resolution,
     held_samples,
     mask_onto,
@@ -308,3 +311,80 @@ def test_runs_that_a_lone_mark_divides_are_two_and_those_with_a_gap_are_one():
     marks = np.array(list("11110001000111110111")) == "1"
     assert _filled_runs(marks, 4) == [slice(0, 4), slice(11, 20)]
     assert _filled_runs(marks, 5) == [slice(11, 20)]
+
+
+@pytest.mark.parametrize(("least", "stays"), [(5, 1), (6, 0)])
+def test_a_stay_is_long_enough_and_is_come_to_with_a_slope(least, stays):
+    """Five equal readings at 0.6 of the peak; a long rest at 0.7 has no slope."""
+    steep = [0.1, 0.2, 0.3, 0.6, 0.6, 0.6, 0.6, 0.6, 0.3, 0.2, 0.1]
+    assert _stays(2.0 * np.array(steep), 2.0, 0.02, least) == stays
+    assert _stays(np.full(40, -1.4), 2.0, 0.02, least) == 0
+
+
+def test_a_velocity_turns_where_its_sign_changes_and_not_at_rest():
+    speeds = [1.0, 0.0, 1.0, -1.0, -1.0, 0.0, 0.0]
+    turning = _turning(log_with(speeds))[:, 0]
+    assert turning.tolist() == [False, False, True, True, False, False, False]
+
+
+@pytest.mark.parametrize("least", [2, 3, 5, 8])
+def test_plateaus_are_runs_most_of_whose_surroundings_are_marked(least):
+    rng = np.random.default_rng(least)
+    for density in (0.3, 0.6, 0.8):
+        marks = rng.random(60) < density
+        n, half = len(marks), least // 2
+        near = [
+            sum(marks[max(k - half, 0) : max(k - half + least, 0)]) > 0.5 * least
+            for k in range(n)
+        ]
+        joined, found = marks | near, []
+        for k in range(n):
+            if joined[k] and (k == 0 or not joined[k - 1]):
+                stop = next((i for i in range(k, n) if not joined[i]), n)
+                own = [i for i in range(k, stop) if marks[i]]
+                if own and own[-1] - own[0] + 1 >= least:
+                    whole = slice(own[0], own[-1] + 1)
+                    if marks[whole].mean() > 0.5:
+                        found.append(whole)
+        assert _filled_runs(marks, least) == found
+
+
+@pytest.mark.parametrize(
+    ("torque", "run", "comes"),
+    [
+        ([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0], slice(3, 6), True),
+        ([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0], slice(3, 6), True),
+        # The medians of as long before and after are 0.95.
+        ([0.0, 0.0, 0.95, 0.95, 1.0, 1.0, 0.95, 0.95, 0.0], slice(4, 6), False),
+        ([0.0, 0.95, 0.0, 0.0, 1.0, 1.0], slice(4, 6), True),
+        ([1.0, 1.0, 1.0], slice(0, 3), False),
+    ],
+)
+def test_a_plateau_is_come_to_by_more_than_ten_times_its_flatness(torque, run, comes):
+    tau = np.array(torque)
+    assert _runs_into(tau, run, 0.095) == comes
+    assert not _runs_into(tau, run, 0.1)
+    assert _runs_into(1e-3 * tau, run, 9.5e-5) == comes
+
+
+def test_a_stay_that_is_only_left_with_a_slope_counts():
+    """Between 0.59 and 0.3, of as many samples as the stay itself."""
+    tau = np.array([0.59] * 5 + [0.6] * 5 + [0.3, 0.2, 0.1, 0.0, 0.0])
+    assert _stays(tau, 1.0, 0.02, 5) == 1
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 300.0])
+def test_a_limit_is_met_within_a_thousandth_in_any_unit(size):
+    """Three readings that differ a little, four times, and no two alike."""
+    torque = ramps(3)
+    top = torque == 1.0
+    torque[top] -= 9e-4 * np.random.default_rng(0).random(12)
+    assert marked(limited(size * torque)) == marked(top)
+
+
+def test_readings_that_differ_by_rounding_are_of_one_value():
+    """By a part in 1e9 of the largest, or less."""
+    torque = noisy_tops(6)
+    top = torque == 1.0
+    torque[top] -= np.linspace(0.0, 9e-10, 6)
+    assert marked(limited(torque)) == marked(top)

@@ -127,3 +127,29 @@ def test_each_stretch_moves_by_itself_and_needs_four_samples():
     time[4] = 3.5
     with pytest.raises(ci.RecordingError, match="samples 5 to 7 stand between"):
         moved_by_stretch(moved, time, "log")
+
+
+def test_a_few_readings_of_a_slow_gyroscope_decide_too():
+    turned, gyro, _ = swaying(0.7, size=0.02)
+    few = slice(0, 2000, 100)
+    assert np.linalg.norm(gyro[few] - gyro[few].mean(axis=0)) < 0.3
+    found = quaternion_order(TIME[few], turned[few], gyro[few])
+    assert found == ("xyzw", "from the gyroscope")
+
+
+@pytest.mark.parametrize(("tilt", "told"), [(0.5, True), (0.52, False)])
+def test_gravity_decides_if_one_order_leaves_less_than_half(tilt, told):
+    """A quarter turn about x, or about z; the unit is tilted on the base."""
+    half = np.sqrt(0.5)
+    turned = np.tile([half, 0.0, 0.0, half], (50, 1))
+    felt = np.tile([0.0, 9.81 * np.cos(tilt), 9.81 * np.sin(tilt)], (50, 1))
+    off = 2.0 * np.sin(tilt / 2.0), np.hypot(np.cos(tilt), 1.0 - np.sin(tilt))
+    assert (off[0] < 0.5 * off[1]) == told
+    found = quaternion_order(TIME[:50], turned, None, felt)
+    assert (found == ("xyzw", "from measured gravity")) == told
+
+
+def test_a_norm_that_is_not_quite_one_is_taken_out():
+    turned = 1.008 * swaying(0.7)[0][:20]
+    R = ci.signals.rotations(turned, "xyzw")
+    np.testing.assert_allclose(R @ np.swapaxes(R, 1, 2), [np.eye(3)] * 20, atol=1e-12)

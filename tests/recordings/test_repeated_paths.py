@@ -6,6 +6,10 @@ import pytest
 from consistent_id import Recording, RecordingError
 from consistent_id.recordings.beside import BaseMotion, Wrench
 from consistent_id.recordings.signals.repetitions import (
+    _refined,
+    _require_one_path,
+    _self_similar,
+    _turn,
     estimated_period,
     there_and_back,
     whole_periods,
@@ -119,3 +123,59 @@ def test_a_turn_at_an_end_leaves_no_way_back():
     moving = bent(base=BaseMotion(still, still, still))
     with pytest.raises(RecordingError, match="the base moves"):
         there_and_back(moving)
+
+
+def test_joints_count_alike_for_a_period_whatever_their_units():
+    """Two joints of slightly different periods, one of which moves by a millimetre."""
+    time = np.arange(900) * 0.01
+    both = np.sin(2.0 * np.pi * time[:, None] / [2.0, 2.02])
+    periods = [
+        estimated_period(Recording(("a", "b"), time, both * size), harmonics=1)
+        for size in ([1.0, 1.0], [1e-3, 1.0], [1.0, 1e-3])
+    ]
+    assert periods == pytest.approx([periods[0]] * 3, abs=1e-5)
+    assert 2.005 < periods[0] < 2.015
+
+
+@pytest.mark.parametrize(("apart", "refused"), [(0.0019, False), (0.0021, True)])
+def test_a_joint_that_moves_little_has_to_come_back_the_same_way_too(apart, refused):
+    """Within a fiftieth of its own 0.1 rad; another joint comes within 0.015 of 1."""
+    there, back = np.arange(3), np.array([6, 5, 4])
+    q = np.abs(np.arange(7) - 3.0)[:, None] / 3.0 * [1.0, 0.1, 0.0]
+    q[1] += [0.015, apart, 0.0]
+    log = Recording(("far", "near", "still"), np.arange(7.0), q)
+    if refused:
+        with pytest.raises(RecordingError, match="near differs by up to"):
+            _require_one_path(log, there, back)
+    else:
+        _require_one_path(log, there, back)
+
+
+def random_periods(periods, size=(1.0, 1e-3)):
+    """Random readings, again after 24 samples; of the first joint after 12."""
+    rng = np.random.default_rng(4)
+    once = np.column_stack([np.tile(rng.normal(size=12), 2), rng.normal(size=24)])
+    time = 5.0 + np.arange(24 * periods) * 0.02
+    return Recording(("a", "b"), time, np.tile(once, (periods, 1)) * size)
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.02, 0.9), (0.46, 0.9), (0.02, 0.48)])
+@pytest.mark.parametrize("size", [(1.0, 1e-3), (1e-4, 1.0)])
+def test_a_motion_is_first_like_itself_after_all_joints_are(low, high, size):
+    """To the sample, though readings in between have nothing in common."""
+    found = _self_similar(random_periods(3, size), low + 1e-9, high + 1e-9)
+    assert found == pytest.approx([0.48, 0.02])
+    with pytest.raises(RecordingError, match="does not repeat itself"):
+        _self_similar(random_periods(3, size), 0.02, 0.46 + 1e-9)
+
+
+def test_no_more_harmonics_are_fitted_than_samples_tell_apart():
+    """Of 24 samples a period, 0.45 times as many."""
+    log = random_periods(4)
+    most = _refined(log, 0.48, 0.01, 10)
+    assert _refined(log, 0.48, 0.01, 1000) == most == pytest.approx(0.48, abs=1e-3)
+
+
+@pytest.mark.parametrize(("at", "found"), [(9, 10), (10, 10), (17, 17), (31, 30)])
+def test_a_turn_is_not_in_the_first_or_last_quarter(at, found):
+    assert _turn(abs(np.arange(41.0) - at)[:, None]) == found

@@ -124,3 +124,13 @@ def test_a_delay_of_the_reference_is_a_negative_one_with_the_inverse_gain():
     with pytest.raises(RecordingError, match="the longest that was tried"):
         estimate_delay(position, velocity, longest=0.1)
     assert estimate_delay(position, velocity, longest=0.1232).seconds < 0.1232
+
+
+@pytest.mark.parametrize("gain", [0.4, 2.5])
+def test_a_gain_against_the_lower_derivative_is_the_inverse_whatever_its_size(gain):
+    time = np.arange(1200) / 100.0
+    angle, rate = np.sin(3 * time + time**2 / 8), 3 + time / 4
+    place = Track("position", ("j",), time, angle[:, None])
+    speed = gain * (rate * np.cos(3 * time + time**2 / 8))[:, None]
+    found = estimate_delay(Track("velocity", ("j",), time, speed), place, cutoff=5.0)
+    assert found.gains == pytest.approx([1.0 / gain], rel=1e-3)

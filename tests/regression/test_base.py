@@ -3,6 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from experiments import experiment
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from robots import random_robot, random_states
@@ -19,10 +20,12 @@ from consistent_id.regression.base import (
     BaseParameters,
     base_parameters,
     condition_number,
+    excitation_of,
     linear_combination,
 )
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.linear import (
+    _readable,
     independent_columns,
     split_at_gap,
 )
@@ -350,3 +353,32 @@ def test_a_small_column_of_another_unit_is_no_small_effect():
     W = rng.normal(size=(60, 3)) * [1.0, 1.0, 1e-6]
     assert split_at_gap(W, ["kg", "kg", "kg m^2"]).split.independent == (0, 1, 2)
     assert split_at_gap(W, ["kg", "kg", "kg"]).split.independent == (0, 1)
+
+
+def test_a_single_number_has_the_condition_of_one():
+    assert condition_number(np.array([[-2.0]]), basis="a number").value == 1.0
+
+
+def test_the_first_entry_of_a_readable_direction_is_one():
+    null = np.array([[0.0], [-1.0], [2.0]]) / np.sqrt(5.0)
+    np.testing.assert_allclose(_readable(null), [[0.0], [1.0], [-2.0]], atol=1e-15)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-13])
+def test_a_column_below_a_billionth_of_the_largest_is_zero_beside_small_ones(unit):
+    W = np.zeros((3, 3))
+    W[0, 0], W[1, 1], W[1, 2] = 1.0, 1e-8, 5e-10
+    split = independent_columns(unit * W)
+    assert split.independent == (0, 1) and split.dependent == (2,)
+    assert split.regrouping.tolist() == [[0.0], [0.0]]
+
+
+def test_excitation_states_the_condition_with_and_without_units():
+    model, _, log = experiment(2, joints=2, noise=0.1, samples=90)
+    regression, base = build_regression(model, log, noise=False), base_parameters(model)
+    R = regression.stacked()[:, list(base.independent)]
+    plain, unit = excitation_of(regression, base).condition
+    assert plain.value == pytest.approx(np.linalg.cond(R))
+    assert unit.value == pytest.approx(np.linalg.cond(R / np.linalg.norm(R, axis=0)))
+    assert (plain.scaling, unit.scaling) == ("none", "unit columns")
+    assert plain.value > 2.0 * unit.value

@@ -7,16 +7,30 @@ import pytest
 from experiments import experiment
 from scipy import signal
 
-from consistent_id import Recording, build_regression, least_squares, simulate_torque
+from consistent_id import (
+    DriveTerms,
+    Recording,
+    TorqueModel,
+    build_regression,
+    least_squares,
+    simulate_torque,
+)
 from consistent_id.regression import correlated_noise
 from consistent_id.regression.correlated_noise import (
     CorrelatedNoise,
+    correlation_length,
     correlation_lengths,
     joined_noise,
     spectral_errors,
     spectral_noise,
 )
+from consistent_id.regression.model_errors import (
+    joint_fit,
+    lacking_ratio,
+    lacking_terms,
+)
 from consistent_id.regression.motion_arrays import motion_of
+from consistent_id.regression.row_structure import joint_rows
 from consistent_id.regression.segments import merged, segment_regressions
 from consistent_id.signals import decimated
 
@@ -202,7 +216,7 @@ def test_what_few_samples_leave_has_few_degrees_of_freedom():
 def test_errors_of_a_column_are_in_its_own_unit():
     rng = np.random.default_rng(3)
     rows = np.column_stack([rng.normal(size=(800, 3)), ar1(rng, 0.5, 800)])
-    units = np.array([1e-4, 1.0, 1e5])
+    units = np.array([1e-14, 1.0, 1e5])
     scaled = rows * np.append(units, 1.0)
     np.testing.assert_allclose(
         spectral_errors([scaled]) * units, spectral_errors([rows]), rtol=1e-9
@@ -267,3 +281,155 @@ def test_of_a_long_recording_the_middle_shows_the_noise_of_all(
     for one, other in zip(found, expected, strict=True):
         squares = total / 40 * other.T @ other
         np.testing.assert_allclose(one.T @ one, squares, atol=1e-9 * abs(squares).max())
+
+
+def reflected(values, width):
+    """Means over `width` values, by mirrored places."""
+    n, before = len(values), (width - 1) // 2
+    places = [range(k - before, k - before + width) for k in range(n)]
+    mirror = [[min(abs(i + 0.5), 2 * n - abs(i + 0.5)) for i in own] for own in places]
+    return np.array([np.mean([values[int(i)] for i in own]) for own in mirror])
+
+
+@pytest.mark.parametrize("n", [40, 41])
+def test_noise_that_a_fit_left_is_that_of_dense_matrices_over_time(n):
+    """Spectra of shapes are found by frequency, all that follows by circulants."""
+    rng = np.random.default_rng(n)
+    rows = ar1(rng, 0.8, n, 3) * [1e-3, 1.0, 50.0]
+    steps = np.linalg.inv(np.linalg.qr(rows)[1])[:, :2]
+    A = rows @ steps
+    noise = 0.3 * ar1(rng, 0.7, n)[:, 0]
+    residual = noise - A @ (A.T @ noise)
+    found = spectral_noise(rows, residual, steps)
+
+    squares = abs(np.fft.rfft(residual)) ** 2 / n
+    leverage = np.sum(abs(np.fft.rfft(A, axis=0)) ** 2, axis=1) / n
+    width, last = 2, 16  # half the cube root of 40, and one; eight bands
+    places = np.maximum(np.arange(len(squares)), 0.5)
+    powers, scores, inverses = [], [], []
+    for a in (0.0, 0.5, 1.0):
+        shape = np.minimum(places, last - 1) ** -a
+        left = np.maximum(
+            reflected(shape * (1 - leverage), width),
+            correlated_noise.LEFT * reflected(shape, width),
+        )
+        inverses.append(shape / left)
+        powers.append(reflected(squares, width) * shape / left)
+        spare = (1 - leverage)[1:last]
+        own = shape[1:last] * np.maximum(spare, correlated_noise.LEFT)
+        level = np.average(squares[1:last] / own, weights=spare)
+        scores.append(-spare @ np.log(level * own))
+    chances = np.exp(np.array(scores) - max(scores))
+    chances /= chances.sum()
+    power = chances @ powers
+
+    def circulant(values):
+        kernel = np.fft.irfft(values, n)
+        return kernel[np.subtract.outer(np.arange(n), np.arange(n)) % n]
+
+    expected = rows.T @ circulant(power) @ rows
+    size = np.sqrt(np.outer(*[np.diag(expected)] * 2))
+    squared = found.scores.T @ found.scores
+    np.testing.assert_allclose(squared / size, expected / size, atol=1e-12)
+    white = np.trace(circulant(power)) / n * np.trace(A.T @ A)
+    felt = np.trace(A.T @ circulant(power) @ A)
+    assert found.length == pytest.approx(felt / white)
+    # The variance is a sum of |r|^2 with weights: those of means over bands.
+    two = np.full(len(power), 2.0)
+    two[0], two[-1] = 1.0, 2.0 - (n % 2 == 0)
+    means = np.array([reflected(unit, width) for unit in np.eye(len(power))])
+    weights = means @ (two * leverage * (chances @ inverses)) / two
+    M = circulant(weights * power) @ (np.eye(n) - A @ A.T)
+    by_shape = [np.sum(two * leverage * P) / felt for P in powers]
+    uncertain = 2 * np.trace(M @ M) / np.trace(M) ** 2
+    uncertain += chances @ (np.array(by_shape) - 1) ** 2
+    assert found.freedom == pytest.approx(2 / uncertain)
+
+
+def test_of_residuals_in_a_row_each_window_counts_on_its_own(monkeypatch):
+    monkeypatch.setattr(correlated_noise, "_AUTOCOVARIANCE_WINDOW", 8)
+    rng = np.random.default_rng(9)
+    logs = [1e-3 * ar1(rng, 0.8, n, 2) for n in (20, 13)]
+    sums = np.zeros((8, 2))
+    for residual in logs:
+        for first in range(0, len(residual), 8):
+            piece = residual[first : first + 8]
+            for lag in range(len(piece)):
+                sums[lag] += np.sum(piece[lag:] * piece[: len(piece) - lag], axis=0)
+    rho = sums / sums[0]
+    stops = [next((k for k in range(8) if own[k] < 0), 8) for own in rho.T]
+    expected = [1 + 2 * own[1:k].sum() for own, k in zip(rho.T, stops, strict=True)]
+    found = correlation_lengths(logs)
+    np.testing.assert_allclose(found, np.maximum(expected, 1.0))
+    assert found.max() > 1.5
+    # Of joints together, the mean by what they add to the misfit.
+    sigma = np.array([2e-3, 5e-4])
+    joined = correlation_length([logs[0][:, 0], logs[0][:, 1]], sigma)
+    weights = np.sum(logs[0] ** 2, axis=0) / sigma**2
+    alone = correlation_lengths(logs[:1])
+    assert joined == pytest.approx(np.average(alone, weights=weights))
+
+
+def test_four_equal_residuals_go_on_and_zeros_have_no_correlation():
+    # Of a square sum of one: 1 + 2 (3 + 2 + 1) / 4.
+    assert correlation_lengths([np.full((4, 1), 0.5)]).tolist() == [4.0]
+    assert correlation_lengths([np.zeros((4, 1))]).tolist() == [1.0]
+    assert correlation_length([np.zeros(4)], np.ones(1)) == 1.0
+
+
+def test_what_a_prior_says_is_in_the_errors_of_least_squares():
+    """White residuals of variance v: ``H^-1 (v Y^T Y + P^T P) H^-1``."""
+    rng = np.random.default_rng(10)
+    parts = [rng.normal(size=(n, 2)) * [1.0, 1e-3] for n in (4000, 6000)]
+    x, prior = np.array([2.0, 300.0]), np.array([[0.0, 0.05, 10.0], [30.0, 0.0, 75.0]])
+    rows = [np.column_stack([Y, Y @ x + 3 * rng.normal(size=len(Y))]) for Y in parts]
+    gram = sum(Y.T @ Y for Y in parts)
+    P = prior[:, :2]
+    inverse = np.linalg.inv(gram + P.T @ P)
+    expected = np.sqrt(np.diag(inverse @ (9 * gram + P.T @ P) @ inverse))
+    # Spectra of 10,000 samples scatter by a few per cent.
+    np.testing.assert_allclose(spectral_errors(rows, prior), expected, rtol=0.05)
+
+
+def test_terms_that_both_joints_lack_count_beside_noise_of_their_own_rows(monkeypatch):
+    """The first joint has noise like samples, the second more; both lack friction."""
+    whole, _, log = experiment(4, joints=2, samples=600)
+    rng = np.random.default_rng(0)
+    noise = np.column_stack([ar1(rng, a, 600)[:, 0] for a in (0.0, 0.8)])
+    log = replace(log, torque=log.torque + 0.02 * log.torque.std(axis=0) * noise)
+    model = TorqueModel(whole.robot, DriveTerms(viscous=True))
+    plain = build_regression(model, log, noise=False)
+    motion = motion_of(model, log, None)
+    given = model, plain.factors, plain.counts, [motion]
+    found = correlated_noise.recorded_noise(*given)
+    fit = joint_fit(plain.factors, plain.counts)
+    level = fit.noise * np.sqrt(np.maximum(np.array(plain.counts) / found.effective, 1))
+    lacking = lacking_terms(model, [motion])
+    sizes = [len(each.terms.names) for each in lacking]
+    assert sorted({each.row for each in lacking}) == [0, 1]
+    parts = []
+    for j, (rows, expand) in enumerate(joint_rows(model, motion)):
+        columns = [motion.drive_columns(*each) * (each.row == j) for each in lacking]
+        beside = np.column_stack([rows[:, :-1] @ expand @ fit.steps, *columns])
+        parts.append(np.column_stack([beside, rows[:, -1]]) / level[j])
+    assert sum(sizes) == parts[0].shape[1] - fit.steps.shape[1] - 1
+    expected = lacking_ratio(fit, np.vstack(parts))
+    monkeypatch.setattr(correlated_noise, "lacking_terms", lambda *_: ())
+    assert expected > 1.5 * correlated_noise.recorded_noise(*given).beyond
+    assert found.beyond == pytest.approx(expected)
+
+
+def test_zeros_are_not_longer_than_white_noise():
+    rows = np.random.default_rng(0).normal(size=(50, 2))
+    found = spectral_noise(rows, np.zeros(50), np.eye(2) / 7.0)
+    assert (found.length, found.freedom) == (1.0, 50.0)
+
+
+@pytest.mark.parametrize(("apart", "kept"), [(1.5, False), (2.5, True)])
+def test_columns_as_near_as_rounding_are_one(apart, kept):
+    """Two columns of unit length: their smallest over their largest singular value."""
+    c, d = np.eye(100)[:2] - 0.01
+    size = apart * correlated_noise.DATA_RANK_TOLERANCE
+    rows = np.column_stack([c, c + size * d, np.random.default_rng(0).normal(size=100)])
+    errors = spectral_errors([rows])
+    assert (errors.max() > 1e6) == kept

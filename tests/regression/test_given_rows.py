@@ -125,3 +125,10 @@ def test_the_entropic_estimate_of_a_person_is_the_published_one(plates):
     published = data.published["entropic"]
     # As near as the published solver came: its gradient vanishes to 2e-3.
     assert abs(x[::10] - published[::10]).max() < 2e-3
+
+
+def test_rows_have_noise_of_one_if_nothing_else_is_said():
+    robot = free_bodies("pair", BODIES)
+    Y = np.random.default_rng(0).normal(size=(5, 2, 20))
+    rows = given_rows(robot, ("nx", "fz"), Y, Y[:, :, 0])
+    assert rows.regression.sigma.tolist() == [1.0, 1.0]

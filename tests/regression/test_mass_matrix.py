@@ -167,3 +167,15 @@ def test_pivots_tell_where_all_eigenvalues_are_above_a_shift(size):
     least = np.linalg.eigvalsh(np.moveaxis(M, 2, 0))[:, 0]
     for shift in (0.0, float(np.median(least)), 2.0 * float(least.max())):
         np.testing.assert_array_equal(_positive_definite(M, shift), least > shift)
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+def test_of_a_joint_with_one_limit_poses_are_on_the_allowed_side(kind):
+    reach = 1.0 if kind == "prismatic" else np.pi
+    arm = from_modified_dh("arm", [DHRow(0, 0, kind=kind)])
+    (joint,) = arm.joints
+    for lower, upper in ((4.0, np.inf), (-np.inf, -4.0)):
+        limits = replace(joint.limits, lower=lower, upper=upper)
+        robot = replace(arm, joints=(replace(joint, limits=limits),))
+        q = abs(random_poses(TorqueModel(robot), 500, seed=0))
+        assert 4.0 <= q.min() < 4.1 and 3.9 + reach < q.max() <= 4.0 + reach

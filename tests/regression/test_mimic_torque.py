@@ -14,7 +14,9 @@ from consistent_id.regression import (
     joint_torque_regressor,
 )
 from consistent_id.regression.mass_matrix import mass_matrices
+from consistent_id.regression.newton_euler import JointMotion, _joint_motions
 from consistent_id.robot import Mimic
+from consistent_id.robot.model import Transmission
 
 RULES = {"j2": Mimic("j0", -0.5, 0.3), "j3": Mimic("j1", 2.0), "j5": Mimic("j0", 1.0)}
 G = np.zeros((6, 3))  # of the coordinates j0, j1, j4
@@ -92,3 +94,19 @@ def test_proven_torque_bounds_hold_with_followers():
     torque = model.predict(robot.nominal, *path.evaluate(time, 2))
     assert (abs(torque).max(axis=0) <= bounds.size).all()
     assert (abs(torque).max(axis=0) >= 0.99 * bounds.size).all()
+
+
+def test_a_joint_moves_by_its_ratio_and_offset():
+    q, dq, ddq = np.array([0.3, -0.7]), np.array([2.0, 5.0]), np.array([-1.0, 4.0])
+    moves = [
+        Transmission(0, 2.0, 0.0),
+        Transmission(1, 1.0, 0.5),
+        Transmission(0, 1.0, 0.0),
+        Transmission(1, -0.5, 0.2),
+    ]
+    found = _joint_motions(moves, (q, dq, ddq), lambda x: (np.sin(x), np.cos(x)))
+    for (k, ratio, offset), one in zip(moves, found, strict=True):
+        angle = ratio * q[k] + offset
+        assert one == JointMotion(
+            angle, np.sin(angle), np.cos(angle), ratio * dq[k], ratio * ddq[k], k, ratio
+        )

@@ -1,6 +1,7 @@
 """Errors of the model beyond noise: blocks of a recording, and terms it lacks."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,11 +11,13 @@ import consistent_id as ci
 from consistent_id.regression.drive.laws import Coulomb, Stribeck
 from consistent_id.regression.model_errors import (
     BLOCKS,
+    LEFT,
     BlockPart,
     _lacking,
     block_part,
     block_ratio,
     joint_fit,
+    lacking_factors,
     lacking_ratio,
     lacking_terms,
 )
@@ -160,6 +163,8 @@ def test_the_ratio_of_lacking_terms_is_that_of_fits_with_and_without_them():
     assert lacking_ratio(fit, rows) == pytest.approx(1.0 + (1.0 - terms / W) * moved)
     small = np.column_stack([A @ fit.steps, 1e-9 * Z, b]) / sigma
     assert lacking_ratio(fit, small) == pytest.approx(lacking_ratio(fit, rows))
+    tiny = fit._replace(steps=1e-12 * fit.steps)
+    assert lacking_ratio(tiny, rows) == pytest.approx(lacking_ratio(fit, rows))
     still = np.insert(rows, columns, 0.0, axis=1)
     assert lacking_ratio(fit, still) == pytest.approx(lacking_ratio(fit, rows))
     nothing = fit._replace(steps=fit.steps[:, :0])
@@ -317,3 +322,78 @@ def test_an_offset_is_lacking_unless_friction_is_of_two_levels():
         model, _, log = experiment(4, joints=1, samples=50, drive=drive)
         (found,) = lacking_terms(model, [motion_of(model, log, None)])
         assert ("offset" in found.terms.names) is lacking
+
+
+def test_the_ratio_of_unequal_blocks_is_that_of_covariances_written_out():
+    """Two joints of other units and noise, three parameters of which two are known."""
+    rng = np.random.default_rng(3)
+    units = np.array([1e-4, 1.0, 30.0])
+    rows = [rng.normal(size=(400, 3)) / units * size for size in (1.0, 7.0)]
+    for Y in rows:
+        Y[:, 2] = 0.0
+        Y *= np.linspace(0.2, 2.0, 400)[:, None]
+    factors = [
+        np.column_stack([Y, Y.sum(axis=1) + size * rng.normal(size=400)])
+        for Y, size in zip(rows, (0.3, 4.0), strict=True)
+    ]
+    # The fit is to twice as much data.
+    fit = joint_fit([np.sqrt(2.0) * F for F in factors], [800, 800])
+    parts = [
+        block_part(Y / w, (F[:, -1] - Y @ fit.x) / w)
+        for Y, F, w in zip(rows, factors, fit.weights, strict=True)
+    ]
+    sums = BlockPart(*(sum(both) for both in zip(*parts, strict=True)))
+    scores = [
+        rng.normal(size=(3, 3)) / units * size * fit.weights.mean()
+        for size in (5.0, 20.0)
+    ]
+    found = block_ratio(fit, sums, scores)
+
+    S, rank = fit.steps, fit.steps.shape[1]
+    assert rank == 2 and not S[2].any()
+    shares = [S.T @ N @ S for N in sums.normals]
+    assert np.trace(sum(shares)) == pytest.approx(1.0)
+    y = [S.T @ (g - sums.gradients.mean(axis=0)) for g in sums.gradients]
+    without = [np.linalg.inv(np.eye(rank) - (1.0 - LEFT) * A) for A in shares]
+    between = sum((S @ W @ z) ** 2 for W, z in zip(without, y, strict=True))
+    by_noise = sum(
+        np.sum((S @ (N @ S).T) ** 2, axis=1) / s**4
+        for N, s in zip(scores, fit.weights, strict=True)
+    )
+    # Scores of white residuals, block by block, and what is left of them centred.
+    K = np.block(
+        [
+            [(i == j) * A - A @ B for j, B in enumerate(shares)]
+            for i, A in enumerate(shares)
+        ]
+    )
+    centre = np.kron(np.eye(BLOCKS) - 1.0 / BLOCKS, np.eye(rank))
+    K = (centre @ K @ centre).reshape(BLOCKS, rank, BLOCKS, rank)
+    white = sum(S @ W @ K[i, :, i] @ W @ S.T for i, W in enumerate(without))
+    by_white = np.diag(white)[:2] / np.diag(S @ sum(shares) @ S.T)[:2]
+    ratio = (1.0 - 1.0 / BLOCKS) * (between[:2] / by_noise[:2] - by_white) + 1.0
+    assert found == pytest.approx(np.median(ratio) / 0.927)
+    assert block_ratio(fit, sums, [np.zeros((1, 3))] * 2) == 1.0
+
+
+def test_of_exact_torque_a_part_in_a_million_is_taken_for_noise():
+    """Of the joint's own torque, or as little of that of the largest."""
+    rng = np.random.default_rng(4)
+    Y = [rng.normal(size=(50, 2)) * size for size in (40.0, 1e-3)]
+    factors = [np.column_stack([A, A @ [2.0, -1.0]]) for A in Y]
+    fit = joint_fit([*factors, np.zeros((1, 3))], [50, 50, 50])
+    rms = [np.sqrt(np.mean(F[:, -1] ** 2)) for F in factors]
+    np.testing.assert_allclose(fit.noise, [*(1e-6 * np.array(rms)), 1e-12 * rms[0]])
+    np.testing.assert_allclose(fit.x, [2.0, -1.0])
+    assert joint_fit([np.zeros((1, 3))], [50]).noise.tolist() == [1e-12]
+
+
+def test_rows_beside_lacking_terms_have_their_place_among_those_of_all_joints():
+    rng = np.random.default_rng(5)
+    fit = SimpleNamespace(steps=rng.normal(size=(5, 2)))
+    rows, expand, Z = (rng.normal(size=size) for size in ((20, 4), (3, 5), (20, 2)))
+    found = lacking_factors(fit, rows, expand, [Z[:, :1], Z[:, 1:]], (1, 4))
+    X = np.zeros((20, 7))
+    X[:, :2], X[:, 3:5] = rows[:, :-1] @ expand @ fit.steps, Z
+    X[:, -1] = rows[:, -1]
+    np.testing.assert_allclose(found.T @ found, X.T @ X, atol=1e-10)

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -41,6 +42,7 @@ from consistent_id.regression.drive.laws import (
     Stribeck,
     Viscous,
 )
+from consistent_id.regression.drive.term import term_columns
 
 ARM = from_modified_dh("arm", [DHRow(0, 0), DHRow(-np.pi / 2, 0.3)])
 MASSES = np.array([[1.0, 0.1, 0, 0, 0.1, 0, 0.1, 0, 0, 0.1]] * 2)
@@ -150,6 +152,7 @@ def test_the_shape_of_an_own_term_is_found():
     found = fit_shapes(guess, log, starts=1)
     assert found["period"].value == pytest.approx(0.7, rel=1e-3)
     assert found["period"].unit == "rad"
+    assert found.misfits == (1.0,)
     assert found.model.terms[0].terms[-1].period == found["period"].value
 
 
@@ -326,3 +329,12 @@ def test_what_the_keywords_choose_is_written_as_before():
     drive = DriveTerms(viscous=True, coulomb="tanh", velocity_scale=0.02, offset=True)
     arm = from_modified_dh("arm", [DHRow(0, 0), DHRow(-np.pi / 2, 0)])
     assert TorqueModel(arm, drive).fingerprint == "328f7b2037995261"
+
+
+def test_a_term_that_fails_is_refused_with_the_first_line_of_its_reason():
+    class Broken(Viscous):
+        def columns(self, joint):
+            raise ValueError("no speed here\nand more")
+
+    with pytest.raises(ProblemError, match=r"\(ValueError: no speed here\)"):
+        term_columns(Broken(), SimpleNamespace(dq=1.0))

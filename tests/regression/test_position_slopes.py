@@ -6,7 +6,7 @@ import pytest
 from robots import random_robot, random_states, with_followers
 
 from consistent_id import DriveTerms, TorqueModel
-from consistent_id.regression.position_slopes import position_slopes
+from consistent_id.regression.position_slopes import _rigid, position_slopes
 from consistent_id.robot import Mimic
 
 
@@ -55,3 +55,11 @@ def test_drives_that_depend_on_position_and_load_have_slopes_too():
         ahead, behind = (model.predict(x, q + s, dq, ddq) for s in (step, -step))
         expected = (ahead - behind).T / 2e-5
         assert np.allclose(found[:, place], expected, atol=1e-6 * abs(expected).max())
+
+
+def test_the_torque_of_rigid_bodies_beside_its_slopes_is_that_of_the_model():
+    _, robot = random_robot(np.random.default_rng(8), 3)
+    model = TorqueModel(robot)
+    states = random_states(np.random.default_rng(9), 3, 4)
+    torque, _ = _rigid(model, robot.nominal, [x.T for x in states], range(3))
+    np.testing.assert_allclose(torque.T, model.predict(robot.nominal, *states))

@@ -1,6 +1,7 @@
 """A regression comes back from its file bit by bit, and does the work of the data."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -140,3 +141,11 @@ def test_what_is_no_regression_is_refused(content, tmp_path):
     path.write_bytes(content)
     with pytest.raises(ProblemError, match="not a regression"):
         load_regression(path)
+
+
+def test_degrees_of_freedom_may_be_less_than_one(tmp_path):
+    model, logs = case()
+    regression = build_regression(model, logs)
+    few = replace(regression.noise, freedom=np.array([0.5, 0.01, 3.0]))
+    path = save_regression(replace(regression, noise=few), tmp_path / "r.json")
+    assert load_regression(path).noise.freedom.tolist() == [0.5, 0.01, 3.0]

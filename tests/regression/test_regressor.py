@@ -10,6 +10,7 @@ from robots import random_robot, random_states
 from consistent_id import DHRow, DriveTerms, ProblemError, TorqueModel, from_modified_dh
 from consistent_id.regression import GearCoupling
 from consistent_id.regression.casadi_rows import casadi_regressor
+from consistent_id.regression.newton_euler import minus, mul, plus
 from consistent_id.regression.regressor import joint_torque_regressor
 
 CASES = [(n, tree) for n in range(1, 10) for tree in (False, True)]
@@ -266,3 +267,20 @@ def test_motion_of_the_wrong_shape_or_content_is_refused(q, dq, message):
 def test_drive_terms_that_make_no_sense_are_refused(terms):
     with pytest.raises(ProblemError):
         DriveTerms(**terms)
+
+
+@pytest.mark.parametrize("x", [0.0, 1.0, 2.0, "samples"])
+@pytest.mark.parametrize("y", [0.0, 1.0, 2.0, "others"])
+def test_zeros_and_ones_stay_out_of_the_arithmetic(x, y):
+    arrays = {"samples": np.array([3.0, -0.5]), "others": np.array([7.0, 0.25])}
+    x, y = arrays.get(x, x), arrays.get(y, y)
+    for found, expected in (
+        (mul(x, y), np.multiply(x, y)),
+        (plus(x, y), np.add(x, y)),
+        (minus(x, y), np.subtract(x, y)),
+    ):
+        np.testing.assert_array_equal(np.broadcast_to(found, expected.shape), expected)
+    # A factor of one leaves the other as it is; of zero, none.
+    if isinstance(x, float) and x < 2.0:
+        product = mul(x, arrays["others"])
+        assert product is arrays["others"] if x == 1.0 else product == 0.0

@@ -23,6 +23,7 @@ from consistent_id.estimation import weighted_least_squares
 from consistent_id.estimation.best_fit import best_fit
 from consistent_id.regression import base_parameters
 from consistent_id.regression.residual_noise import (
+    _EXACT,
     ResidualNoise,
     Scatter,
     _steps,
@@ -303,3 +304,44 @@ def test_weights_and_residuals_agree_where_the_weights_are_found():
     exact = build_regression(model, experiment(3, joints=2, samples=400)[2])
     floor = 1e-6 * exact.torque_rms
     np.testing.assert_allclose(joint_noise(model, exact, base=base), floor, rtol=1e-6)
+
+
+def test_noise_of_weighted_joints_is_written_out():
+    """Gram matrices of each joint's rows, in combinations of unit effect."""
+    model, _, log = experiment(3, joints=2, noise=0.4, samples=120)
+    regression = build_regression(model, log, noise=False).weighted([0.05, 3.0])
+    base = base_parameters(model)
+    found = unconstrained_fit(regression, base).noise
+    columns, S = list(base.independent), found.steps
+    grams = [F[:, columns].T @ F[:, columns] for F in regression.factors]
+    together = sum(G / w**2 for G, w in zip(grams, regression.sigma, strict=True))
+    np.testing.assert_allclose(S.T @ together @ S, np.eye(S.shape[1]), atol=1e-9)
+    expected = sum(
+        s**2 * S.T @ G @ S / w**4
+        for G, w, s in zip(grams, regression.sigma, found.sigma, strict=True)
+    )
+    np.testing.assert_allclose(found.inflation, expected, atol=1e-9 * expected.max())
+    freedom = 120.0 * (1.0 - len(columns) / 240.0)
+    assert found.level_freedom == pytest.approx([freedom] * 2)
+    assert (found.between, found.beyond) == ((), 1.0)
+
+
+def test_errors_of_the_model_are_a_scatter_of_blocks_beside_noise():
+    model, _, log = experiment(3, joints=2, noise=0.4, samples=120)
+    plain = build_regression(model, log)
+    base = base_parameters(model)
+    found = unconstrained_fit(
+        replace(plain, noise=replace(plain.noise, beyond=1.5)), base
+    ).noise
+    (scatter,) = found.between
+    np.testing.assert_allclose(scatter.covariance, 0.5 * found.inflation)
+    assert (scatter.freedom, found.beyond) == (9.0, 1.5)
+
+
+@pytest.mark.parametrize("size", [1e-4, 1.0])
+def test_exact_torque_has_noise_of_a_small_part_of_itself(size):
+    model, _, log = experiment(3, joints=2, samples=60)
+    exact = replace(log, torque=size * log.torque)
+    regression = build_regression(model, exact, noise=False)
+    found = unconstrained_fit(regression, base_parameters(model)).noise
+    np.testing.assert_allclose(found.sigma, _EXACT * regression.torque_rms)

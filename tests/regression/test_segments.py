@@ -100,3 +100,10 @@ def test_neighbours_are_one_where_a_joint_s_torque_is_not_known():
     assert [max(s.counts) for s in segments] == [100, 200, 100, 100, 200]
     assert segment_sources([part], count=7) == (0,) * 5
     assert merged(segments).counts == build_regression(model, part).counts
+
+
+def test_two_segments_are_the_fewest():
+    model, _, log = experiment(0, joints=1, samples=4)
+    assert len(segment_regressions(model, log, count=2)) == 2
+    with pytest.raises(NotExcitedError, match="2 samples are too few to be cut"):
+        segment_regressions(model, log.samples(slice(0, 2)), count=2)

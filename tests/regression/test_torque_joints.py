@@ -16,7 +16,8 @@ from consistent_id import (
     least_squares,
     simulate_torque,
 )
-from consistent_id.regression import base_parameters, casadi_regressor
+from consistent_id.regression import base_parameters, casadi_regressor, tool_model
+from consistent_id.regression.row_names import rows_in_order
 
 FULL, TRUTH, LOG = experiment(3, joints=4, samples=400)
 FIRST, LAST = FULL.robot.joint_names[0], FULL.robot.joint_names[2]
@@ -87,3 +88,12 @@ def test_what_the_known_torques_determine_is_recovered():
 def test_a_name_that_no_joint_has_is_refused():
     with pytest.raises(ProblemError, match="torque_joints: no joint 'elbow'"):
         replace(FULL, torque_joints=("elbow",))
+
+
+def test_rows_of_one_body_alone_may_be_given_by_others():
+    body = tool_model("gripper").robot
+    assert body.connected and not body.joint_names
+    assert rows_in_order(("left", "right"), body) == ("left", "right")
+    assert rows_in_order(("base.nx", "base.fx"), body) == ("base.fx", "base.nx")
+    with pytest.raises(ProblemError, match="torque_joints: no joint"):
+        rows_in_order(("base.fx", "left"), body)

@@ -150,6 +150,7 @@ def test_shapes_without_extent_or_with_bent_axes_are_refused():
     np.testing.assert_allclose(ball.unit_map, np.diag([1.0, 1 / 2.0, 1 / 3.0]))
     for changes, message in (
         ({"semi_axes": [1.0, 0.0, 1.0]}, "expected positive"),
+        ({"semi_axes": [1.0, -1.0, 1.0]}, "expected positive"),
         ({"rotation": (1.0 + 6e-10) * np.eye(3)}, "not orthonormal"),
     ):
         values = {"centre": np.zeros(3), "semi_axes": np.ones(3)} | changes
@@ -197,3 +198,38 @@ def test_the_faces_of_a_mesh_have_its_surface(tmp_path):
     assert corners.shape == (12, 3, 3)
     sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert np.linalg.norm(sides, axis=1).sum() / 2.0 == pytest.approx(24.0)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_ellipsoid_around_points_is_the_smallest(seed):
+    """John: points on it are weighted to the centre, and to a ball's second moments."""
+    from scipy.optimize import nnls
+
+    points = np.random.default_rng(seed).normal(size=(25, 3)) * [1e-3, 20.0, 0.3] + 5.0
+    found = Ellipsoid.around(points)
+    y = (points - found.centre) @ found.unit_map.T
+    touching = y[np.linalg.norm(y, axis=1) > 1.0 - 1e-6]
+    sums = [np.append(p, np.outer(p, p)[np.triu_indices(3)]) for p in touching]
+    _, off = nnls(
+        np.transpose(sums), np.append(np.zeros(3), np.eye(3)[np.triu_indices(3)])
+    )
+    assert len(touching) >= 4 and off < 1e-5
+
+
+def test_a_quadratic_that_is_open_in_one_direction_is_no_ellipsoid():
+    for curvature in (0.0, 0.5):
+        with pytest.raises(ProblemError, match="expected negative ones"):
+            Ellipsoid.from_quadratic(np.diag([-4.0, curvature, -1.0, 1.0]))
+
+
+def test_a_mesh_is_in_metres_if_nothing_else_is_said(tmp_path):
+    file = _stl(tmp_path / "cube.stl", CUBE)
+    assert mesh_vertices(file).max(axis=0).tolist() == [1.0] * 3
+    assert mesh_triangles(file).max() == 1.0
+
+
+@pytest.mark.parametrize("missing", range(6))
+def test_a_box_without_one_of_its_facets_is_not_closed(missing):
+    normals = np.delete(np.vstack([np.eye(3), -np.eye(3)]), missing, axis=0)
+    with pytest.raises(ProblemError, match="5 facets do not close it"):
+        Polytope(normals, np.ones(5))

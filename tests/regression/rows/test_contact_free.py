@@ -186,3 +186,14 @@ def test_two_contacts_at_one_point_are_one(robot):
 def test_a_fixed_base_has_no_rows_free_of_contact_forces(robot):
     with pytest.raises(ProblemError, match="contact_free_model"):
         contact_free_regression(TorqueModel(robot), [])
+
+
+def test_the_largest_torque_of_mixed_rows_is_kept_however_small(robot):
+    log = standing(robot, np.array(THREE * 5))
+    model = contact_free_model(TorqueModel(robot))
+    whole, small = (
+        contact_free_regression(model, replace(log, torque=size * log.torque))
+        for size in (1.0, 1e-6)
+    )
+    np.testing.assert_allclose(small.peaks, 1e-6 * whole.peaks)
+    assert small.peaks.max() < 1e-3

@@ -7,8 +7,15 @@ import pytest
 from quadrupeds import quadruped_text, standing
 
 import consistent_id as ci
+from consistent_id.recordings.beside import ContactFlags
 from consistent_id.regression.motion_arrays import motion_of
-from consistent_id.regression.rows.contact_maps import ContactMixing, row_numbers
+from consistent_id.regression.rows.contact_maps import (
+    ContactMixing,
+    _down,
+    _null_spaces,
+    contact_pushes,
+    row_numbers,
+)
 from consistent_id.regression.rows.generalised_forces import measured_forces
 from consistent_id.robot.kinematics import frame_motion
 
@@ -257,3 +264,78 @@ def test_noise_that_mixing_takes_is_that_of_the_mean_share_left(robot, log, know
     np.testing.assert_allclose(motion.noise_lost(), 1.0 / np.sqrt(left), rtol=1e-12)
     alone = motion._replace(shares=None)
     np.testing.assert_array_equal(alone.noise_lost(), np.ones(motion.torque.shape[1]))
+
+
+@pytest.mark.parametrize("columns", [0, 2, 4, 5])
+def test_maps_are_orthonormal_beside_what_contacts_push_whatever_their_rank(columns):
+    rng = np.random.default_rng(columns)
+    sigma = np.array([1.0, 0.5, 2.0, 10.0])
+    pushes = rng.normal(size=(6, 4, columns)) * np.logspace(-7, 3, 6)[:, None, None]
+    pushes[1:3, :, 1:] = (
+        pushes[1:3, :, :1] * [1.0, -2.0, 3.0, 0.5][: max(columns - 1, 0)]
+    )
+    pushes[3] = 0.0
+    samples = 10 * np.arange(6)
+    ranks = {10 * k: int(np.linalg.matrix_rank(each)) for k, each in enumerate(pushes)}
+    seen = []
+    for group in _null_spaces(samples, pushes, sigma):
+        for sample, each in zip(group.samples.tolist(), group.maps, strict=True):
+            seen.append(sample)
+            unit = each * sigma
+            assert len(unit) == 4 - ranks[sample]
+            np.testing.assert_allclose(unit @ unit.T, np.eye(len(unit)), atol=1e-12)
+            push = pushes[sample // 10]
+            assert abs(unit @ push).max(initial=0) <= 1e-12 * abs(push).max(
+                initial=1e-9
+            )
+    assert sorted(seen) == [k for k, rank in ranks.items() if rank < 4]
+
+
+def test_rows_of_unlike_noise_are_mixed_so_that_forces_leave_no_trace(robot, log):
+    sigma = np.linspace(0.1, 3.0, 18)
+    mixing = motion_of(ci.TorqueModel(robot), log, None).mixing
+    pushes = contact_pushes(robot, log.position, log.contacts, log.base.rotation)
+    count = 0
+    for group in mixing.row_maps(sigma):
+        unit = group.maps * sigma
+        one = np.eye(unit.shape[1])
+        np.testing.assert_allclose(
+            unit @ np.swapaxes(unit, 1, 2), [one] * len(unit), atol=1e-9
+        )
+        for flags, push in zip(log.contacts, pushes, strict=True):
+            touching = flags.closed[group.samples]
+            left = group.maps[touching] @ push[group.samples][touching]
+            assert abs(left).max(initial=0.0) < 1e-10
+            count += touching.sum()
+    assert count == sum(flags.closed.sum() for flags in log.contacts)
+
+
+def test_forces_that_contacts_do_not_explain_are_left_by_their_share(robot):
+    rng = np.random.default_rng(6)
+    whole = standing(robot, np.array(THREE * 3), noise=0.1)
+    wrong = tuple(
+        replace(
+            wrench, values=wrench.values + 20.0 * rng.normal(size=wrench.values.shape)
+        )
+        for wrench in whole.wrenches
+    )
+    log = replace(whole, wrenches=wrong)
+    model = ci.TorqueModel(robot)
+    still = replace(log, torque=np.zeros_like(log.torque))
+    acting = measured_forces(model, still)
+    mixing = ContactMixing(
+        robot, row_numbers(robot), log.position, log.contacts, log.base.rotation
+    )
+    passed = np.einsum("nij,nj->ni", mixing.maps, acting)
+    expected = np.linalg.norm(passed) / np.linalg.norm(acting)
+    found = ci.regression.contact_force_left(model, log)
+    assert 0.01 < expected < 0.9 and found == pytest.approx(expected)
+    none = tuple(replace(w, values=np.zeros_like(w.values)) for w in wrong)
+    assert ci.regression.contact_force_left(model, replace(log, wrenches=none)) == 0.0
+
+
+def test_gravity_is_turned_into_the_axes_of_the_base(robot):
+    angle, flags = 0.3, (ContactFlags("foot", np.ones(1, dtype=bool), radius=0.02),)
+    c, s = np.cos(angle), np.sin(angle)
+    about_x = np.array([[[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]])
+    np.testing.assert_allclose(_down(robot, flags, about_x), [[0.0, -s, -c]])

@@ -14,7 +14,10 @@ from consistent_id import (
     least_squares,
 )
 from consistent_id.regression import tool_model
+from consistent_id.regression.correlated_noise import spectral_noise, white_noise
+from consistent_id.regression.model_errors import JointFit
 from consistent_id.regression.rows.sensor_drift import (
+    _noise,
     bias_along,
     driftless_regression,
     driftless_segments,
@@ -103,3 +106,24 @@ def test_a_recording_needs_more_samples_than_its_bias_takes(arm):
     for build in (driftless_regression, driftless_segments):
         with pytest.raises(ProblemError, match="the model has one for all"):
             build(tool_model(), [log], "linear")
+
+
+def test_noise_of_rows_without_drift_is_that_of_each_row_by_itself():
+    """Two rows of other units; the third is exact, and then its noise is white."""
+    rng = np.random.default_rng(1)
+    rows = rng.normal(size=(3, 200, 4)) * np.array([0.1, 5.0, 1.0])[:, None, None]
+    x = np.array([1.0, -2.0, 0.5])
+    rows[2, :, 3] = rows[2, :, :3] @ x
+    weights = np.array([0.2, 4.0, 1e-6])
+    fit = JointFit(x, weights, weights, 0.1 * rng.normal(size=(3, 2)))
+    found = _noise(rows, fit)
+    for j, (row, weight) in enumerate(zip(rows, weights, strict=True)):
+        Y, residual = row[:, :3], row[:, 3] - row[:, :3] @ x
+        alone = (
+            white_noise(Y, residual)
+            if j == 2
+            else spectral_noise(Y, residual, fit.steps / weight)
+        )
+        np.testing.assert_array_equal(found.scores[j], alone.scores)
+        assert found.effective[j] == 200 / alone.length
+        assert found.freedom[j] == alone.freedom

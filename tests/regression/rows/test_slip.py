@@ -83,3 +83,12 @@ def test_of_a_single_closed_contact_no_slip_is_known(robot, held):
     others = [replace(c, closed=np.zeros(SAMPLES, bool)) for c in held.contacts[1:]]
     log = replace(held, velocity=faster, contacts=(held.contacts[0], *others))
     assert ci.regression.contact_slip(robot, log).max() < 1e-10
+
+
+def test_the_speed_of_a_surface_is_that_of_its_point(robot, held):
+    moved = replace(held, velocity=held.velocity + np.linspace(0.1, 1.0, 12))
+    feet = moved.contacts
+    flat = replace(moved, contacts=(replace(feet[0], surface=True), *feet[1:]))
+    found = ci.regression.contact_slip(robot, flat)
+    assert found.max() > 0.01
+    np.testing.assert_array_equal(found, ci.regression.contact_slip(robot, moved))

@@ -20,6 +20,7 @@ from consistent_id import (
 )
 from consistent_id.constraints import NonNegativeDrive, PhysicalConsistency
 from consistent_id.recordings import Wrench
+from consistent_id.recordings.beside import BaseMotion
 from consistent_id.regression import (
     base_parameters,
     sensor_bias,
@@ -239,3 +240,14 @@ def test_the_tool_model_knows_mass_and_centre_of_a_tool_with_mass(mass):
         np.testing.assert_allclose(link.datasheet.com, [0.1, 0.0, 0.2])
     else:
         assert link.datasheet.mass is None and link.datasheet.com is None
+
+
+def test_the_bias_of_each_row_is_in_what_a_model_predicts():
+    model, rng = tool_model("gripper"), np.random.default_rng(3)
+    assert model.robot.gravity.tolist() == [0.0, 0.0, -9.81]
+    w, dw, felt = rng.normal(size=(3, 5, 3))
+    base, still = BaseMotion(w, dw, felt), np.zeros((5, 0))
+    x = rng.normal(size=16)
+    Y = model.regressor(still, still, still, base=base)
+    found = model.predict(x, still, still, still, base=base)
+    np.testing.assert_allclose(found, np.einsum("rcn,c->nr", Y, x), atol=1e-12)
