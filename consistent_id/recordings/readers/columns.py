@@ -245,8 +245,9 @@ def _expanded(
     pattern: str, joints: Sequence[str], units: str | Sequence[str] = ()
 ) -> tuple[str, ...]:
     refusal = (
-        f"column pattern {pattern!r}: only {{joint}}, {{number}}, {{index}}, a range "
-        "such as {8..13} and, with a unit stated for each joint, {unit} can stand in it"
+        f"column pattern {pattern!r}: only {{joint}}, {{number}}, {{index}} and a "
+        "range such as {8..13} can stand in it, and {unit} with a unit stated for each "
+        "joint"
     )
     each = units if not isinstance(units, str) and len(units) == len(joints) else None
     if each is not None and "{unit}" in pattern:
