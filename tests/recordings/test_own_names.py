@@ -139,5 +139,5 @@ def test_joints_that_turn_and_slide_are_read_together(tmp_path, place):
 
 
 def test_a_unit_in_a_pattern_needs_a_unit_of_each_joint():
-    with pytest.raises(RecordingError, match="{unit} with a unit stated for each"):
+    with pytest.raises(RecordingError, match=r"\{unit\} with a unit stated for each"):
         wanted(Columns(position="{joint} [{unit}]"), ["a", "b"], "log")
