@@ -27,7 +27,7 @@ from consistent_id._support.arrays import Matrix
 from consistent_id.robot.loaders import load_robot
 from consistent_id.robot.model import RobotModel
 from consistent_id.rollout import ServoLog, identify_servos, read_servo_logs
-from consistent_id.rollout.servo_fit import _identified
+from consistent_id.rollout.servo_fit import _identified, _ServoData
 
 SO101 = (
     "cmeel.prefix/share/example-robot-data/robots/so_arm_description/urdf/so101.urdf"
@@ -122,7 +122,8 @@ def arm_study(
             logs.append(ServoLog(name, robot.joint_names, time, seen, goals))
         for name in names or robot.joint_names:
             place = robot.joint_names.index(name)
-            servo = _identified(robot, place, logs, (), None, ["plain"], GAIN, seed)
+            data = _ServoData(robot, tuple(logs), (), GAIN)
+            servo = _identified(data, place, ["plain"], seed)
             joints += 1
             form = servo.chosen
             for name in form.at_border:

@@ -1,6 +1,6 @@
 """A hobby servo, learnt at two gains of its firmware and simulated at a third.
 
-    python benchmarks/servos.py [--held-out kp100]
+    python benchmarks/servos.py [--held-out kp100] [--seed 0]
 
 The data set servo_pendulum (CONSISTENT_ID_DATASETS): one XL330 lifts 0.49 kg at 0.10 m.
 Logs of two gains are learnt from, those of the third, 200 by default, are simulated
@@ -92,7 +92,7 @@ def friction(p: Mapping[str, Array]) -> Friction | None:
 
 
 def rival(
-    name: str, training: Array, judged: Array, generations: int
+    name: str, training: Array, judged: Array, generations: int, seed: int
 ) -> tuple[float, Array]:
     """Return a model's error in training, and on each judged log [rad]."""
     box = COMMON | MODELS[name]
@@ -107,7 +107,7 @@ def rival(
         lambda sets: errors(sets, training).mean(axis=1),
         SearchDistribution(start, 0.25),
         generations,
-        np.random.default_rng(0),
+        np.random.default_rng(seed),
     ).best[None]
     return float(errors(best, training).mean()), errors(best, judged)[0]
 
@@ -118,6 +118,7 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=2800)
     parser.add_argument("--models", nargs="*", default=list(MODELS))
     parser.add_argument("--held-out", choices=GAINS, default="kp200")
+    parser.add_argument("--seed", type=int, default=0, help="of every search")
     options = parser.parse_args()
     held = f"{options.held_out}_"
     folder = Path(os.environ["CONSISTENT_ID_DATASETS"], "servo_pendulum")
@@ -132,11 +133,12 @@ def main() -> None:
         head = f"{'model':<22}{'training':>9}{options.held_out:>8}  CPU s"
         print(head, *names, sep="  ")
         begin = process_time()
-        fit = identify_servos(robot, training, judged)
+        fit = identify_servos(robot, training, judged, seed=options.seed)
         seconds = process_time() - begin
         for form in fit.joints[0].forms:
             errors = np.array(list(fit.joints[0].validation[form.name].values()))
-            row(f"servo, {form.name}", form.training, errors, seconds)
+            mark = " (chosen)" if form is fit.joints[0].chosen else ""
+            row(f"servo, {form.name}{mark}", form.training, errors, seconds)
         gains = fit.joints[0].gains
         replays = [
             replayed_in_mujoco(file, fit, log, [gains[log.name]])[0] for log in judged
@@ -145,7 +147,9 @@ def main() -> None:
         pieces = [_whole(robot, part) for part in (training, judged)]
     for name in options.models:
         begin = process_time()
-        trained, errors = rival(name, *pieces, options.trials // POPULATION)
+        trained, errors = rival(
+            name, *pieces, options.trials // POPULATION, options.seed
+        )
         row(name, trained, errors, process_time() - begin)
 
 

@@ -218,6 +218,11 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
             moved = best.joints
         elif channel == "torque" and best.joints != moved and not known.torque_joints:
             found = replace(found, torque_joints=best.joints)
+        if best.units:
+            each = ", ".join(
+                map(" in ".join, zip(best.joints, best.units, strict=True))
+            )
+            notes.append(f"{channel} is read from {best.text}: {each}")
         if channel == "position" and is_bare(best.text):
             notes.append(f"{best.text} is taken as the position: no other column is")
         if also := _rivals(best, others):
@@ -303,6 +308,8 @@ def _with(columns: Columns, channel: str, pattern: NamePattern) -> Columns:
         given["names"] = dict(pattern.names)
     if pattern.is_array:
         given["array_joints"] = pattern.joints
+    if pattern.units:
+        given["units"] = {**columns.units, channel: pattern.units}
     return replace(columns, **given)
 
 

@@ -11,6 +11,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import zip_longest
 from operator import eq
 
 from consistent_id.recordings.column_words import (
@@ -281,12 +282,15 @@ class NamePattern:
         The log's name of a joint, and the robot's.
     is_array : bool
         Whether it is an array of all joints.
+    units : tuple of str
+        The unit of each joint, if ``{unit}`` stands for it in the text.
     """
 
     text: str
     joints: tuple[str, ...]
     names: tuple[tuple[str, str], ...] = ()
     is_array: bool = False
+    units: tuple[str, ...] = ()
 
 
 def name_patterns(
@@ -319,6 +323,8 @@ def _name_patterns(
     for name in names:
         for pattern in _pattern_by_name(name, known, joints):
             found.setdefault(pattern.text, pattern)
+    for pattern in _of_several_units(list(found.values()), joints):
+        found.setdefault(pattern.text, pattern)
     for run in numbered_columns(names):
         for every in (joints, all_joints):
             if len(run) == len(every):
@@ -345,9 +351,35 @@ def columns_of_pattern(pattern: NamePattern) -> list[str]:
     """Return the log's names of a pattern."""
     own = {joint: name for name, joint in pattern.names}
     return [
-        pattern.text.format(joint=own.get(joint, joint), number=number)
-        for number, joint in enumerate(pattern.joints, 1)
+        pattern.text.format(joint=own.get(joint, joint), number=number, unit=unit)
+        for number, (joint, unit) in enumerate(
+            zip_longest(pattern.joints, pattern.units, fillvalue=""), 1
+        )
     ]
+
+
+_LAST_UNIT = re.compile(r"(?<=[\[(_ ])(deg|rad|rev|mm|cm|m)(?=\s*[\])]?$)")
+
+
+def _of_several_units(
+    patterns: Sequence[NamePattern], joints: Sequence[str]
+) -> Iterator[NamePattern]:
+    """Return patterns of names that differ by the joint and its unit alone.
+
+    Some joints of many robots slide: ``j1_pos [deg]``, ``j3_pos [mm]``.
+    """
+    groups: dict[str, dict[str, str]] = defaultdict(dict)
+    for pattern in patterns:
+        if found := _LAST_UNIT.search(pattern.text):
+            text = (
+                pattern.text[: found.start()] + "{unit}" + pattern.text[found.end() :]
+            )
+            for joint in pattern.joints:
+                groups[text].setdefault(joint, found[1])
+    for text, units in groups.items():
+        if len(set(units.values())) > 1:
+            named = tuple(joint for joint in joints if joint in units)
+            yield NamePattern(text, named, units=tuple(units[j] for j in named))
 
 
 def _pattern_by_name(

@@ -35,8 +35,13 @@ UNITS: Mapping[str, str] = {
 }
 """Units of parameters."""
 
+LATENCY = 1e-3
+"""Most time between a position and the duty that answers it [s]; not in the logs."""
+
 _WARM = 5.0  # K: least difference of temperature from which its effect is fitted
-_BORDER = 0.02  # of the box: nearer, the search ended at its border
+BORDER = 0.02
+"""Share of the box: nearer, the search ended at its border."""
+
 _SCALES = ("stall", "armature")  # searched by their logarithms
 _SQUARES = ("viscous", "coulomb")  # by their roots: they may be zero, and large
 _MIDDLE = {"zero": 0.5, "heat": 0.5} | dict.fromkeys(_SCALES, 0.5)
@@ -78,8 +83,8 @@ class SearchBox:
         return tuple(
             name
             for name, share in zip(names, point, strict=True)
-            if share > 1.0 - _BORDER
-            or (share < _BORDER and name != "armature" and self.limits[name][0] != 0.0)
+            if share > 1.0 - BORDER
+            or (share < BORDER and name != "armature" and self.limits[name][0] != 0.0)
         )
 
 
@@ -136,8 +141,10 @@ def box_of(logs: Sequence[ServoLog], joint: int, pieces: Pieces) -> SearchBox:
     )
 
 
-def half_intervals(names: Sequence[str], point: Vector, spread: Matrix) -> Vector:
-    """Return half of 95 % intervals, by the jackknife.
+def half_intervals(
+    names: Sequence[str], point: Vector, spread: Matrix, shared: Matrix | None = None
+) -> Vector:
+    """Return half of 95 % intervals, by the jackknife and by simulated logs.
 
     Parameters
     ----------
@@ -145,6 +152,9 @@ def half_intervals(names: Sequence[str], point: Vector, spread: Matrix) -> Vecto
         Fitted to all logs.
     spread : ndarray, shape (fits, parameters)
         Each fitted without one part of the logs.
+    shared : ndarray, shape (fits, parameters), optional
+        Errors of fits to simulated logs: of the encoder, the smoothed speeds and the
+        search, which all logs share.
     """
     from scipy.special import stdtrit
 
@@ -153,7 +163,15 @@ def half_intervals(names: Sequence[str], point: Vector, spread: Matrix) -> Vecto
     factor = float(stdtrit(count - 1, 0.975))
     # The search is part of the scatter: the fit to all logs is not the mean of parts.
     half = np.sqrt(factor**2 * scatter + (point - spread.mean(axis=0)) ** 2)
+    if shared is not None:
+        quantile = float(stdtrit(len(shared), 0.975))
+        half = np.sqrt(half**2 + quantile**2 * (shared**2).mean(axis=0))
     if "delay" in names:
         place = list(names).index("delay")
         half[place] = max(half[place], STEP)
     return np.asarray(half)
+
+
+def late_damping(stall: float, gain: float) -> float:
+    """Return the damping that a firmware takes away that answers `LATENCY` late."""
+    return stall * gain * LATENCY

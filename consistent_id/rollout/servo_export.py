@@ -19,11 +19,15 @@ from consistent_id.errors import ModelError
 from consistent_id.export.mjcf_bodies import require_mujoco, spec_tree
 from consistent_id.robot.loaders import mjcf_spec
 from consistent_id.rollout.servo_log import ServoLog
-from consistent_id.rollout.servo_motion import STEP, supply_of, warmth_of
+from consistent_id.rollout.servo_motion import STEP as SERVO_STEP
+from consistent_id.rollout.servo_motion import supply_of, warmth_of
 from consistent_id.rollout.servo_result import JointServo, ServoFit, ServoForm
 
 FORM = "plain"
 _HARD = (0.999, 0.9999, 1e-3, 0.5, 2.0)  # friction that hardly creeps (solimp)
+STEP = 0.2 * SERVO_STEP
+"""Time step of the file [s]: MuJoCo's damping acts a step late."""
+
 _LINEAR = 1  # interpolation of delayed goals
 _TIME = (2.0 * STEP, 1.0)  # its time constant and damping ratio (solref)
 
@@ -229,7 +233,7 @@ def _replayed(spec: Any, fit: ServoFit, log: ServoLog) -> Vector:
     q: Matrix = np.empty((steps, len(joints)))
     for step in range(steps):
         q[step] = data.qpos[at] - zero
-        data.ctrl[drives] = log.goal[_row(log, (step + 0.5) * STEP), columns]
+        data.ctrl[drives] = log.goal[_row(log, step * STEP), columns]
         driven = np.ones(len(joints))
         if log.enabled is not None:
             driven[log.enabled[_row(log, step * STEP), columns] <= 0.5] = 0.0

@@ -9,7 +9,7 @@ gives the intervals.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,18 +19,27 @@ from consistent_id._support.executors import single_threaded
 from consistent_id.errors import ModelError, NotExcitedError, RecordingError
 from consistent_id.robot.model import RobotModel
 from consistent_id.rollout.servo_bounds import (
+    BORDER,
     SearchBox,
     box_of,
     half_intervals,
+    late_damping,
     names_shown,
 )
-from consistent_id.rollout.servo_log import DutyLaw, ServoLog, duty_law
+from consistent_id.rollout.servo_log import (
+    DutyLaw,
+    ServoLog,
+    duty_law,
+    encoded,
+    with_position,
+)
 from consistent_id.rollout.servo_motion import (
     LoggedDrive,
     Pieces,
     cut_pieces,
     position_errors,
     rigid_model,
+    sampled_motion,
     simulated,
     supply_of,
 )
@@ -163,8 +172,11 @@ WINDOW = 1.0
 _GENERATIONS = 110  # over windows
 _POLISHING = 16  # over windows and whole logs
 _AGAIN = 10  # without one log
+_FROM_NEARBY = 25  # for simulated logs
+_TWINS = 3  # simulated copies of the logs
 _WIDE, _NARROW = 0.25, 0.04  # first widths of the search, of the box
 _WIDER = 3.0  # times its last width, the search without a log begins
+_LEAST = 0.01  # of the box: least first width of it
 _BLOCKS = 3  # parts in time of a single log
 _MOVES = 5e-3  # rad: a joint that covers less in every log does not move
 
@@ -311,7 +323,16 @@ def _identified(
     deadband = float(np.median([law.deadband for law in laws[: len(training)]]))
     short = data.pieces(joint, laws, _window(training))
     whole = data.pieces(joint, laws, None)
-    logs = _JointLogs(short, whole, box_of(training, joint, short))
+
+    def again(positions: Sequence[Vector]) -> Pieces:
+        logs = tuple(
+            with_position(log, joint, q)
+            for log, q in zip(training, positions, strict=True)
+        )
+        alike = replace(data, training=logs)
+        return alike.pieces(joint, laws, _window(training))
+
+    logs = _JointLogs(short, whole, box_of(training, joint, short), again)
     found, named = [], dict[str, dict[str, float]]()
     unseen = None
     if data.validation:
@@ -369,15 +390,19 @@ def _parts(pieces: Pieces) -> IntArray:
 
 
 class _JointLogs(NamedTuple):
-    """One joint's training logs in windows and whole, and the box of its parameters."""
+    """One joint's training logs in windows and whole, and the box of its parameters.
+
+    `again` returns the windows of other positions at the same samples.
+    """
 
     short: Pieces
     whole: Pieces
     box: SearchBox
+    again: Callable[[Sequence[Vector]], Pieces]
 
 
 def _fitted(form: str, names: Sequence[str], joint: _JointLogs, seed: int) -> ServoForm:
-    short, whole, box = joint
+    short, whole, box, _ = joint
 
     def values(sets: Matrix) -> dict[str, Vector]:
         return box.values(names, sets)
@@ -398,7 +423,7 @@ def _fitted(form: str, names: Sequence[str], joint: _JointLogs, seed: int) -> Se
     best = evolved(
         of_both, SearchDistribution(first.best, _NARROW), _POLISHING, rng
     ).best
-    wider = first.last._replace(width=_WIDER * first.last.width)
+    wider = first.last._replace(width=max(_WIDER * first.last.width, _LEAST))
     parts, errors = [], np.zeros(len(part))
     for group in np.unique(part):
         kept = np.flatnonzero(part != group)
@@ -414,11 +439,15 @@ def _fitted(form: str, names: Sequence[str], joint: _JointLogs, seed: int) -> Se
     training = _finite_errors(known, whole)
     point = np.array(list(known.values()))[:, 0]
     spread = np.array(list(values(np.array(parts)).values())).T
-    half = half_intervals(names, point, spread)
+    shared = _shared_errors(names, joint, SearchDistribution(best, wider.width), rng)
+    half = half_intervals(names, point, spread, shared)
+    if "viscous" in names:
+        late = late_damping(known["stall"][0], float(np.median(whole.gain)))
+        half[names.index("viscous")] = np.hypot(half[names.index("viscous")], late)
     # With a true value beyond the border, the other parameters are wrong, too: their
     # intervals are conditional on the value at the border.
     borders = box.borders(names, best)
-    half[[name in borders for name in names]] = np.inf
+    half[[name in borders for name in names] | (best < BORDER)] = np.inf
     return ServoForm(
         form,
         dict(zip(names, point.tolist(), strict=True)),
@@ -427,6 +456,41 @@ def _fitted(form: str, names: Sequence[str], joint: _JointLogs, seed: int) -> Se
         float(errors.mean()),
         borders,
     )
+
+
+def _shared_errors(
+    names: Sequence[str],
+    joint: _JointLogs,
+    found: SearchDistribution,
+    rng: np.random.Generator,
+) -> Matrix:
+    """Return errors of the search for known parameters, shape (copies, parameters).
+
+    Logs are simulated with the parameters that were found, and read by the encoder;
+    then these are searched again.  All logs share such errors, so leaving logs out does
+    not show them.
+    """
+
+    def values(sets: Matrix) -> dict[str, Vector]:
+        return joint.box.values(names, sets)
+
+    truth = {name: value[0] for name, value in values(found.mean[None]).items()}
+    motion = sampled_motion(truth, joint.whole)
+    errors = []
+    for _ in range(_TWINS):
+        read = [
+            encoded(q, measured, rng)
+            for q, measured in zip(motion, joint.whole.measured, strict=True)
+        ]
+        windows = joint.again(read)
+
+        def error(sets: Matrix, windows: Pieces = windows) -> Vector:
+            return np.asarray(position_errors(values(sets), windows).mean(axis=1))
+
+        again = evolved(error, found, _FROM_NEARBY, rng).last.mean
+        known = values(again[None])
+        errors.append([float(known[name][0]) - truth[name] for name in names])
+    return np.array(errors)
 
 
 def _finite_errors(values: Mapping[str, Vector], pieces: Pieces) -> Vector:

@@ -286,7 +286,9 @@ def _integral(log: ServoLog, joint: int, time: Vector) -> Vector:
 
 def _delayed(pieces: Pieces, delay: Vector) -> Array:
     """Return mean goals of each step, shape (steps, sets, pieces), [rad]."""
-    edges = np.arange(pieces.steps + 1) - delay[:, None] / STEP
+    # Positions and speeds are half a step apart: a torque acts from half a step before
+    # a position to half a step after it.
+    edges = np.arange(pieces.steps + 1) - 0.5 - delay[:, None] / STEP
     place = np.clip(np.floor(edges).astype(int), 0, pieces.steps - 1)
     share = (edges - place)[..., None]
     goals = pieces.goals
@@ -321,8 +323,12 @@ def simulated(
     goal = _delayed(pieces, p.get("delay", none)[:, 0])
     stall = p["stall"] * pieces.supply * (1.0 - p.get("heat", none) * pieces.warmth)
     emf, zero = p.get("back_emf", none), p.get("zero", none)
-    coulomb, viscous = STEP * p.get("coulomb", none), STEP * p.get("viscous", none)
+    coulomb, viscous = p.get("coulomb", none), p.get("viscous", none)
     inertia = pieces.inertia[:, None] + p.get("armature", none)
+    driven = pieces.driven
+    changes = np.ones(len(driven), np.bool_)
+    if len(inertia) == 1:
+        changes[2:] = (driven[2:] != driven[1:-1]).any(axis=1)
     by_load, bodies = (friction or _friction_by_load)(p), _Bodies(pieces)
     q = np.broadcast_to(pieces.start, stall.shape).copy()
     dq = np.broadcast_to(pieces.speed, stall.shape).copy()
@@ -335,18 +341,37 @@ def simulated(
             beyond = np.maximum(abs(error) - pieces.deadband, 0.0)
             error = np.copysign(beyond, error)
         duty = np.minimum(np.maximum(pieces.gain * error, -1.0), 1.0)
-        motor = (stall * duty - emf * dq) * pieces.driven[step]
+        pull = stall * duty * driven[step]
         outer = bodies.torque(step, q + zero, dq)
-        speed = abs(dq)
-        most = coulomb + viscous * speed
+        most = coulomb
         if by_load is not None:
-            most += STEP * by_load(motor, outer, speed)
-        moved = inertia[min(step, len(inertia) - 1)]
-        momentum = moved * dq + STEP * (motor + outer)
-        momentum -= np.minimum(np.maximum(momentum, -most), most)
-        dq = momentum / moved
+            motor = pull - emf * driven[step] * dq
+            most = most + by_load(motor, outer, abs(dq))
+        if changes[step]:
+            # The speed given is that at the start, so the first torque acts for half a
+            # step.  Damping is exact for a constant torque.
+            length = 0.5 * STEP if step == 0 else STEP
+            moved = inertia[min(step, len(inertia) - 1)]
+            kept, gained = _damping(viscous + emf * driven[step], moved, length)
+        impulse = kept * dq + length * (pull + outer)
+        most = length * most
+        impulse -= np.minimum(np.maximum(impulse, -most), most)
+        dq = gained * impulse
         q = q + STEP * np.minimum(np.maximum(dq, -_FASTEST), _FASTEST)
     return out
+
+
+class _Damping(NamedTuple):
+    """Factors of speed and impulse: the new speed is ``gained (kept dq + impulse)``."""
+
+    kept: Array
+    gained: Array
+
+
+def _damping(viscous: Array, inertia: Array, length: float) -> _Damping:
+    decay = np.maximum(length * viscous / inertia, 1e-9)
+    gained = -np.expm1(-decay) / (decay * inertia)
+    return _Damping(np.exp(-decay) / gained, gained)
 
 
 class _Bodies:
@@ -418,14 +443,24 @@ def position_errors(
     The error of a motion that is not finite is 100 rad, so that a search leaves it.
     """
     out = simulated(parameters, pieces, friction)
-    errors = np.empty(out.shape[1:])
-    for piece, (time, seen) in enumerate(
-        zip(pieces.times, pieces.measured, strict=True)
-    ):
-        place = np.minimum(time / STEP, pieces.steps - 1)
-        low = np.minimum(place.astype(int), pieces.steps - 2)
-        share = (place - low)[:, None]
-        at = out[low, :, piece]
-        at = at + share * (out[low + 1, :, piece] - at)
-        errors[:, piece] = abs(at - seen[:, None]).mean(axis=0)
-    return np.nan_to_num(errors, nan=_FASTEST)
+    errors = [
+        abs(_at_samples(out, pieces, piece) - seen).mean(axis=1)
+        for piece, seen in enumerate(pieces.measured)
+    ]
+    return np.asarray(np.nan_to_num(np.array(errors).T, nan=_FASTEST))
+
+
+def sampled_motion(parameters: Mapping[str, float], pieces: Pieces) -> list[Vector]:
+    """Return one set's positions at the samples of each piece [rad]."""
+    sets = {name: np.array([value]) for name, value in parameters.items()}
+    out = simulated(sets, pieces)
+    return [_at_samples(out, pieces, k)[0] for k in range(len(pieces.times))]
+
+
+def _at_samples(out: Array, pieces: Pieces, piece: int) -> Matrix:
+    """Return simulated positions of a piece, shape (sets, samples)."""
+    place = np.minimum(pieces.times[piece] / STEP, pieces.steps - 1)
+    low = np.minimum(place.astype(int), pieces.steps - 2)
+    share = (place - low)[:, None]
+    at = out[low, :, piece]
+    return np.asarray((at + share * (out[low + 1, :, piece] - at)).T)

@@ -3,11 +3,14 @@
 from pathlib import Path
 from time import process_time
 
+import numpy as np
 import pytest
 
+import consistent_id as ci
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_guess import KnownColumns, guess_columns
 from consistent_id.recordings.column_names import mapping_option, own_names, pairs_of
+from consistent_id.recordings.readers.columns import Columns, wanted
 
 ARM = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint")
 
@@ -113,3 +116,28 @@ def test_many_names_are_paired_and_guessed_in_seconds():
     with pytest.raises(RecordingError, match="found no column that is the torque"):
         guess_columns(Path("log.csv"), KnownColumns(("elbow", "lift"), names=names))
     assert process_time() - before < 5.0
+
+
+@pytest.mark.parametrize("place", ["j{}_pos [{}]", "j{}_pos_{}"])
+def test_joints_that_turn_and_slide_are_read_together(tmp_path, place):
+    """Names that differ by the unit are those of one channel; no joint is locked."""
+    units = ("deg", "deg", "mm", "deg")
+    names = ["t", *(place.format(k + 1, unit) for k, unit in enumerate(units))]
+    names += [f"j{k + 1}_torque" for k in range(4)]
+    rows = [",".join(names), *(",".join(map(str, range(k, k + 9))) for k in range(3))]
+    log = tmp_path / "scara.csv"
+    log.write_text("\n".join(rows))
+    joints = ("j1", "j2", "j3", "j4")
+    guess = guess_columns(log, KnownColumns(joints))
+    assert guess.joints == joints
+    assert guess.columns.units["position"] == units
+    read = ci.read_recording(log, joints, columns=guess.columns)
+    assert read.position[0] == pytest.approx(
+        [1 * np.pi / 180, 2 * np.pi / 180, 3e-3, 4 * np.pi / 180]
+    )
+    assert any("j3 in mm" in note for note in guess.notes)
+
+
+def test_a_unit_in_a_pattern_needs_a_unit_of_each_joint():
+    with pytest.raises(RecordingError, match=r"\{unit\} with a unit stated for each"):
+        wanted(Columns(position="{joint} [{unit}]"), ["a", "b"], "log")

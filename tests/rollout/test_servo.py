@@ -134,6 +134,44 @@ def test_the_firmwares_gain_and_deadband_are_read_from_the_duty(pendulum):
         duty_law(replace(log, duty=-log.duty), 0)
 
 
+@pytest.mark.parametrize("late", [0.0, 0.004, 0.012])
+@pytest.mark.parametrize("share", [0.0, 0.4])
+def test_the_firmwares_gain_is_right_though_it_has_the_goal_late(late, share):
+    """Of one sinusoid, a late position would explain the duty with another gain."""
+    time = np.arange(0.0, 3.0, 0.005)
+
+    def wave(at, size, lag):
+        return size * (np.sin(8.0 * at - lag) + share * np.sin(3.0 * at))
+
+    goal, q = wave(time, 0.9, 0.0), wave(time, 0.5, 0.4)
+    had = wave(np.maximum(time - late, 0.0), 0.9, 0.0)
+    columns = [values[:, None] for values in (q, goal, GAIN * (had - q))]
+    law = duty_law(ServoLog("late", ("servo",), time, *columns), 0)
+    assert law.gain == pytest.approx(GAIN, rel=5e-3)
+    assert law.deadband == 0.0
+
+
+def test_a_step_of_the_simulation_has_no_error_of_first_order(pendulum):
+    """A free pendulum with damping, against a solver of high order."""
+    from scipy.integrate import solve_ivp
+
+    time = np.arange(0.0, 2.0, 0.005)
+    inertia, viscous = 0.5 * 0.01 + 1e-5 + 0.002, 0.03
+
+    def rate(_, state):
+        torque = -0.5 * 9.81 * 0.1 * np.sin(state[0]) - viscous * state[1]
+        return [state[1], torque / inertia]
+
+    begin = [1.2, 0.0]
+    exact = solve_ivp(rate, (0.0, 2.0), begin, t_eval=time, rtol=1e-9).y[0]
+    log = ServoLog("swing", ("servo",), time, exact[:, None], 0.0 * exact[:, None])
+    pieces = cut_pieces(pendulum, [log], 0, [LoggedDrive(0.0, 0.0)])
+    pieces = replace(pieces, start=np.array(begin[:1]), speed=np.zeros(1))
+    found = {"stall": 1.0, "armature": 0.002, "viscous": viscous}
+    sets = {name: np.array([value]) for name, value in found.items()}
+    assert position_errors(sets, pieces)[0, 0] < 5e-4
+
+
 def written(path, log, names="time,position,goal_position,load", unit=1.0):
     table = np.column_stack(
         [log.time, log.position / unit, log.goal / unit, 885 * log.duty]
@@ -494,7 +532,8 @@ def test_at_a_border_the_other_intervals_are_conditional(pendulum, monkeypatch):
     servo = identify_servos(pendulum, [a_log(pendulum, 1.5)], forms=["plain"]).joints[0]
     assert "stall" in servo.chosen.at_border  # the true one is 0.7
     half = servo.chosen.half_intervals
-    assert {n for n, h in half.items() if np.isinf(h)} == set(servo.chosen.at_border)
+    unknown = {n for n, h in half.items() if np.isinf(h)}
+    assert unknown >= set(servo.chosen.at_border)
     assert 0 < len(servo.chosen.at_border) < len(half)
     assert any("hold only if this value" in note for note in servo.table().notes)
     assert any("ended at the border for" in note for note in servo.table().notes)
@@ -536,7 +575,7 @@ def test_a_motion_that_is_not_finite_is_refused_not_hidden(pendulum):
 
 
 @pytest.mark.slow
-def test_a_planted_servo_is_found_again_within_twice_its_intervals(pendulum):
+def test_a_planted_servo_is_found_again_within_its_intervals(pendulum):
     planted = {"coulomb": 0.03}
     logs = [a_log(pendulum, 3.0, f, f"log {f}", **planted) for f in (0.5, 0.8, 1.1)]
     unseen = a_log(pendulum, 3.0, 0.95, "unseen", **planted)
@@ -544,13 +583,11 @@ def test_a_planted_servo_is_found_again_within_twice_its_intervals(pendulum):
     assert fit.validation_error() < 3e-3
     form = fit.joints[0].chosen
     assert form.at_border == ()
-    # Three logs share their encoder and the smoothed speed at the start of windows:
-    # an interval from leaving out each of them does not contain these.
     for name, value in (TRUTH | planted).items():
-        assert abs(form.values[name] - value) < 2.0 * form.half_intervals[name]
+        assert abs(form.values[name] - value) <= form.half_intervals[name]
     for name in ("stall", "coulomb", "viscous", "armature"):
         assert form.half_intervals[name] < 0.2 * form.values[name]
-        assert form.values[name] == pytest.approx((TRUTH | planted)[name], rel=0.17)
+        assert form.values[name] == pytest.approx((TRUTH | planted)[name], rel=0.02)
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from consistent_id.rollout.servo_bounds import half_intervals
+from consistent_id.rollout.servo_log import encoded
 from consistent_id.rollout.servo_motion import STEP
 
 
@@ -26,3 +27,23 @@ def test_a_delay_is_known_to_a_step_at_best():
     same = np.full((4, 2), 0.01)
     half = half_intervals(["stall", "delay"], np.array([0.01, 0.01]), same)
     assert half.tolist() == [0.0, STEP]
+
+
+def test_errors_that_all_logs_share_widen_them():
+    same = np.full((3, 1), 2.0)
+    off = np.array([[0.1], [-0.1], [0.1]])
+    (half,) = half_intervals(["stall"], np.array([2.0]), same, off)
+    # Student's 97.5 % for 3 degrees of freedom is 3.1824 in tables.
+    assert half == pytest.approx(3.1824 * 0.1, rel=1e-4)
+
+
+def test_an_encoder_reads_multiples_of_its_step_from_a_random_place():
+    step = 2 * np.pi / 4096
+    motion = np.sin(np.linspace(0.0, 3.0, 500))
+    like = step * np.round(0.3 * motion / step)
+    rng = np.random.default_rng(0)
+    read = encoded(motion, like, rng)
+    assert abs(read - motion).max() <= 0.5001 * step
+    assert np.allclose(np.diff(read) / step, np.round(np.diff(read) / step), atol=1e-3)
+    assert not np.allclose(read, encoded(motion, like, rng))
+    assert np.allclose(encoded(motion, np.ones(3), rng), motion)

@@ -28,8 +28,9 @@ class Columns:
 
     ``{joint}`` stands for a joint's name in the log, ``{number}`` for its number among
     the requested joints, counted from 1, and ``{index}`` for it from 0.  ``{8..13}``
-    stands for these numbers, one for each joint in their order.  None: the log has no
-    such channel.
+    stands for these numbers, one for each joint in their order, and ``{unit}`` for a
+    joint's unit, if `units` states one for each joint.  None: the log has no such
+    channel.
 
     Parameters
     ----------
@@ -193,7 +194,7 @@ def _by_channel(
         pattern = getattr(columns, channel)
         if pattern is None:
             continue
-        names = _expanded(pattern, in_log)
+        names = _expanded(pattern, in_log, columns.units.get(channel, ()))
         if columns.array_joints and not _placeholders(pattern):
             arrays[channel] = names[0]
         elif len(set(names)) == len(names):
@@ -240,11 +241,24 @@ def _placeholders(pattern: str) -> set[str]:
         return {pattern}
 
 
-def _expanded(pattern: str, joints: Sequence[str]) -> tuple[str, ...]:
+def _expanded(
+    pattern: str, joints: Sequence[str], units: str | Sequence[str] = ()
+) -> tuple[str, ...]:
     refusal = (
         f"column pattern {pattern!r}: only {{joint}}, {{number}}, {{index}} and a "
-        "range such as {8..13} can stand in it"
+        "range such as {8..13} can stand in it, and {unit} with a unit stated for each "
+        "joint"
     )
+    each = units if not isinstance(units, str) and len(units) == len(joints) else None
+    if each is not None and "{unit}" in pattern:
+        return tuple(
+            name.replace("{unit}", unit)
+            for name, unit in zip(
+                _expanded(pattern.replace("{unit}", "{{unit}}"), joints),
+                each,
+                strict=True,
+            )
+        )
     if (numbers := _RANGE.search(pattern)) is not None:
         first, last = int(numbers["first"]), int(numbers["last"])
         if last - first + 1 != len(joints):
