@@ -12,7 +12,7 @@ import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.rollout.servo_log import ServoLog
-from consistent_id.rollout.servo_motion import STEP, Pieces
+from consistent_id.rollout.servo_motion import STEP, Pieces, position_errors
 
 UNITS: Mapping[str, str] = {
     "stall": "N m",
@@ -38,6 +38,8 @@ UNITS: Mapping[str, str] = {
 LATENCY = 1e-3
 """Most time between a position and the duty that answers it [s]; not in the logs."""
 
+_ALIKE = 1.15  # misfits over the least
+_LATEST, _TRIED = 0.03, 61  # s, and how many delays are tried up to it, either way
 _WARM = 5.0  # K: least difference of temperature from which its effect is fitted
 BORDER = 0.02
 """Share of the box: nearer, the search ended at its border."""
@@ -175,3 +177,49 @@ def half_intervals(
 def late_damping(stall: float, gain: float) -> float:
     """Return the damping that a firmware takes away that answers `LATENCY` late."""
     return stall * gain * LATENCY
+
+
+def alike_halves(
+    names: Sequence[str], known: Mapping[str, Vector], pieces: Pieces
+) -> Vector:
+    """Return half intervals of what makes up for each other: delay, damping, inertia.
+
+    Slow motion shows the lag ``delay + viscous / (stall gain)`` alone, and next to it
+    ``armature - viscous^2 / (2 stall gain)``.  All values along this curve count whose
+    misfit is at most `_ALIKE` times the best.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Parameters of the fit; halves of the others are zero.
+    known : mapping of str to ndarray, shape (1,)
+        Their values.
+    pieces : Pieces
+        Windows, or whole logs.  Windows begin with a measured speed, whose error is
+        large at low rates; whole logs have errors of where a joint rests.
+
+    Returns
+    -------
+    ndarray, shape (parameters,)
+    """
+    half = np.zeros(len(names))
+    if not {"delay", "viscous", "armature"} <= set(names):
+        return half
+    stiffness = float(known["stall"][0]) * float(np.median(pieces.gain))
+    late = np.linspace(-_LATEST, _LATEST, _TRIED)
+    delay, damping = known["delay"][0] + late, known["viscous"][0] - stiffness * late
+    less = known["viscous"][0] * late - 0.5 * stiffness * late**2
+    armature = known["armature"][0] - less
+    there = (delay >= 0.0) & (damping >= 0.0) & (armature > 0.0)
+    moved = {"delay": delay, "viscous": damping, "armature": armature}
+    sets = {
+        name: moved.get(name, np.full(_TRIED, float(value[0])))[there]
+        for name, value in known.items()
+    }
+    misfit = position_errors(sets, pieces).mean(axis=1)
+    best = float(misfit[late[there] == 0.0][0])
+    alike = misfit <= _ALIKE * best
+    for name, values in moved.items():
+        off = abs(values[there][alike] - known[name][0])
+        half[list(names).index(name)] = off.max()
+    return half

@@ -21,6 +21,7 @@ from consistent_id.robot.model import RobotModel
 from consistent_id.rollout.servo_bounds import (
     BORDER,
     SearchBox,
+    alike_halves,
     box_of,
     half_intervals,
     late_damping,
@@ -444,6 +445,8 @@ def _fitted(form: str, names: Sequence[str], joint: _JointLogs, seed: int) -> Se
     if "viscous" in names:
         late = late_damping(known["stall"][0], float(np.median(whole.gain)))
         half[names.index("viscous")] = np.hypot(half[names.index("viscous")], late)
+    for pieces in (short, whole):
+        half = np.maximum(half, alike_halves(names, known, pieces))
     # With a true value beyond the border, the other parameters are wrong, too: their
     # intervals are conditional on the value at the border.
     borders = box.borders(names, best)

@@ -1,9 +1,12 @@
 """Intervals of a servo's parameters: a jackknife over parts of the logs."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from consistent_id.rollout.servo_bounds import half_intervals
+from consistent_id.rollout import servo_bounds
+from consistent_id.rollout.servo_bounds import alike_halves, half_intervals
 from consistent_id.rollout.servo_log import encoded
 from consistent_id.rollout.servo_motion import STEP
 
@@ -47,3 +50,31 @@ def test_an_encoder_reads_multiples_of_its_step_from_a_random_place():
     assert np.allclose(np.diff(read) / step, np.round(np.diff(read) / step), atol=1e-3)
     assert not np.allclose(read, encoded(motion, like, rng))
     assert np.allclose(encoded(motion, np.ones(3), rng), motion)
+
+
+def test_delay_damping_and_inertia_are_known_as_far_as_the_misfit_tells_them(
+    monkeypatch,
+):
+    names = ["stall", "viscous", "armature", "delay"]
+    known = dict(zip(names, np.array([[2.5], [0.5], [0.025], [0.03]]), strict=True))
+    stiffness = 2.5 * 8.0
+
+    def misfit(sets, pieces):
+        # The first terms of the lag of delay and motor together are the same.
+        first = sets["delay"] + sets["viscous"] / stiffness
+        second = sets["armature"] - sets["viscous"] ** 2 / (2.0 * stiffness)
+        assert np.allclose(first, 0.055) and np.allclose(second, 0.01875)
+        assert (sets["stall"] == 2.5).all()
+        rise = 1.0 + abs(sets["delay"] - 0.03) / 0.0275
+        return np.array([0.5, 1.5]) * rise[:, None]
+
+    monkeypatch.setattr(servo_bounds, "position_errors", misfit)
+    half = alike_halves(names, known, SimpleNamespace(gain=np.array([7.0, 8.0, 9.0])))
+    # The misfit is 15 % larger at 4.1 ms; every millisecond is tried.
+    inertia = 0.5 * 0.004 + 0.5 * stiffness * 0.004**2
+    assert half == pytest.approx([0.0, stiffness * 0.004, inertia, 0.004])
+
+
+def test_without_a_delay_nothing_makes_up_for_damping():
+    half = alike_halves(["stall", "viscous", "armature"], {}, None)
+    assert half.tolist() == [0.0, 0.0, 0.0]
