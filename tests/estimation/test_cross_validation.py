@@ -150,3 +150,7 @@ def test_two_folds_are_enough_and_one_is_not():
     assert found.penalty.weight == 1.0
     with pytest.raises(ProblemError, match="1 folds of 12 segments"):
         cross_validated(model, segments, constraints=BODIES, weights=[1.0], folds=1)
+
+
+def test_weights_to_choose_from_are_two_in_a_factor_of_ten():
+    np.testing.assert_allclose(GRID, np.logspace(2, -8, 21))
