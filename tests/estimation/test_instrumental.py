@@ -225,3 +225,10 @@ def test_a_rank_and_what_is_left_do_not_depend_on_the_unit_of_a_column(unit):
     rank, left = _left(A, b)
     expected = np.linalg.lstsq(A[:, :3] / [1.0, unit, 1.0], b)[1][0]
     assert rank == 3 and left == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("apart", "rank"), [(1.1, 3), (0.9, 2)])
+def test_a_direction_counts_from_a_billionth_of_the_largest_on(apart, rank):
+    """Two columns nearly alike have singular values of a root of two, and theirs."""
+    A = np.array([[1.0, 1.0, 0.0], [0.0, 2e-9 * apart, 0.0], [0.0, 0.0, 5.0]])
+    assert _left(A, np.ones(3)) == (rank, pytest.approx(3.0 - rank))
