@@ -4,6 +4,7 @@ import importlib
 import inspect
 from pathlib import Path
 
+ROOMS = ("", ".robot", ".constraints", ".estimation", ".recordings", ".regression")
 TABLE = dict(
     line.split(": ")
     for line in (Path(__file__).parent / "defaults.txt").read_text().splitlines()
@@ -21,7 +22,7 @@ def stated(function):
 
 def public():
     """Public functions, classes and methods of the rooms that decide numbers."""
-    for room in ("", ".estimation", ".recordings", ".regression", ".constraints"):
+    for room in ROOMS:
         package = importlib.import_module(f"consistent_id{room}")
         for name in package.__all__:
             value = getattr(package, name)

@@ -370,3 +370,10 @@ def test_the_time_of_a_programme_is_that_of_its_parts():
     assert 0.0 < point.build_seconds < whole
     assert 0.0 < point.solve_seconds < whole
     assert point.build_seconds + point.solve_seconds < whole
+
+
+@pytest.mark.parametrize("order", [1, 2, 9, 40])
+def test_a_stacked_matrix_has_the_order_that_its_length_says(order):
+    F = np.random.default_rng(order).normal(size=(3, order, order))
+    F = F + np.swapaxes(F, -1, -2)
+    np.testing.assert_allclose(smat(svec(F)), F)

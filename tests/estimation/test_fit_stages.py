@@ -10,6 +10,7 @@ from consistent_id.constraints import Penalty, PointToSet
 from consistent_id.constraints.cones.certificate import GAP_TOLERANCE
 from consistent_id.estimation import best_fit as best_fits
 from consistent_id.estimation import constrained_fit as stages
+from consistent_id.estimation import fit
 from consistent_id.estimation.constrained_fit import BestInside, ConstrainedFit
 
 
@@ -162,3 +163,13 @@ def test_a_share_inside_moves_the_fit_by_a_quarter_of_an_error(
     assert found.share == pytest.approx(share)
     moved = move * share / 0.1
     assert found.move == pytest.approx(moved) and (found.best is best) == (not share)
+
+
+def test_the_excess_is_that_of_one_degree_of_freedom():
+    regression = SimpleNamespace(counts=(10, 30), sigma=np.array([0.5, 2.0]))
+    own, least = np.array([0.7, 1.5]), np.array([0.4, 1.0])
+    mine = 10 * 1.4**2 + 30 * 0.75**2
+    best = 10 * 0.8**2 + 30 * 0.5**2
+    found = fit._excess(regression, own, least, 8)
+    assert found == pytest.approx(np.sqrt((mine / 40) / (best / 32)))
+    assert np.isnan(fit._excess(regression, own, least, 40))

@@ -332,3 +332,25 @@ def test_mixing_restarts_where_a_step_more_than_doubles(monkeypatch):
     found = robust._settled(None, plain, motions, np.zeros(1), rules)
     assert mixed == [1, 2, 1, 2, 3, 4, 4] and found.change == 5.0
     assert found.scale == pytest.approx(1.4826)
+
+
+def test_a_matrix_is_the_product_of_what_its_solution_holds():
+    """Whatever the units of its columns, and of rank two of three."""
+    A = np.random.default_rng(3).normal(size=(7, 3)) * [1e-4, 1.0, 1e5]
+    A[:, 2] = 1e5 * (A[:, 1] - 3e4 * A[:, 0])
+    found = solve_linear(A, np.ones(7))
+    assert found.rank == 2
+    again = found.left * found.singular_values[:2] @ found.row_space
+    np.testing.assert_allclose(again / A, 1.0, rtol=1e-6)
+    np.testing.assert_allclose(
+        found.row_space @ found.steps,
+        np.diag(1.0 / found.singular_values[:2]),
+        atol=1e-12,
+    )
+
+
+@pytest.mark.parametrize(("apart", "rank"), [(1.1, 3), (0.9, 2)])
+def test_a_column_counts_from_a_tolerance_of_the_largest_direction_on(apart, rank):
+    """Two columns nearly alike have a singular value of a root of two."""
+    A = np.array([[1.0, 1.0, 0.0], [0.0, 2e-9 * apart, 0.0], [0.0, 0.0, 5.0]])
+    assert solve_linear(A, np.ones(3), tolerance=1e-9).rank == rank

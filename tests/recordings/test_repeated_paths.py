@@ -5,6 +5,8 @@ import pytest
 
 from consistent_id import Recording, RecordingError
 from consistent_id.recordings.beside import BaseMotion, Wrench
+from consistent_id.recordings.signals import repetitions
+from consistent_id.recordings.signals.fourier import series_columns
 from consistent_id.recordings.signals.repetitions import (
     _refined,
     _require_one_path,
@@ -200,3 +202,21 @@ def test_a_tenth_of_the_variance_is_the_most_that_a_period_changes():
 @pytest.mark.parametrize(("ratio", "found"), [(0.019, 0.48), (0.021, 0.96)])
 def test_a_period_is_the_first_that_is_alike_to_a_fiftieth(ratio, found):
     assert _self_similar(changing(ratio, 4), 0.4, 1.2)[0] == pytest.approx(found)
+
+
+@pytest.mark.parametrize(("harmonics", "terms"), [(5, 5), (200, 89)])
+def test_a_series_has_the_harmonics_that_samples_tell_apart(
+    monkeypatch, harmonics, terms
+):
+    """Of 200 samples in a period, those slower than 0.45 of the sampling rate."""
+    tried = []
+
+    def columns(time, frequencies):
+        tried.append(frequencies)
+        return series_columns(time, frequencies)
+
+    monkeypatch.setattr(repetitions, "series_columns", columns)
+    period = _refined(periodic(2.7), 1.99, 0.008, harmonics)
+    assert all(len(f) in (terms, terms + (terms == 89)) for f in tried)
+    assert all(f / f[0] == pytest.approx(np.arange(1, len(f) + 1)) for f in tried)
+    assert 1.982 < 1.0 / tried[0][0] < 1.998 and 1.982 < period < 1.998

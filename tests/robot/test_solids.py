@@ -79,8 +79,9 @@ def test_what_is_no_mesh_is_refused_with_its_file(tmp_path, content):
 
 
 def test_a_scale_that_is_none_is_refused(tmp_path):
-    with pytest.raises(ProblemError, match="scale is 0"):
-        mesh_vertices(tmp_path / "part.stl", scale=0.0)
+    for scale in (0.0, np.inf):
+        with pytest.raises(ProblemError, match=f"scale is {scale}"):
+            mesh_vertices(tmp_path / "part.stl", scale=scale)
 
 
 def test_a_polytope_without_inside_is_refused():
