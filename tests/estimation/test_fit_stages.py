@@ -121,18 +121,24 @@ P = np.array([[2.0, 0.0], [1.0, 1.0]])
 
 
 @pytest.mark.parametrize(
-    ("move", "allowed", "share"),
+    ("move", "allowed", "share", "wanted"),
     [
-        (2.5, 1.0, 0.009),  # nine tenths of a quarter, over the move of the whole share
-        (0.25, 1.0, 0.1),
-        (2.5, 0.05, 0.01),
-        (1e9, 1.0, 0.0),  # a smaller share would count as none
-        (1e-9, 1.1e-3, 0.001),
-        (1e-9, 1.1e-4, 0.0),
+        (
+            2.5,
+            1.0,
+            0.009,
+            0.1,
+        ),  # nine tenths of a quarter, over the move of the whole share
+        (0.25, 1.0, 0.1, 0.1),
+        (2.5, 0.05, 0.01, 0.1),
+        (1e9, 1.0, 0.0, 0.1),  # a smaller share would count as none
+        (1e-9, 1.1e-3, 0.001, 0.1),
+        (1e-9, 1.1e-4, 0.0, 0.1),
+        (1e-9, 1.0, 1e-5, 1e-5),
     ],
 )
 def test_a_share_inside_moves_the_fit_by_a_quarter_of_an_error(
-    monkeypatch, move, allowed, share
+    monkeypatch, move, allowed, share, wanted
 ):
     """In three tries; constraints allow no larger share."""
     direction = np.array([0.3, -0.7])
@@ -159,7 +165,7 @@ def test_a_share_inside_moves_the_fit_by_a_quarter_of_an_error(
     best = SimpleNamespace(
         scaled=SimpleNamespace(projection=P), solution=SimpleNamespace(u=np.ones(2))
     )
-    found = best_fits.inner_fit(problem, best, share=0.1)
+    found = best_fits.inner_fit(problem, best, share=wanted)
     assert found.share == pytest.approx(share)
     moved = move * share / 0.1
     assert found.move == pytest.approx(moved) and (found.best is best) == (not share)
