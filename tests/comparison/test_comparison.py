@@ -1,7 +1,8 @@
 """Comparisons: errors by hand, mass matrices of Pinocchio, verdicts, tables."""
 
 import re
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id._support.tables import Table
-from consistent_id.comparison import feasibility
+from consistent_id.comparison import comparison, feasibility
 from consistent_id.comparison.comparison import verdict_table
 from consistent_id.comparison.feasibility import base_feasibility, in_words
 from consistent_id.constraints import PhysicalConsistency
@@ -318,3 +319,31 @@ def test_joints_that_turn_and_slide_are_not_added_in_one_error():
     (error,) = torque_errors([estimate], log)
     assert error.relative == pytest.approx([0.0, 0.2])
     assert error.stacked == pytest.approx(np.sqrt((0.0**2 + 0.2**2) / 2.0))
+
+
+@pytest.mark.parametrize(
+    ("method", "answer", "tested"),
+    [
+        ("least squares", "impossible", True),
+        ("least squares", "consistent", False),
+        ("constrained", "impossible", False),
+    ],
+)
+def test_data_are_tested_where_least_squares_is_impossible(
+    monkeypatch, method, answer, tested
+):
+    @dataclass
+    class Report:
+        estimate: object
+        base_feasibility: object
+        consistency: object = None
+
+    test = SimpleNamespace()
+    monkeypatch.setattr(comparison, "_UNCONSTRAINED", ("least squares",))
+    monkeypatch.setattr(
+        comparison, "consistency_test", lambda model, regression, base: test
+    )
+    estimate = SimpleNamespace(method=method, model=None, base=None)
+    reports = [Report(estimate, SimpleNamespace(answer=answer))]
+    (found,) = comparison._tested(reports, None)
+    assert found.consistency is (test if tested else None)

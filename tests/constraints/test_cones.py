@@ -1,5 +1,6 @@
 """The solver's own form, its fallbacks, and a second formulation and solver."""
 
+from time import perf_counter
 from types import SimpleNamespace
 
 import numpy as np
@@ -359,3 +360,20 @@ def test_a_row_of_zeros_stays_one_where_rows_are_made_of_unit_size():
     )
     np.testing.assert_allclose(units.A_in, [[0.0, 0.0], [0.6, 0.8]])
     np.testing.assert_allclose(units.b_in, [2.0, 2.0])
+
+
+def test_the_time_of_a_programme_is_that_of_its_parts():
+    started = perf_counter()
+    point = solve_cones(np.ones(2), [Ball(np.zeros(2), 1.0).rows()])
+    whole = perf_counter() - started
+    assert point.x == pytest.approx([-np.sqrt(0.5)] * 2, abs=1e-6)
+    assert 0.0 < point.build_seconds < whole
+    assert 0.0 < point.solve_seconds < whole
+    assert point.build_seconds + point.solve_seconds < whole
+
+
+@pytest.mark.parametrize("order", [1, 2, 9, 40])
+def test_a_stacked_matrix_has_the_order_that_its_length_says(order):
+    F = np.random.default_rng(order).normal(size=(3, order, order))
+    F = F + np.swapaxes(F, -1, -2)
+    np.testing.assert_allclose(smat(svec(F)), F)

@@ -7,8 +7,14 @@ import numpy as np
 import pytest
 from experiments import experiment
 
-from consistent_id import FixedMasses, PhysicalConsistency, build_regression
+from consistent_id import (
+    FixedMasses,
+    PhysicalConsistency,
+    SolverError,
+    build_regression,
+)
 from consistent_id.constraints import TotalMass
+from consistent_id.estimation import best_fit as best_fits
 from consistent_id.estimation.best_fit import _gain, best_fit, scaled_fit
 from consistent_id.regression.base import base_parameters
 
@@ -71,3 +77,23 @@ def test_the_gain_from_more_mass_is_bounded_by_the_price_of_its_bound():
         solution=SimpleNamespace(multipliers=prices),
     )
     assert _gain(best, total) == pytest.approx(2.0 * 0.2 * 9.0 * 5.0 * 3.0**2)
+
+
+@pytest.mark.parametrize(
+    ("violation", "message"),
+    [(0.9e-5, None), (1.1e-5, "best point violates"), (None, "no finite point")],
+)
+def test_a_doubtful_point_is_taken_up_to_a_violation(monkeypatch, violation, message):
+    def solve(*given, **how):
+        if violation is None:
+            raise SolverError("no finite point")
+        return "point", SimpleNamespace(violation=violation)
+
+    monkeypatch.setattr(best_fits, "solve_certified", solve)
+    monkeypatch.setattr(best_fits, "irreducible_conflict", lambda domain: ())
+    problem = SimpleNamespace(domain=None)
+    if message is None:
+        assert best_fits.solved(problem, np.zeros(1))[0] == "point"
+    else:
+        with pytest.raises(SolverError, match=message):
+            best_fits.solved(problem, np.zeros(1))

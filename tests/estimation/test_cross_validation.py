@@ -1,5 +1,7 @@
 """Weights by cross-validation: what the data say of the nominal robot, and honestly."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from robots import random_body, random_robot, random_states
@@ -14,6 +16,7 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.constraints.priors import Penalty
+from consistent_id.estimation import cross_validation
 from consistent_id.estimation.cross_validation import WEIGHTS as GRID
 from consistent_id.estimation.cross_validation import cross_validated
 from consistent_id.regression import joint_noise
@@ -150,3 +153,48 @@ def test_two_folds_are_enough_and_one_is_not():
     assert found.penalty.weight == 1.0
     with pytest.raises(ProblemError, match="1 folds of 12 segments"):
         cross_validated(model, segments, constraints=BODIES, weights=[1.0], folds=1)
+
+
+def test_weights_to_choose_from_are_two_in_a_factor_of_ten():
+    np.testing.assert_allclose(GRID, np.logspace(2, -8, 21))
+
+
+@pytest.mark.parametrize("distance", ["pullback", "entropic"])
+@pytest.mark.parametrize("best", [0, 2, 7, 99])
+def test_every_second_weight_is_tried_and_those_beside_the_best(
+    monkeypatch, distance, best
+):
+    """Of errors that grow away from one of the weights."""
+    model, segments, _ = simulated(0, right=True, samples=24, noise=0.1, joints=1)
+    grid = [weight for weight in GRID if distance != "entropic" or weight > 0.9e-6]
+    wanted, starts = np.log(grid[0::2][min(best, len(grid[::2]) - 1)]), []
+
+    def along(task, distance, weights, start=None):
+        starts.append(start)
+        proof = SimpleNamespace(verdict="certified")
+        return [
+            SimpleNamespace(
+                solution=SimpleNamespace(u=np.full(10, np.log(weight) - wanted)),
+                optimality=proof,
+                excess=0.0,
+                squared_distance=weight,
+            )
+            for weight in weights
+        ]
+
+    def errors(tested, fits, samples):
+        return np.array([1.0 + fit.solution.u[0] ** 2 for fit in fits])
+
+    monkeypatch.setattr(cross_validation, "_along", along)
+    monkeypatch.setattr(cross_validation, "_errors", errors)
+    path = cross_validated(model, segments, distance=distance, folds=3)
+    place = min(2 * best, 2 * len(grid[::2]) - 2)
+    tried = {*range(0, len(grid), 2), place - 1, place + 1}
+    expected = [grid[k] for k in sorted(tried) if 0 <= k < len(grid)]
+    np.testing.assert_allclose(path.weights, expected)
+    assert path.weights[path.best] == grid[place]
+    np.testing.assert_allclose(path.distances**2, expected)
+    assert path.errors.shape == (len(expected), 3)
+    # All data and all but each fold, first from nominal, then from the best.
+    assert starts[:4] == [None] * 4 and len(starts) == 8
+    assert all((start == 0.0).all() for start in starts[4:])

@@ -10,7 +10,7 @@ from robots import random_robot
 
 import consistent_id as ci
 from consistent_id import build_regression, least_squares
-from consistent_id.estimation.cutoff import CutoffChoice, _held_out, _Sides
+from consistent_id.estimation.cutoff import CutoffChoice, _held_out, _parts, _Sides
 from consistent_id.problems.file import ColumnsTable, DataTable, PreparationTable
 from consistent_id.problems.preparation import (
     check_base,
@@ -243,3 +243,14 @@ def test_each_part_is_predicted_by_the_others_in_shares_of_all_torque():
         off = part.torque - predicted_torque(model, x, part)
         expected = np.sqrt(np.mean(np.mean(off**2, axis=0) / size**2))
         assert found[k] == pytest.approx(expected)
+
+
+def test_parts_are_all_samples_and_longer_recordings_have_more_of_them():
+    logs = [
+        ci.Recording(("a",), start + np.arange(n) / 10, np.arange(float(n))[:, None])
+        for start, n in ((0.0, 301), (50.0, 101))
+    ]
+    parts = _parts(logs, 8, 1.0)
+    assert [len(part) for part in parts] == [50, 50, 50, 51, 50, 50, 50, 51]
+    whole = np.concatenate([part.time for part in parts])
+    np.testing.assert_array_equal(whole, np.concatenate([log.time for log in logs]))

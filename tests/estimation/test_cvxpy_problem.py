@@ -1,5 +1,7 @@
 """The estimate through CVXPY: the same optimum, own terms, and their proof."""
 
+from types import SimpleNamespace
+
 import cvxpy as cp
 import numpy as np
 import pytest
@@ -18,8 +20,9 @@ from consistent_id import (
 )
 from consistent_id.constraints import Penalty, PointToSet
 from consistent_id.constraints.cones.certificate import ConicOptimum, conic_optimum
+from consistent_id.constraints.cones.sets import matrices
 from consistent_id.constraints.priors import nominal_distance
-from consistent_id.estimation import to_cvxpy
+from consistent_id.estimation import cvxpy_problem, to_cvxpy
 
 CONSTRAINTS = (PhysicalConsistency(), NonNegativeDrive())
 PRIORS = (
@@ -224,3 +227,14 @@ def test_the_term_of_the_prior_is_half_of_the_squared_distance(name):
         form.variable.value = x / unit
         half = distance.squared(x / unit) / 2.0
         assert float(form.prior.value) == pytest.approx(half, abs=1e-9)
+
+
+def test_duals_of_matrices_are_made_symmetric(monkeypatch):
+    Z = np.array([[1.0, 4.0], [2.0, 5.0]])
+    duals = [np.array([7.0]), np.array([8.0, 9.0]), Z]
+    monkeypatch.setattr(cvxpy_problem, "set_multipliers", lambda domain, found: found)
+    domain = SimpleNamespace(b_eq=np.zeros(1), b_in=np.zeros(2))
+    rows = [SimpleNamespace(dual_value=dual) for dual in duals]
+    equal, at_most, z = cvxpy_problem._multipliers(domain, rows)
+    assert (equal.tolist(), at_most.tolist()) == ([7.0], [8.0, 9.0])
+    np.testing.assert_allclose(matrices(z, [2])[0], [[1.0, 3.0], [3.0, 5.0]])

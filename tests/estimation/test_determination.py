@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.constraints import Penalty
+from consistent_id.estimation import determination
 from consistent_id.estimation.determination import (
     LinearErrors,
     determinations,
@@ -292,3 +294,21 @@ def test_a_value_is_small_whose_interval_contains_zero():
             assert origin_text("data", value, error) == said
     assert origin_text("prior", 1.0, 5.0) == "prior"
     assert origin_text("data", 0.0, 1.0) == "small (± more than 1000 %)"
+
+
+def test_a_size_makes_a_tenth_of_the_torque_of_joints_that_depend_on_it(monkeypatch):
+    model = SimpleNamespace(robot=None, layout=SimpleNamespace(inertial_size=3))
+    scales = SimpleNamespace(units=np.array([4.0, 5.0, 6.0]))
+    monkeypatch.setattr(determination, "link_scales", lambda robot: scales)
+    rng = np.random.default_rng(0)
+    factors = rng.uniform(0.01, 0.1, (2, 4, 6)) * [1.0, 1.0, 0.0, 3.0, 1.0, 50.0]
+    factors[0, :, 1] = 0.0
+    sizes = parameter_sizes(
+        model, SimpleNamespace(factors=factors), np.array([0.0, -70.0, 0.2, 0.0, 0.0])
+    )
+    squares = np.sum(factors**2, axis=1)
+    whole = squares.sum(axis=0)
+    both = 0.1 * np.sqrt(whole[5] / whole[[0, 3, 4]])
+    np.testing.assert_allclose(sizes, [both[0], 70.0, 6.0, *both[1:]])
+    smaller = parameter_sizes(model, SimpleNamespace(factors=factors), np.zeros(5))
+    assert smaller[1] == pytest.approx(0.1 * np.sqrt(squares[1, 5] / squares[1, 1]))

@@ -24,11 +24,13 @@ from consistent_id import (
 )
 from consistent_id.constraints import Penalty
 from consistent_id.estimation import instrumental_variables, weighted_least_squares
+from consistent_id.estimation.base_least_squares import unconstrained_estimate
 from consistent_id.estimation.estimate_file import ReasonRecord
 from consistent_id.estimation.estimate_plot import draw_parameters, parameter_bars
 from consistent_id.estimation.uncertainties.parameter_uncertainty import bootstrap
 from consistent_id.estimation.verdict import Reason
-from consistent_id.regression import joint_noise, segment_regressions
+from consistent_id.regression import base_parameters, joint_noise, segment_regressions
+from consistent_id.regression.residual_noise import unconstrained_fit
 
 
 def estimated(seed=2, **options):
@@ -260,9 +262,11 @@ def test_an_estimate_took_no_longer_than_it_took():
     model, _, log = experiment(2, joints=2, noise=0.3, samples=300)
     regression = build_regression(model, log)
     shifted = replace(log, acceleration=log.acceleration + 0.1)
+    fit = unconstrained_fit(regression, base_parameters(model))
     for estimator in (
         lambda: least_squares(model, regression),
         lambda: weighted_least_squares(model, regression),
+        lambda: unconstrained_estimate(model, fit, data=fit, method="by hand"),
         lambda: huber(model, log),
         lambda: constrained_least_squares(model, regression),
         lambda: instrumental_variables(model, log, shifted),

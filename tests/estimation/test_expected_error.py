@@ -1,6 +1,7 @@
 """The expected error's range follows the scatter of segments and the new motion."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from experiments import experiment
 
 from consistent_id import ProblemError, build_regression, simulate_torque
 from consistent_id.constraints import PointToSet
+from consistent_id.estimation import expected_error as expectation
 from consistent_id.estimation.best_fit import FitProblem
 from consistent_id.estimation.constrained import constrained_least_squares
 from consistent_id.estimation.constrained_fit import DEFAULT_CONSTRAINTS
@@ -164,3 +166,22 @@ def test_a_distance_beyond_that_tested_adds_to_the_error_and_a_nearer_one_does_n
     still = replace(still, expected=ExpectedError(0.0, 0.0, 0.0)).on(rows)
     assert (still.error, still.low) == (pytest.approx(np.sqrt(0.12)), 0.0)
     assert still.high == still.error
+
+
+@pytest.mark.parametrize(("fitted", "excess"), [(0.2, 0.12), (0.5, 0.0)])
+def test_the_excess_is_of_squares_beyond_the_fitted_one(monkeypatch, fitted, excess):
+    for name, made in {
+        "expected_error": SimpleNamespace(error=0.4),
+        "nominal_distance": None,
+        "stacked_of_regression": fitted,
+        "prediction_root": "root",
+    }.items():
+        monkeypatch.setattr(expectation, name, lambda *a, made=made: made)
+    free = SimpleNamespace(regression=None, base=None)
+    scaled = SimpleNamespace(unit=None)
+    problem = SimpleNamespace(model=None, free=free, scaled=lambda: scaled)
+    left_out = SimpleNamespace(spreads=[0.3, 0.9], weights=[2.0, 5.0])
+    prior = SimpleNamespace(distance="pullback")
+    found = expectation.error_forecast(problem, left_out, parameters=None, prior=prior)
+    assert found.excess == pytest.approx(excess)
+    assert (found.tested, found.root, found.scaled) == (0.3, "root", scaled)

@@ -3,6 +3,7 @@
 import os
 from dataclasses import replace
 from time import perf_counter
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -213,3 +214,22 @@ def test_slopes_over_gains_are_orthogonal_to_what_parameters_fit():
     np.testing.assert_allclose(fit.raw, np.transpose(slopes), rtol=1e-6, atol=1e-6)
     Q = np.linalg.qr(weighted)[0]
     np.testing.assert_allclose(fit.jacobian, fit.raw - Q @ (Q.T @ fit.raw), atol=1e-12)
+
+
+def test_gains_and_noise_are_most_likely_together():
+    """Noise of all degrees of freedom, and no slope of the misfit that is left."""
+    rng = np.random.default_rng(1)
+    joint = np.repeat([0, 1], [30, 60])
+    A, known = rng.normal(size=(90, 3)), rng.normal(size=90)
+    noise = np.array([0.1, 0.6])[joint] * rng.normal(size=90)
+    current = (A @ [1.0, -2.0, 0.5] + known) / np.array([2.0, 5.0])[joint] + noise
+    rows = gains.Currents(A, known, current, joint)
+    regression = SimpleNamespace(
+        counts=(30, 60),
+        torque_rms=np.sqrt(np.bincount(joint, current**2) / [30, 60]),
+    )
+    found = gains.most_likely_gains(rows, regression, np.array([3.0, 3.0]))
+    assert np.exp(found.log_gains) == pytest.approx([2.0, 5.0], rel=0.2)
+    squares = np.bincount(joint, found.fit.residual**2) / [30, 60]
+    assert squares == pytest.approx([1.0 - 5.0 / 90.0] * 2, rel=1e-3)
+    assert abs(found.fit.jacobian.T @ found.fit.residual).max() < 1e-2

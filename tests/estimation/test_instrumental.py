@@ -21,6 +21,7 @@ from consistent_id import (
 )
 from consistent_id.estimation import (
     endogeneity_test,
+    instrumental,
     instrumental_variables,
     weighted_least_squares,
 )
@@ -225,3 +226,30 @@ def test_a_rank_and_what_is_left_do_not_depend_on_the_unit_of_a_column(unit):
     rank, left = _left(A, b)
     expected = np.linalg.lstsq(A[:, :3] / [1.0, unit, 1.0], b)[1][0]
     assert rank == 3 and left == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("apart", "rank"), [(1.1, 3), (0.9, 2)])
+def test_a_direction_counts_from_a_billionth_of_the_largest_on(apart, rank):
+    """Two columns nearly alike have singular values of a root of two, and theirs."""
+    A = np.array([[1.0, 1.0, 0.0], [0.0, 2e-9 * apart, 0.0], [0.0, 0.0, 5.0]])
+    assert _left(A, np.ones(3)) == (rank, pytest.approx(3.0 - rank))
+
+
+@pytest.mark.parametrize(("samples", "enough"), [(49, False), (50, True)])
+@pytest.mark.parametrize("apart", [True, False])
+def test_a_test_needs_a_direction_and_a_degree_of_freedom(
+    monkeypatch, samples, enough, apart
+):
+    """Ten samples count as one: five are one more than columns, if these differ."""
+    R = np.random.default_rng(0).normal(size=(30, 5))
+    if not apart:
+        R[:, :2] = R[:, 2:4]
+    rows = SimpleNamespace(stacked=R, samples=samples, correlation=10.0)
+    monkeypatch.setattr(instrumental, "instrumented", lambda *given: rows)
+    if enough and apart:
+        found = endogeneity_test(None, [], None, base=(0, 1))
+        left = [np.linalg.lstsq(A, R[:, 4])[1][0] for A in (R[:, 2:4], R[:, :4])]
+        assert found.statistic == pytest.approx((left[0] - left[1]) / 2.0 / left[1])
+    else:
+        with pytest.raises(ProblemError, match="too few for a test"):
+            endogeneity_test(None, [], None, base=(0, 1))

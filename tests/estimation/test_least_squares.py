@@ -21,7 +21,7 @@ from consistent_id import (
     least_squares,
     simulate_torque,
 )
-from consistent_id.estimation import weighted_least_squares
+from consistent_id.estimation import robust, weighted_least_squares
 from consistent_id.estimation.base_least_squares import (
     _covariance,
     stationarity_certificate,
@@ -281,3 +281,76 @@ def test_parameters_of_open_directions_have_infinite_errors_and_no_covariance():
     nan, inf = np.nan, np.inf
     expected = [[4.0, nan, nan], [nan, inf, nan], [nan, nan, inf]]
     np.testing.assert_array_equal(found, expected)
+
+
+def test_mixed_steps_are_the_shortest_of_all_points_that_they_span():
+    rng = np.random.default_rng(1)
+    starts, ends = rng.normal(size=(2, 3, 4))
+    metric = rng.normal(size=(6, 4))
+    steps = [
+        robust._ReweightingStep(a, b, []) for a, b in zip(starts, ends, strict=True)
+    ]
+    shares = robust._mixed(steps, metric)
+    B = (ends - starts) @ metric.T
+    expected = np.linalg.solve(B @ B.T, np.ones(3))
+    np.testing.assert_allclose(shares, expected / expected.sum())
+    assert robust._mixed(steps[:1], metric) == pytest.approx([1.0])
+
+
+@pytest.mark.parametrize(("size", "back"), [(1.1e-8, 1.0), (0.9e-8, 0.0)])
+def test_steps_that_differ_by_a_hundred_millionth_are_alike(size, back):
+    ends = np.array([[-0.5, -size], [0.5, 0.0], [0.5, size]]) @ [[1.0, 0.0], [0.0, 1.0]]
+    ends[0] = [-0.5, 0.0]
+    steps = [robust._ReweightingStep(np.zeros(2), end, []) for end in ends]
+    shares = robust._mixed(steps, np.eye(2))
+    expected = np.array([0.5, back - 0.5, 1.0 - back])
+    np.testing.assert_allclose(shares, expected, atol=1e-6)
+
+
+def test_mixing_restarts_where_a_step_more_than_doubles(monkeypatch):
+    changes, mixed = iter([10.0, 19.0, 39.0, 20.0, 40.0, 20.0, 19.0, 5.0]), []
+
+    def last(steps, metric):
+        mixed.append(len(steps))
+        return np.eye(len(steps))[-1]
+
+    rows = SimpleNamespace(stacked=lambda: np.eye(2))
+    for name, fake in {
+        "_mixed": last,
+        "_largest_change": lambda *a: next(changes),
+        "_residuals": lambda *a: [np.ones((5, 1))],
+        "reweighted": lambda *a: SimpleNamespace(weighted=lambda scale: rows),
+        "solve_linear": lambda *a: SimpleNamespace(x=np.zeros(1)),
+    }.items():
+        monkeypatch.setattr(robust, name, fake)
+    plain = SimpleNamespace(
+        base=SimpleNamespace(independent=(0,), lift=lambda x: x),
+        regression=SimpleNamespace(torque_rms=np.ones(1)),
+    )
+    motions = [SimpleNamespace(counted=np.ones((5, 1), dtype=bool))]
+    rules = robust.HuberRules(iterations=8, tolerance=5.0)
+    found = robust._settled(None, plain, motions, np.zeros(1), rules)
+    assert mixed == [1, 2, 1, 2, 3, 4, 4] and found.change == 5.0
+    assert found.scale == pytest.approx(1.4826)
+
+
+def test_a_matrix_is_the_product_of_what_its_solution_holds():
+    """Whatever the units of its columns, and of rank two of three."""
+    A = np.random.default_rng(3).normal(size=(7, 3)) * [1e-4, 1.0, 1e5]
+    A[:, 2] = 1e5 * (A[:, 1] - 3e4 * A[:, 0])
+    found = solve_linear(A, np.ones(7))
+    assert found.rank == 2
+    again = found.left * found.singular_values[:2] @ found.row_space
+    np.testing.assert_allclose(again / A, 1.0, rtol=1e-6)
+    np.testing.assert_allclose(
+        found.row_space @ found.steps,
+        np.diag(1.0 / found.singular_values[:2]),
+        atol=1e-12,
+    )
+
+
+@pytest.mark.parametrize(("apart", "rank"), [(1.1, 3), (0.9, 2)])
+def test_a_column_counts_from_a_tolerance_of_the_largest_direction_on(apart, rank):
+    """Two columns nearly alike have a singular value of a root of two."""
+    A = np.array([[1.0, 1.0, 0.0], [0.0, 2e-9 * apart, 0.0], [0.0, 0.0, 5.0]])
+    assert solve_linear(A, np.ones(3), tolerance=1e-9).rank == rank

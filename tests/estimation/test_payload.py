@@ -405,3 +405,13 @@ def test_a_load_is_carried_by_the_one_link_at_the_end(parents, carrier):
     else:
         with pytest.raises(ModelError, match="ends in b, c; name the carrier"):
             _carrier(model, None)
+
+
+@pytest.mark.parametrize("wrong", [-0.1, [0.1, 0.1, -0.1, 0.1], [0.1, 0.2, 0.3]])
+def test_errors_of_gains_are_not_negative_and_one_or_as_many_as_joints(wrong):
+    with pytest.raises(ProblemError, match="gain_errors are"):
+        _gain_covariance(wrong, 4)
+    assert _gain_covariance([0.1, 0.2], 2).tolist() == [
+        [pytest.approx(0.01), 0.0],
+        [0.0, pytest.approx(0.04)],
+    ]

@@ -513,3 +513,60 @@ def test_within_a_bracket_a_parabola_is_taken_and_its_ends_are_kept_away_from():
         assert (found.log_weight == 0.5) is halved
     assert narrowed([(0.71, -1.0)], 0.5, (0.3, 0.3)).log_weight != 0.71 + 0.29 / 2
     assert narrowed([(0.69, -1.0)], 0.5, (0.3, 0.3)).log_weight == 0.69 + 0.31 / 2
+
+
+@pytest.fixture
+def search(monkeypatch):
+    """Search for a weight with stated optima; returns what was asked, and the result.
+
+    Of a weight ``w``, the misfit is ``4 + 9 w^2``, the squared distance ``2 / w``.
+    """
+
+    def run(verdicts, slack=0.5, gap=0.0, grows=9.0):
+        asked, verdicts = [], iter(verdicts)
+
+        def compromise(scaled, distance, weight, reach):
+            def optimum(start, **finer):
+                asked.append((weight, reach, start))
+                return SimpleNamespace(
+                    excess=4.0 + grows * weight**2,
+                    squared_distance=2.0 / weight,
+                    weight=weight,
+                    distance_gap=gap,
+                    solution=SimpleNamespace(u=len(asked)),
+                    optimality=SimpleNamespace(verdict=next(verdicts), objective=1.0),
+                )
+
+            return SimpleNamespace(optimum=optimum)
+
+        monkeypatch.setattr(penalised, "Compromise", compromise)
+        scaled = SimpleNamespace(excess=lambda u: 4.0, residual=1.5)
+        u, nominal = np.array([1.0, 2.0]), np.array([4.0, 6.0])
+        best = SimpleNamespace(scaled=scaled, solution=SimpleNamespace(u=u))
+        distance = SimpleNamespace(nominal=nominal)
+        return asked, nearest_within(best, distance, slack)
+
+    return run
+
+
+def test_a_weight_is_sought_whose_misfit_uses_up_the_slack(search):
+    asked, found = search(["certified"] * 99)
+    allowed = 1.25 * 6.25
+    assert found.allowed == pytest.approx(allowed)
+    w = found.fit.weight
+    assert 9.0 * w**2 <= allowed
+    assert found.distance_gap == pytest.approx((allowed - 9.0 * w**2) / w / (2.0 / w))
+    assert found.distance_gap <= DISTANCE_GAP
+    # Proofs hold twice as far as the nominal robot is from the best fit.
+    assert {reach for _, reach, _ in asked} == {10.0}
+    assert asked[0][::2] == (pytest.approx(allowed * np.exp(-12.0)), None)
+    assert asked[1][2] == 1  # from the point before
+
+
+@pytest.mark.parametrize(("proven", "tries"), [("", 5), ("y", 6), ("nny", 8)])
+def test_a_search_ends_after_five_fits_without_a_proof(search, proven, tries):
+    """And one more, finer, whose distance is not proven either."""
+    verdicts = ["certified" if p == "y" else "uncertified" for p in proven.ljust(99)]
+    asked, _ = search(verdicts, gap=1e3, grows=0.0)
+    assert len(asked) == tries + 1
+    assert len({weight for weight, *_ in asked}) == tries

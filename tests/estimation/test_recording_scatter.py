@@ -250,3 +250,44 @@ def test_variances_are_the_mean_with_and_without_active_inequalities(monkeypatch
         lambda *_, active: np.diag([1.0, 6.0]) if active else np.diag([3.0, 8.0]),
     )
     assert parameter_scatter.variances(None, None).tolist() == [2.0, 7.0]
+
+
+def test_each_kind_of_parameter_scatters_by_itself():
+    drive = DriveTerms(viscous=True, offset=True, rotor_inertia=True)
+    model = TorqueModel(MODEL.robot, drive)
+    base, rng = base_parameters(model), np.random.default_rng(9)
+    truth = rng.uniform(0.1, 0.5, len(model.layout))
+    parts = []
+    for level in (0.1, 0.2, 0.4):
+        log = Recording(
+            ("joint1", "joint2"), np.arange(60) / 100, *rng.normal(size=(3, 60, 2))
+        )
+        x = truth * rng.uniform(0.8, 1.2, len(truth))
+        log = simulate_torque(model, x, log, noise=level, rng=rng)
+        parts.append(build_regression(model, log))
+    found = recording_scatter(model, parts, base)
+    fits = [unconstrained_fit(part, base) for part in parts]
+    x = np.array([fit.solution.x for fit in fits])
+    w = 1.0 / np.array(
+        [np.diag(f.noise.steps @ f.noise.inflation @ f.noise.steps.T) for f in fits]
+    )
+    ends = ("viscous", "offset", "rotor_inertia")
+    names = [model.layout.names[i].split(".")[1] for i in base.independent]
+    noise, sums = unconstrained_fit(merged(parts), base).noise, []
+    for kind, own in (
+        ("inertial", [name not in ends for name in names]),
+        ("friction", [name in ends[:2] for name in names]),
+        ("other drive terms", [name in ends[2:] for name in names]),
+    ):
+        spread = excess(x[:, own], w[:, own])
+        expected = np.maximum(spread.ratio - 1.0, 0.0) * spread.unit
+        assert found.deviations[own] ** 2 == pytest.approx(expected)
+        assert found.freedom[kind] == spread.freedom
+        D = np.diag(np.where(own, found.deviations, 0.0) ** 2)
+        grams = [R.T @ R for R in (p.stacked()[:, base.independent] for p in parts)]
+        moves = [noise.steps.T @ G for G in grams]
+        sums.append(np.sum([M @ D @ M.T for M in moves], axis=0))
+    added = found.added_to(noise, parts, base)
+    between = {s.freedom: s.covariance for s in added.between}
+    for freedom, expected in zip(found.freedom.values(), sums, strict=True):
+        np.testing.assert_allclose(between[freedom], expected, rtol=1e-6, atol=1e-12)

@@ -1,6 +1,7 @@
 """Rows of joints at rest are left out where they pull at the parameters."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -169,3 +170,97 @@ def test_parts_are_predicted_by_the_others_along_the_allowed_combinations():
         assert found[k] == pytest.approx(
             np.linalg.norm(rest) / np.linalg.norm(rows[:, 4])
         )
+
+
+LEFT_OF = {0.5: [2, 1], 0.25: [6, 4], 0.2: [0, 50], 0.1: [9, 0.9], 0.05: [8, 3]}
+ENDS = {0.5: 0.0, 0.25: 0.0, 0.2: 1.0, 0.1: 0.0, 0.05: 2.0, 0.0: 0.0}
+
+
+@pytest.mark.parametrize("whole", [[60, 40], [50, 49]])
+def test_speeds_leave_a_tenth_of_the_rows_and_some_of_each_block(monkeypatch, whole):
+    """Whether contact-free or not; a block in which a joint rests is not regarded."""
+    rows = {**LEFT_OF, 0.0: whole}
+
+    def factors(model, block, combinations):
+        return [SimpleNamespace(rows=rows[v][k], factor=(v, k)) for v, k in block]
+
+    monkeypatch.setattr(resting, "masked_factors", factors)
+    monkeypatch.setattr(
+        resting, "_tells_of_each_joint", lambda left, all: ENDS[left[0][0]] < 2.0
+    )
+    masked = [resting._Masked(v, [(v, 0), (v, 1)]) for v in rows]
+    found = resting._contact_free(None, masked, None)
+    kept = [0.25, *([] if sum(whole) == 100 else [0.1]), 0.0]
+    assert [one.speed for one in found] == kept
+    assert all(one.parts == [(one.speed, 0), (one.speed, 1)] for one in found)
+
+
+def test_all_rows_are_weighted_by_the_noise_of_the_highest_speed(monkeypatch):
+    rng = np.random.default_rng(0)
+    counts = {0.5: (2, 7), 0.25: (4, 6), 0.1: (9, 20), 0.0: (60, 40)}
+    R, combinations = rng.normal(size=(5, 4)), rng.normal(size=(3, 2))
+
+    def build(model, block, noise):
+        if block[0] == 0.1:
+            raise ci.NotExcitedError("a joint is slow")
+        k = block[1]
+        return SimpleNamespace(
+            counts=(counts[block[0]][k] - 1, 1),
+            weighted=lambda s: SimpleNamespace(stacked=lambda: s * (k + 1) * R),
+            speed=block[0],
+        )
+
+    monkeypatch.setattr(resting, "build_regression", build)
+    monkeypatch.setattr(resting, "merged", lambda parts: parts[0].speed)
+    monkeypatch.setattr(resting, "joint_noise", lambda model, speed, base: 10.0 + speed)
+    masked = [resting._Masked(v, [(v, 0), (v, 1)]) for v in counts]
+    found = resting._every_row(None, masked, combinations, None)
+    assert [one.speed for one in found] == [0.25, 0.0]
+    for one in found:
+        for k, part in enumerate(one.parts):
+            rows = 10.25 * (k + 1) * R
+            np.testing.assert_allclose(part[:, :2], rows[:, :3] @ combinations)
+            np.testing.assert_allclose(part[:, 2], rows[:, 3])
+
+
+@pytest.mark.parametrize(
+    ("errors", "chosen"),
+    [
+        ([[0.1, 0.3], [0.2, 0.1], [0.23, 0.0228], [0.3, 0.3]], 1),
+        ([[0.1, 0.3], [0.2, 0.1], [0.22, 0.0525], [0.3, 0.3]], 2),
+        ([[0.5e-6], [1.01e-6], [1.02e-6], [2e-6]], 1),  # less than a millionth is none
+    ],
+)
+def test_the_lowest_speed_near_the_least_square_is_chosen(monkeypatch, errors, chosen):
+    """At a third of the reach, as more of it leaves no speed to try."""
+    reaches, speeds = [], []
+
+    def rows(model, masked, combinations, base):
+        speeds.append([one.speed for one in masked])
+        enough = errors if len(speeds) == 3 else errors[:1]
+        parts = [[np.eye(3) * k] for k in range(len(enough))]
+        return [resting._TriedSpeed(0.8 / (k + 1), p) for k, p in enumerate(parts)]
+
+    def without(log, speed, reach):
+        reaches.append(reach)
+        return log
+
+    free = SimpleNamespace(directions=np.eye(1), start=np.zeros(1))
+    for name, fake in {
+        "_every_row": rows,
+        "without_rests": without,
+        "base_of_recordings": lambda model, logs: "base",
+        "_independent": lambda A: None,
+        "_errors": lambda parts, yardstick, turn: np.array(errors[int(parts[0][0, 0])]),
+    }.items():
+        monkeypatch.setattr(resting, name, fake)
+    monkeypatch.setattr(resting.FreeParameters, "of", staticmethod(lambda *a: free))
+    model = SimpleNamespace(robot=SimpleNamespace(floating=False), torque_joints=("a",))
+    time = np.arange(24.0)
+    velocity = np.array([0.0] * 4 + [0.2] * 9 + [-0.4] * 2 + [0.9] * 9)[:, None]
+    log = ci.Recording(("a",), time, np.zeros((24, 1)), velocity)
+    found = ci.estimation.rest_speed(model, log, reach=0.3)
+    assert found.speed == 0.8 / (chosen + 1) and len(found.tried) == 4
+    assert found.reach == pytest.approx(0.1)
+    assert sorted(set(np.round(reaches, 9))) == pytest.approx([0.1, 0.2, 0.3])
+    assert speeds == [[*(0.4 * 0.5 ** np.arange(8)), 0.0]] * 3

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import lru_cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +17,10 @@ from consistent_id.estimation.constrained_fit import (
     constrained_fit,
 )
 from consistent_id.estimation.cross_validation import cross_validated
-from consistent_id.estimation.uncertainties import parameter_uncertainty
+from consistent_id.estimation.uncertainties import (
+    parameter_scatter,
+    parameter_uncertainty,
+)
 from consistent_id.estimation.uncertainties.parameter_scatter import (
     covariance,
     segment_scores,
@@ -24,6 +28,7 @@ from consistent_id.estimation.uncertainties.parameter_scatter import (
 )
 from consistent_id.estimation.uncertainties.parameter_uncertainty import bootstrap
 from consistent_id.regression import joint_noise
+from consistent_id.regression import segments as segment_rows
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.segments import merged, segment_regressions
 
@@ -207,3 +212,51 @@ def test_what_cannot_be_resampled_is_refused():
     for level in (0.0, 1.0, 95.0):
         with pytest.raises(ProblemError, match="level"):
             found.interval(level)
+
+
+def test_scores_scatter_about_the_mean_of_their_own_recording(monkeypatch):
+    """One segment of a recording has no scatter; two have twice their squares."""
+    rng = np.random.default_rng(0)
+    parts, u = [rng.normal(size=(4, 3)) for _ in range(6)], rng.normal(size=2)
+    scaled = SimpleNamespace(
+        with_factor=lambda R: SimpleNamespace(M=R[:, :2], z=R[:, 2])
+    )
+    fitted = SimpleNamespace(
+        best=SimpleNamespace(scaled=scaled),
+        final=SimpleNamespace(solution=SimpleNamespace(u=u)),
+    )
+    monkeypatch.setattr(parameter_scatter, "base_factor", lambda part, base: part)
+    g = np.array([R[:, :2].T @ (R[:, :2] @ u - R[:, 2]) for R in parts])
+    found = segment_scores(fitted, parts, None, sources=[0, 0, 1, 2, 2, 2])
+    two, three = 2.0 * np.cov(g[:2].T), 3.0 * np.cov(g[3:].T)
+    np.testing.assert_allclose(found.T @ found, two + three)
+    np.testing.assert_allclose(found[2], 0.0)
+    every = segment_scores(fitted, parts, None)
+    np.testing.assert_allclose(every.T @ every, 6.0 * np.cov(g.T))
+
+
+def test_active_constraints_make_no_error_larger(monkeypatch):
+    squares = {True: [4.0, 1.0, 3.0, 0.0, 0.0], False: [1.0, 4.0, 0.0, 2.0, 0.0]}
+    monkeypatch.setattr(parameter_scatter, "noise_scores", lambda fitted, noise: None)
+    monkeypatch.setattr(
+        parameter_scatter,
+        "covariance",
+        lambda fitted, scores, active: np.diag(squares[active]),
+    )
+    ratios = parameter_scatter.active_ratios(None, None)
+    np.testing.assert_allclose(ratios, [1.0, 0.5, 1.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize(("length", "left"), [(2.4, 2), (2.401, 6)])
+def test_segments_are_joined_to_ten_correlation_lengths(monkeypatch, length, left):
+    """Where at least two remain; each joint has a length of its own."""
+    monkeypatch.setattr(
+        segment_rows,
+        "merged",
+        lambda parts: np.sum([part.counts for part in parts], axis=0).tolist(),
+    )
+    parts = [SimpleNamespace(counts=(50, 8))] * 6
+    noise = SimpleNamespace(length=np.array([5.0, length]))
+    found = parameter_scatter.Segments(parts, (0,) * 6).long_enough(noise)
+    assert found.regressions == (([150, 24],) * 2 if left == 2 else parts)
+    assert len(found.sources) == left

@@ -3,6 +3,7 @@
 import os
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from consistent_id import (
     load_problem,
     simulate_torque,
 )
-from consistent_id.estimation import fit_shapes
+from consistent_id.estimation import fit_shapes, shape_fit
 from consistent_id.estimation.shape_profile import ShapeGroup, ShapeMisfit
 from consistent_id.recordings.joint_paths import Sinusoid, SinusoidalMotion
 from consistent_id.regression import (
@@ -257,3 +258,52 @@ def test_a_joint_may_have_points_in_its_name():
     named = replace(robot, joints=(replace(robot.joints[0], name="left.arm.j1"),))
     model = with_shapes(TorqueModel(named, drive), {"left.arm.j1.velocity_scale": 0.2})
     assert model.terms[0].velocity_scale == 0.2
+
+
+def test_an_error_is_the_misfit_over_the_torque():
+    rows = SimpleNamespace(stacked=lambda: np.array([[9.0, 3.0], [9.0, 4.0]]))
+    fit = SimpleNamespace(half_log=np.log(0.5), regression=rows)
+    assert shape_fit._error(SimpleNamespace(at=lambda u: fit), None) == 0.1
+
+
+def test_bounds_are_those_of_the_term_if_none_are_given():
+    group = SimpleNamespace(kind="width", members=[SimpleNamespace(bounds=(2.0, 3.0))])
+    assert shape_fit._bounds(group, None) == (2.0, 3.0)
+    assert shape_fit._bounds(group, {"width": (1.0, 4.0)}) == (1.0, 4.0)
+    assert shape_fit._bounds(group, {"height": (1.0, 4.0)}) == (2.0, 3.0)
+
+
+def test_samples_count_as_many_times_as_they_are_independent(monkeypatch):
+    """Of two joints with 300 samples each, every third one says something new."""
+    asked, linear = [], SimpleNamespace(parameters=None, model="model")
+    misfit = SimpleNamespace(at=lambda u: linear)
+    data = SimpleNamespace(
+        samples=300,
+        regression=lambda model: SimpleNamespace(sigma=[1.0, 2.0]),
+        residuals=lambda x, columns: [None] * 2,
+        columns=lambda model: None,
+    )
+    search = shape_fit._ShapeSearch
+
+    def rise(independent, confidence):
+        asked.append((independent, confidence))
+        return 0.0
+
+    for name, fake in {
+        "_groups": lambda *a: (),
+        "shape_regression": lambda *a: data,
+        "joint_noise": lambda *a, base: [3.0, 4.0],
+        "ShapeMisfit": lambda *a: misfit,
+        "_searches": lambda *a: [search(None, 2.0, 5), search(None, 1.5, 6)],
+        "correlation_length": lambda residuals, sigma: 3.0,
+        "allowed_rise": rise,
+        "_error": lambda misfit, u: 0.25,
+    }.items():
+        monkeypatch.setattr(shape_fit, name, fake)
+    log = SimpleNamespace()
+    monkeypatch.setattr(shape_fit, "several", lambda logs: [log])
+    found = fit_shapes(None, log, base="base")
+    assert asked == [(200.0, 0.95)]
+    assert found.misfits == pytest.approx((np.exp(0.5), 1.0))
+    assert (found.evaluations, found.correlation) == (11, 3.0)
+    assert 0.0 <= found.seconds < 60.0

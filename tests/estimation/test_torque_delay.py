@@ -1,12 +1,14 @@
 """The delay of a standing robot's torque, found with the radius of its feet."""
 
 from dataclasses import fields, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from quadrupeds import FEET, FOOT, quadruped_text
 
 import consistent_id as ci
+from consistent_id.estimation import radius_and_delay
 from consistent_id.estimation.radius_and_delay import (
     TorqueDelay,
     _around,
@@ -209,3 +211,64 @@ def test_what_is_not_wanted_stays_as_it_is():
     around = [0.25, 0.5, 0.75]
     assert _around(np.array([False, True]), at, steps) == ([0.0], around)
     assert _around(np.array([True, False]), at, steps) == (around, [0.0])
+
+
+@pytest.fixture
+def tried(monkeypatch):
+    """Call an estimate on stated parabolas; returns what it tried, and the result."""
+
+    def run(vertices, logs, **wanted):
+        moves, vertices = [], iter(vertices)
+
+        def factors(model, logs, combinations, around):
+            moves.append(np.array(around[1:]))
+            return [None] * 3
+
+        monkeypatch.setattr(radius_and_delay, "_moved_factors", factors)
+        monkeypatch.setattr(radius_and_delay, "_misfits", lambda blocks, wanted: None)
+        monkeypatch.setattr(
+            radius_and_delay, "_vertex", lambda misfits: np.array(next(vertices))
+        )
+        model = SimpleNamespace(layout=SimpleNamespace(names=["x"]))
+        free = SimpleNamespace(directions=np.eye(1), start=np.zeros(1))
+        monkeypatch.setattr(
+            radius_and_delay.FreeParameters, "of", staticmethod(lambda *given: free)
+        )
+        found = ci.estimation.estimate_radius_and_delay(model, logs, **wanted)
+        return moves, found
+
+    return run
+
+
+def feet(radius, rate):
+    time = np.arange(40) / rate
+    flags = ci.recordings.ContactFlags("ball", np.ones(40, bool), radius=radius)
+    return ci.Recording(("a",), time, np.sin(time)[:, None], contacts=(flags,))
+
+
+LOGS = [feet(0.02, 200.0), feet(0.03, 50.0)]
+
+
+def test_priors_and_steps_are_those_of_the_smallest_foot_and_slowest_clock(tried):
+    """A tenth of a radius and one period; steps of a twentieth and a quarter."""
+    moves, found = tried([[np.nan, np.nan]] * 9, LOGS)
+    np.testing.assert_allclose(moves, [[[0.0, 0.0], [1e-3, 5e-3]]])
+    assert found.feet.standard_error == pytest.approx(2e-3)
+    assert found.delay.standard_error == pytest.approx(0.02)
+    _, alone = tried([[np.nan]] * 9, LOGS, radius=False)
+    assert alone.feet is None
+    assert alone.delay.standard_error == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize(("last", "passes"), [(1.0, 1), (-1.0, 1), (-1.01, 4)])
+def test_parabolas_are_moved_until_their_vertex_is_within_a_step(tried, last, passes):
+    moves, _ = tried([[0.5, last]] * 9, LOGS)
+    assert len(moves) == passes
+    expected = [[0.5 * k * 1e-3, k * last * 5e-3] for k in range(passes)]
+    np.testing.assert_allclose([at for at, _ in moves], expected)
+
+
+def test_torque_is_moved_by_five_periods_at_most(tried):
+    moves, _ = tried([[10.0, -14.0]] * 9, LOGS)
+    ends = [[0.01 * k, max(-0.07 * k, -0.1)] for k in range(4)]
+    np.testing.assert_allclose([at for at, _ in moves], ends)

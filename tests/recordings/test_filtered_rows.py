@@ -436,3 +436,9 @@ def test_rows_worth_keeping_are_on_a_grid_of_the_whole_log():
     assert (kept[rows] + 7).tolist() == [12, 18, 24, 30, 36, 42, 48, 54, 60, 66]
     # Steps that are no multiple are shortened to one.
     assert places_of_rows(behind, 5).tolist() == places_of_rows(behind, 4).tolist()
+
+
+@pytest.mark.parametrize("cutoff", [0.001, 0.3])
+def test_no_rows_of_a_filter_are_no_rows(cutoff):
+    values = np.ones((3000, 2))
+    assert RowFilter(cutoff)(values, np.arange(0)).shape == (0, 2)

@@ -5,6 +5,8 @@ import pytest
 
 from consistent_id import Recording, RecordingError
 from consistent_id.recordings.beside import BaseMotion, Wrench
+from consistent_id.recordings.signals import repetitions
+from consistent_id.recordings.signals.fourier import series_columns
 from consistent_id.recordings.signals.repetitions import (
     _refined,
     _require_one_path,
@@ -179,3 +181,47 @@ def test_no_more_harmonics_are_fitted_than_samples_tell_apart():
 @pytest.mark.parametrize(("at", "found"), [(9, 10), (10, 10), (17, 17), (31, 30)])
 def test_a_turn_is_not_in_the_first_or_last_quarter(at, found):
     assert _turn(abs(np.arange(41.0) - at)[:, None]) == found
+
+
+def changing(ratio, periods):
+    """A motion with a given squared change after a period, over its variance."""
+    once, change = np.random.default_rng(3).normal(size=(2, 24))
+    once, change = once - once.mean(), change - change.mean()
+    change *= np.sqrt(ratio / (1.0 - ratio / 4.0) * once.var() / change.var())
+    q = np.concatenate([once + (-1) ** k * change / 2.0 for k in range(periods)])
+    time = np.arange(24 * periods) * 0.02
+    return Recording(("a",), time, np.column_stack([q]))
+
+
+def test_a_tenth_of_the_variance_is_the_most_that_a_period_changes():
+    assert _self_similar(changing(0.099, 2), 0.4, 0.56)[0] == pytest.approx(0.48)
+    with pytest.raises(RecordingError, match="does not repeat itself"):
+        _self_similar(changing(0.101, 2), 0.4, 0.56)
+
+
+@pytest.mark.parametrize(("ratio", "found"), [(0.019, 0.48), (0.021, 0.96)])
+def test_a_period_is_the_first_that_is_alike_to_a_fiftieth(ratio, found):
+    assert _self_similar(changing(ratio, 4), 0.4, 1.2)[0] == pytest.approx(found)
+
+
+@pytest.mark.parametrize(
+    ("step", "guess", "harmonics", "terms"),
+    [(0.01, 1.99, 5, 5), (0.1, 2.015, 200, 9), (0.1, 1.985, 200, 8)],
+)
+def test_a_series_has_the_harmonics_that_samples_tell_apart(
+    monkeypatch, step, guess, harmonics, terms
+):
+    """Those slower than 0.45 of the sampling rate."""
+    tried = []
+
+    def columns(time, frequencies):
+        tried.append(frequencies)
+        return series_columns(time, frequencies)
+
+    monkeypatch.setattr(repetitions, "series_columns", columns)
+    period = _refined(periodic(1.5, step=step), guess, 0.01, harmonics)
+    assert guess - 0.01 < period < guess + 0.01
+    for frequencies in tried:
+        first = frequencies[0]
+        assert frequencies == pytest.approx(first * np.arange(1, terms + 1))
+        assert guess - 0.01 < 1.0 / first < guess + 0.01

@@ -433,3 +433,12 @@ def test_columns_as_near_as_rounding_are_one(apart, kept):
     rows = np.column_stack([c, c + size * d, np.random.default_rng(0).normal(size=100)])
     errors = spectral_errors([rows])
     assert (errors.max() > 1e6) == kept
+
+
+@pytest.mark.parametrize("width", [1, 4, 5, 99])
+def test_weights_of_running_means_are_spread_over_what_these_are_made_of(width):
+    weights, spectrum = np.random.default_rng(width).normal(size=(2, 9))
+    means = correlated_noise._smoothed(spectrum, width)
+    whole = correlated_noise._spread(weights, width)
+    assert whole @ spectrum == pytest.approx(weights @ means)
+    assert correlated_noise._smoothed(np.full(9, 3.0), width) == pytest.approx(3.0)

@@ -149,3 +149,10 @@ def test_degrees_of_freedom_may_be_less_than_one(tmp_path):
     few = replace(regression.noise, freedom=np.array([0.5, 0.01, 3.0]))
     path = save_regression(replace(regression, noise=few), tmp_path / "r.json")
     assert load_regression(path).noise.freedom.tolist() == [0.5, 0.01, 3.0]
+
+
+def test_the_file_of_a_regression_is_one_line_with_blanks(tmp_path):
+    model, logs = case(samples=(5,))
+    path = save_regression(build_regression(model, logs), tmp_path / "r.json")
+    text = path.read_text()
+    assert len(text.splitlines()) == 1 and '{"format": ' in text

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from consistent_id import NotExcitedError, ProblemError, Recording, build_regression
 from consistent_id.recordings import ContactFlags
 from consistent_id.regression.segments import (
+    _spans,
     lengthened,
     merged,
     segment_cuts,
@@ -107,3 +108,13 @@ def test_two_segments_are_the_fewest():
     assert len(segment_regressions(model, log, count=2)) == 2
     with pytest.raises(NotExcitedError, match="2 samples are too few to be cut"):
         segment_regressions(model, log.samples(slice(0, 2)), count=2)
+
+
+def test_a_segment_has_rows_where_contacts_are_certain():
+    """Of samples without rows, more are taken until there is one."""
+    certain = np.ones(12, dtype=bool)
+    certain[3:8] = False
+    feet = ContactFlags("foot", np.ones(12, dtype=bool), certain=certain)
+    log = Recording(("a",), np.arange(12.0), np.zeros((12, 1)), contacts=(feet,))
+    assert _spans(log, 3.0) == [(0, 3), (3, 9), (9, 12)]
+    assert _spans(replace(log, contacts=()), 3.0) == segment_cuts(12, 3.0)

@@ -8,7 +8,13 @@ import pytest
 from consistent_id import DHRow, InertialParameters, from_modified_dh
 from consistent_id.robot.inertia import second_moments
 from consistent_id.robot.model import Link
-from consistent_id.robot.scaling import link_scales, placeholders, reference_bodies
+from consistent_id.robot.scaling import (
+    USUAL_WIDTHS,
+    LinkScales,
+    link_scales,
+    placeholders,
+    reference_bodies,
+)
 
 
 def test_a_robot_whose_joints_are_all_in_one_place_is_a_metre_long():
@@ -65,3 +71,10 @@ def test_equal_point_masses_are_placeholders(second, alike):
     ]
     links = (Link("link1", bodies[0]), Link("link2", bodies[1]))
     assert placeholders(replace(arm, links=links)) == alike
+
+
+def test_usual_errors_of_a_body_are_shares_of_its_mass_and_length():
+    scales = LinkScales(np.array([2.0, 3.0]), np.array([0.5, 4.0]))
+    errors = scales.widths(USUAL_WIDTHS).reshape(2, 10)
+    assert errors[0] == pytest.approx([0.1, *[0.15] * 3, *[0.15] * 6])
+    assert errors[1] == pytest.approx([0.15, *[1.8] * 3, *[14.4] * 6])

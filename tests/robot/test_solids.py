@@ -8,6 +8,7 @@ from robots import random_robot
 
 from consistent_id import ProblemError, TorqueModel
 from consistent_id.constraints import DensityOn, Ellipsoid, Polytope, mesh_vertices
+from consistent_id.robot import solids
 from consistent_id.robot.solids import mesh_triangles
 
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
@@ -78,8 +79,9 @@ def test_what_is_no_mesh_is_refused_with_its_file(tmp_path, content):
 
 
 def test_a_scale_that_is_none_is_refused(tmp_path):
-    with pytest.raises(ProblemError, match="scale is 0"):
-        mesh_vertices(tmp_path / "part.stl", scale=0.0)
+    for scale in (0.0, np.inf):
+        with pytest.raises(ProblemError, match=f"scale is {scale}"):
+            mesh_vertices(tmp_path / "part.stl", scale=scale)
 
 
 def test_a_polytope_without_inside_is_refused():
@@ -233,3 +235,15 @@ def test_a_box_without_one_of_its_facets_is_not_closed(missing):
     normals = np.delete(np.vstack([np.eye(3), -np.eye(3)]), missing, axis=0)
     with pytest.raises(ProblemError, match="5 facets do not close it"):
         Polytope(normals, np.ones(5))
+
+
+def test_the_search_for_an_ellipsoid_ends_where_no_point_is_far(monkeypatch):
+    """So far from the end, it is the ellipsoid of equal weights, swollen."""
+    monkeypatch.setattr(solids, "_ROUND", 2.0)
+    points = np.vstack([CUBE * [1.0, 2.0, 3.0], [[0.5, 1.0, 3.4]]])
+    found = Ellipsoid.around(points)
+    assert found.centre == pytest.approx(points.mean(axis=0))
+    offset = points - found.centre
+    squares = np.einsum("ia,ia->i", offset @ np.linalg.inv(np.cov(offset.T)), offset)
+    volume = np.sqrt(np.linalg.det(np.cov(offset.T) * squares.max()))
+    assert np.prod(found.semi_axes) == pytest.approx(volume)
