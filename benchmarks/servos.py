@@ -23,9 +23,10 @@ import numpy as np
 from consistent_id._support.arrays import Array
 from consistent_id.robot.loaders import load_robot
 from consistent_id.rollout import identify_servos, read_servo_logs
+from consistent_id.rollout.servo_bounds import duty_law
 from consistent_id.rollout.servo_export import replayed_in_mujoco
 from consistent_id.rollout.servo_fit import POPULATION, SearchDistribution, evolved
-from consistent_id.rollout.servo_log import ServoLog, duty_law
+from consistent_id.rollout.servo_log import ServoLog
 from consistent_id.rollout.servo_motion import (
     Friction,
     LoggedDrive,

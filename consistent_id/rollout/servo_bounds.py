@@ -1,5 +1,7 @@
 """Parameters of a servo that logs can show, where they are searched, their intervals.
 
+If the duty is logged, it shows the firmware's gain and deadband directly.
+
 Torque at full duty and the inertia of rotor and gears are scales.  With a geared servo
 and a light link they may be many times those of the link alone, so they are searched by
 their logarithms, and viscous and Coulomb friction, which may be zero, by their roots.
@@ -7,10 +9,13 @@ their logarithms, and viscous and Coulomb friction, which may be zero, by their 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id.errors import NotExcitedError, RecordingError
+from consistent_id.robot.model import RobotModel
 from consistent_id.rollout.servo_log import ServoLog
 from consistent_id.rollout.servo_motion import STEP, Pieces, position_errors
 
@@ -38,6 +43,12 @@ UNITS: Mapping[str, str] = {
 LATENCY = 1e-3
 """Most time between a position and the duty that answers it [s]; not in the logs."""
 
+_SATURATED = 0.98  # of full duty
+_ENOUGH = 2000  # samples for the law of a duty
+_GOAL_LAGS = np.arange(0.0, 0.0405, 1e-3)  # s
+_POSITION_LAGS = np.arange(-6e-3, 6.5e-3, 1e-3)  # s: of readings, beside the duty's
+_PER_LAG = 5.0  # 1/s: by which a lag has to explain the duty better
+_MOVES = 5e-3  # rad: a joint that covers less in every log does not move
 _ALIKE = 1.15  # misfits over the least
 _LATEST, _TRIED = 0.03, 61  # s, and how many delays are tried up to it, either way
 _WARM = 5.0  # K: least difference of temperature from which its effect is fitted
@@ -223,3 +234,109 @@ def alike_halves(
         off = abs(values[there][alike] - known[name][0])
         half[list(names).index(name)] = off.max()
     return half
+
+
+class DutyLaw(NamedTuple):
+    """The firmware's law ``duty = gain max(abs(goal - q) - deadband, 0)`` with a sign.
+
+    Parameters
+    ----------
+    gain : float, [1/rad]
+    deadband : float, [rad]
+    misfit : float
+        Root-mean-square error of the duty.
+    """
+
+    gain: float
+    deadband: float
+    misfit: float
+
+
+def duty_law(log: ServoLog, joint: int) -> DutyLaw | None:
+    """Return the law that a log's duty follows; None if the joint has no duty.
+
+    The firmware has the goal later than the log, and the position is not read together
+    with the duty; both lags are fitted with the law, or its gain would be too small.
+    Samples without a duty are left out.
+
+    Raises
+    ------
+    RecordingError
+        If the duty does not follow the position error.
+    """
+    if log.duty is None:
+        return None
+    duty = log.duty[:, joint]
+    if not np.isfinite(duty).any():
+        return None
+    used = abs(duty) < _SATURATED  # False for NaN
+    if log.enabled is not None:
+        used &= log.enabled[:, joint] > 0.5
+    rows = np.flatnonzero(used)
+    rows = rows[:: 1 + len(rows) // _ENOUGH]
+    best = None
+    if len(rows):
+        time, goal = log.time[rows], log.goal[:, joint]
+        held = np.searchsorted(log.time, time - _GOAL_LAGS[:, None] + 1e-9, "right")
+        moving = _shifted(log.time, goal, time, _GOAL_LAGS)
+        goals = np.concatenate([moving, goal[np.maximum(held - 1, 0)]])
+        positions = _shifted(log.time, log.position[:, joint], time, _POSITION_LAGS)
+        lags = np.add.outer(np.tile(_GOAL_LAGS, 2), 10.0 * abs(_POSITION_LAGS))
+        errors = (goals[:, None] - positions[None]).reshape(-1, len(rows))
+        best = _best_law(errors, duty[rows], 1.0 + _PER_LAG * lags.ravel())
+    level = float(np.sqrt(np.mean(duty[used] ** 2))) if used.any() else 0.0
+    if best is None or best.gain <= 0.0 or best.misfit > 0.5 * level:
+        raise RecordingError(
+            f"{log.name}: the duty of {log.joints[joint]} does not follow goal less "
+            "position; check which columns they are (--columns) and their signs"
+        )
+    return best
+
+
+def _shifted(time: Vector, values: Vector, at: Vector, lags: Vector) -> Matrix:
+    """Return values each lag before some times, shape (lags, times)."""
+    return np.array([np.interp(at - lag, time, values) for lag in lags])
+
+
+def _best_law(errors: Matrix, duty: Vector, worth: Vector) -> DutyLaw | None:
+    """Return the law of least misfit; None if no error of any lag moves the duty.
+
+    Parameters
+    ----------
+    errors : ndarray, shape (lags, samples), [rad]
+        Goal less position, as the firmware may have had them.
+    worth : ndarray, shape (lags,)
+        Factors of the misfit in the choice: of a single sinusoid, two lags together
+        explain the duty with any gain, and the smallest are right.
+    """
+    best: DutyLaw | None = None
+    for deadband in (0.0, *np.geomspace(1e-3, 0.1, 12).tolist()):
+        beyond = np.sign(errors) * np.maximum(abs(errors) - deadband, 0.0)
+        sizes = (beyond**2).sum(axis=1)
+        if not (sizes > 0.0).all():
+            break
+        gains = beyond @ duty / sizes
+        misfits = np.sqrt(np.mean((gains[:, None] * beyond - duty) ** 2, axis=1))
+        least = int((worth * misfits).argmin())
+        # A deadband is named only if it explains the duty clearly better.
+        if best is None or misfits[least] < 0.8 * best.misfit:
+            best = DutyLaw(float(gains[least]), deadband, float(misfits[least]))
+    return best
+
+
+def not_moved(robot: RobotModel, logs: Sequence[ServoLog]) -> dict[str, float]:
+    """Return joints that do not move, and their median positions [rad]."""
+    ranges = np.max([np.ptp(log.position, axis=0) for log in logs], axis=0)
+    middle = np.median(np.concatenate([log.position for log in logs]), axis=0)
+    found = {
+        name: float(at)
+        for name, covered, at in zip(robot.joint_names, ranges, middle, strict=True)
+        if covered < _MOVES
+    }
+    if len(found) == len(robot):
+        raise NotExcitedError(
+            f"joint {', '.join(found)} of {robot.name} moves by less than "
+            f"{1e3 * _MOVES:g} mrad in every training log, so its servo cannot be "
+            "identified; record a motion of some tenths of a radian"
+        )
+    return found

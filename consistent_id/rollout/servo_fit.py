@@ -16,24 +16,21 @@ import numpy as np
 
 from consistent_id._support.arrays import IntArray, Matrix, Vector
 from consistent_id._support.executors import single_threaded
-from consistent_id.errors import ModelError, NotExcitedError, RecordingError
+from consistent_id.errors import ModelError, RecordingError
 from consistent_id.robot.model import RobotModel
 from consistent_id.rollout.servo_bounds import (
     BORDER,
+    DutyLaw,
     SearchBox,
     alike_halves,
     box_of,
+    duty_law,
     half_intervals,
     late_damping,
     names_shown,
+    not_moved,
 )
-from consistent_id.rollout.servo_log import (
-    DutyLaw,
-    ServoLog,
-    duty_law,
-    encoded,
-    with_position,
-)
+from consistent_id.rollout.servo_log import ServoLog, encoded, with_position
 from consistent_id.rollout.servo_motion import (
     LoggedDrive,
     Pieces,
@@ -179,7 +176,6 @@ _WIDE, _NARROW = 0.25, 0.04  # first widths of the search, of the box
 _WIDER = 3.0  # times its last width, the search without a log begins
 _LEAST = 0.01  # of the box: least first width of it
 _BLOCKS = 3  # parts in time of a single log
-_MOVES = 5e-3  # rad: a joint that covers less in every log does not move
 
 
 @single_threaded
@@ -238,7 +234,7 @@ def identify_servos(
         )
     data = _ServoData(robot, tuple(training), tuple(validation), gain)
     _require_names([log.name for log in data.logs])
-    still = _not_moved(robot, training)
+    still = not_moved(robot, training)
     joints = tuple(
         _identified(data, place, forms, seed)
         for place, name in enumerate(robot.joint_names)
@@ -296,24 +292,6 @@ def _require_names(names: Sequence[str]) -> None:
         raise RecordingError(
             f"two logs are named {', '.join(twice)}; give each log a name of its own"
         )
-
-
-def _not_moved(robot: RobotModel, logs: Sequence[ServoLog]) -> dict[str, float]:
-    """Return joints that do not move, and their median positions [rad]."""
-    ranges = np.max([np.ptp(log.position, axis=0) for log in logs], axis=0)
-    middle = np.median(np.concatenate([log.position for log in logs]), axis=0)
-    found = {
-        name: float(at)
-        for name, covered, at in zip(robot.joint_names, ranges, middle, strict=True)
-        if covered < _MOVES
-    }
-    if len(found) == len(robot):
-        raise NotExcitedError(
-            f"joint {', '.join(found)} of {robot.name} moves by less than "
-            f"{1e3 * _MOVES:g} mrad in every training log, so its servo cannot be "
-            "identified; record a motion of some tenths of a radian"
-        )
-    return found
 
 
 def _identified(

@@ -43,13 +43,8 @@ _MOST_ANGLE = 4.0 * np.pi  # rad: servos that turn further are seldom logged in 
 _GAP = 5.0  # usual periods without a sample, after which a new piece begins
 _LEAST = 20  # samples of a piece
 _PERIODS = (0.5e-3, 0.5)  # s: usual periods of a servo's log lie between
-_SATURATED = 0.98  # of full duty
 _AT_LIMIT = 3  # samples at the largest duty, if it is the limit
 _GROWN = 1.1  # of the error that the duty answers: more, and the duty is at its limit
-_ENOUGH = 2000  # samples for the law of a duty
-_GOAL_LAGS = np.arange(0.0, 0.0405, 1e-3)  # s
-_POSITION_LAGS = np.arange(-6e-3, 6.5e-3, 1e-3)  # s: of readings, beside the duty's
-_PER_LAG = 5.0  # 1/s: by which a lag has to explain the duty better
 _SHARED = ("volts", "temperature", "enabled")  # one column may be that of all joints
 
 
@@ -137,94 +132,6 @@ def encoded(position: Vector, like: Vector, rng: np.random.Generator) -> Vector:
         return position
     place = rng.uniform()
     return step * (np.round(position / step + place) - place)
-
-
-class DutyLaw(NamedTuple):
-    """The firmware's law ``duty = gain max(abs(goal - q) - deadband, 0)`` with a sign.
-
-    Parameters
-    ----------
-    gain : float, [1/rad]
-    deadband : float, [rad]
-    misfit : float
-        Root-mean-square error of the duty.
-    """
-
-    gain: float
-    deadband: float
-    misfit: float
-
-
-def duty_law(log: ServoLog, joint: int) -> DutyLaw | None:
-    """Return the law that a log's duty follows; None if the joint has no duty.
-
-    The firmware has the goal later than the log, and the position is not read together
-    with the duty; both lags are fitted with the law, or its gain would be too small.
-    Samples without a duty are left out.
-
-    Raises
-    ------
-    RecordingError
-        If the duty does not follow the position error.
-    """
-    if log.duty is None:
-        return None
-    duty = log.duty[:, joint]
-    if not np.isfinite(duty).any():
-        return None
-    used = abs(duty) < _SATURATED  # False for NaN
-    if log.enabled is not None:
-        used &= log.enabled[:, joint] > 0.5
-    rows = np.flatnonzero(used)
-    rows = rows[:: 1 + len(rows) // _ENOUGH]
-    best = None
-    if len(rows):
-        time, goal = log.time[rows], log.goal[:, joint]
-        held = np.searchsorted(log.time, time - _GOAL_LAGS[:, None] + 1e-9, "right")
-        moving = _shifted(log.time, goal, time, _GOAL_LAGS)
-        goals = np.concatenate([moving, goal[np.maximum(held - 1, 0)]])
-        positions = _shifted(log.time, log.position[:, joint], time, _POSITION_LAGS)
-        lags = np.add.outer(np.tile(_GOAL_LAGS, 2), 10.0 * abs(_POSITION_LAGS))
-        errors = (goals[:, None] - positions[None]).reshape(-1, len(rows))
-        best = _best_law(errors, duty[rows], 1.0 + _PER_LAG * lags.ravel())
-    level = float(np.sqrt(np.mean(duty[used] ** 2))) if used.any() else 0.0
-    if best is None or best.gain <= 0.0 or best.misfit > 0.5 * level:
-        raise RecordingError(
-            f"{log.name}: the duty of {log.joints[joint]} does not follow goal less "
-            "position; check which columns they are (--columns) and their signs"
-        )
-    return best
-
-
-def _shifted(time: Vector, values: Vector, at: Vector, lags: Vector) -> Matrix:
-    """Return values each lag before some times, shape (lags, times)."""
-    return np.array([np.interp(at - lag, time, values) for lag in lags])
-
-
-def _best_law(errors: Matrix, duty: Vector, worth: Vector) -> DutyLaw | None:
-    """Return the law of least misfit; None if no error of any lag moves the duty.
-
-    Parameters
-    ----------
-    errors : ndarray, shape (lags, samples), [rad]
-        Goal less position, as the firmware may have had them.
-    worth : ndarray, shape (lags,)
-        Factors of the misfit in the choice: of a single sinusoid, two lags together
-        explain the duty with any gain, and the smallest are right.
-    """
-    best: DutyLaw | None = None
-    for deadband in (0.0, *np.geomspace(1e-3, 0.1, 12).tolist()):
-        beyond = np.sign(errors) * np.maximum(abs(errors) - deadband, 0.0)
-        sizes = (beyond**2).sum(axis=1)
-        if not (sizes > 0.0).all():
-            break
-        gains = beyond @ duty / sizes
-        misfits = np.sqrt(np.mean((gains[:, None] * beyond - duty) ** 2, axis=1))
-        least = int((worth * misfits).argmin())
-        # A deadband is named only if it explains the duty clearly better.
-        if best is None or misfits[least] < 0.8 * best.misfit:
-            best = DutyLaw(float(gains[least]), deadband, float(misfits[least]))
-    return best
 
 
 def read_servo_logs(

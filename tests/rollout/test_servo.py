@@ -14,9 +14,9 @@ from consistent_id.robot.loaders import DHRow, from_modified_dh
 from consistent_id.robot.loaders.robot_file import load_robot
 from consistent_id.rollout import ServoLog, identify_servos, read_servo_logs
 from consistent_id.rollout import servo_fit as fitting
-from consistent_id.rollout.servo_bounds import box_of
+from consistent_id.rollout.servo_bounds import box_of, duty_law
 from consistent_id.rollout.servo_fit import SearchDistribution, evolved
-from consistent_id.rollout.servo_log import duty_law, logged_joints, read_servo_sets
+from consistent_id.rollout.servo_log import logged_joints, read_servo_sets
 from consistent_id.rollout.servo_motion import (
     STEP,
     LoggedDrive,
