@@ -19,6 +19,8 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.comparison.feasibility import (
+    DRAWS,
+    SIGNIFICANT,
     ConsistencyTest,
     _reaching,
     _squared_distance,
@@ -323,3 +325,8 @@ def test_draws_are_those_of_seed_zero_unless_another_is_given():
         for seed in ({}, {"seed": 0}, {"seed": 1})
     )
     assert first == again != other
+
+
+def test_a_p_value_of_five_per_cent_is_one_of_those_that_draws_can_give():
+    # Of n draws, p is (1 + those that reach the data's) / (1 + n).
+    assert SIGNIFICANT * (1 + DRAWS) == pytest.approx(10.0)

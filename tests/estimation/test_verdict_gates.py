@@ -386,3 +386,12 @@ def test_a_stated_verdict_is_never_better_than_what_is_found_now():
             Verdict(CARE, "m", (old,)), Verdict(CARE, "m", (found,), (), None)
         )
         assert len(both.reasons) == count
+
+
+def test_a_reason_is_cut_at_two_lines_of_a_terminal():
+    long = Reason("misfit", CARE, "ab " * 200)
+    said, *_ = Verdict(CARE, "m", (long,)).brief
+    whole, *_ = Verdict(CARE, "m", (Reason("misfit", CARE, "x" * 172),)).brief
+    assert whole == f"misfit: {'x' * 172}" and len(whole) == 180
+    cut, *_ = Verdict(CARE, "m", (Reason("misfit", CARE, "x" * 173),)).brief
+    assert len(said) <= 180 and len(cut) < 180

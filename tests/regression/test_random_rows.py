@@ -67,3 +67,14 @@ def test_rows_have_the_columns_of_what_they_carry_alone():
     assert not set(last) & set(range(inertial - 10))
     # Friction that fades within a thousandth of the usual speed shows all the same.
     assert set(last) >= set(range(len(model.layout) - per_joint, len(model.layout)))
+
+
+def test_every_other_sample_is_slow_where_friction_fades_and_nowhere_else():
+    _, robot = random_robot(np.random.default_rng(3), 2)
+    plain = TorqueModel(robot, DriveTerms(viscous=True))
+    fading = TorqueModel(robot, DRIVE)
+    fast, slow = (random_states(m, seed=1, samples=400).dq for m in (plain, fading))
+    np.testing.assert_allclose(slow[1::2], fast[1::2])
+    np.testing.assert_allclose(slow[::2], DRIVE.stribeck_velocity * fast[::2])
+    # Velocities are up to two, of samples with an even number, too.
+    assert 1.9 < abs(fast[::2]).max() <= 2.0
