@@ -24,6 +24,7 @@ from consistent_id.recordings.column_names import (
     mapping_option,
     name_patterns,
     numbered_columns,
+    other_torques,
     own_names,
     shown,
 )
@@ -217,6 +218,13 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
         if channel == "position":
             moved = best.joints
         elif channel == "torque" and best.joints != moved and not known.torque_joints:
+            more, there = other_torques(best, others, moved, names)
+            if more:
+                raise RecordingError(
+                    f"{log}: torque of {shown(best.joints)} is in {best.text}, that of "
+                    f"{shown(more)} may be in {there}. Name them alike; or, if these "
+                    f"are no torques, --torque-joints {' '.join(best.joints)}"
+                )
             found = replace(found, torque_joints=best.joints)
         if best.units:
             each = ", ".join(

@@ -19,6 +19,7 @@ from consistent_id.recordings.column_words import (
     is_bare,
     is_current,
     states,
+    words,
 )
 
 
@@ -400,3 +401,36 @@ def _pattern_by_number(
         return NamePattern(f"{run.before}{{number}}{run.after}", tuple(joints))
     pairs = tuple((str(run.first + every.index(joint)), joint) for joint in joints)
     return NamePattern(f"{run.before}{{joint}}{run.after}", tuple(joints), pairs)
+
+
+def other_torques(
+    best: NamePattern,
+    others: Sequence[NamePattern],
+    moved: Sequence[str],
+    names: Sequence[str],
+) -> tuple[tuple[str, ...], str]:
+    """Return joints whose torque another pattern or name may hold, and that pattern.
+
+    Parameters
+    ----------
+    best : NamePattern
+        Of the torque of some joints.
+    others : sequence of NamePattern
+        Further patterns of torque.
+    moved : sequence of str
+        The joints of which the log has positions.
+    names : sequence of str
+        Columns of the log; a name of a joint with the word force may be that of one
+        that slides.
+    """
+    left = [joint for joint in moved if joint not in best.joints]
+    for other in others:
+        if more := tuple(joint for joint in left if joint in other.joints):
+            return more, other.text
+    forces = {
+        joint: name
+        for joint in left
+        for name in names
+        if joint in name and {"force", "forces"} & words(name.replace(joint, "{joint}"))
+    }
+    return tuple(forces), ", ".join(forces.values())

@@ -249,6 +249,33 @@ def test_commands_stand_for_torque_where_they_are_wanted(tmp_path, pattern, unit
     assert guessed(tmp_path, names).columns.position_command is None
 
 
+@pytest.mark.parametrize(
+    ("slides", "there"),
+    [
+        ("lift_effort [N]", r"{joint}_effort \[N\]"),
+        ("lift_force", "lift_force"),
+        ("lift_tau", "{joint}_tau"),
+    ],
+)
+def test_torques_that_are_named_in_two_ways_are_not_left_out(tmp_path, slides, there):
+    file, joints = tmp_path / "log.csv", ("turn", "tilt", "lift")
+    names = [f"{joint}_q" for joint in joints]
+    efforts = ["turn_effort [Nm]", "tilt_effort [Nm]"]
+    file.write_text(",".join(["time", *names, *efforts, slides]) + "\n")
+    said = rf"that of lift may be in {there}\. .* --torque-joints turn tilt$"
+    with pytest.raises(RecordingError, match=said):
+        guess_columns(file, KnownColumns(joints))
+    known = KnownColumns(joints, torque_joints=("turn", "tilt"))
+    assert guess_columns(file, known).columns.torque == "{joint}_effort [Nm]"
+
+
+def test_a_log_without_the_torque_of_a_joint_is_read(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text("time,turn_q,lift_q,turn_tau,force_x,lift_speed\n")
+    found = guess_columns(file, KnownColumns(("turn", "lift"))).columns
+    assert found.torque_joints == ("turn",)
+
+
 def test_commands_in_degrees_are_read_in_radians(tmp_path):
     file = tmp_path / "log.csv"
     file.write_text("time,q_hip,q_cmd_hip [deg]\n0,0,180\n1,0,90\n2,0,-180\n")
