@@ -272,9 +272,10 @@ Some rows miss that, as the [end of this page](#missed-targets) lists. Why:
 Five figures are not measured here. The delay in `rollout` has the scatter between blocks
 of the motion, and not errors of the model. The drift of a residual counts independent
 samples alone. The share that a choice of `select` takes off has the standard error over
-blocks, but it was chosen because it is large. Parameters of a [servo](servos.md) have the
-curvature of its misfit, and none where a parameter is at its bound. Gains that the
-model's bodies imply assume usual errors of these bodies, which a log cannot show.
+blocks, but it was chosen because it is large. Parameters of a [servo](servos.md) are
+measured [on its page](servos.md#do-the-intervals-hold): their intervals are too wide for
+plain friction, and too narrow for friction near rest. Gains that the model's bodies imply
+assume usual errors of these bodies, which a log cannot show.
 
 ## Real robots
 
