@@ -24,8 +24,8 @@ from consistent_id.recordings.column_names import (
     mapping_option,
     name_patterns,
     numbered_columns,
-    other_torques,
     own_names,
+    require_one_torque,
     shown,
 )
 from consistent_id.recordings.column_words import (
@@ -218,19 +218,11 @@ def _searched(log: Path, found: Columns, known: KnownColumns) -> ColumnGuess:
         if channel == "position":
             moved = best.joints
         elif channel == "torque" and best.joints != moved and not known.torque_joints:
-            more, there = other_torques(best, others, moved, names)
-            if more:
-                raise RecordingError(
-                    f"{log}: torque of {shown(best.joints)} is in {best.text}, that of "
-                    f"{shown(more)} may be in {there}. Name them alike; or, if these "
-                    f"are no torques, --torque-joints {' '.join(best.joints)}"
-                )
+            require_one_torque(log, best, others, moved, names)
             found = replace(found, torque_joints=best.joints)
         if best.units:
-            each = ", ".join(
-                map(" in ".join, zip(best.joints, best.units, strict=True))
-            )
-            notes.append(f"{channel} is read from {best.text}: {each}")
+            each = map(" in ".join, zip(best.joints, best.units, strict=True))
+            notes.append(f"{channel} is read from {best.text}: {', '.join(each)}")
         if channel == "position" and is_bare(best.text):
             notes.append(f"{best.text} is taken as the position: no other column is")
         if also := _rivals(best, others):

@@ -13,7 +13,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import zip_longest
 from operator import eq
+from pathlib import Path
 
+from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_words import (
     channel_of,
     is_bare,
@@ -359,7 +361,7 @@ def columns_of_pattern(pattern: NamePattern) -> list[str]:
     ]
 
 
-_LAST_UNIT = re.compile(r"(?<=[\[(_ ])(deg|rad|rev|mm|cm|m)(?=\s*[\])]?$)")
+_LAST_UNIT = re.compile(r"(?<=[\[(_ ])(deg|rad|rev|mm|cm|m)(?:/s)?(?=\s*[\])]?$)")
 
 
 def _of_several_units(
@@ -376,7 +378,7 @@ def _of_several_units(
                 pattern.text[: found.start()] + "{unit}" + pattern.text[found.end() :]
             )
             for joint in pattern.joints:
-                groups[text].setdefault(joint, found[1])
+                groups[text].setdefault(joint, found[0])
     for text, units in groups.items():
         if len(set(units.values())) > 1:
             named = tuple(joint for joint in joints if joint in units)
@@ -403,13 +405,14 @@ def _pattern_by_number(
     return NamePattern(f"{run.before}{{joint}}{run.after}", tuple(joints), pairs)
 
 
-def other_torques(
+def require_one_torque(
+    log: Path,
     best: NamePattern,
     others: Sequence[NamePattern],
     moved: Sequence[str],
     names: Sequence[str],
-) -> tuple[tuple[str, ...], str]:
-    """Return joints whose torque another pattern or name may hold, and that pattern.
+) -> None:
+    """Refuse a log whose torques are named in two ways, of which one would be left out.
 
     Parameters
     ----------
@@ -422,15 +425,29 @@ def other_torques(
     names : sequence of str
         Columns of the log; a name of a joint with the word force may be that of one
         that slides.
+
+    Raises
+    ------
+    RecordingError
+        If another pattern or name may hold the torque of further joints.
     """
     left = [joint for joint in moved if joint not in best.joints]
-    for other in others:
-        if more := tuple(joint for joint in left if joint in other.joints):
-            return more, other.text
-    forces = {
+    there = {
+        joint: pattern.text
+        for pattern in reversed(others)
+        for joint in left
+        if joint in pattern.joints
+    } or {
         joint: name
         for joint in left
         for name in names
         if joint in name and {"force", "forces"} & words(name.replace(joint, "{joint}"))
     }
-    return tuple(forces), ", ".join(forces.values())
+    if there:
+        where = ", ".join(dict.fromkeys(there.values()))
+        raise RecordingError(
+            f"{log}: torque of {shown(best.joints)} is in {best.text}, that of "
+            f"{shown(list(there))} may be in {where}. "
+            "Name them alike, without units; or, if only the first is one: "
+            f"--torque-joints {' '.join(best.joints)}"
+        )

@@ -138,6 +138,18 @@ def test_joints_that_turn_and_slide_are_read_together(tmp_path, place):
     assert any("j3 in mm" in note for note in guess.notes)
 
 
+def test_their_velocities_are_not_dropped(tmp_path):
+    names = ["t", "turn_pos [deg]", "lift_pos [mm]", "turn_vel [deg/s]"]
+    names += ["lift_vel [mm/s]", "turn_tau", "lift_tau"]
+    log = tmp_path / "log.csv"
+    rows = [",".join(map(str, range(k, k + 7))) for k in range(3)]
+    log.write_text("\n".join([",".join(names), *rows]))
+    guess = guess_columns(log, KnownColumns(("turn", "lift")))
+    read = ci.read_recording(log, guess.joints, columns=guess.columns)
+    assert read.velocity[0] == pytest.approx([np.radians(3.0), 4e-3])
+    assert any("lift in mm/s" in note for note in guess.notes)
+
+
 def test_a_unit_in_a_pattern_needs_a_unit_of_each_joint():
     with pytest.raises(RecordingError, match=r"\{unit\} with a unit stated for each"):
         wanted(Columns(position="{joint} [{unit}]"), ["a", "b"], "log")
