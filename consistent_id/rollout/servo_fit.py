@@ -35,10 +35,10 @@ from consistent_id.rollout.servo_motion import (
     LoggedDrive,
     Pieces,
     cut_pieces,
+    finite_errors,
     position_errors,
     rigid_model,
     sampled_motion,
-    simulated,
     supply_of,
 )
 from consistent_id.rollout.servo_result import JointServo, ServoFit, ServoForm
@@ -320,7 +320,7 @@ def _identified(
         names = (*names_shown(training, joint), *FORMS[name])
         found.append(_fitted(name, names, logs, seed))
         if unseen is not None:
-            errors = _finite_errors(_sets(found[-1].values), unseen).tolist()
+            errors = finite_errors(_sets(found[-1].values), unseen).tolist()
             others = [log.name for log in data.validation]
             named[name] = dict(zip(others, errors, strict=True))
     pairs = list(zip(data.logs, laws, strict=True))
@@ -415,28 +415,45 @@ def _fitted(form: str, names: Sequence[str], joint: _JointLogs, seed: int) -> Se
         else:
             errors[mine] = position_errors(values(found.best[None]), short)[0, mine]
     known = values(best[None])
-    training = _finite_errors(known, whole)
-    point = np.array(list(known.values()))[:, 0]
-    spread = np.array(list(values(np.array(parts)).values())).T
-    shared = _shared_errors(names, joint, SearchDistribution(best, wider.width), rng)
-    half = half_intervals(names, point, spread, shared)
-    if "viscous" in names:
-        late = late_damping(known["stall"][0], float(np.median(whole.gain)))
-        half[names.index("viscous")] = np.hypot(half[names.index("viscous")], late)
-    for pieces in (short, whole):
-        half = np.maximum(half, alike_halves(names, known, pieces))
+    training = finite_errors(known, whole)
+    half = _half_intervals(
+        names, joint, SearchDistribution(best, wider.width), np.array(parts), rng
+    )
     # With a true value beyond the border, the other parameters are wrong, too: their
     # intervals are conditional on the value at the border.
     borders = box.borders(names, best)
     half[[name in borders for name in names] | (best < BORDER)] = np.inf
     return ServoForm(
         form,
-        dict(zip(names, point.tolist(), strict=True)),
+        {name: float(value[0]) for name, value in known.items()},
         dict(zip(names, half.tolist(), strict=True)),
         float(training.mean()),
         float(errors.mean()),
         borders,
     )
+
+
+def _half_intervals(
+    names: Sequence[str],
+    joint: _JointLogs,
+    found: SearchDistribution,
+    parts: Matrix,
+    rng: np.random.Generator,
+) -> Vector:
+    """Return half of 95 % intervals; `parts` are the points found without one log."""
+    known = joint.box.values(names, found.mean[None])
+    point = np.array(list(known.values()))[:, 0]
+    spread = np.array(list(joint.box.values(names, parts).values())).T
+    half = half_intervals(
+        names, point, spread, _shared_errors(names, joint, found, rng)
+    )
+    if "viscous" in names:
+        place = list(names).index("viscous")
+        gain = float(np.median(joint.whole.gain))
+        half[place] = np.hypot(half[place], late_damping(known["stall"][0], gain))
+    for pieces in (joint.short, joint.whole):
+        half = np.maximum(half, alike_halves(names, known, pieces))
+    return np.asarray(half)
 
 
 def _shared_errors(
@@ -472,16 +489,6 @@ def _shared_errors(
         known = values(again[None])
         errors.append([float(known[name][0]) - truth[name] for name in names])
     return np.array(errors)
-
-
-def _finite_errors(values: Mapping[str, Vector], pieces: Pieces) -> Vector:
-    """Return errors of one set, shape (pieces,), or refuse a motion that diverges."""
-    if not np.isfinite(simulated(values, pieces)).all():
-        raise RecordingError(
-            "the simulated motion of the best parameters is not finite; check goals, "
-            "voltage and temperature of the logs, and inertias of the robot"
-        )
-    return np.asarray(position_errors(values, pieces)[0])
 
 
 def _sets(values: Mapping[str, float]) -> dict[str, Vector]:

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Array, IntArray, Matrix, Vector
-from consistent_id.errors import ModelError
+from consistent_id.errors import ModelError, RecordingError
 from consistent_id.recordings.signals.derivatives import sliding_polynomials
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.robot.model import RobotModel
@@ -464,3 +464,13 @@ def _at_samples(out: Array, pieces: Pieces, piece: int) -> Matrix:
     share = (place - low)[:, None]
     at = out[low, :, piece]
     return np.asarray((at + share * (out[low + 1, :, piece] - at)).T)
+
+
+def finite_errors(values: Mapping[str, Vector], pieces: Pieces) -> Vector:
+    """Return errors of one set, shape (pieces,); refuse a motion that diverges."""
+    if not np.isfinite(simulated(values, pieces)).all():
+        raise RecordingError(
+            "the simulated motion of the best parameters is not finite; check goals, "
+            "voltage and temperature of the logs, and inertias of the robot"
+        )
+    return np.asarray(position_errors(values, pieces)[0])

@@ -22,6 +22,7 @@ from consistent_id.rollout.servo_motion import (
     LoggedDrive,
     _friction_by_load,
     cut_pieces,
+    finite_errors,
     position_errors,
     rigid_model,
     simulated,
@@ -569,7 +570,7 @@ def test_a_motion_that_is_not_finite_is_refused_not_hidden(pendulum):
     log = a_log(pendulum, 0.5)
     pieces = cut_pieces(pendulum, [log], 0, [LoggedDrive(GAIN, 0.0)])
     with pytest.raises(RecordingError, match="is not finite"):
-        fitting._finite_errors({"stall": np.array([np.nan])}, pieces)
+        finite_errors({"stall": np.array([np.nan])}, pieces)
     with pytest.raises(RecordingError, match="the supply is nan V"):
         replace(log, volts=float("nan"))
 
