@@ -48,8 +48,8 @@ class TorqueParts:
         Slopes on the gravity torque, on the inertial torque (Coriolis included), and on
         their sum.
     gravity_error, inertial_error, whole_error : ndarray, shape (joints,)
-        Standard errors from leaving segments out, which allows for correlation; 1.96
-        of them are 95 % intervals, for so few segments.
+        Standard errors from leaving segments out, which allows for correlation.  They
+        are so much larger, for few segments, that 1.96 of them are 95 % intervals.
     gravity_shown, inertial_shown, whole_shown : ndarray of bool, shape (joints,)
         Whether the part is large enough and the slope exact enough to be judged.
     friction : ndarray, shape (joints,)

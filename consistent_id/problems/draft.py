@@ -359,7 +359,10 @@ def draft_table(draft: "Draft") -> Table:
     columns = draft.columns
     channels = ("time", "position", "velocity", "torque", "position_command")
     named = ((c, getattr(columns, c)) for c in channels)
-    units = ", ".join(f"{channel}: {u}" for channel, u in columns.units.items())
+    units = ", ".join(
+        f"{channel}: {unit if isinstance(unit, str) else ', '.join(unit)}"
+        for channel, unit in columns.units.items()
+    )
     rows = [
         ("joints", ", ".join(draft.joints)),
         ("columns", ", ".join(f"{c}: {name}" for c, name in named if name is not None)),

@@ -354,7 +354,3 @@ def test_a_column_counts_from_a_tolerance_of_the_largest_direction_on(apart, ran
     """Two columns nearly alike have a singular value of a root of two."""
     A = np.array([[1.0, 1.0, 0.0], [0.0, 2e-9 * apart, 0.0], [0.0, 0.0, 5.0]])
     assert solve_linear(A, np.ones(3), tolerance=1e-9).rank == rank
-
-
-def test_hubers_weights_are_refined_thirty_times_at_most():
-    assert robust.HuberRules().iterations == 30

@@ -400,6 +400,12 @@ def test_a_folder_of_packages_that_is_not_there_is_refused(tmp_path):
         Statement(package_dirs=[tmp_path, tmp_path / "nowhere"])
 
 
+def test_units_of_each_joint_are_shown_as_words(tmp_path):
+    given = {"units": {"position": ("rad", "deg")}, "select": False, "cutoff": 10.0}
+    draft = ci.draft_problem(*write_arm(tmp_path), **given)
+    assert ("units", "position: rad, deg") in draft_table(draft).rows
+
+
 def test_commands_without_gains_say_what_makes_torque_of_them(tmp_path):
     urdf, log = write_arm(tmp_path)
     command = {"position_command": "q_{joint}", "select": False, "cutoff": 10.0}
