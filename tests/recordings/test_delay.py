@@ -15,7 +15,7 @@ from consistent_id.recordings.readers import Columns, read_recording
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.masks import quantum
 from consistent_id.recordings.signals.tracks import (
-    _cutoffs,
+    _filtered_late,
     _filtered_pair,
     _FilteredSignals,
     _with_error,
@@ -84,9 +84,9 @@ def test_a_delay_is_found_within_a_tenth_of_a_sample(first, second, rates, noise
 
 def error_by_leaving_out_blocks(tracks, found):
     """A jackknife over blocks of 2.5 periods of the cut-off, each delay found anew."""
-    both = _filtered_pair(
-        *(x.recording() for x in tracks), 0, found.cutoff, 0.5, found.cutoff
-    )
+    first, late = (x.recording() for x in tracks)
+    late = signals.low_passed(late, motion_cutoff=found.cutoff)
+    both = _filtered_pair(first, late, 0, found.cutoff, 0.5, found.cutoff)
     y, samples = both.values[:, 0], np.arange(len(both.time))
     n = int((both.time[-1] - both.time[0]) * found.cutoff / 2.5)
 
@@ -506,9 +506,13 @@ def test_cut_offs_are_halved_while_blocks_hold_enough_and_half_of_the_variance_s
 
     first = log(np.arange(401) / 80.0, np.zeros(401))  # highest: an eighth of 80 Hz
     # Blocks of 2.5 periods: 25 of a cut-off of 0.625 Hz would fill the 40 s.
-    assert _cutoffs(first, both(0.5)) == [1.25, 2.5, 5.0, 10.0]
+    found = _filtered_late(first, both(0.5))
+    assert list(found) == [1.25, 2.5, 5.0, 10.0]
+    for cutoff, smooth in found.items():
+        same = signals.low_passed(both(0.5), motion_cutoff=cutoff)
+        np.testing.assert_array_equal(smooth.position, same.position)
     # Of a tone of 3 Hz, little passes 2.5 Hz.
-    assert _cutoffs(first, both(2.0)) == [5.0, 10.0]
+    assert list(_filtered_late(first, both(2.0))) == [5.0, 10.0]
 
 
 @pytest.mark.parametrize(("samples", "enough"), [(72, True), (71, False)])

@@ -302,10 +302,13 @@ def estimate_delay(
             f"{reference.joints} and {late.joints}"
         )
     first, second = _uniform(reference.of(joints)), _uniform(late.of(joints))
-    cutoffs = _cutoffs(first, second) if cutoff is None else [cutoff]
-    found: list[Delay] = []
-    for frequency in cutoffs:
-        pair = _filtered_pair(first, second, order, frequency, longest, min(cutoffs))
+    if cutoff is None:
+        filtered = _filtered_late(first, second)
+    else:
+        filtered = {cutoff: low_passed(second, motion_cutoff=cutoff)}
+    lowest, found = min(filtered), list[Delay]()
+    for frequency, smooth in filtered.items():
+        pair = _filtered_pair(first, smooth, order, frequency, longest, lowest)
         near = found[-1].seconds if found else None
         found.append(_best_shift(pair, joints, frequency, longest, near))
     best = min(found, key=lambda delay: delay.standard_error)
@@ -345,22 +348,22 @@ def _uniform(signal: Track) -> Recording:
     return resampled(recording, own_rate(recording))
 
 
-def _cutoffs(first: Recording, second: Recording) -> list[float]:
-    """Return cut-offs that leave most of the late signal, the lowest first."""
-    highest = min(first.rate, second.rate) / _BAND
+def _filtered_late(first: Recording, second: Recording) -> dict[float, Recording]:
+    """Return the late signal for each cut-off that leaves most of it, lowest first."""
+    cutoff = min(first.rate, second.rate) / _BAND
     spread = second.position.var(axis=0).sum()
-    cutoffs = [highest]
-    while (lower := cutoffs[0] / 2.0) * second.duration > _BLOCKS[0] * _PERIODS:
-        smooth = low_passed(second, motion_cutoff=lower).position
-        if smooth.var(axis=0).sum() < 0.5 * spread:
+    found = {cutoff: low_passed(second, motion_cutoff=cutoff)}
+    while (cutoff := cutoff / 2.0) * second.duration > _BLOCKS[0] * _PERIODS:
+        smooth = low_passed(second, motion_cutoff=cutoff)
+        if smooth.position.var(axis=0).sum() < 0.5 * spread:
             break
-        cutoffs.insert(0, lower)
-    return cutoffs
+        found[cutoff] = smooth
+    return dict(reversed(found.items()))
 
 
 def _filtered_pair(
     first: Recording,
-    second: Recording,
+    late: Recording,
     order: int,
     cutoff: float,
     longest: float,
@@ -369,19 +372,18 @@ def _filtered_pair(
     from scipy.interpolate import make_interp_spline
 
     smooth = low_passed(first, motion_cutoff=cutoff)
-    late = low_passed(second, motion_cutoff=cutoff)
     spline = make_interp_spline(smooth.time, smooth.position, k=5)
     # Extrapolation at the ends has decayed one period of the cut-off inside.
     margin = 1.0 / lowest
-    start = max(first.time[0] + longest, second.time[0]) + margin
-    stop = min(first.time[-1] - longest, second.time[-1]) - margin
+    start = max(first.time[0] + longest, late.time[0]) + margin
+    stop = min(first.time[-1] - longest, late.time[-1]) - margin
     inside = np.flatnonzero((late.time >= start) & (late.time <= stop))
     # A few samples for each period of the cut-off represent a filtered signal.
     inside = inside[:: max(int(late.rate / (2.0 * _BAND * cutoff)), 1)]
     if len(inside) < 4 * _BLOCKS[0]:
         raise RecordingError(
             f"{first.name} runs from {first.time[0]:.6g} s to {first.time[-1]:.6g} s, "
-            f"{second.name} from {second.time[0]:.6g} s to {second.time[-1]:.6g} s: "
+            f"{late.name} from {late.time[0]:.6g} s to {late.time[-1]:.6g} s: "
             f"with delays up to {longest:g} s and {margin:.3g} s for the filter at "
             "each end too little of both is left to compare"
         )
