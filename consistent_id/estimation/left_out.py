@@ -53,7 +53,7 @@ from consistent_id.regression.segments import merged
 _STEP = 10.0  # from one weight of the distance to the next
 _STRONGEST = 1e3  # weight at which the distance counts a thousand residuals
 _WEAKEST = 1e-14  # below it, rounding counts more than the distance
-_GAP = 1e-6  # relative gap of a fit
+_GAP = 1e-4  # relative gap of a fit, which only predicts data
 
 
 class NearPoint(NamedTuple):

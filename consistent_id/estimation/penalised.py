@@ -13,6 +13,7 @@ to nominal among all that fit nearly best.
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
@@ -29,9 +30,11 @@ from consistent_id.constraints.cones.certificate import (
     unexplained,
 )
 from consistent_id.constraints.cones.least_norm import (
+    FREE,
     ConeSolution,
     LeastNorm,
     solve_least_norm,
+    solve_squares,
 )
 from consistent_id.constraints.priors import (
     Along,
@@ -40,7 +43,7 @@ from consistent_id.constraints.priors import (
     NominalDistance,
     QuadraticDistance,
 )
-from consistent_id.errors import SolverError
+from consistent_id.errors import ConsistentIdError, SolverError
 from consistent_id.estimation.best_fit import REFERENCE, BestFit, ScaledFit, solved
 
 _STEPS = 60
@@ -123,6 +126,33 @@ def penalised_fit(
     return Compromise(fit, distance, weight).optimum(start, gap=gap)
 
 
+def penalised_fits(
+    fits: Sequence[ScaledFit], distance: NominalDistance, like: PenalisedFit
+) -> list[PenalisedFit | None]:
+    """Return compromises for data like another fit's, with its domain and weight.
+
+    With a quadratic distance all are solved together, about that fit. Those without a
+    certificate are solved again alone; None stands where there is no fit.
+    """
+    problems = [Compromise(fit, distance, like.weight) for fit in fits]
+    start, found = like.solution.u, list[PenalisedFit | None]()
+    rough: Sequence[ConeSolution | None] = [None] * len(problems)
+    # Where no cone is active, one after another is faster.
+    if isinstance(distance, QuadraticDistance) and like.solution.status != FREE:
+        with suppress(SolverError):
+            rough = solve_squares([p.near(start).problem for p in problems], start)
+    for problem, solution in zip(problems, rough, strict=True):
+        try:
+            proof = None if solution is None else problem.certified(solution)
+            if solution and proof and proof.verdict == "certified":
+                found.append(problem.with_proof(solution, proof))
+            else:
+                found.append(problem.optimum(start))
+        except ConsistentIdError:
+            found.append(None)
+    return found
+
+
 class _NearProblem(NamedTuple):
     """The compromise near a point: the distance's rows there, and the problem."""
 
@@ -180,10 +210,13 @@ class Compromise:
                     f"{optimality.violation:.1e}); take another distance, or check for "
                     "masses and moments of zero"
                 )
-        u = solution.u
-        return PenalisedFit(
-            solution, optimality, self.fit.excess(u), distance.squared(u), self.weight
-        )
+        return self.with_proof(solution, optimality)
+
+    def with_proof(self, solution: ConeSolution, proof: Optimality) -> PenalisedFit:
+        """Return a solution as a fit."""
+        excess = self.fit.excess(solution.u)
+        squared = self.distance.squared(solution.u)
+        return PenalisedFit(solution, proof, excess, squared, self.weight)
 
     def near(self, u: Vector) -> _NearProblem:
         """Return the least-norm problem that is the compromise to second order."""

@@ -17,6 +17,7 @@ from consistent_id import (
     NonNegativeDrive,
     PhysicalConsistency,
     Recording,
+    SolverError,
     TorqueModel,
     build_regression,
     simulate_torque,
@@ -47,6 +48,7 @@ from consistent_id.estimation.penalised import (
     _WeightSearch,
     nearest_within,
     penalised_fit,
+    penalised_fits,
 )
 from consistent_id.regression.base import base_parameters
 from consistent_id.robot.inertia import PSEUDO_INERTIA_BASIS, pseudo_inertia
@@ -298,6 +300,82 @@ def test_without_constraints_a_quadratic_distance_has_the_normal_equations_answe
     found = penalised_fit(fit, distance, 0.5)
     assert found.optimality.verdict == "certified"
     assert found.solution.u == pytest.approx(expected, abs=1e-5)
+
+
+def like_one_another(seed=2):
+    """A fit on the boundary of its constraints, and fits to similar data."""
+    model, regression = noisy(seed, 2, noise=0.3)
+    fit, distance = dimensionless(model, regression, "pullback")
+    like = penalised_fit(fit, distance, 1e-3)
+    rng = np.random.default_rng(seed)
+    moves = 0.3 * rng.normal(size=(5, len(fit.z)))
+    return [replace(fit, z=fit.z + move) for move in moves], distance, like
+
+
+def test_fits_solved_together_are_those_solved_alone():
+    fits, distance, like = like_one_another()
+    assert like.solution.status != "Free"
+    found = penalised_fits(fits, distance, like)
+    for fit, one in zip(fits, found, strict=True):
+        alone = penalised_fit(fit, distance, like.weight)
+        assert one.optimality.verdict == "certified"
+        assert one.weight == like.weight
+        costs = [
+            objective(fit, distance, like.weight, f.solution.u) for f in (one, alone)
+        ]
+        assert costs[0] == pytest.approx(costs[1], rel=1e-6)
+        np.testing.assert_allclose(one.solution.u, alone.solution.u, atol=2e-3)
+        assert one.squared_distance == distance.squared(one.solution.u)
+        assert one.excess == fit.excess(one.solution.u)
+
+
+def test_a_fit_that_is_not_certified_together_is_solved_again_alone(monkeypatch):
+    fits, distance, like = like_one_another(3)
+    solve = penalised.solve_squares
+
+    def moved(problems, origin):
+        found = solve(problems, origin)
+        return [replace(found[0], u=found[0].u + 1e-3), *found[1:]]
+
+    monkeypatch.setattr(penalised, "solve_squares", moved)
+    found = penalised_fits(fits, distance, like)
+    alone = [penalised_fit(fit, distance, like.weight) for fit in fits]
+    same = [
+        np.array_equal(f.solution.u, a.solution.u)
+        for f, a in zip(found, alone, strict=True)
+    ]
+    assert same == [True, *([False] * (len(fits) - 1))]
+
+
+@pytest.mark.parametrize("kind", ["pullback", "entropic"])
+def test_fits_that_cannot_be_solved_together_are_solved_alone_or_are_none(
+    monkeypatch, kind
+):
+    fits, distance, like = like_one_another()
+    if kind == "entropic":
+        model, regression = noisy(2, 2, noise=0.3)
+        _, distance = dimensionless(model, regression, kind)
+
+    def refused(*_):
+        raise SolverError("together")
+
+    monkeypatch.setattr(penalised, "solve_squares", refused)
+    alone = [
+        penalised_fit(fit, distance, like.weight, start=like.solution.u) for fit in fits
+    ]
+    solve, calls = penalised.Compromise.optimum, iter(range(len(fits)))
+
+    def sometimes(self, start=None):
+        if next(calls) == 3:
+            raise SolverError("alone")
+        return solve(self, start)
+
+    monkeypatch.setattr(penalised.Compromise, "optimum", sometimes)
+    found = penalised_fits(fits, distance, like)
+    assert found.pop(3) is None
+    del alone[3]
+    for one, other in zip(found, alone, strict=True):
+        np.testing.assert_array_equal(one.solution.u, other.solution.u)
 
 
 @pytest.mark.parametrize("distance", get_args(Distance))

@@ -162,42 +162,47 @@ def test_its_scatter_is_the_covariance_from_segments_and_that_of_white_noise():
     assert (high - low) / 2 == pytest.approx(1.645 * got, rel=0.2)
 
 
-def failing(monkeypatch, fails, error):
-    """Let the fits of the draws with these numbers fail."""
-    calls = iter(range(10**6))
-    solve = parameter_uncertainty.penalised_fit
+def failing(monkeypatch, *, fails=frozenset(), interrupted=-1):
+    """Let fits of draws with these numbers fail, or interrupt the ones with a number.
 
-    def sometimes(*args, **options):
-        if next(calls) in fails:
-            raise error
-        return solve(*args, **options)
+    Draws are fitted together, `_AT_ONCE` of them.
+    """
+    solve, calls = parameter_uncertainty.penalised_fits, iter(range(10**6))
+    at_once = parameter_uncertainty._AT_ONCE
+
+    def sometimes(fits, *args):
+        call = next(calls)
+        if call == interrupted:
+            raise KeyboardInterrupt
+        found = enumerate(solve(fits, *args), start=call * at_once)
+        return [None if number in fails else fit for number, fit in found]
 
     monkeypatch.setattr(f"{HERE}._WORKERS", 1)
-    monkeypatch.setattr(
-        f"{HERE}.penalised_fit",
-        sometimes,
-    )
+    monkeypatch.setattr(f"{HERE}.penalised_fits", sometimes)
 
 
 def test_an_interruption_keeps_the_replicates_so_far(monkeypatch):
     model, segments, _ = simulated()
+    monkeypatch.setattr(f"{HERE}._AT_ONCE", 3)
     whole = bootstrap(model, segments, prior=PRIOR, replicates=20)
-    failing(monkeypatch, {7}, KeyboardInterrupt())
-    part = bootstrap(model, segments, prior=PRIOR, replicates=20)
-    assert np.array_equal(part.estimates, whole.estimates[:7])
-    failing(monkeypatch, {1}, KeyboardInterrupt())
+    with monkeypatch.context() as patch:
+        failing(patch, interrupted=2)
+        part = bootstrap(model, segments, prior=PRIOR, replicates=20)
+    assert np.array_equal(part.estimates, whole.estimates[:6])
+    failing(monkeypatch, interrupted=0)
     with pytest.raises(KeyboardInterrupt):
         bootstrap(model, segments, prior=PRIOR, replicates=20)
 
 
 def test_replicates_without_an_estimate_are_counted(monkeypatch):
     model, segments, _ = simulated()
-    whole = bootstrap(model, segments, prior=PRIOR, replicates=10)
-    failing(monkeypatch, {2, 5}, SolverError("out of order"))
-    part = bootstrap(model, segments, prior=PRIOR, replicates=10)
-    assert (part.failed, len(part.estimates)) == (2, 8)
-    assert np.array_equal(part.estimates, np.delete(whole.estimates, [2, 5], axis=0))
-    failing(monkeypatch, set(range(9)), SolverError("out of order"))
+    whole = bootstrap(model, segments, prior=PRIOR, replicates=20)
+    with monkeypatch.context() as patch:
+        failing(patch, fails={2, 15})
+        part = bootstrap(model, segments, prior=PRIOR, replicates=20)
+    assert (part.failed, len(part.estimates)) == (2, 18)
+    assert np.array_equal(part.estimates, np.delete(whole.estimates, [2, 15], axis=0))
+    failing(monkeypatch, fails=set(range(9)))
     with pytest.raises(SolverError, match="1 of 10 replicates"):
         bootstrap(model, segments, prior=PRIOR, replicates=10)
 

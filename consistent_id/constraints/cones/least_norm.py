@@ -18,13 +18,14 @@ problems.  The solver's status is not used; `certify` checks the result.
   ``P = G^T G`` this is the least-norm problem with its square as the objective, which
   takes half the time, but stops early if `P` is ill-conditioned. So it is used for fits
   that are compared, not for delivered ones, with a prior in `P` that makes it regular.
+- `solve_squares`: the same for least-norm problems, about a point near their optima.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from time import perf_counter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -57,8 +58,10 @@ _FAR = 1e3  # norm of g beyond which to rescale, and to which to magnify
 TOLERANCES = (1e-10, 1e-9, 1e-8)
 """Useful tolerances of the solver, the tightest first."""
 
-_HOLDS = 1e-8  # by which a number may violate a normalised set
+FREE = "Free"
+"""Status of a solution that no cone programme was needed for."""
 
+_HOLDS = 1e-8  # by which a number may violate a normalised set
 _ROUNDING = 1e-12  # violation of a constraint that counts as rounding
 _FAINT = 1e-14
 """Weight of the squared distance to the centre, for flat objectives: it changes the
@@ -345,7 +348,7 @@ def free_optimum(problem: LeastNorm, centre: Vector) -> FreeOptimum:
     slope = problem.G.T @ (problem.G @ u - problem.g) + domain.A_in.T @ found.prices
     multipliers = Multipliers(-known.inverse.T @ slope, found.prices, none)
     seconds = perf_counter() - started
-    return FreeOptimum(ConeSolution(u, multipliers, "Free", 0.0, seconds), factor)
+    return FreeOptimum(ConeSolution(u, multipliers, FREE, 0.0, seconds), factor)
 
 
 def _triangle(A: Matrix, b: Vector) -> tuple[Matrix, Vector]:
@@ -430,31 +433,68 @@ def minimisers(P: Array, q: Matrix, domain: ConicSet) -> Matrix:
 
 def _minimiser(P: Array, q: Matrix, domain: ConicSet) -> Matrix:
     """Return the minimisers, one after another by one solver."""
-    import clarabel
-    from scipy.sparse import csc_matrix
-
     reduced = free_set(domain)
     free, start = reduced.free, reduced.start
     q = q[:, free] + start @ P[:, :, free]
-    P = P[:, free][:, :, free]
+    found = np.tile(start, (len(q), 1))
+    solutions = _one_after_another(P[:, free][:, :, free], q, reduced.rows)
+    found[:, free] = [point_of(solution) for solution in solutions]
+    return found
+
+
+def _one_after_another(P: Array, q: Matrix, rows: Sequence[ConeRows]) -> list[Any]:
+    """Return Clarabel's solutions of quadratic programmes over the same rows."""
+    import clarabel
+    from scipy.sparse import csc_matrix
+
     size = P.shape[1]
     column, row = np.tril_indices(size)  # the upper triangle, column by column
     ends = np.cumsum(np.arange(size + 1))
-    data, chosen = (
-        cone_data(reduced.rows),
-        settings(_QUADRATIC_TOLERANCE, refined=False),
-    )
+    chosen = settings(_QUADRATIC_TOLERANCE, refined=False)
     chosen.presolve_enable = chosen.chordal_decomposition_enable = False
     chosen.equilibrate_enable = False  # entries are around one: see `minimisers`
-    points, solver = [], None
+    found, solver = [], None
     with panics_as_errors():
         for values, slope in zip(P[:, row, column], q, strict=True):
             if solver is None:
                 quadratic = csc_matrix((values, row, ends), shape=(size, size))
+                data = cone_data(rows)
                 solver = clarabel.DefaultSolver(quadratic, slope, *data, chosen)
             else:
                 solver.update(P=values, q=slope)
-            points.append(solver.solve())
-    found = np.tile(start, (len(points), 1))
-    found[:, free] = [point_of(solution) for solution in points]
+            found.append(solver.solve())
+    return found
+
+
+def solve_squares(problems: Sequence[LeastNorm], origin: Vector) -> list[ConeSolution]:
+    """Solve problems over the same domain by their squares; certificates check them.
+
+    Parameters
+    ----------
+    origin : ndarray, shape (parameters,)
+        A point near the optima: the solver's numbers are then small.
+
+    Raises
+    ------
+    SolverError
+        If the solver returns no finite point with multipliers.
+    """
+    started = perf_counter()
+    domain = problems[0].domain
+    reduced = free_set(domain)
+    free, start = reduced.free, np.where(reduced.free, origin, reduced.start)
+    G = np.array([problem.G[:, free] for problem in problems])
+    misfits = [problem.G @ start - problem.g for problem in problems]
+    q, rows = np.einsum("krc,kr->kc", G, misfits), reduced.about(start[free])
+    solutions = _one_after_another(G.transpose(0, 2, 1) @ G, q, rows)
+    seconds = (perf_counter() - started) / len(problems)
+    ends, found = np.cumsum([len(block.b) for block in rows])[:-1], []
+    for problem, solution in zip(problems, solutions, strict=True):
+        u = start.copy()
+        u[free] += point_of(solution)
+        duals = np.split(np.asarray(solution.z), ends)
+        slope = problem.G.T @ (problem.G @ u - problem.g)
+        multipliers = _all_multipliers(domain, duals, 1.0, slope)
+        status, u = str(solution.status), domain.snapped(u)
+        found.append(ConeSolution(u, multipliers, status, 0.0, seconds))
     return found

@@ -12,7 +12,6 @@ constraint.  The prior keeps the weight that it had for the data themselves.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
 from itertools import chain, islice
 from time import perf_counter
 from typing import Any
@@ -26,8 +25,8 @@ from consistent_id._support.run import note_stop
 from consistent_id._support.tables import brief
 from consistent_id.constraints import Constraint
 from consistent_id.constraints.priors import Prior
-from consistent_id.errors import ConsistentIdError, ProblemError, SolverError
-from consistent_id.estimation.best_fit import FitProblem, base_factor
+from consistent_id.errors import ProblemError, SolverError
+from consistent_id.estimation.best_fit import FitProblem, ScaledFit, base_factor
 from consistent_id.estimation.constrained_fit import (
     DEFAULT_CONSTRAINTS,
     ConstrainedFit,
@@ -39,7 +38,7 @@ from consistent_id.estimation.determination import (
     parameter_sizes,
     pinned,
 )
-from consistent_id.estimation.penalised import penalised_fit
+from consistent_id.estimation.penalised import penalised_fits
 from consistent_id.estimation.uncertainties.beyond_noise import (
     FloatingBlocks,
     ParameterShifts,
@@ -63,7 +62,7 @@ from consistent_id.regression.segments import merged
 from consistent_id.robot.parameters import ParameterLayout, did_you_mean
 
 _WORKERS = 2  # Clarabel frees the interpreter's lock
-_AT_ONCE = 10  # replicates that another process solves together
+_AT_ONCE = 10  # replicates that are solved together
 _Replicate = tuple[Vector, bool]  # parameters, and whether they are certified
 
 
@@ -458,23 +457,25 @@ def _resampled(
             f"{len(segments)} segments and {replicates} replicates, expected 2 or more"
         )
     factors = [base_factor(segment, base) for segment in segments]
-    scaled, weight = fitted.best.scaled, fitted.final.weight
+    scaled = fitted.best.scaled
 
-    def estimate(times: Array) -> _Replicate | None:
+    def drawn(times: Array) -> ScaledFit:
         rows = [np.sqrt(n) * F for n, F in zip(times, factors, strict=True) if n]
-        fit = scaled.with_factor(triangle(np.asfortranarray(np.vstack(rows))))
-        try:
-            found = penalised_fit(
-                fit, fitted.distance, weight, start=fitted.final.solution.u
-            )
-        except ConsistentIdError:
-            return None
-        certified = found.optimality.verdict == "certified"
-        return found.solution.u * scaled.unit, certified
+        return scaled.with_factor(triangle(np.asfortranarray(np.vstack(rows))))
+
+    @single_threaded
+    def estimated(draws: Sequence[Array]) -> list[_Replicate | None]:
+        fits = penalised_fits([drawn(t) for t in draws], fitted.distance, fitted.final)
+        return [
+            (f.solution.u * scaled.unit, f.optimality.verdict == "certified")
+            if f is not None
+            else None
+            for f in fits
+        ]
 
     draws = islice(_draws(len(segments), np.random.default_rng(seed)), replicates)
     chosen = Executor.chosen(executor)
-    found = _collected(estimate, draws, replicates if progress else None, chosen)
+    found = _collected(estimated, draws, replicates if progress else None, chosen)
     good = [result for result in found if result is not None]
     if len(good) < 2:
         raise SolverError(f"{len(good)} of {len(found)} replicates gave an estimate")
@@ -497,7 +498,7 @@ def _draws(segments: int, rng: np.random.Generator) -> Iterator[Array]:
 
 
 def _collected(
-    estimate: Callable[[Array], _Replicate | None],
+    estimated: Callable[[Sequence[Array]], list[_Replicate | None]],
     draws: Iterator[Array],
     total: int | None,
     executor: Executor | None,
@@ -508,14 +509,10 @@ def _collected(
         worker_threads(_WORKERS) as pool,
         counted(total or 0, "replicates", total is not None) as count,
     ):
-        if executor is None:
-            results = pool.map(estimate, draws)
-        else:
-            some = iter(lambda: list(islice(draws, _AT_ONCE)), [])
-            each = executor.map(partial(_estimated, estimate), some)
-            results = chain.from_iterable(each)
+        some = iter(lambda: list(islice(draws, _AT_ONCE)), [])
+        each = (pool if executor is None else executor).map(estimated, some)
         try:
-            for result in results:
+            for result in chain.from_iterable(each):
                 found.append(result)
                 count(len(found))
         except KeyboardInterrupt as cause:
@@ -524,14 +521,6 @@ def _collected(
             pool.shutdown(wait=False, cancel_futures=True)
             note_stop(cause)
     return found
-
-
-@single_threaded
-def _estimated(
-    estimate: Callable[[Array], _Replicate | None], draws: Sequence[Array]
-) -> list[_Replicate | None]:
-    """Estimate from some draws, in another process."""
-    return [estimate(times) for times in draws]
 
 
 def _expanded(tail: float, segments: int) -> float:
