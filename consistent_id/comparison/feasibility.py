@@ -63,7 +63,7 @@ from consistent_id.robot.inertia import InertialParameters
 from consistent_id.robot.scaling import link_scales
 
 _BACK_OFF = 0.01  # share of the margin sacrificed for smaller, more readable numbers
-_ROUGH, _CLEAR = 1e-3, 0.5  # a tolerance, and a share that it surely tells from one
+_ROUGH, _CLEAR = 1e-3, 0.8  # a tolerance, and a share that it surely tells from one
 _SMALL = 5e-7  # half the squared torque change, relative, that counts as zero
 _UNDECIDED = 1e-9  # margins nearer to zero than this prove nothing
 
