@@ -4,6 +4,7 @@
 returns the exit code; `tool` lists the commands.
 """
 
+import gc
 import os
 import signal
 import sys
@@ -15,6 +16,10 @@ from typing import Any
 __all__ = ["main", "run"]
 
 _Handler = Callable[[int, FrameType | None], Any] | signal.Handlers
+
+# Objects allocated between two collections of garbage.  A command makes hardly any in
+# cycles; Python's 700 cost it 2 to 5 % of its time.
+_ALLOCATED = 20_000
 
 _ENDS: dict[int, tuple[_Handler, int, bytes]] = {
     signal.SIGINT: (signal.default_int_handler, 130, b"consistent-id: interrupted\n"),
@@ -44,6 +49,7 @@ def run() -> int:
     A signal that comes while Python ends, such as a third interrupt, ends it at once:
     an exception there can abort the process.
     """
+    gc.set_threshold(_ALLOCATED)
     try:
         return main()
     finally:

@@ -362,6 +362,23 @@ def test_an_interrupt_while_python_ends_ends_it():
     assert ended.stdout == f"{version('consistent-id')}\n"
 
 
+SELDOM = """
+import gc, sys
+from consistent_id.cli import run
+sys.argv = ["consistent-id", "--version"]
+try:
+    run()
+except SystemExit:
+    print(gc.get_threshold()[0] > 10_000)
+"""
+
+
+def test_a_process_of_the_tool_seldom_looks_for_garbage():
+    call = [sys.executable, "-c", SELDOM]
+    ended = subprocess.run(call, capture_output=True, text=True, check=True)
+    assert ended.stdout == f"{version('consistent-id')}\nTrue\n"
+
+
 @pytest.mark.slow
 def test_the_second_interrupt_stops_at_once(tmp_path):
     process = started([*EXCITE, "2", "--output", str(tmp_path / "out")], tmp_path)
