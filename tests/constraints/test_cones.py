@@ -27,6 +27,7 @@ from consistent_id.constraints.cones.programmes import (
     point_of,
     set_rows,
     solve_cones,
+    solve_costs,
 )
 from consistent_id.constraints.cones.sets import (
     ConicSet,
@@ -103,6 +104,28 @@ def test_numbers_that_are_none_are_a_solver_error():
     rows = [ConeRows("nonnegative", np.array([[np.nan]]), np.zeros(1))]
     with pytest.raises(SolverError):
         solve_cones(np.ones(1), rows)
+    assert solve_costs([np.ones(1)], rows, tolerance=1e-8) == [None]
+
+
+def test_several_costs_are_each_solved_as_if_alone_also_after_one_without_a_point():
+    A = np.array([[1.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
+    disc = np.vstack([np.zeros(2), -np.eye(2)])
+    rows = [
+        ConeRows("nonnegative", A, np.array([1.0, 0.0, 0.0])),
+        ConeRows("second order", disc, np.array([0.9, 0.0, 0.0])),
+    ]
+    costs = [np.array(cost) for cost in ((-1.0, -2.0), (1.0, -2.0), (-2.0, 1.0))]
+    for k, point in enumerate(solve_costs(costs, rows, tolerance=1e-8)):
+        alone = solve_cones(costs[k], rows, tolerance=1e-8)
+        np.testing.assert_allclose(point.x, alone.x, rtol=0, atol=1e-9)
+        for own, others in zip(point.duals, alone.duals, strict=True):
+            np.testing.assert_allclose(own, others, rtol=0, atol=1e-9)
+        assert point.build_seconds > 0.0 < point.solve_seconds
+    half_plane = [ConeRows("nonnegative", A[1:2], np.zeros(1))]  # x >= 0
+    endless, least = np.array([-1.0, 0.0]), np.array([1.0, 0.0])
+    lost, found = solve_costs([endless, least], half_plane, tolerance=1e-8)
+    assert lost is None
+    assert found.x[0] == pytest.approx(0.0, abs=1e-7)
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)

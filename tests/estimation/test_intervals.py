@@ -20,8 +20,10 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.constraints import FixedCentresOfMass, ParameterBounds, PointToSet
+from consistent_id.constraints.cones import programmes
 from consistent_id.constraints.cones.programmes import Ball, ConeRows
 from consistent_id.constraints.priors import Distance
+from consistent_id.estimation.best_fit import best_fit
 from consistent_id.estimation.uncertainties import intervals
 from consistent_id.estimation.uncertainties.beyond_noise import (
     FloatingBlocks,
@@ -197,27 +199,48 @@ def test_what_ends_only_with_the_ball_has_no_bound(tilt, size):
         SimpleNamespace(
             scaled=SimpleNamespace(residual=3.0), solution=SimpleNamespace(u=origin)
         ),
+        np.ones(2, dtype=bool),
         (),
         Ball(np.zeros(2), 1000.0),
         ConeRows("second order", misfit, np.zeros(2)),
     )
-    found = programme.least(np.array([1.0, 0.0]), 9.0 + size**2)
+    found = programme.ends(0, 9.0 + size**2)
     change = size + 1000.0 * tilt
     # A twentieth of the change by the ball is none; less than a thousandth is none.
     if 1000.0 * tilt > 0.05 * max(change, 1e-3):
-        assert found == -np.inf
+        assert found == (-np.inf, np.inf)
     else:
-        assert found == pytest.approx(2.0 - change, rel=1e-4)
+        assert found == pytest.approx((2.0 - change, 2.0 + change), rel=1e-4)
 
 
 def test_where_the_solver_fails_nothing_bounds_a_parameter(monkeypatch):
-    def fails(*_, **__):
+    def fails(solution):
         raise SolverError("no point")
 
-    monkeypatch.setattr(intervals, "solve_cones", fails)
     model, _, regression = noisy_pendulum()
+    best = best_fit(model, regression, (), base=base_parameters(model))
+    monkeypatch.setattr(intervals, "best_fit", lambda *_, **__: best)
+    monkeypatch.setattr(programmes, "point_of", fails)
     found = consistent_intervals(model, regression, constraints=())
     assert np.array_equal(found.bounds, [[-np.inf, np.inf]] * len(model.layout))
+
+
+def test_where_the_solver_fails_for_one_end_a_coarser_tolerance_bounds_it(monkeypatch):
+    model, _, regression = noisy_pendulum()
+    before = consistent_intervals(model, regression, constraints=())
+    solve, tried = intervals.solve_costs, []
+
+    def sometimes(costs, rows, *, tolerance):
+        tried.append((len(costs), tolerance))
+        found = solve(costs, rows, tolerance=tolerance)
+        return [found[0], None] if len(costs) == 2 else found
+
+    monkeypatch.setattr(intervals, "_WORKERS", 1)
+    monkeypatch.setattr(intervals, "solve_costs", sometimes)
+    found = consistent_intervals(model, regression, constraints=())
+    assert tried == [(2, 1e-8), (1, 1e-6)] * len(model.layout)
+    assert np.array_equal(found.bounds[:, 0], before.bounds[:, 0])
+    np.testing.assert_allclose(found.bounds[:, 1], before.bounds[:, 1], rtol=1e-4)
 
 
 def test_what_is_fixed_has_no_width():

@@ -19,19 +19,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from consistent_id._support.arrays import Array, Vector, freeze_arrays
+from consistent_id._support.arrays import Array, BoolArray, Vector, freeze_arrays
 from consistent_id._support.executors import single_threaded, worker_threads
 from consistent_id._support.tables import brief
 from consistent_id.constraints import Constraint
+from consistent_id.constraints.cones.least_norm import free_set
 from consistent_id.constraints.cones.programmes import (
     Ball,
     ConeRows,
     lower_bound,
-    set_rows,
-    solve_cones,
+    solve_costs,
 )
 from consistent_id.constraints.priors import misfit_increase
-from consistent_id.errors import ProblemError, SolverError
+from consistent_id.errors import ProblemError
 from consistent_id.estimation.best_fit import BestFit, best_fit
 from consistent_id.estimation.constrained_fit import (
     DEFAULT_CONSTRAINTS,
@@ -160,9 +160,8 @@ def consistent_intervals(
     def bounds(i: int) -> tuple[float, float]:
         if low[i] == high[i]:
             return low[i], high[i]
-        up, allowed = np.eye(len(unit))[i], (least + added[i]) / best.scaled.size**2
-        ends = programme.least(up, allowed), -programme.least(-up, allowed)
-        return max(ends[0], low[i]), min(ends[1], high[i])
+        lower, upper = programme.ends(i, (least + added[i]) / best.scaled.size**2)
+        return max(lower, low[i]), min(upper, high[i])
 
     with worker_threads(_WORKERS) as pool:
         found = list(pool.map(bounds, range(len(unit))))
@@ -217,19 +216,26 @@ def _box(model: TorqueModel, best: BestFit) -> tuple[Vector, Vector]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _IntervalProgramme:
-    """The set of consistent robots that fit, with the best fit as the origin."""
+    """The set of consistent robots that fit, for steps from the best fit.
+
+    Pinned parameters are no variables.
+    """
 
     best: BestFit
+    free: BoolArray
     rows: tuple[ConeRows, ...]
     ball: Ball
     misfit: ConeRows
 
-    def least(self, cost: Vector, allowed: float) -> float:
-        """Return a proven lower bound on ``cost.u``; minus infinity without one.
+    def ends(self, i: int, allowed: float) -> tuple[float, float]:
+        """Return proven bounds of a parameter; infinite where none was proven.
 
         `allowed` is the squared misfit, in units of the residual, or of a millionth of
         the torque where that is larger.
         """
+        value = float(self.best.solution.u[i])
+        if not self.free[i]:
+            return value, value
         radius = float(np.sqrt(allowed - self.best.scaled.residual**2))
         misfit = ConeRows(
             "second order",
@@ -237,24 +243,31 @@ class _IntervalProgramme:
             np.append(1.0, self.misfit.b[1:] / radius),
         )
         rows = (*self.rows, misfit, self.ball.rows())
-        for tolerance in _TOLERANCES:
-            try:
-                point = solve_cones(cost, rows, tolerance=tolerance)
-            except SolverError:
-                continue
+        up = np.eye(len(self.free))[i, self.free]
+        costs, found = (up, -up), [-np.inf, -np.inf]
+        points = solve_costs(costs, rows, tolerance=_TOLERANCES[0])
+        for k, (cost, point) in enumerate(zip(costs, points, strict=True)):
+            if point is None:
+                (point,) = solve_costs([cost], rows, tolerance=_TOLERANCES[1])
             # The ball's multiplier is the change for a radius twice as large.
-            if point.duals[-1][0] > _FELT * max(abs(float(cost @ point.x)), _SMALL):
-                return -np.inf
-            bound = lower_bound(cost, rows, point.duals, self.ball)
-            return bound + float(cost @ self.best.solution.u)
-        return -np.inf
+            if point is not None and point.duals[-1][0] <= _FELT * max(
+                abs(float(cost @ point.x)), _SMALL
+            ):
+                found[k] = lower_bound(cost, rows, point.duals, self.ball)
+        return value + found[0], value - found[1]
 
 
 def _programme(best: BestFit, ball: Ball) -> _IntervalProgramme:
     scaled, origin = best.scaled, best.solution.u
-    misfit = np.vstack([np.zeros(len(origin)), -scaled.M])
+    reduced = free_set(scaled.domain)
+    free = reduced.free
+    misfit = np.vstack([np.zeros(int(free.sum())), -scaled.M[:, free]])
     b = np.append(0.0, scaled.M @ origin - scaled.z)
-    rows = tuple(set_rows(scaled.domain.moved(origin)))
+    near = Ball(ball.centre[free] - origin[free], ball.radius)
     return _IntervalProgramme(
-        best, rows, ball.moved(origin), ConeRows("second order", misfit, b)
+        best,
+        free,
+        tuple(reduced.about(origin[free])),
+        near,
+        ConeRows("second order", misfit, b),
     )
