@@ -261,15 +261,16 @@ def test_a_bootstrap_that_is_stopped_shows_what_it_has(
     arm, capsys, monkeypatch, stop, code, says
 ):
     calls = iter(range(10**6))
-    solve = parameter_uncertainty.penalised_fit
+    solve = parameter_uncertainty.penalised_fits
 
-    def interrupted(*args, **options):
+    def interrupted(*args):
         if next(calls) == 7:
             raise stop
-        return solve(*args, **options)
+        return solve(*args)
 
     monkeypatch.setattr(parameter_uncertainty, "_WORKERS", 1)
-    monkeypatch.setattr(parameter_uncertainty, "penalised_fit", interrupted)
+    monkeypatch.setattr(parameter_uncertainty, "_AT_ONCE", 1)
+    monkeypatch.setattr(parameter_uncertainty, "penalised_fits", interrupted)
     assert main(["identify", *map(str, arm), "--uncertainty", "--verbose"]) == code
     shown = capsys.readouterr()
     assert "7 estimates from segments" in shown.out and "; interrupted" in shown.out
