@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from consistent_id.problems.opening import Opened
     from consistent_id.problems.statement import Statement
     from consistent_id.problems.study import Study
+    from consistent_id.report.report_content import Section
     from consistent_id.report.results import Results, StudyOutcome
 
 
@@ -180,15 +181,24 @@ class Computed:
     @cached_property
     def page(self) -> str:
         """The report."""
-        from consistent_id.report.page import kept_sections, report_html
-        from consistent_id.rollout.rollout_page import rollout_section
+        from consistent_id.report.page import report_html
 
         return report_html(
             self.study,
             uncertainty=self.study.uncertainty,
-            further=kept_sections("rollouts", rollout_section, self.study),
+            further=self._rollouts,
             command=self.command,
         )
+
+    @property
+    def _rollouts(self) -> "tuple[Section, ...]":
+        """The section on rollouts, whose modules are needed only with gains."""
+        if self.study.problem.gains is None:
+            return ()
+        from consistent_id.report.page import kept_sections
+        from consistent_id.rollout.rollout_page import rollout_section
+
+        return kept_sections("rollouts", rollout_section, self.study)
 
     def write(self, folder: Path) -> list[Path]:
         """Write the study to a folder."""
