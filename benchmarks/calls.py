@@ -30,8 +30,11 @@ COUNTED = {
         "savitzky_golay_differentiated",
     ),
     "regressions built": ("build_regression",),
-    "cone programmes": ("solve_cones",),
-    "quadratic programmes over one set, solved together": ("minimisers",),
+    "cone programmes": ("solve_cones", "solve_costs"),
+    "quadratic programmes over one set, solved together": (
+        "minimisers",
+        "solve_squares",
+    ),
     "constraints lowered": ("lowered",),
 }
 LOG = (
