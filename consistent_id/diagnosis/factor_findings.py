@@ -82,11 +82,6 @@ class FoundFactor:
         """Size over the cautious error."""
         return abs(self.size) / self.cautious
 
-    @property
-    def least_harm(self) -> float:
-        """The harm of a factor that is a standard error smaller."""
-        return self.harm * max(1.0 - 1.0 / self.ratio, 0.0) if self.size else 0.0
-
 
 def factor_findings(
     model: TorqueModel, found: Sequence[FoundFactor]
@@ -184,8 +179,7 @@ def _harmful(best: FoundFactor, rivals: Sequence[FoundFactor]) -> bool:
     with a load of stated mass a gain of 1.6.
     """
     gate = _SURE if best.factor.kind == "masses or gain" else gate_of(best.factor)
-    least = max(f.least_harm for f in (best, *rivals))
-    return best.ratio >= gate and least >= HARM
+    return best.ratio >= gate and max(f.harm for f in (best, *rivals)) >= HARM
 
 
 def _size(found: FoundFactor) -> str:
