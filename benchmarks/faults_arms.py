@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from clean_recordings import MEASURED, Robot, robots
+from clean_recordings import MEASURED, POSITIONS, Robot, robots
 from clean_simulations import arm_file, clean_log
 from expected import UR3, UR3_JOINTS
 
@@ -52,14 +52,17 @@ def arms(folder: Path, into: Path) -> list[Robot]:
 
 
 def _z1(robot: Robot, folder: Path, into: Path) -> Robot:
-    """Name the torque of the controller as if it were measured."""
+    """Name the torque of the controller as if it were measured.
+
+    The velocity of the gripper is always zero: positions alone are used.
+    """
     where = into / robot.name
     where.mkdir()
     (where / robot.model).write_text((folder / robot.name / robot.model).read_text())
     table = pd.read_parquet(folder / robot.name / "chirp.parquet")
     commands = [c for c in table if re.fullmatch(r"d?qdes\d+", c)]
     table.drop(columns=commands).to_parquet(where / "chirp.parquet")
-    columns = {**MEASURED, "torque": "taudes{number}"}
+    columns = {**POSITIONS, "torque": "taudes{number}"}
     return replace(robot, columns=columns, gains=None)
 
 
@@ -97,8 +100,7 @@ def _panda(into: Path) -> Robot:
     split = int(_LEARNT * len(log))
     for name, rows in (("first", slice(split)), ("second", slice(split, None))):
         _written(log.samples(rows), where / f"{name}.parquet")
-    columns = {k: v for k, v in MEASURED.items() if k != "velocity"}
-    return Robot("panda", source.name, columns, Selection(tip="panda_link7"))
+    return Robot("panda", source.name, POSITIONS, Selection(tip="panda_link7"))
 
 
 def _written(log: ci.Recording, file: Path) -> None:

@@ -306,9 +306,9 @@ def test_bodies_known_worse_pull_less(kind, place, size):
     [
         ("offset zero", 2.1, 4.0, 0.05, "warning"),
         ("offset zero", 2.1, 6.0, 0.05, "fault"),
-        # A standard error less of it would mean a tenth of the torque.
-        ("offset zero", 2.1, 4.0, 0.14, "fault"),
-        ("offset zero", 2.1, 4.0, 0.13, "warning"),
+        # It would mean a tenth of the torque.
+        ("offset zero", 2.1, 4.0, 0.10, "fault"),
+        ("offset zero", 2.1, 4.0, 0.099, "warning"),
         ("clock", 2.1, 2.6, 0.17, "fault"),
         ("masses or gain", 1.9, 4.9, 0.30, "warning"),
         ("masses or gain", 1.9, 5.1, 0.30, "fault"),
