@@ -30,6 +30,9 @@ import consistent_id as ci
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.problems.log_check import check_problem
 
+UNKNOWN = ("ur3/torques 1.3 times", "ur3/torques 0.7 times")
+"""Left out: nobody has measured the UR3's gains, so none of all torques is wrong."""
+
 WRONG, TIMES = 0.05, 1.5  # error, and times that of the whole log, that is wrong
 HARM, FAR = 0.10, 2.0  # the same, that harms
 OF_MOTION = ("short", "small motion", "slow motion", "rank", "hidden factor")
@@ -359,7 +362,7 @@ def page(outcomes: dict[str, Outcome]) -> str:
         )
     answers = [row[-1] for row in rows if row[0] != "whole"]
     counts = ", ".join(f"{answers.count(a)} {a}" for a in dict.fromkeys(answers))
-    spoilt = len(RECORDINGS) * (len(SPOILS) - 1)
+    spoilt = len(RECORDINGS) * (len(SPOILS) - 1) - len(UNKNOWN)
     lines = [
         "# Verdicts on spoilt recordings",
         "",
@@ -369,7 +372,8 @@ def page(outcomes: dict[str, Outcome]) -> str:
         "which has no fault. An estimate is called `estimated well` if its error is at",
         f"most {TIMES:g} times the error without the fault. If a fault is found, no",
         "estimate is computed (no error is shown). Six arms are real, the Panda is",
-        "simulated (`benchmarks/faults_arms.py`).",
+        "simulated (`benchmarks/faults_arms.py`). The gains of the UR3 are those that",
+        "its bodies imply: logs of it with another gain of all torques are left out.",
         "",
         f"{len(answers)} of {spoilt} spoilt logs: {counts}.",
         "",
@@ -431,7 +435,9 @@ def main() -> None:
         for label in SPOILS:
             for robot in robots:
                 name = f"{robot.name}/{label}"
-                if name in found or not any(part in name for part in options.only):
+                if name in found or name in UNKNOWN:
+                    continue
+                if not any(part in name for part in options.only):
                     continue
                 found[name] = outcome(robot, folder, label, quick=options.quick)
                 if options.results:
