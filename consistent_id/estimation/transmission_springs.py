@@ -155,8 +155,18 @@ class _SpringSearch:
     error: Callable[[Vector, Vector], float]
 
     def softened(self, soft: Vector, unit: Vector) -> Vector:
-        """Return the compliances with the best spring of a group, of those tried."""
-        return min((soft + unit / f**2 for f in FREQUENCIES), key=self.misfit)
+        """Return the compliances with the best spring of a group, of those tried.
+
+        Softer ones are not tried once the misfit has risen twice in a row: it has one
+        least value, nearly.
+        """
+        tried = [soft]
+        for f in FREQUENCIES:
+            tried.append(soft + unit / f**2)
+            last = [self.misfit(each) for each in tried[-3:]]
+            if len(last) == 3 and last[0] < last[1] < last[2]:
+                break
+        return min(tried[1:], key=self.misfit)
 
     def finer(self, soft: Vector, unit: Vector) -> Vector:
         """Return the compliances with a group's spring between those tried."""
@@ -192,7 +202,8 @@ def _search(
 ) -> _SpringSearch:
     robot = model.robot
     names = robot.joint_names
-    first = build_regression(model, recordings)
+    # Only ratios of the joints' noise count, which its correlation does not change.
+    first = build_regression(model, recordings, noise=False)
     sigma = joint_noise(model, first)
     free = FreeParameters.of(constraints, model)
     known: dict[bytes, float] = {}

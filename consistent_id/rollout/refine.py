@@ -10,7 +10,7 @@ others.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
@@ -86,6 +86,7 @@ class Replays:
     estimate: Estimate
     logs: tuple[Recording, ...]
     gains: PDGains
+    _last: dict[tuple[bytes, float], Matrix] = field(default_factory=dict)
 
     @staticmethod
     def of(estimate: Estimate, logs: Sequence[Recording], gains: PDGains) -> "Replays":
@@ -95,7 +96,14 @@ class Replays:
         return Replays(estimate, known, gains)
 
     def errors(self, x: Vector, delay: float, step: float = STEP) -> Matrix:
-        """Return errors of position, shape (joints, samples), with a longest step."""
+        """Return errors of position, shape (joints, samples), with a longest step.
+
+        The last ones of short steps are remembered: a point that a step of the
+        refinement reaches is the next one's start.
+        """
+        key = x.tobytes(), delay
+        if step == STEP and key in self._last:
+            return self._last[key]
         period = min(1.0 / log.rate for log in self.logs)
         model = replay_model(
             replace(self.estimate, parameters=x),
@@ -105,7 +113,11 @@ class Replays:
             step=step,
         )
         done = [replay(model, log, delay=delay).errors for log in self.logs]
-        return np.asarray(np.vstack(done).T)
+        errors = np.asarray(np.vstack(done).T)
+        if step == STEP:
+            self._last.clear()
+            self._last[key] = errors
+        return errors
 
     def linearised(
         self, x: Vector, delay: float, free: IntArray, changes: Vector
