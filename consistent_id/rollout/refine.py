@@ -298,6 +298,43 @@ def refinement_start(
 
 
 @single_threaded
+def full_step(
+    start: RefinementStart,
+    estimate: Estimate,
+    regression: Regression,
+    *,
+    ridge: float,
+    step: float = STEP,
+) -> Vector:
+    """Return the parameters after a whole step from another torque fit.
+
+    Its rollouts have the derivatives of the start, which are nearly its own.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Of the start's model and logs, such as with another cut-off.
+    regression : Regression
+        Its rows.
+    ridge : float
+        Weight of the torque fit.
+    step : float, [s]
+        Longest time step.
+
+    Raises
+    ------
+    RecordingError
+        If its motion diverges.
+    """
+    replays = replace(start.replays, estimate=estimate)
+    x = np.array(estimate.parameters)
+    errors = replays.errors(x, start.delay, step)
+    begin = replace(start, estimate=estimate, regression=regression, replays=replays)
+    linear = RolloutErrors(errors, start.linear.by_parameter)
+    return _goal(begin, linear, x, ridge)
+
+
+@single_threaded
 def refined_once(start: RefinementStart, ridge: float) -> Vector:
     """Return the parameters after one step of `refined`, shape (parameters,)."""
     goal = _goal(start, start.linear, start.x, ridge)

@@ -268,7 +268,9 @@ def torque_fit(
     return replace(estimate, fitted_to=fitted_spans(recordings)), regression
 
 
-def compared_fit(problem: Problem, training: Sequence[Recording]) -> Estimate:
+def compared_fit(
+    problem: Problem, training: Sequence[Recording]
+) -> tuple[Estimate, Regression]:
     """Return the best fit under the constraints, not audited: to compare settings.
 
     How noise is correlated is not found: it scales the noise of all joints alike, and
@@ -279,7 +281,7 @@ def compared_fit(problem: Problem, training: Sequence[Recording]) -> Estimate:
     plain = build_regression(model, training, noise=False)
     regression = plain.weighted(joint_noise(model, plain, base=base))
     fit = best_fit(model, regression, problem.constraints, base=base)
-    return Estimate(
+    estimate = Estimate(
         method=Method.WEIGHTED_CONSTRAINED,
         model=model,
         base=base,
@@ -290,6 +292,7 @@ def compared_fit(problem: Problem, training: Sequence[Recording]) -> Estimate:
         sigma=np.zeros(len(model.torque_joints)),
         certificate=Certificate("uncertified", "not audited: to compare settings"),
     )
+    return estimate, regression
 
 
 def gains_of(problem: Problem) -> PDGains:
@@ -432,18 +435,34 @@ def squares_of_parts(problem: Problem, parts: tuple[Spans, Spans]) -> Vector:
     logs = problem.logs("training")
     squares = []
     for learnt, other in (parts, parts[::-1]):
-        estimate = compared_fit(problem, within(problem.training, learnt))
+        estimate, _ = compared_fit(problem, within(problem.training, learnt))
         try:
-            errors = np.vstack(
-                replay_errors(problem, estimate, within(logs, other), STEP_OF_CHOICE)
-            )
+            squares.append(block_squares(problem, estimate, within(logs, other)))
         except RecordingError:  # it diverges: it was built, and is bad
             return np.full(2 * BLOCKS_OF_PART, np.inf)
-        squares += [
-            (block**2).sum() / errors.size / 2.0
-            for block in np.array_split(errors, BLOCKS_OF_PART)
-        ]
-    return np.array(squares)
+    return np.concatenate(squares)
+
+
+def block_squares(
+    problem: Problem, estimate: Estimate, logs: Sequence[Recording]
+) -> Vector:
+    """Return half of the mean squared error over blocks of rollouts, which add up.
+
+    Two parts make the whole.
+
+    Raises
+    ------
+    RecordingError
+        If a motion diverges.
+    """
+    errors = np.vstack(replay_errors(problem, estimate, logs, STEP_OF_CHOICE))
+    blocks = np.array_split(errors, BLOCKS_OF_PART)
+    return np.array([(block**2).sum() / errors.size / 2.0 for block in blocks])
+
+
+def difference_error(squares: Vector) -> float:
+    """Return the standard error of a sum over blocks."""
+    return float(np.std(squares, ddof=1) * np.sqrt(len(squares)))
 
 
 def error_of_parts(problem: Problem, parts: tuple[Spans, Spans]) -> float:

@@ -33,7 +33,9 @@ from consistent_id.rollout.chosen_settings import (  # noqa: E402
 from consistent_id.rollout.commanded_motion import replay  # noqa: E402
 from consistent_id.rollout.delay_search import MOST  # noqa: E402
 from consistent_id.rollout.problem_rollout import rollout_of  # noqa: E402
-from consistent_id.rollout.refine import Replays  # noqa: E402
+from consistent_id.rollout.refine import (  # noqa: E402
+    Replays,
+)
 from consistent_id.rollout.settings import (  # noqa: E402
     Settings,
     compared_fit,
@@ -220,8 +222,8 @@ def test_settings_are_compared_by_the_best_fit_whatever_the_noise_is_like(folder
     base = base_parameters(model)
     weighted = known.weighted(joint_noise(model, known, base=base))
     fit = best_fit(model, weighted, problem.constraints, base=base)
-    found = compared_fit(problem, logs).parameters
-    np.testing.assert_allclose(found, fit.parameters, rtol=1e-6, atol=1e-9)
+    found, _ = compared_fit(problem, logs)
+    np.testing.assert_allclose(found.parameters, fit.parameters, rtol=1e-6, atol=1e-9)
 
 
 def test_the_last_rollouts_are_remembered_and_no_others(folder, monkeypatch):
