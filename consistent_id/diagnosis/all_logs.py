@@ -84,6 +84,7 @@ _OF_OTHER_ROBOTS = {
     "model does not explain",
 }
 _LATE = ("lag", "drive filter")
+_MASSES = "masses or gain"
 _OF_THE_ROBOT = ("coupling",)  # parts of the robot, not faults of a log
 _PULL = 1e-4  # weight of the squared distance to the nominal robot
 
@@ -284,17 +285,20 @@ def _of_all(open_: Sequence[OpenLog]) -> list[LogFinding]:
         alike.setdefault(one.as_is.factors.model.torque_joints, []).append(one.as_is)
     open_ = [_gains_weighed(one, alike) for one in open_]
     shifts = [finding for logs in alike.values() for finding in _shifts(logs)]
-    # Logs with a fault, or that no body explains, need no other cause.
-    known = any(f.severity == "fault" for one in open_ for f in one.odd)
-    if not known and not any(f.severity == "fault" for f in shifts):
+    # Logs with a fault, or that no body explains, need no other cause: but for other
+    # masses, which stand in for any cause that a log by itself does not show.
+    faults = {f.kind for one in open_ for f in one.odd if f.severity == "fault"}
+    if faults <= {_MASSES} and not any(f.severity == "fault" for f in shifts):
         more = [f for logs in alike.values() for f in _of_whole_robot(logs)]
+        if faults:
+            more = [f for f in more if f.severity == "fault" and f.kind != _MASSES]
         # Where joints never turn back, friction looks like weight.
         short = any(f.kind == "short" for one in open_ for f in one.signals)
         # What also explains a log, such as a lag, may be the cause instead.
         late = any(f.kind in _LATE for one in open_ for f in one.odd)
         shifts += [
             replace(f, severity="warning")
-            if late or (short and f.kind == "masses or gain")
+            if late or (short and f.kind == _MASSES)
             else f
             for f in more
         ]

@@ -49,6 +49,8 @@ class Cause:
     of_residual : bool
         Whether it was chosen by a residual.  Part of any residual can be explained this
         way, so that the misfit has to fall to that of clean logs.
+    size : str
+        As in `LogFinding`.
     """
 
     kind: str
@@ -58,6 +60,7 @@ class Cause:
     threshold: float
     excuse: int = 0
     of_residual: bool = False
+    size: str = ""
 
 
 LOOKS_ALIKE = 3

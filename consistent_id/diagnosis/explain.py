@@ -413,6 +413,7 @@ def explanation_finding(explanation: Explanation) -> LogFinding:
         "the datasheet's values (root mean square over joints)",
         c.advice,
         explanation.score,
+        size=c.size,
     )
 
 

@@ -30,17 +30,20 @@ _ALIKE = 0.8  # share of the best explanation that rivals reach
 # for the base, which explain too little to be named (`_MUCH`).
 LIKELY, _SURE = 3.0, 5.0
 _LIKELY_ONE = 2.5  # the same for clock and gain: there is one of each, not one a joint
-# Share of the squares that a zero or a lean has to explain.  Where drives take most of
-# the torque, friction that varies with position looks like one: in logs of two robots
-# up to 0.028, at 4 to 6 standard errors.  Faults of four arms explain 0.048 to 0.91.
+# Share of the squares that a zero, a lean or a joint's gain has to explain.  Where
+# drives take most of the torque, friction that varies with position looks like one: in
+# logs of two robots up to 0.028, at 4 to 6 standard errors.  Faults of four arms
+# explain 0.048 to 0.91.
 # Below `_RUBS`, the drives' share of the torque, a harmful one may explain less.
 _RUBS = 0.5
-_MUCH = {"offset zero": 0.03, "gravity": 0.03}
+_MUCH = {"offset zero": 0.03, "gravity": 0.03, "torque gain": 0.03}
+_HALF_SURE = 2.0  # standard errors from which on a joint's gain is corrected
 _LOOSE = 5.0  # times the widths: bodies are nearly free
 _LARGE = 2.0  # times the least size that is reported: a fault
 FARTHEST = {  # beyond, it is another fault: another unit, another channel
     "clock": float(np.log(10.0)),
     "masses or gain": float(np.log(3.0)),
+    "torque gain": float(np.log(3.0)),
     "offset zero": float(np.radians(45.0)),  # or m
     "gravity": float(np.pi),
 }
@@ -81,11 +84,6 @@ class FoundFactor:
     def ratio(self) -> float:
         """Size over the cautious error."""
         return abs(self.size) / self.cautious
-
-    @property
-    def least_harm(self) -> float:
-        """The harm of a factor that is a standard error smaller."""
-        return self.harm * max(1.0 - 1.0 / self.ratio, 0.0) if self.size else 0.0
 
 
 def factor_findings(
@@ -128,7 +126,7 @@ def hidden_factors(
     """
     alone = not any(_shown(f) for f in found)
     seen = [f for f in found if np.isfinite(f.cautious) and not _shown(f)]
-    seen = [f for f in seen if f.factor.kind != "gravity" and f.doubt >= _WORTH_SAYING]
+    seen = [f for f in seen if f.factor.kind in _TOLD and f.doubt >= _WORTH_SAYING]
     if not seen:
         return []
     seen = sorted(seen, key=lambda f: (not _hides_harm(f), -f.doubt))
@@ -184,17 +182,19 @@ def _harmful(best: FoundFactor, rivals: Sequence[FoundFactor]) -> bool:
     with a load of stated mass a gain of 1.6.
     """
     gate = _SURE if best.factor.kind == "masses or gain" else gate_of(best.factor)
-    least = max(f.least_harm for f in (best, *rivals))
-    return best.ratio >= gate and least >= HARM
+    return best.ratio >= gate and max(f.harm for f in (best, *rivals)) >= HARM
 
 
 def _size(found: FoundFactor) -> str:
     """Return a factor of clock or torque in words."""
-    if found.factor.kind not in ("clock", "masses or gain"):
+    if found.factor.kind not in _RATIOS:
         return ""
     factor = float(np.exp(found.size))
     return f"{factor:.3g} +- {factor * found.error:.2g}"
 
+
+_RATIOS = ("clock", "masses or gain", "torque gain")
+"""Kinds of factors whose size is the logarithm of a ratio."""
 
 _TOLD = {
     "clock": "compare the log's duration with a clock, or record faster motion: if the "
@@ -207,6 +207,8 @@ _TOLD = {
 _WITHOUT = {
     "clock": "too hard or too easy to accelerate for their weight",
     "masses or gain": "all too heavy or all too light",
+    "torque gain": "heavier or lighter for this joint than for the others that carry "
+    "them",
     "offset zero": "turned or moved against the model's",
     "gravity": "moved sideways",
 }
@@ -215,14 +217,34 @@ _ADVICE = {
     "masses or gain": "check the gain of all torques, a load, a counterbalance, and "
     "the model's masses; "
     'if these are not known, masses = "free" (--masses free)',
+    "torque gain": "check this joint's gain and gear ratio, and the model's bodies; if "
+    'its gain is known to be right, --accept "torque gain"',
     "offset zero": "check the zero of this joint; check again afterwards",
     "gravity": "turn the base or gravity in the model as the robot is mounted",
 }
 
 
 def gate_of(factor: Factor) -> float:
-    """Return the standard errors from which on a factor is reported."""
+    """Return the standard errors from which on a factor is reported.
+
+    The gain of a joint has to be sure: where friction takes most of its torque, errors
+    of the friction model look like one (2.8 in a right log of a TX40).
+    """
+    if factor.kind == "torque gain":
+        return _SURE
     return _LIKELY_ONE if factor.where in ("time", "all joints") else LIKELY
+
+
+def promising(found: FoundFactor) -> bool:
+    """Return whether a factor is worth a closer look.
+
+    The first error contains the fault itself.  That of a joint's gain is too large
+    then, because bodies that the other joints carry cannot explain the fault.
+    """
+    if found.factor.kind != "torque gain":
+        return found.ratio >= gate_of(found.factor)
+    usual = found.factor.least <= abs(found.size) <= FARTHEST["torque gain"]
+    return usual and found.ratio >= _HALF_SURE
 
 
 def _shown(found: FoundFactor) -> bool:
@@ -238,11 +260,12 @@ def _shown(found: FoundFactor) -> bool:
 
 def _cause(model: TorqueModel, found: FoundFactor) -> str:
     kind, size, error = found.factor.kind, found.size, found.error
-    if kind in ("clock", "masses or gain"):
+    if kind in _RATIOS:
         said = f"{_size(found)} times"
         if kind == "clock":
             return f"with a clock {said} as fast"
-        return f"if the torque is {said} the robot's"
+        of = "" if kind == "masses or gain" else f" of {found.factor.where}"
+        return f"if the torque{of} is {said} the robot's"
     if kind == "gravity":
         turned = leaning(model, found.factor.axis, size).robot.gravity
         along = ", ".join(f"{g:.2f}" for g in turned)

@@ -254,6 +254,12 @@ def factors_of(model: TorqueModel) -> list[Factor]:
     return found
 
 
+def joint_gains(model: TorqueModel) -> list[Factor]:
+    """Return the gain of each joint's torque, if there are several joints."""
+    joints = model.torque_joints
+    return [gain_of(model, joint) for joint in joints] if len(joints) > 1 else []
+
+
 def gain_of(model: TorqueModel, joint: str) -> Factor:
     """Return the factor of one joint's gain."""
     place = model.robot.joint_names.index(joint)

@@ -60,6 +60,7 @@ _LONGER = 1.5  # times the median step of the clock: samples are missing
 _FEW = 0.02  # of the samples: more frequent jumps are steps of the encoder
 _HALF = 0.4  # of the travel: a wrapped encoder jumps further
 _EQUAL = 0.1  # relative difference of jumps of a wrapped encoder
+_ONE_STEP = 1.5  # steps between one and two
 _COARSE_TORQUE = 0.1  # step over the torque's standard deviation
 _COARSE_POSITION = 1.0 / 400.0  # step over the travel: accelerations are noise
 # s for which a torque stays constant: it is late by half of this, which is more than
@@ -95,11 +96,23 @@ def frozen_findings(recording: Recording) -> list[LogFinding]:
             still = float(np.ptp(motion[run, k])) < least[k]
             # A torque that is always constant is dead, whether the joint moves or not.
             dead = name == "torque" and length == len(recording)
-            if limit or (still and not dead):
+            coarse = name == "torque" and _between_steps(values[:, k], run)
+            if limit or coarse or (still and not dead):
                 continue
             if length >= _FROZEN * len(recording):
                 found.append(_frozen(recording, joint, name, run, float(value)))
     return found
+
+
+def _between_steps(values: Vector, run: slice) -> bool:
+    """Return whether a coarse signal changes by one step before and after a run."""
+    step = _step(values)
+    if step <= _COARSE_TORQUE * float(np.std(values)):
+        return False
+    if run.start == 0 or run.stop == len(values):
+        return False
+    changes = values[[run.start - 1, run.stop]] - values[run.start]
+    return bool((abs(changes) < _ONE_STEP * step).all())
 
 
 def _frozen(

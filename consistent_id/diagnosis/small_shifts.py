@@ -321,5 +321,6 @@ def lag_findings(system: Linearised) -> list[LogFinding]:
             f"it by {effect:.1%}",
             "shift torque or motion in time before filtering",
             score,
+            size=f"{fit.solution[0]:.3g}",
         )
     ]

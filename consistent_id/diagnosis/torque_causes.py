@@ -312,6 +312,7 @@ def _cause(lag: float, constant: float) -> Cause:
             f"{undone}",
             "shift torque or motion in time before filtering",
             _THRESHOLD,
+            size=f"{lag:.3g}",
         )
     return Cause(
         "drive filter",

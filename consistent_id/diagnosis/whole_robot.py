@@ -42,6 +42,7 @@ from consistent_id.diagnosis.factor_findings import (
     gate_of,
     harm,
     hidden_factors,
+    promising,
 )
 from consistent_id.diagnosis.factor_rows import (
     LEAN,
@@ -53,6 +54,7 @@ from consistent_id.diagnosis.factor_rows import (
     factor_system,
     factors_of,
     gain_of,
+    joint_gains,
     leaning,
     least_costs,
     least_misfit,
@@ -97,7 +99,7 @@ def whole_robot_factors(as_is: FactorLogs) -> list[FoundFactor]:
     list of FoundFactor
         The factors that the logs determine.
     """
-    factors = factors_of(as_is.model)
+    factors = [*factors_of(as_is.model), *joint_gains(as_is.model)]
     system = factor_system(as_is, factors)
     level = [k for k, f in enumerate(factors) if f.kind == "gravity"]
     first = [f for f in _alone(system, factors) if f.factor.kind != "gravity"]
@@ -105,7 +107,7 @@ def whole_robot_factors(as_is: FactorLogs) -> list[FoundFactor]:
         turn = _turn(system, factors, level)
         if float(np.linalg.norm(turn)) >= LEAN:
             first += _estimated(as_is, [_lean(as_is, turn)])
-    likely = [f for f in first if f.ratio >= gate_of(f.factor)]
+    likely = [f for f in first if promising(f)]
     likely = sorted(likely, key=lambda f: -f.explained)[:_TRIED]
     cost = least_costs(as_is)[0] if likely else 0.0
     settled = [_settled(as_is, found, cost) for found in likely]

@@ -258,7 +258,8 @@ def joined(found: Iterable[Reason]) -> list[Reason]:
     """Join the reasons that state the same factor; the first of the worst leads.
 
     Its statement is kept, with the sizes that the others found.  Its advice names the
-    possible causes of all of them; that of a fault, which says what mends it, is kept.
+    possible causes of all of them; that of a fault in a log, which says what mends it,
+    is kept.
 
     Examples
     --------
@@ -297,7 +298,8 @@ def _joined(lead: Reason, alike: Sequence[Reason]) -> Reason:
     *first, last = causes
     listed = f"{', '.join(first)}, or {last}" if first else last
     free = f'check {listed}; if masses are not known, masses = "free" (--masses free)'
-    mends = lead.advice if lead.word == "do not use" else ""
+    known = lead.word == "do not use" and lead.kind != "gain or unit"
+    mends = lead.advice if known else ""
     return replace(
         lead,
         statement="; ".join((lead.statement, *sizes)),

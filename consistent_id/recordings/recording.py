@@ -418,7 +418,8 @@ class LogFinding:
     recording : str
         Recording in which it was found.
     size : str
-        The factor that was found, with its standard error, if it is one.
+        The factor that was found, with its standard error, if it is one; of a lag,
+        the seconds by which torque is later than motion.
     """
 
     kind: str

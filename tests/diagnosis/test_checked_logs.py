@@ -1,5 +1,7 @@
 """Logs and problems checked as a whole, from Python and from the shell."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from faulty_logs import DRIVE, logs
@@ -8,6 +10,8 @@ from schemas import parsed
 
 import consistent_id as ci
 from consistent_id import TorqueModel
+from consistent_id.diagnosis import LogFinding, all_logs
+from consistent_id.diagnosis.one_log import OpenLog
 from consistent_id.problems.log_check import check_problem
 
 ARM_URDF = """<robot name="arm">
@@ -168,3 +172,34 @@ def test_a_torque_that_never_turns_and_is_reversed_is_no_magnitude(tmp_path):
     assert not [
         f for f in check_problem(mended.problem()).findings if f.kind == "torque sign"
     ]
+
+
+def _said(kind, severity="fault"):
+    return LogFinding(kind, severity, "all joints", "said", "", 1.0)
+
+
+@pytest.mark.parametrize(
+    ("odd", "whole", "kinds"),
+    [
+        # Other masses stand in for a clock that nominal bodies show.
+        (["masses or gain"], [_said("clock")], ["clock"]),
+        (["masses or gain"], [_said("clock", "warning")], ["masses or gain"]),
+        (["masses or gain"], [_said("masses or gain")], ["masses or gain"]),
+        (["masses or gain"], [_said("hidden factor", "note")], ["masses or gain"]),
+        # Other faults of a log are their own cause.
+        (["load"], [_said("clock")], ["load"]),
+        ([], [_said("clock"), _said("hidden factor", "note")], ["clock", "hidden"]),
+    ],
+)
+def test_other_masses_do_not_stand_in_for_what_all_logs_show(
+    monkeypatch, odd, whole, kinds
+):
+    model = SimpleNamespace(torque_joints=("shoulder", "elbow"))
+    fitted = SimpleNamespace(
+        factors=SimpleNamespace(model=model), recording=SimpleNamespace(name="a.csv")
+    )
+    monkeypatch.setattr(all_logs, "_shifts", lambda _: [])
+    monkeypatch.setattr(all_logs, "_of_whole_robot", lambda _: whole)
+    open_ = OpenLog(fitted, (), tuple(_said(kind) for kind in odd))
+    found = all_logs._of_all([open_])
+    assert [f.kind.partition(" factor")[0] for f in found] == kinds

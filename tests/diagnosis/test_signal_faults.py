@@ -63,6 +63,20 @@ def test_a_joint_that_moves_by_less_than_its_encoder_reads_is_not_frozen():
     assert (finding.kind, finding.where) == ("frozen channel", "joint2")
 
 
+def test_a_coarse_torque_that_changes_by_one_step_is_not_frozen():
+    time = np.arange(4000) / 200.0
+    torque = np.round(2.4 * np.sin(time / 3.0))  # 2 N m for 5.4 s, and then 1
+    torque[0] = 3.0  # so that the longest run is not at the limit
+
+    def found(values):
+        return [f.kind for f in frozen_findings(_with("torque", lambda _: values))]
+
+    assert found(torque) == []
+    assert found(_stopped(torque)) == ["frozen channel"]  # up to the end
+    rows = (time > 9.0) & (time < 16.0)
+    assert found(np.where(rows, 0.0, torque)) == ["frozen channel"]  # then two steps
+
+
 def test_spikes_are_counted_and_steps_are_none():
     rows = [300, 1000, 2500]
 

@@ -141,8 +141,33 @@ def test_a_far_gain_that_exceeds_the_drives_is_refused():
         (3.01, 1.2, CARE),
         (2.99, 1.21, CARE),
     ):
-        (reason,) = slope_reasons(fit(slopes=slope, efforts=effort), None)
+        slopes = [slope, 9.0, 99.0]  # not alike, but all far off
+        found = fit(slopes=slopes, efforts=effort)
+        reason = next(slope_reasons(found, None))
         assert (reason.kind, reason.word) == ("gain or unit", word)
+
+
+@pytest.mark.parametrize(
+    ("slopes", "word"),
+    [
+        ([1.2, 1.2, 1.21], NO),
+        ([1.19, 1.2, 1.2], CARE),  # a mean of 1.197
+        ([1.2, 1.3, 1.49], NO),  # 1.24 apart
+        ([1.2, 1.3, 1.51], CARE),  # 1.26 apart, as a load makes them
+        ([0.8, 0.81, 0.83], NO),  # a mean of 1 / 1.23
+        ([0.82, 0.85, 0.85], CARE),  # a mean of 1 / 1.19
+        ([1.3, 1.3, 1.3], NO),  # each is off
+        ([1.3, 1.4, 1.7], CARE),
+    ],
+)
+def test_slopes_that_are_as_alike_as_one_gain_makes_them_are_refused(slopes, word):
+    found = fit(slopes=slopes, torque=LITTLE)
+    reasons = [r for r in slope_reasons(found, None) if r.kind == "gain or unit"]
+    assert [reason.word for reason in reasons] == [word]
+    assert '--accept "gain or unit"' in reasons[0].advice
+    on_its_base = replace(found, joints=("base.fz", *found.joints[1:]))
+    reasons = [r for r in slope_reasons(on_its_base, None) if r.kind == "gain or unit"]
+    assert [reason.word for reason in reasons] == [CARE]
 
 
 @pytest.mark.parametrize(

@@ -31,9 +31,10 @@ def test_late_commands_are_to_be_given_their_delay(tmp_path, late):
 EFFECTS = ("clock", "masses or gain", "offset zero", "gravity")
 
 
-def findings(*kinds, severity="warning"):
+def findings(*kinds, severity="warning", size="0.06"):
     found = [
-        LogFinding(kind, severity, "all joints", "said", "", 1.0) for kind in kinds
+        LogFinding(kind, severity, "all joints", "said", "", 1.0, size=size)
+        for kind in kinds
     ]
     return Diagnosis(tuple(found), ("log",))
 
@@ -93,3 +94,25 @@ def test_what_a_filter_may_look_like_is_not_sure_beside_it(
     monkeypatch.setattr(log_check, "_checked", lambda *_: next(asked))
     found = check_problem(late_by_60_ms).findings
     assert [f.severity for f in found] == said
+
+
+@pytest.mark.parametrize(
+    ("seconds", "severity"),
+    [(0.084, "warning"), (0.036, "warning"), (0.086, "fault"), (0.034, "fault")],
+)
+def test_a_lag_that_is_not_the_delay_that_is_corrected_is_a_fault(
+    monkeypatch, late_by_60_ms, seconds, severity
+):
+    recorded = findings("lag", size=f"{seconds:.3g}")
+    asked = iter([findings("clock"), recorded])
+    monkeypatch.setattr(log_check, "_checked", lambda *_: next(asked))
+    found = check_problem(late_by_60_ms).findings
+    (lag,) = (f for f in found if f.kind == "lag")
+    assert lag.severity == severity
+    assert "corrects a delay of 60 ms" in lag.statement
+    (own,) = log_check._hidden(late_by_60_ms, recorded)
+    assert ("{ torque = SECONDS }" in own.advice) == (severity == "fault")
+    # Velocities that are late are no late torque.
+    assert log_check._hidden(late_by_60_ms, findings("lag", size="")) == ()
+    # What a lag causes is not stated beside one that is sure.
+    assert ("clock" in [f.kind for f in found]) == (severity == "warning")
