@@ -65,10 +65,12 @@ def main() -> None:
         if options.blocks:
             blocks(problem)
             continue
+        settings = None
         if not options.keep:
             started = process_time()
             found = chosen_settings(problem)
-            problem = with_settings(problem, found.settings)
+            settings = found.settings
+            problem = with_settings(problem, settings)
             print(
                 f"{found.settings}, {found.delay}, error {1e3 * found.error:.2f}, "
                 f"{len(found.tried)} tried in {process_time() - started:.1f} s"
@@ -76,8 +78,15 @@ def main() -> None:
         if options.ridges:
             ridges(problem)
             continue
-        choice = chosen_ridge(problem)
-        print(f"ridge of the refinement: {choice.ridge or 'none: not refined'}")
+        started = process_time()
+        choice = chosen_ridge(problem, settings)
+        print(
+            f"ridge of the refinement: {choice.ridge or 'none: not refined'}, cut-offs "
+            f"{choice.cutoffs} in {process_time() - started:.1f} s"
+        )
+        if settings is not None and choice.cutoff is not None:
+            lowered = replace(settings, cutoff=choice.cutoff)
+            problem = with_settings(problem, lowered)
         judged(problem, choice.ridge)
 
 

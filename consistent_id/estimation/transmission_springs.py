@@ -155,7 +155,11 @@ class _SpringSearch:
     error: Callable[[Vector, Vector], float]
 
     def softened(self, soft: Vector, unit: Vector) -> Vector:
-        """Return the compliances with the best spring of a group, of those tried."""
+        """Return the compliances with the best spring of a group, of those tried.
+
+        All are tried: stiffer springs whose links vibrate with the motion may raise the
+        misfit tenfold before it falls.
+        """
         return min((soft + unit / f**2 for f in FREQUENCIES), key=self.misfit)
 
     def finer(self, soft: Vector, unit: Vector) -> Vector:
@@ -192,7 +196,8 @@ def _search(
 ) -> _SpringSearch:
     robot = model.robot
     names = robot.joint_names
-    first = build_regression(model, recordings)
+    # Only ratios of the joints' noise count, which its correlation does not change.
+    first = build_regression(model, recordings, noise=False)
     sigma = joint_noise(model, first)
     free = FreeParameters.of(constraints, model)
     known: dict[bytes, float] = {}

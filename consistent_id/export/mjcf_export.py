@@ -13,6 +13,7 @@ Coulomb friction of the sum is the tendon's own.
 """
 
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -163,13 +164,17 @@ def _can_wrap(joint: Joint) -> bool:
 
 def _level(drive: JointDrive, joint: Joint) -> _Level:
     """Return the friction of joint and tendon nearest to ``coulomb + slope q``."""
+    slope = drive.values["friction_slope"]
+    coulomb = (drive.simulated("friction") or 0.0) - slope * drive.middle
+    return _nearest_level(coulomb, slope, joint.limits.lower, joint.limits.upper)
+
+
+@lru_cache(maxsize=256)  # of models for derivatives, most joints are alike
+def _nearest_level(coulomb: float, slope: float, low: float, high: float) -> _Level:
     from scipy.optimize import nnls
 
-    slope = drive.values["friction_slope"]
-    low, high = joint.limits.lower, joint.limits.upper
     rest = low if slope > 0.0 else high
     q = np.linspace(low, high, _GRID)
-    coulomb = (drive.simulated("friction") or 0.0) - slope * drive.middle
     wanted = coulomb + slope * q
     arm = RADIUS * abs(np.sin((q - rest) / 2.0))
     shapes = np.column_stack([np.ones_like(q), arm / RADIUS])

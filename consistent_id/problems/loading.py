@@ -22,6 +22,7 @@ from consistent_id.problems.statement import (
     with_keywords_of_a_statement,
 )
 from consistent_id.recordings.recording import Recording
+from consistent_id.regression.regressor import TorqueModel
 
 
 class StatedProblem(NamedTuple):
@@ -101,7 +102,11 @@ def one_problem_file(path: Path) -> Path:
 
 
 def problem_of(
-    table: ProblemTable, file: Path, *, read: Mapping[str, Recording] | None = None
+    table: ProblemTable,
+    file: Path,
+    *,
+    read: Mapping[str, Recording] | None = None,
+    model: TorqueModel | None = None,
 ) -> Problem:
     """Return the problem that a problem file's content states.
 
@@ -112,13 +117,15 @@ def problem_of(
         Files are named relative to its folder; it need not exist.
     read : mapping of str to Recording, optional
         Logs that have been read already, by their names in the file.
+    model : TorqueModel, optional
+        The table's robot with its drive terms, if it has been built already.
 
     Raises
     ------
     ProblemError, ModelError
         See `load_problem`.
     """
-    model = torque_model(table, file)
+    model = torque_model(table, file) if model is None else model
     arm = None if table.wrist_sensor is None else model.robot
     model = behind_sensor(table, model)
     if table.data is not None:

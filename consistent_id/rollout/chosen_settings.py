@@ -3,15 +3,11 @@
 One setting is changed at a time, from a plain start; see `squares_of_parts`.  A
 candidate that cannot be built is skipped, with its reason.  Whether to refine by
 rollout, and how far, is tried on the same parts.
-
-Joints of limbs that mirror each other probably have motors of one type.  Limbs are
-alike if their joints have the same names but for the side, the same kinds, and the same
-geometry but for signs: a mirror changes signs of positions and axes only.
 """
 
-import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +15,7 @@ from consistent_id._support.arrays import Vector
 from consistent_id.errors import ConsistentIdError, RecordingError
 from consistent_id.estimation.transmission_springs import joint_springs
 from consistent_id.problems.problem import Problem
-from consistent_id.robot.model import RobotModel
+from consistent_id.robot.chains import mirrored_motors
 from consistent_id.rollout.delay_search import (
     FIRST,
     MOST,
@@ -27,11 +23,21 @@ from consistent_id.rollout.delay_search import (
     FoundDelay,
     found_delay,
 )
-from consistent_id.rollout.refine import Replays, refined_once, refinement_start
+from consistent_id.rollout.refine import (
+    RefinementStart,
+    Replays,
+    full_step,
+    refined_once,
+    refinement_start,
+)
 from consistent_id.rollout.settings import (
     BLOCKS_OF_PART,
+    STEP_OF_CHOICE,
     Settings,
     Spans,
+    block_squares,
+    compared_fit,
+    difference_error,
     gains_of,
     rollout_error,
     slow_and_fast,
@@ -41,85 +47,6 @@ from consistent_id.rollout.settings import (
     with_settings,
     within,
 )
-
-_SIDES = frozenset(
-    "l r left right f b front back rear hind fl fr rl rr lf rf lh rh lb rb bl br hl hr "
-    "lm rm ml mr mid middle".split()
-)
-"""Parts of names that say which limb of several a joint belongs to."""
-
-_ALIKE = 1e-3  # m, and of unit vectors: lengths and axes of equal limbs differ less
-
-
-def mirrored_motors(robot: RobotModel) -> tuple[tuple[str, ...], ...]:
-    """Return groups of joints at the same place of limbs that mirror each other.
-
-    Only driven joints are in them; a joint without a counterpart is in none.
-    """
-    limbs = _limbs(robot)
-    groups: dict[tuple[str, ...], list[list[int]]] = {}
-    for limb in limbs:
-        names = tuple(without_side(robot.joints[k].name) for k in limb)
-        groups.setdefault(names, []).append(limb)
-    found: list[tuple[str, ...]] = []
-    for alike in groups.values():
-        first = alike[0]
-        same = [first, *(other for other in alike[1:] if _mirror(robot, first, other))]
-        if len(same) < 2:
-            continue
-        for place in range(len(first)):
-            joints = [robot.joints[limb[place]] for limb in same]
-            if all(joint.driven for joint in joints):
-                found.append(tuple(joint.name for joint in joints))
-    return tuple(found)
-
-
-def without_side(name: str) -> str:
-    """Return a joint's name without the parts that say which limb it is of."""
-    spaced = re.sub(r"([a-z])([A-Z])", r"\1_\2", name)
-    parts = [part for part in re.split(r"[^A-Za-z0-9]+", spaced) if part]
-    return "_".join(p for part in parts if (p := part.lower()) not in _SIDES)
-
-
-def _limbs(robot: RobotModel) -> list[list[int]]:
-    """Return the joints of each limb, parents first, in the order of the robot.
-
-    A limb begins at the base, or where the links that carry others branch.
-    """
-    children: dict[int, list[int]] = {}
-    for k, joint in enumerate(robot.joints):
-        children.setdefault(joint.parent, []).append(k)
-    starts = [
-        k
-        for k, joint in enumerate(robot.joints)
-        if joint.kind != "free" and len(children[joint.parent]) > 1
-    ]
-    limbs = []
-    for start in starts:
-        limb = [start]
-        while len(after := children.get(limb[-1], [])) == 1:
-            limb.append(after[0])
-        limbs.append(limb)
-    return limbs
-
-
-def _mirror(robot: RobotModel, one: Sequence[int], other: Sequence[int]) -> bool:
-    """Return whether two limbs have equal geometry but for signs."""
-    first, second = ([robot.joints[k] for k in limb] for limb in (one, other))
-    if [joint.kind for joint in first] != [joint.kind for joint in second]:
-        return False
-    for place, (a, b) in enumerate(zip(first, second, strict=True)):
-        if not np.allclose(
-            abs(a.rotation @ a.axis), abs(b.rotation @ b.axis), atol=_ALIKE
-        ):
-            return False
-        # Where limbs are attached is free: arms may hang at different heights.
-        if place and not np.allclose(
-            abs(a.translation), abs(b.translation), atol=_ALIKE
-        ):
-            return False
-    return True
-
 
 CUTOFFS = (5.0, 7.5, 10.0, 15.0, 20.0, 30.0)  # Hz, of motion and torque
 SCALES = (0.01, 0.02, 0.05, 0.1)  # rad/s or m/s, of the change of sign of friction
@@ -331,8 +258,7 @@ def _with_motors(best: Settings, problem: Problem, candidates: _Candidates) -> S
     if not np.isfinite(candidates.error(shared)):
         return best
     more = candidates.squares(shared) - candidates.squares(best)
-    spread = np.std(more, ddof=1) * np.sqrt(len(more))
-    return shared if more.sum() <= spread else best
+    return shared if more.sum() <= difference_error(more) else best
 
 
 def motor_groups(problem: Problem) -> tuple[tuple[str, ...], ...]:
@@ -449,18 +375,32 @@ class RidgeChoice:
         infinite where they diverge, or a part cannot be refined.
     reason : str, optional
         Why a refinement was not possible.
+    cutoffs : dict of float to float, [Hz], [rad or m]
+        Errors of estimates that are refined from torque fits with other cut-offs, if
+        these were tried; the first is the cut-off that the settings had.
+    cutoff : float, optional, [Hz]
+        The one of them to refine from.
     """
 
     ridge: float | None
     errors: dict[float | None, float]
     reason: str | None = None
+    cutoffs: dict[float, float] = field(default_factory=dict)
+    cutoff: float | None = None
 
 
-def chosen_ridge(problem: Problem) -> RidgeChoice:
+def chosen_ridge(problem: Problem, settings: Settings | None = None) -> RidgeChoice:
     """Choose how far to refine a problem's estimate, on its training data alone.
 
     A part that cannot be refined, such as one whose fit diverges, has an infinite
     error: then there is no refinement, for a reason that is returned.
+
+    Parameters
+    ----------
+    problem : Problem
+        With gains.
+    settings : Settings, optional
+        Those of the problem, if their cut-off may be lowered; see `_lowered`.
 
     Raises
     ------
@@ -469,11 +409,11 @@ def chosen_ridge(problem: Problem) -> RidgeChoice:
     """
     gains_of(problem)
     squares: dict[float | None, list[float]] = {r: [] for r in (None, *RIDGES)}
-    reason = None
+    reason, starts = None, list[_PartStart]()
     try:
         slow, fast = slow_and_fast(problem)
         for learnt, other in ((slow, fast), (fast, slow)):
-            for ridge, error in _errors(problem, learnt, other):
+            for ridge, error in _errors(problem, learnt, other, starts):
                 squares[ridge].append(error**2)
     except ConsistentIdError as why:
         reason = str(why)
@@ -482,15 +422,67 @@ def chosen_ridge(problem: Problem) -> RidgeChoice:
         for ridge, s in squares.items()
     }
     best = min(errors, key=lambda ridge: errors[ridge])
-    return RidgeChoice(None if reason else best, errors, reason)
+    choice = RidgeChoice(None if reason else best, errors, reason)
+    if settings is None or choice.ridge is None:
+        return choice
+    return _lowered(problem, settings, choice, choice.ridge, starts)
+
+
+class _PartStart(NamedTuple):
+    """The start of a refinement on one part; the other part judges it."""
+
+    learnt: Spans
+    other: Spans
+    start: RefinementStart
+
+
+def _lowered(
+    problem: Problem,
+    settings: Settings,
+    choice: RidgeChoice,
+    ridge: float,
+    starts: Sequence[_PartStart],
+) -> RidgeChoice:
+    """Return the choice with the lowest cut-off that predicts as well, refined.
+
+    Cut-offs are chosen by rollouts of torque fits, but it is the refined estimate that
+    is wanted, and noise of the motion biases the torque fit that it keeps to.  Lower
+    ones are tried in turn, until the error of refined estimates on the other part is
+    larger by more than the standard error of the difference over blocks.
+    """
+
+    def squares(cutoff: float) -> Vector:
+        made = with_settings(problem, replace(settings, cutoff=cutoff))
+        logs, found = made.logs("training"), []
+        for learnt, other, start in starts:
+            fit = compared_fit(made, within(made.training, learnt))
+            x = full_step(start, *fit, ridge=ridge, step=STEP_OF_CHOICE)
+            moved = replace(fit[0], parameters=x)
+            found.append(block_squares(made, moved, within(logs, other)))
+        return np.concatenate(found)
+
+    lower = sorted(c for c in _cutoffs(problem) if c < settings.cutoff)
+    errors, best, first = dict[float, float](), settings.cutoff, None
+    for cutoff in (settings.cutoff, *reversed(lower)):
+        try:
+            now = squares(cutoff)
+        except ConsistentIdError:  # no fit, or a motion that diverges
+            break
+        errors[cutoff] = float(np.sqrt(now.sum()))
+        first = now if first is None else first
+        if (now - first).sum() > difference_error(now - first):
+            break
+        best = cutoff
+    return replace(choice, cutoffs=errors, cutoff=best)
 
 
 def _errors(
-    problem: Problem, learnt: Spans, other: Spans
+    problem: Problem, learnt: Spans, other: Spans, starts: list[_PartStart]
 ) -> Iterator[tuple[float | None, float]]:
     """Yield the errors of rollouts of one part, by fits to the other part.
 
-    One step shows whether a refinement predicts; all weights share its derivatives.
+    One step shows whether a refinement predicts; all weights share its derivatives,
+    which are added to `starts`.
     """
     logs = problem.logs("training")
     estimate, regression = torque_fit(problem, within(problem.training, learnt))
@@ -500,6 +492,7 @@ def _errors(
     start = refinement_start(
         replays, regression, problem.constraints, problem.delay_of_commands
     )
+    starts.append(_PartStart(learnt, other, start))
     for ridge in RIDGES:
         moved = replace(estimate, parameters=refined_once(start, ridge))
         yield ridge, rollout_error(problem, moved, others)

@@ -193,7 +193,18 @@ class ProblemRollout:
             f"Refinement by rollout is {what}; error on the other part {plain} "
             f"without, {least} with one step"
         )
-        return Table(title, (), (), ())
+        if len(choice.cutoffs) < 2 or choice.cutoff is None:
+            return Table(title, (), (), ())
+        errors = ", ".join(
+            f"{1e3 * error:.2f} from {cutoff:g} Hz"
+            for cutoff, error in choice.cutoffs.items()
+        )
+        note = (
+            f"refined from the torque fit with a cut-off of {choice.cutoff:g} Hz, the "
+            "lowest with which the error on the other part is not significantly larger "
+            f"than with {next(iter(choice.cutoffs)):g} Hz: {errors}"
+        )
+        return Table(title, (), (), (note,))
 
     def _springs(self) -> str:
         joints = self.problem.model.robot.joint_names
@@ -328,8 +339,13 @@ def _rolled(
     stated = study
     if form is not None:
         study = replace(study, problem=in_form_of(study.problem, form))
+    # Friction in a format's form is fitted with the settings as they were chosen.
+    settings = None if choice is None or form is not None else choice.settings
+    ridge = chosen_ridge(study.problem, settings) if refine else None
+    if choice is not None and ridge is not None and ridge.cutoff is not None:
+        choice = replace(choice, settings=replace(choice.settings, cutoff=ridge.cutoff))
+        study = replace(study, problem=with_settings(study.problem, choice.settings))
     problem, gains = study.problem, gains_of(study.problem)
-    ridge = chosen_ridge(problem) if refine else None
     done = None
     if ridge is not None and ridge.ridge is not None:
         try:

@@ -10,7 +10,7 @@ others.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
@@ -86,6 +86,7 @@ class Replays:
     estimate: Estimate
     logs: tuple[Recording, ...]
     gains: PDGains
+    _last: dict[tuple[bytes, float], Matrix] = field(default_factory=dict)
 
     @staticmethod
     def of(estimate: Estimate, logs: Sequence[Recording], gains: PDGains) -> "Replays":
@@ -95,7 +96,14 @@ class Replays:
         return Replays(estimate, known, gains)
 
     def errors(self, x: Vector, delay: float, step: float = STEP) -> Matrix:
-        """Return errors of position, shape (joints, samples), with a longest step."""
+        """Return errors of position, shape (joints, samples), with a longest step.
+
+        The last ones of short steps are remembered: a point that a step of the
+        refinement reaches is the next one's start.
+        """
+        key = x.tobytes(), delay
+        if step == STEP and key in self._last:
+            return self._last[key]
         period = min(1.0 / log.rate for log in self.logs)
         model = replay_model(
             replace(self.estimate, parameters=x),
@@ -105,7 +113,11 @@ class Replays:
             step=step,
         )
         done = [replay(model, log, delay=delay).errors for log in self.logs]
-        return np.asarray(np.vstack(done).T)
+        errors = np.asarray(np.vstack(done).T)
+        if step == STEP:
+            self._last.clear()
+            self._last[key] = errors
+        return errors
 
     def linearised(
         self, x: Vector, delay: float, free: IntArray, changes: Vector
@@ -283,6 +295,43 @@ def refinement_start(
         _size(linear.errors),
         linear,
     )
+
+
+@single_threaded
+def full_step(
+    start: RefinementStart,
+    estimate: Estimate,
+    regression: Regression,
+    *,
+    ridge: float,
+    step: float = STEP,
+) -> Vector:
+    """Return the parameters after a whole step from another torque fit.
+
+    Its rollouts have the derivatives of the start, which are nearly its own.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Of the start's model and logs, such as with another cut-off.
+    regression : Regression
+        Its rows.
+    ridge : float
+        Weight of the torque fit.
+    step : float, [s]
+        Longest time step.
+
+    Raises
+    ------
+    RecordingError
+        If its motion diverges.
+    """
+    replays = replace(start.replays, estimate=estimate)
+    x = np.array(estimate.parameters)
+    errors = replays.errors(x, start.delay, step)
+    begin = replace(start, estimate=estimate, regression=regression, replays=replays)
+    linear = RolloutErrors(errors, start.linear.by_parameter)
+    return _goal(begin, linear, x, ridge)
 
 
 @single_threaded

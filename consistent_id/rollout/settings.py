@@ -11,6 +11,7 @@ these terms, the remaining terms compensate for them.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import msgspec
@@ -31,12 +32,16 @@ from consistent_id.estimation.method import Method, fitted_spans
 from consistent_id.problems.file import JointTable, ProblemTable
 from consistent_id.problems.loading import problem_of
 from consistent_id.problems.problem import Problem
+from consistent_id.problems.stated_model import drive_of
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import PDGains, trimmed
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.drive.drive_terms import DEFAULTS
 from consistent_id.regression.regression import Regression, build_regression
+from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import joint_noise
+from consistent_id.robot.model import RobotModel
+from consistent_id.robot.parameters import require_known
 from consistent_id.rollout.commanded_motion import replay, replayable
 from consistent_id.rollout.replay_model import STEP, replay_model
 
@@ -175,6 +180,8 @@ def with_settings(problem: Problem, settings: Settings) -> Problem:
     }
     if settings.spring is not None:
         drives["spring"] = settings.spring
+    joints = problem.model.robot.joint_names
+    require_known(settings.friction_slope, joints, "friction_slope: no joint")
     preparation = change(
         table.data.preparation,
         motion_cutoff=settings.cutoff,
@@ -190,7 +197,7 @@ def with_settings(problem: Problem, settings: Settings) -> Problem:
     )
     data = change(table.data, gains=gains, preparation=preparation)
     named = dict.fromkeys((*table.joints, *settings.friction_slope), JointTable())
-    joints = {
+    exceptions = {
         name: change(
             joint, **drives | {"friction_slope": name in settings.friction_slope}
         )
@@ -207,14 +214,30 @@ def with_settings(problem: Problem, settings: Settings) -> Problem:
         table,
         data=data,
         drive=change(table.drive, **drives),
-        joints=joints,
+        joints=exceptions,
         constraints=constraints,
         couplings=couplings,
     )
     file = problem.source or problem.folder / "problem.toml"
-    made = problem_of(changed, file)
+    # The robot is the problem's; behind a wrench sensor, the file's is another one.
+    alike = table.wrist_sensor is None
+    model = _driven(changed, problem.model.robot) if alike else None
+    made = problem_of(changed, file, model=model)
     made._read.update(problem._read)
     return replace(made, source=problem.source)
+
+
+def _driven(table: ProblemTable, robot: RobotModel) -> TorqueModel:
+    """Return a robot with a table's drive terms; the same object for equal terms.
+
+    So what has been found of a model, such as its base parameters, is found once.
+    """
+    model = drive_of(table, robot)
+    return _kept_model(robot, model.terms, model.couplings, model.torque_joints)
+
+
+_kept_model = lru_cache(maxsize=16)(TorqueModel)
+_base_of = lru_cache(maxsize=16)(base_parameters)
 
 
 def _stated(problem: Problem, stiffness: Sequence[float] | None) -> list[float] | None:
@@ -230,7 +253,7 @@ def torque_fit(
 ) -> tuple[Estimate, Regression]:
     """Return the constrained torque fit, weighted by each joint's noise."""
     model = problem.model
-    base = base_parameters(model)
+    base = _base_of(model)
     recordings = problem.training if training is None else training
     plain = build_regression(model, recordings)
     regression = plain.weighted(joint_noise(model, plain, base=base))
@@ -245,14 +268,20 @@ def torque_fit(
     return replace(estimate, fitted_to=fitted_spans(recordings)), regression
 
 
-def compared_fit(problem: Problem, training: Sequence[Recording]) -> Estimate:
-    """Return the best fit under the constraints, not audited: to compare settings."""
+def compared_fit(
+    problem: Problem, training: Sequence[Recording]
+) -> tuple[Estimate, Regression]:
+    """Return the best fit under the constraints, not audited: to compare settings.
+
+    How noise is correlated is not found: it scales the noise of all joints alike, and
+    the best fit depends on its ratios.
+    """
     model = problem.model
-    base = base_parameters(model)
-    plain = build_regression(model, training)
+    base = _base_of(model)
+    plain = build_regression(model, training, noise=False)
     regression = plain.weighted(joint_noise(model, plain, base=base))
     fit = best_fit(model, regression, problem.constraints, base=base)
-    return Estimate(
+    estimate = Estimate(
         method=Method.WEIGHTED_CONSTRAINED,
         model=model,
         base=base,
@@ -263,6 +292,7 @@ def compared_fit(problem: Problem, training: Sequence[Recording]) -> Estimate:
         sigma=np.zeros(len(model.torque_joints)),
         certificate=Certificate("uncertified", "not audited: to compare settings"),
     )
+    return estimate, regression
 
 
 def gains_of(problem: Problem) -> PDGains:
@@ -405,18 +435,34 @@ def squares_of_parts(problem: Problem, parts: tuple[Spans, Spans]) -> Vector:
     logs = problem.logs("training")
     squares = []
     for learnt, other in (parts, parts[::-1]):
-        estimate = compared_fit(problem, within(problem.training, learnt))
+        estimate, _ = compared_fit(problem, within(problem.training, learnt))
         try:
-            errors = np.vstack(
-                replay_errors(problem, estimate, within(logs, other), STEP_OF_CHOICE)
-            )
+            squares.append(block_squares(problem, estimate, within(logs, other)))
         except RecordingError:  # it diverges: it was built, and is bad
             return np.full(2 * BLOCKS_OF_PART, np.inf)
-        squares += [
-            (block**2).sum() / errors.size / 2.0
-            for block in np.array_split(errors, BLOCKS_OF_PART)
-        ]
-    return np.array(squares)
+    return np.concatenate(squares)
+
+
+def block_squares(
+    problem: Problem, estimate: Estimate, logs: Sequence[Recording]
+) -> Vector:
+    """Return half of the mean squared error over blocks of rollouts, which add up.
+
+    Two parts make the whole.
+
+    Raises
+    ------
+    RecordingError
+        If a motion diverges.
+    """
+    errors = np.vstack(replay_errors(problem, estimate, logs, STEP_OF_CHOICE))
+    blocks = np.array_split(errors, BLOCKS_OF_PART)
+    return np.array([(block**2).sum() / errors.size / 2.0 for block in blocks])
+
+
+def difference_error(squares: Vector) -> float:
+    """Return the standard error of a sum over blocks."""
+    return float(np.std(squares, ddof=1) * np.sqrt(len(squares)))
 
 
 def error_of_parts(problem: Problem, parts: tuple[Spans, Spans]) -> float:

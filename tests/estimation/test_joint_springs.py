@@ -178,6 +178,17 @@ def test_the_error_of_a_spring_may_be_infinite():
     assert found.stiffness.tolist() == [np.inf, 1e3]
 
 
+def test_a_soft_spring_is_found_behind_stiffer_ones_that_are_worse():
+    search = _search(one_joint(), [log_of(0.0, 0.01)], (), ())
+    misfits = {0.0: 1.0, 20.0: 2.4, 14.0: 12.0, 10.0: 4.5, 7.0: 0.3, 5.0: 1.5}
+
+    def resonant(soft):
+        return misfits[round(soft[0] ** -0.5, 6) if soft[0] else 0.0]
+
+    soft = replace(search, misfit=resonant).softened(np.zeros(1), np.ones(1))
+    assert soft[0] == pytest.approx(7.0**-2)
+
+
 @pytest.mark.parametrize("target", [0.3, 0.9, 1.0, 1.6, 3.0])
 def test_a_finer_search_ends_within_its_last_step_either_way(target):
     """Of the second group alone, whose misfit is the distance of logarithms."""

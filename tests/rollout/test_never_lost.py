@@ -86,7 +86,7 @@ def test_a_part_whose_fit_diverges_is_not_refined_and_the_run_goes_on(
 def test_a_refined_estimate_that_diverges_later_falls_back(problem, monkeypatch):
     bad = refine.Refined(unstable(problem)[0], 1e-3, 1e-3)
     taken = chosen_settings.RidgeChoice(1.0, {None: 2e-3, 1.0: 1e-3})
-    monkeypatch.setattr(problem_rollout, "chosen_ridge", lambda problem: taken)
+    monkeypatch.setattr(problem_rollout, "chosen_ridge", lambda *given: taken)
     monkeypatch.setattr(problem_rollout, "_refined", lambda *rest: bad)
     study = Study(problem)
     done = rollout_of(study, refine=True)

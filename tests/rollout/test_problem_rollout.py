@@ -11,13 +11,17 @@ from consistent_id import load_problem, to_mjcf
 from consistent_id.cli import main
 from consistent_id.constraints import lowered
 from consistent_id.errors import ProblemError
+from consistent_id.estimation.best_fit import best_fit
+from consistent_id.regression.base import base_parameters
+from consistent_id.regression.regression import build_regression
+from consistent_id.regression.residual_noise import joint_noise
 
 mujoco = pytest.importorskip("mujoco")
 
 from commanded_leg import PROBLEM, write_leg  # noqa: E402
 
 from consistent_id.problems.study import Study  # noqa: E402
-from consistent_id.rollout import rollout  # noqa: E402
+from consistent_id.rollout import refine, rollout  # noqa: E402
 from consistent_id.rollout.chosen_settings import (  # noqa: E402
     RIDGES,
     _Candidates,
@@ -26,10 +30,15 @@ from consistent_id.rollout.chosen_settings import (  # noqa: E402
     chosen_ridge,
     chosen_settings,
 )
+from consistent_id.rollout.commanded_motion import replay  # noqa: E402
 from consistent_id.rollout.delay_search import MOST  # noqa: E402
 from consistent_id.rollout.problem_rollout import rollout_of  # noqa: E402
+from consistent_id.rollout.refine import (  # noqa: E402
+    Replays,
+)
 from consistent_id.rollout.settings import (  # noqa: E402
     Settings,
+    compared_fit,
     rollout_error,
     torque_fit,
     with_settings,
@@ -186,6 +195,58 @@ def test_the_shell_replays_and_writes_what_it_found(folder, tmp_path, capsys):
 def test_a_problem_without_gains_has_no_rollout():
     with pytest.raises(ProblemError, match=r"no \[data.gains\]"):
         with_settings(load_problem("problems/rx60"), Settings())
+
+
+def test_settings_of_equal_drives_share_a_model_and_all_share_the_robot(folder):
+    problem = load_problem(folder)
+    plain, late, wide = (
+        with_settings(problem, settings)
+        for settings in (
+            Settings(cutoff=10.0),
+            Settings(cutoff=15.0, delay=0.002),
+            Settings(velocity_scale=0.02),
+        )
+    )
+    assert plain.model is late.model
+    assert wide.model is not plain.model
+    assert wide.model.robot is plain.model.robot is problem.model.robot
+    with pytest.raises(ProblemError, match="friction_slope: no joint 'toe'"):
+        with_settings(problem, Settings(friction_slope=("toe",)))
+
+
+def test_settings_are_compared_by_the_best_fit_whatever_the_noise_is_like(folder):
+    problem = load_problem(folder)
+    model, logs = problem.model, problem.training
+    known = build_regression(model, logs)
+    assert known.correlation.max() > 1.0
+    base = base_parameters(model)
+    weighted = known.weighted(joint_noise(model, known, base=base))
+    fit = best_fit(model, weighted, problem.constraints, base=base)
+    found, _ = compared_fit(problem, logs)
+    np.testing.assert_allclose(found.parameters, fit.parameters, rtol=1e-6, atol=1e-9)
+
+
+def test_the_last_rollouts_are_remembered_and_no_others(folder, monkeypatch):
+    problem = load_problem(folder)
+    estimate, _ = torque_fit(problem)
+    replays = Replays.of(estimate, problem.logs("training"), problem.gains)
+    done = []
+
+    def counted(*given, **more):
+        done.append(given)
+        return replay(*given, **more)
+
+    monkeypatch.setattr(refine, "replay", counted)
+    x = np.array(estimate.parameters)
+    first, again = (replays.errors(x, 0.0) for _ in range(2))
+    assert len(done) == 1 and again is first
+    late = replays.errors(x, 0.004)
+    assert len(done) == 2 and abs(late - first).max() > 1e-4
+    coarse = replays.errors(x, 0.004, 2.5e-3)
+    assert len(done) == 3 and abs(coarse - late).max() > 0.0
+    assert replays.errors(x, 0.004) is late
+    np.testing.assert_array_equal(replays.errors(x, 0.0), first)
+    assert len(done) == 4
 
 
 REAL = [

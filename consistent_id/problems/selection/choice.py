@@ -39,6 +39,13 @@ TERMS = ("rotor_inertia", "load_friction", "drag", "spring", "friction_slope")
 STRIBECK = (2.5, 5.0, 10.0, 20.0)
 """Stribeck velocities to try, over the width of friction's change of sign."""
 
+STRIBECK_PASSED = 2.0
+"""Least top speed of a joint over its Stribeck velocity.  There the term has fallen to
+exp(-4), 2 %.  In slower motion it does not end, so it is one more curve through the
+speeds of the log, with Coulomb friction, viscous friction and drag; nothing in the log
+shows where these lead at higher speeds.
+"""
+
 LEAST_SPEEDS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
 """Shares of top speed to try as thresholds below which rows are left out."""
 
@@ -47,6 +54,8 @@ FEWEST_LEFT_OUT = 0.01
 
 LEAST_KEPT = 0.5
 """Least share of the rows that must stay."""
+
+_EVERYWHERE = ("rotor_inertia", "load_friction", "drag", "stribeck_velocity")
 
 _WITHOUT: dict[str, dict[str, object]] = {
     **{name: {name: False} for name in TERMS},
@@ -206,6 +215,22 @@ class ModelMove:
     after: Choice
 
 
+def size_of(move: ModelMove) -> float:
+    """Return the size of a move: among similar gains the smallest change is made.
+
+    A term that every drive has is simplest for all joints, a spring for one joint.
+    """
+    if move.kind == "masses":
+        return {"bounds": 100.0, "free": 200.0}[move.after.masses]
+    if move.kind in ("spring", "asymmetric", "coupling", *_EVERYWHERE):
+        pairs = zip(move.before.drive, move.after.drive, strict=True)
+        changed = sum(a != b for a, b in pairs)
+        return float(-changed if move.kind in _EVERYWHERE else changed)
+    if move.kind == "least_speed":
+        return move.after.least_speed or 0.0
+    return -100.0  # another value of an existing setting
+
+
 def stribeck_velocities(scale: float) -> tuple[float, ...]:
     """Return Stribeck velocities to try."""
     return tuple(float(f"{ratio * scale:.2g}") for ratio in STRIBECK)
@@ -250,6 +275,7 @@ def term_moves(
     measured: Sequence[int],
     loaded: Sequence[int],
     sloped: Sequence[int],
+    speeds: Vector,
 ) -> Iterator[TermMove]:
     """Yield drive terms that some joints lack.
 
@@ -258,6 +284,8 @@ def term_moves(
     measured, loaded, sloped : sequence of int
         Places of the joints with torque, of the joints with a known load, and of the
         joints whose friction may vary with position.
+    speeds : ndarray, shape (joints,), [rad/s or m/s]
+        Top speed of each joint of the robot.
     """
     special = {"load_friction": loaded, "friction_slope": sloped}
     for name in TERMS:
@@ -270,10 +298,12 @@ def term_moves(
         change = setter(asymmetric=True, offset=False)
         yield TermMove("asymmetric", "asymmetric", symmetric, change)
     plain = tuple(j for j in measured if choice.drive[j].stribeck_velocity is None)
-    for velocity in stribeck_velocities(velocity_scale(choice)) if plain else ():
-        label = f"stribeck_velocity = {velocity:g}"
-        change = setter(stribeck_velocity=velocity)
-        yield TermMove("stribeck_velocity", label, plain, change)
+    for velocity in stribeck_velocities(velocity_scale(choice)):
+        passing = tuple(j for j in plain if speeds[j] >= STRIBECK_PASSED * velocity)
+        if passing:
+            label = f"stribeck_velocity = {velocity:g}"
+            change = setter(stribeck_velocity=velocity)
+            yield TermMove("stribeck_velocity", label, passing, change)
 
 
 def velocity_scale(choice: Choice) -> float:
@@ -319,6 +349,24 @@ def stribeck_moves(choice: Choice) -> Iterator[ModelMove]:
             yield ModelMove("stribeck_value", label, choice, after)
 
 
+def stribeck_passed(move: ModelMove, speeds: Vector) -> bool:
+    """Return whether joints pass the Stribeck velocities that a move gives them.
+
+    Parameters
+    ----------
+    speeds : ndarray, shape (joints,), [rad/s or m/s]
+        Top speed of each joint of the robot.
+    """
+    for before, after, top in zip(
+        move.before.drive, move.after.drive, speeds, strict=True
+    ):
+        velocity = after.stribeck_velocity
+        if velocity is not None and velocity != before.stribeck_velocity:
+            if top < STRIBECK_PASSED * velocity:
+                return False
+    return True
+
+
 def row_moves(choice: Choice, speed: Vector) -> Iterator[ModelMove]:
     """Yield shares of top speed below which rows are left out.
 
@@ -340,6 +388,23 @@ def mass_move(choice: Choice, masses: Masses) -> ModelMove:
     """Return the move to other masses."""
     after = replace(choice, masses=masses)
     return ModelMove("masses", f'masses = "{masses}"', choice, after)
+
+
+def cutoff_moves(choice: Choice, cutoffs: Sequence[float]) -> Iterator[ModelMove]:
+    """Yield other cut-offs of the motion."""
+    for cutoff in cutoffs:
+        if cutoff != choice.motion_cutoff:
+            after = replace(choice, motion_cutoff=cutoff)
+            label = f"motion_cutoff = {cutoff:g}"
+            yield ModelMove("motion_cutoff", label, choice, after)
+
+
+def delay_moves(choice: Choice, delay: float) -> Iterator[ModelMove]:
+    """Yield another delay of the torque, if it is another."""
+    if delay != choice.delay:
+        late = f"{'late' if delay >= 0.0 else 'early'} by {1e3 * abs(delay):.3g} ms"
+        after = replace(choice, delay=delay)
+        yield ModelMove("delay", f"torque {late}", choice, after)
 
 
 def coupling_moves(

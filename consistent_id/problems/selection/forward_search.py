@@ -9,12 +9,16 @@ from consistent_id.problems.selection.choice import (
     REMOVABLE,
     ModelMove,
     coupling_moves,
+    cutoff_moves,
+    delay_moves,
     has_term,
     mass_move,
     removals,
     row_moves,
     scale_moves,
+    size_of,
     stribeck_moves,
+    stribeck_passed,
     term_moves,
     velocity_scale,
     with_drive,
@@ -96,7 +100,6 @@ the gain is uneven over the blocks.
 _Tried = tuple[ModelMove, Gain, Evaluated]
 
 _VALUES = ("velocity_scale", "stribeck_value", "motion_cutoff", "delay")
-_EVERYWHERE = ("rotor_inertia", "load_friction", "drag", "stribeck_velocity")
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,7 +226,7 @@ def _best_move(
         return None
     best = max(brought.share for _, brought, _ in enough)
     alike = [t for t in enough if t[1].share >= _ALIKE * best]
-    move, brought, after = min(alike, key=lambda t: _size(t[0], current))
+    move, brought, after = min(alike, key=lambda t: size_of(t[0]))
     rivals = {m.label: g for m, g, _ in tried if m != move}
     return Step(move, brought, after.error, rivals, later=tuple(later)), after
 
@@ -279,22 +282,6 @@ def _enough(move: ModelMove, brought: Gain) -> bool:
         least = max(least, SURE * brought.error)
     won = LEAST_WON_BY_VALUES if move.kind in _VALUES else LEAST_WON
     return brought.share >= least and brought.won >= won
-
-
-def _size(move: ModelMove, current: Evaluated) -> float:
-    """Return the size of a move: among similar gains the smallest change is made.
-
-    A term that every drive has is simplest for all joints, a spring for one joint.
-    """
-    if move.kind == "masses":
-        return {"bounds": 100.0, "free": 200.0}[move.after.masses]
-    if move.kind in ("spring", "asymmetric", "coupling", *_EVERYWHERE):
-        pairs = zip(current.choice.drive, move.after.drive, strict=True)
-        changed = sum(a != b for a, b in pairs)
-        return float(-changed if move.kind in _EVERYWHERE else changed)
-    if move.kind == "least_speed":
-        return move.after.least_speed or 0.0
-    return -100.0  # another value of an existing setting
 
 
 def _with_stand_ins(
@@ -447,31 +434,21 @@ def _other_moves(
 ) -> Iterator[ModelMove]:
     """Yield the moves other than drive terms, masses and rows."""
     choice, setting = current.choice, evaluator.setting
+    shapes = list[ModelMove]()
     if "velocity_scale" not in scope.fixed:
-        yield from scale_moves(choice, scope.scales)
+        shapes += scale_moves(choice, scope.scales)
     if "stribeck_velocity" not in scope.fixed:
-        yield from stribeck_moves(choice)
+        shapes += stribeck_moves(choice)
+    speeds = evaluator.samples(choice.motion_cutoff).top_speeds
+    yield from (move for move in shapes if stribeck_passed(move, speeds))
     if "coupling" not in scope.fixed:
         names = setting.bodies.robot.joint_names
         pairs = couplings_between(setting.bodies, velocity_scale(choice))
         yield from coupling_moves(choice, names, pairs)
     if "motion_cutoff" not in scope.fixed:
-        for cutoff in scope.cutoffs:
-            if cutoff != choice.motion_cutoff:
-                after = replace(choice, motion_cutoff=cutoff)
-                yield ModelMove(
-                    "motion_cutoff", f"motion_cutoff = {cutoff:g}", choice, after
-                )
+        yield from cutoff_moves(choice, scope.cutoffs)
     if "delay" not in scope.fixed:
-        delay = fitting_delay(evaluator, current)
-        if delay != choice.delay:
-            after = replace(choice, delay=delay)
-            yield ModelMove("delay", f"torque {_by(delay)}", choice, after)
-
-
-def _by(delay: float) -> str:
-    """Return how late or early a signal is, in words."""
-    return f"{'late' if delay >= 0.0 else 'early'} by {1e3 * abs(delay):.3g} ms"
+        yield from delay_moves(choice, fitting_delay(evaluator, current))
 
 
 def _of_terms(
@@ -485,7 +462,8 @@ def _of_terms(
     sloped = [names.index(name) for name in evaluator.setting.sloped]
     before = baseline.squares.sum(axis=0)
     total = max(float(before.sum()), 1e-300)
-    for term in term_moves(choice, measured, loaded, sloped):
+    speeds = evaluator.samples(choice.motion_cutoff).top_speeds
+    for term in term_moves(choice, measured, loaded, sloped, speeds):
         if term.kind in scope.fixed:
             continue
         everywhere = with_drive(choice, term.lacking, term.change)

@@ -156,6 +156,11 @@ class Samples:
         """Velocities at each row, shape (rows, joints), [rad/s or m/s]."""
         return np.concatenate([part.motion.dq for part in self.parts])
 
+    @property
+    def top_speeds(self) -> Vector:
+        """Top speed of each joint, shape (joints,), [rad/s or m/s]."""
+        return np.asarray(abs(self.dq).max(axis=0))
+
     def masked(self, bodies: TorqueModel, least_speed: float) -> "Samples":
         """Return the rows that are fast enough; slow samples are zero in the filter."""
         return Samples.of(bodies, [part.masked(least_speed) for part in self.parts])

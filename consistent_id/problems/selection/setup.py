@@ -194,7 +194,7 @@ def _require_rows(samples: Samples, setting: Setting) -> None:
 def _top_speeds(samples: Samples, bodies: TorqueModel) -> Vector:
     names = bodies.robot.joint_names
     places = [names.index(name) for name in bodies.torque_joints]
-    speeds = np.asarray(abs(samples.dq[:, places]).max(axis=0))
+    speeds = samples.top_speeds[places]
     moving = speeds[speeds > 0.0]
     if len(moving) == 0:
         raise RecordingError("no joint with torque ever moves in the training data")

@@ -17,8 +17,11 @@ from consistent_id.problems.selection.band import (
 from consistent_id.problems.selection.choice import (
     ModelMove,
     nearest_stribeck,
+    setter,
     stribeck_moves,
+    stribeck_passed,
     stribeck_velocities,
+    term_moves,
     velocity_scale,
     with_drive,
     without,
@@ -31,6 +34,7 @@ from consistent_id.problems.selection.forward_search import (
     State,
     _enough,
     believable,
+    proposals,
     without_needless_terms,
 )
 from consistent_id.robot import load_urdf
@@ -110,6 +114,52 @@ def test_other_velocities_at_which_friction_fades_are_for_joints_that_have_one(b
     tried = {move.after.drive[1].stribeck_velocity for move in moves}
     assert tried == set(stribeck_velocities(velocity_scale(choice))) - {first}
     assert all(move.after.drive[0] == choice.drive[0] for move in moves)
+
+
+def test_a_stribeck_term_is_offered_to_joints_that_pass_twice_its_velocity(begun):
+    choice = begun.plain.choice
+    first, *_, last = stribeck_velocities(velocity_scale(choice))
+    speeds = np.array([2.0 * first, 1.999 * last])
+    offered = {
+        move.label: move.lacking
+        for move in term_moves(choice, [0, 1], [], [], speeds)
+        if move.kind == "stribeck_velocity"
+    }
+    assert offered[f"stribeck_velocity = {first:g}"] == (0, 1)
+    assert f"stribeck_velocity = {last:g}" not in offered
+    assert 1 in set().union(*offered.values())
+    # At twice its velocity the term is 2 % of what it is at rest.
+    terms = DriveTerms(coulomb="sign", stribeck_velocity=last)
+    still, twice = (np.array([v]) for v in (0.0, 2.0 * last))
+    assert terms.columns(still, twice, still)[-1] == pytest.approx(0.018, abs=5e-4)
+
+
+def test_a_velocity_that_a_move_leaves_alone_needs_no_motion(begun):
+    choice = begun.plain.choice
+    slow, fast = stribeck_velocities(velocity_scale(choice))[:2]
+    having = with_drive(choice, [1], setter(stribeck_velocity=slow))
+    moves = {m.label: m for m in stribeck_moves(having)}
+    raised = moves[f"stribeck_velocity = {fast:g} where there is one"]
+    assert stribeck_passed(raised, np.array([0.0, 2.0 * fast]))
+    assert not stribeck_passed(raised, np.array([9.0, 1.999 * fast]))
+    spring = with_drive(having, [1], setter(spring=True))
+    assert stribeck_passed(ModelMove("spring", "", having, spring), np.zeros(2))
+
+
+def test_no_width_of_friction_moves_a_stribeck_velocity_past_the_motion(begun):
+    evaluator, plain = begun.evaluator, begun.plain
+    speeds = evaluator.samples(plain.choice.motion_cutoff).top_speeds
+    wide = with_drive(plain.choice, [0, 1], setter(velocity_scale=0.11 * speeds.min()))
+    velocity = stribeck_velocities(velocity_scale(wide))[0]
+    current = evaluator.evaluated(
+        with_drive(wide, [0, 1], setter(stribeck_velocity=velocity))
+    )
+    scales = (0.1 * speeds.min(), speeds.max())
+    scope = replace(begun.scope, scales=scales, fixed=frozenset({"delay"}))
+    tried = [p.move for p in proposals(evaluator, current, scope)]
+    widths = {velocity_scale(m.after) for m in tried if m.kind == "velocity_scale"}
+    assert widths == {scales[0]}
+    assert not any(m.kind == "stribeck_value" for m in tried)
 
 
 def dict_of(table):

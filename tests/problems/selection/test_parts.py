@@ -9,10 +9,15 @@ from scipy.optimize import lsq_linear
 
 from consistent_id import ProblemError, Recording, draft_problem
 from consistent_id.problems.selection.band import prediction_band, velocity_edge
-from consistent_id.problems.selection.choice import ModelMove, scale_moves
+from consistent_id.problems.selection.choice import (
+    Choice,
+    ModelMove,
+    delay_moves,
+    scale_moves,
+)
 from consistent_id.problems.selection.evaluation import _drive, torque_delay
 from consistent_id.problems.selection.fits import Gain, HeldOut, gain
-from consistent_id.problems.selection.forward_search import _by, _enough
+from consistent_id.problems.selection.forward_search import _enough
 from consistent_id.problems.selection.samples import (
     EDGES,
     NUMBERS,
@@ -221,5 +226,9 @@ def test_a_share_of_top_speed_lies_between_none_and_all(tmp_path):
 
 
 def test_a_delay_is_late_or_early_but_never_negative():
-    assert _by(0.0074) == "late by 7.4 ms"
-    assert _by(-0.013) == "early by 13 ms"
+    plain = Choice(())
+    (late,), (early,) = (delay_moves(plain, delay) for delay in (0.0074, -0.013))
+    assert late.label == "torque late by 7.4 ms"
+    assert early.label == "torque early by 13 ms"
+    assert early.after.delay == -0.013
+    assert list(delay_moves(early.after, -0.013)) == []

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from consistent_id.robot.chains import mirrored_motors, without_side
 from consistent_id.robot.model import Joint, Link, RobotModel
-from consistent_id.rollout.chosen_settings import mirrored_motors, without_side
 
 
 def legs(sides=("FL", "FR", "RL", "RR"), head=True):
