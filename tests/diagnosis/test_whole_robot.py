@@ -275,6 +275,7 @@ def test_a_zero_that_leaves_nearly_all_unexplained_is_not_named(kind, shown):
         factor, size, size / 6.0, size / 6.0, explained=20.0, cost=1000.0
     )
     assert bool(factor_findings(arm(), [little])) == shown
+    assert not factor_findings(arm(), [replace(little, explained=9.9)])
     assert factor_findings(arm(), [replace(little, explained=50.0)])
     # Where the drives take less, what makes an estimate harmful is named.
     harmful = replace(little, harm=HARM, drives=0.4)
