@@ -1,8 +1,8 @@
 """Factors of whole robots: of right logs of real arms, and of logs with a fault put in.
 
 ``python benchmarks/whole_robot.py [--only ur10e ...] [--write FILE]`` estimates the
-speed of the clock, one gain of all torques, the zero of each joint and the lean of the
-base beside the nominal bodies, from the logs of the problem files of five real arms,
+speed of the clock, one gain of all torques, the gain and the zero of each joint and the
+lean of the base beside the nominal bodies, from the logs of the problem files of five real arms,
 with recordings in ``CONSISTENT_ID_DATASETS``.  A fault is put into all logs of a robot
 as the diagnosis would take it out, with the opposite sign.
 
@@ -22,17 +22,27 @@ from threadpoolctl import threadpool_limits
 import consistent_id as ci
 from consistent_id.constraints import FixedMasses
 from consistent_id.diagnosis.explain import SAMPLES, of_samples, thinned
-from consistent_id.diagnosis.factor_findings import FoundFactor, factor_findings
-from consistent_id.diagnosis.factor_rows import Factor, FactorLogs, factors_of
+from consistent_id.diagnosis.factor_findings import (
+    FARTHEST,
+    FoundFactor,
+    factor_findings,
+)
+from consistent_id.diagnosis.factor_rows import (
+    Factor,
+    FactorLogs,
+    factors_of,
+    joint_gains,
+)
 from consistent_id.diagnosis.whole_robot import whole_robot_factors
 
 NAMES = ("ur10e", "kuka_kr300", "staubli_tx40", "tiago", "unitree_z1")
-KINDS = ("clock", "masses or gain", "offset zero", "gravity")
+KINDS = ("clock", "masses or gain", "torque gain", "offset zero", "gravity")
 FAULTS = {
     "right": ("", 0, 0.0),
     "clock 1.5 times as fast": ("clock", 0, float(np.log(1.5))),
     "clock at 0.7 times": ("clock", 0, float(np.log(0.7))),
     "torques 1.4 times": ("masses or gain", 0, float(np.log(1.4))),
+    "torque of second joint 1.4 times": ("torque gain", 1, float(np.log(1.4))),
     "zero of second joint off by 12 degrees": (
         "offset zero",
         1,
@@ -59,13 +69,18 @@ def with_fault(logs: FactorLogs, kind: str, place: int, size: float) -> FactorLo
     """Put a factor into logs."""
     if not kind:
         return logs
-    factor = [f for f in factors_of(logs.model) if f.kind == kind][place]
+    every = (*factors_of(logs.model), *joint_gains(logs.model))
+    factor = [f for f in every if f.kind == kind][place]
     return logs.without(factor, -size)
 
 
 def largest(found: Sequence[FoundFactor], kind: str) -> str:
-    """Return the factor of a kind with the largest ratio, its error and the ratio."""
+    """Return the factor of a kind with the largest ratio, its error and the ratio.
+
+    Factors that are too far from one, or from zero, to be reported do not count.
+    """
     own = [f for f in found if f.factor.kind == kind and np.isfinite(f.error)]
+    own = [f for f in own if abs(f.size) <= FARTHEST[kind]] or own
     if not own:
         return "-"
     most = max(own, key=lambda f: f.ratio)
@@ -73,8 +88,9 @@ def largest(found: Sequence[FoundFactor], kind: str) -> str:
 
 
 def _size(factor: Factor, size: float, error: float) -> str:
-    if factor.kind in ("clock", "masses or gain"):
-        return f"{np.exp(size):.2f} ± {np.exp(size) * error:.2f}"
+    if factor.kind in ("clock", "masses or gain", "torque gain"):
+        ratio = f"{np.exp(size):.2f} ± {np.exp(size) * error:.2f}"
+        return f"{factor.where} {ratio}" if factor.kind == "torque gain" else ratio
     angle = f"{np.degrees(size):.1f} ± {np.degrees(error):.1f}°"
     return f"{factor.where} {angle}" if factor.kind == "offset zero" else angle
 
@@ -99,9 +115,9 @@ def main() -> None:
                 cells = [largest(found, kind) for kind in KINDS]
                 rows.append((name, label, *cells, said or "-"))
                 print(*rows[-1], f"{process_time() - started:.1f} s", sep=" | ")
-    head = "| robot | log | clock | gain | zero | lean | said |"
+    head = "| robot | log | clock | gain | gain of a joint | zero | lean | said |"
     with written_to(options.write, "factors", options.only):
-        print(head, "|---" * 7 + "|", sep="\n")
+        print(head, "|---" * 8 + "|", sep="\n")
         for row in rows:
             print(f"| {' | '.join(row)} |")
 
