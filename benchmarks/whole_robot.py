@@ -2,9 +2,9 @@
 
 ``python benchmarks/whole_robot.py [--only ur10e ...] [--write FILE]`` estimates the
 speed of the clock, one gain of all torques, the gain and the zero of each joint and the
-lean of the base beside the nominal bodies, from the logs of the problem files of five real arms,
-with recordings in ``CONSISTENT_ID_DATASETS``.  A fault is put into all logs of a robot
-as the diagnosis would take it out, with the opposite sign.
+lean of the base beside the nominal bodies, from the logs of the problem files of five
+real arms, with recordings in ``CONSISTENT_ID_DATASETS``.  A fault is put into all logs
+of a robot as the diagnosis would take it out, with the opposite sign.
 
 The gates of `consistent_id.diagnosis.factor_findings` are above the ratios of size and
 standard error that right logs have here.

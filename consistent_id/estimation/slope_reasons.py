@@ -21,10 +21,10 @@ COMMON_MEAN = 1.15
 
 # Mean slope, either way, and ratio of the largest slope to the least, with which a gain
 # of all torques is far more likely than bodies.  Torques of 0.7 and 1.3 times leave
-# ratios of 1.05 to 1.15 on a UR10e, a TX40 and a TIAGo; loads that are not in a UR10e's
-# file, 1.2 to 3.1.
+# ratios of 1.05 to 1.15 on a UR10e, a TX40 and a TIAGo; a right log of a KUKA whose
+# bodies were guessed, 1.24; loads that are not in a UR10e's file, 1.19 to 3.1.
 ONE_GAIN_MEAN = 1.20
-ONE_GAIN_SPREAD = 1.25
+ONE_GAIN_SPREAD = 1.20
 
 # Slopes on bodies that other joints determine, that confirm a joint's gain.  A gain of
 # 1.3 on one joint of a UR10e leaves 1.24 to 1.55 (its last two joints say nothing).
