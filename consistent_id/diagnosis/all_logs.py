@@ -25,6 +25,7 @@ from consistent_id.diagnosis.explain import (
     fitted_log,
     thinned,
 )
+from consistent_id.diagnosis.factor_findings import doubted
 from consistent_id.diagnosis.factor_rows import FactorLogs, FactorRows
 from consistent_id.diagnosis.findings import Diagnosis, LogFinding
 from consistent_id.diagnosis.linearise import Linearised, linearised
@@ -48,7 +49,6 @@ from consistent_id.diagnosis.small_shifts import (
 )
 from consistent_id.diagnosis.whole_robot import (
     contradicted,
-    doubted,
     of_usual_size,
     other_robot,
     weighed_gain,

@@ -116,6 +116,18 @@ def factor_findings(
     ]
 
 
+def doubted(finding: LogFinding) -> LogFinding:
+    """Turn a finding that nominal bodies contradict into a note."""
+    return replace(
+        finding,
+        severity="note",
+        statement=f"{finding.statement}; but bodies would then be farther from the "
+        "model's, by more than the torque gains by it: bodies explain it",
+        advice="nothing, if the model's bodies are nearly right; else "
+        f"{finding.advice}",
+    )
+
+
 def hidden_factors(
     model: TorqueModel, found: Sequence[FoundFactor]
 ) -> list[LogFinding]:
@@ -248,9 +260,28 @@ def promising(found: FoundFactor) -> bool:
     return usual and found.ratio >= _HALF_SURE
 
 
+def worth_a_look(
+    as_is: FactorLogs, likely: Sequence[FoundFactor], cost: float
+) -> list[FoundFactor]:
+    """Leave out gains of joints that explain little, and change little torque."""
+    gains = [f for f in likely if f.factor.kind == "torque gain"]
+    little = [f for f in gains if not explains_much(replace(f, cost=cost))]
+    if not little:
+        return list(likely)
+    units = effects(as_is, [f.factor for f in little])
+    harmless = [
+        f for f, unit in zip(little, units, strict=True) if unit * abs(f.size) < HARM
+    ]
+    return [f for f in likely if f not in harmless]
+
+
+def explains_much(found: FoundFactor) -> bool:
+    """Return whether a factor explains enough of the squares to be named."""
+    return found.explained > _MUCH.get(found.factor.kind, 0.0) * found.cost
+
+
 def _shown(found: FoundFactor) -> bool:
-    much = found.explained > _MUCH.get(found.factor.kind, 0.0) * found.cost
-    much = much or (found.harm >= HARM and found.drives < _RUBS)
+    much = explains_much(found) or (found.harm >= HARM and found.drives < _RUBS)
     return (
         abs(found.size) <= FARTHEST[found.factor.kind]
         and found.ratio >= gate_of(found.factor)

@@ -423,16 +423,19 @@ class _Rows:
         zeros = np.zeros((0, 0, 0))
         if moved:
             zeros = self.log.slopes_by_position(bodies, moved)
+        torque = np.zeros((0, 0))
+        if any(f.kind in (_GAIN, _ONE_GAIN) for f in factors):
+            torque = np.einsum("jps,p->js", self.columns, x)
         found = []
         for factor in factors:
             if factor.kind == "clock":
                 whole = np.einsum("jps,p->js", self.columns[:, :inertial], x[:inertial])
                 part = 2.0 * (whole - self.log.at_rest(x[:inertial], gravity))
             elif factor.kind in (_GAIN, _ONE_GAIN):
-                part = np.einsum("jps,p->js", self.columns, x)
+                part = torque
                 if factor.kind == _ONE_GAIN:
                     own = np.array(self.log.model.torque_joints) == factor.where
-                    part = part * own[:, None]
+                    part = torque * own[:, None]
             elif factor.kind == "offset zero":
                 part = zeros[:, moved.index(factor.joint)]
             else:

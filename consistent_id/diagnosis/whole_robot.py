@@ -37,12 +37,14 @@ from consistent_id.diagnosis.factor_findings import (
     FARTHEST,
     LIKELY,
     FoundFactor,
+    doubted,
     effects,
     factor_findings,
     gate_of,
     harm,
     hidden_factors,
     promising,
+    worth_a_look,
 )
 from consistent_id.diagnosis.factor_rows import (
     LEAN,
@@ -108,12 +110,26 @@ def whole_robot_factors(as_is: FactorLogs) -> list[FoundFactor]:
         if float(np.linalg.norm(turn)) >= LEAN:
             first += _estimated(as_is, [_lean(as_is, turn)])
     likely = [f for f in first if promising(f)]
-    likely = sorted(likely, key=lambda f: -f.explained)[:_TRIED]
     cost = least_costs(as_is)[0] if likely else 0.0
+    likely = [f for f in worth_a_look(as_is, likely, cost) if _sure(as_is, f)]
+    likely = sorted(likely, key=lambda f: -f.explained)[:_TRIED]
     settled = [_settled(as_is, found, cost) for found in likely]
     rest = [f for f in first if f not in likely]
     found = [replace(f, cost=cost) for f in (*settled, *rest)]
     return sorted(_weighed(as_is, found), key=lambda f: -f.explained)
+
+
+def _sure(as_is: FactorLogs, first: FoundFactor) -> bool:
+    """Return whether a joint's gain is beyond its gate with the noise of logs without.
+
+    What follows only adds to its error.  Other factors are not asked.
+    """
+    factor, size = first.factor, first.size
+    if factor.kind != "torque gain":
+        return True
+    without = as_is.without(factor, size)
+    found = _estimated(replace(without, noise=relative_noise(without.rows)), [factor])
+    return any(abs(size + f.size) >= gate_of(factor) * f.cautious for f in found)
 
 
 def _weighed(as_is: FactorLogs, found: Sequence[FoundFactor]) -> list[FoundFactor]:
@@ -375,18 +391,6 @@ def doubted_gain(finding: LogFinding, as_is: FactorLogs) -> LogFinding:
     if not contradicted(as_is, without):
         return finding
     return doubted(finding)
-
-
-def doubted(finding: LogFinding) -> LogFinding:
-    """Turn a finding that nominal bodies contradict into a note."""
-    return replace(
-        finding,
-        severity="note",
-        statement=f"{finding.statement}; but bodies would then be farther from the "
-        "model's, by more than the torque gains by it: bodies explain it",
-        advice="nothing, if the model's bodies are nearly right; else "
-        f"{finding.advice}",
-    )
 
 
 def whole_robot_findings(as_is: FactorLogs) -> list[LogFinding]:

@@ -17,6 +17,7 @@ from consistent_id.diagnosis.factor_findings import (
     harm,
     hidden_factors,
     promising,
+    worth_a_look,
 )
 from consistent_id.diagnosis.factor_rows import (
     HARM,
@@ -375,6 +376,23 @@ def test_a_joint_s_gain_is_looked_at_more_closely_from_its_gates(
     clock = factors_of(arm())[0]
     assert not promising(replace(found, factor=clock, size=1.0, cautious=0.41))
     assert promising(replace(found, factor=clock, size=0.01, cautious=0.0039))
+
+
+def test_gains_of_joints_that_explain_and_change_little_are_left_out():
+    model, log = logged(0, noise=0.0)
+    as_is = _as_is(model, log)
+    second = gain_of(model, model.torque_joints[1])
+    clock = FoundFactor(factors_of(model)[0], 1.0, 0.1, 0.1, explained=0.0)
+    (unit,) = effects(as_is, [second])
+    for size, explained, kept in (
+        (0.11 / unit, 0.0, True),  # 11 % of the torque
+        (-0.11 / unit, 0.0, True),
+        (0.09 / unit, 29.0, False),
+        (0.09 / unit, 31.0, True),  # of 1000
+    ):
+        gain = FoundFactor(second, size, 0.01, 0.01, explained)
+        left = worth_a_look(as_is, [gain, clock], 1000.0)
+        assert left == ([gain, clock] if kept else [clock])
 
 
 def test_a_robot_with_one_torque_has_no_gain_of_a_joint():
