@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
+from consistent_id._support.arrays import Vector
 from consistent_id.constraints import (
     Constraint,
     FixedMasses,
@@ -115,16 +116,29 @@ class FittedLog:
 
         Root of the mean over joints of the squares, as in `misfit`.
         """
-        factors, base = self.factors, self.factors.base
-        model, x = factors.model, self.fit.parameters
+        factors = self.factors
+        part = np.append(factors.base.projection @ self._frictions, 0.0)
+        return min(float(np.linalg.norm(factors.joined() @ part)), 1.0)
+
+    def rubs(self, joint: str) -> bool:
+        """Return whether a joint's torque is friction, but for what its law misses."""
+        factors, size = self.factors, len(self.factors.base)
+        j = factors.model.torque_joints.index(joint)
+        own = factors.factors[j]
+        part = own[:, :size] @ (factors.base.projection @ self._frictions)
+        torque = np.linalg.norm(own[:, size + j])
+        return float(np.linalg.norm(part)) >= (1.0 - _OF_FRICTION) * float(torque)
+
+    @property
+    def _frictions(self) -> Vector:
+        """Parameters of the best fit that are friction; the others are zero."""
+        model, x = self.factors.model, self.fit.parameters
         rubs = np.zeros(len(x))
         for joint, drive in zip(model.robot.joint_names, model.terms, strict=True):
             for term in drive.terms:
                 if term.friction and term.nonnegative:
                     rubs[[model.layout.index(f"{joint}.{n}") for n in term.names]] = 1.0
-        part = np.append(base.projection @ (rubs * x), 0.0)
-        share = float(np.linalg.norm(factors.joined() @ part))
-        return min(share, 1.0)
+        return np.asarray(rubs * x)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -308,8 +322,10 @@ def _same_robots(as_is: FittedLog, candidate: Candidate) -> bool:
 def corrected(as_is: FittedLog, corrections: Sequence[Correction]) -> list[Candidate]:
     """Return a candidate for each correction of channels.
 
-    Corrections of the motion that a few samples exclude are left out.
+    Corrections of the motion that a few samples exclude are left out, and exchanges of
+    joints whose torque is friction: it is the same for all joints.
     """
+    corrections = [c for c in corrections if not _of_friction(as_is, c)]
     torque = [c for c in corrections if c.fault.channels == "torque"]
     motion = [c for c in corrections if c.fault.channels != "torque"]
     changed = [(c, as_is.factors.changed(c.change.matrix)) for c in torque]
@@ -317,6 +333,13 @@ def corrected(as_is: FittedLog, corrections: Sequence[Correction]) -> list[Candi
         Candidate(c.cause, factors, as_is.constraints)
         for c, factors in (*changed, *_moved(as_is, motion))
     ]
+
+
+def _of_friction(as_is: FittedLog, correction: Correction) -> bool:
+    """Return whether joints are exchanged altogether of which only bodies differ."""
+    if (correction.fault.kind, correction.fault.channels) != ("channel order", "both"):
+        return False
+    return all(as_is.rubs(joint) for joint in correction.where.split(", "))
 
 
 def _fit(

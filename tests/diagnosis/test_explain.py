@@ -20,6 +20,7 @@ from consistent_id.diagnosis.corrections import LOOKS_ALIKE, Cause, corrections
 from consistent_id.diagnosis.explain import (
     Explanation,
     Explanations,
+    _of_friction,
     corrected,
     datasheet_constraints,
     fitted_log,
@@ -136,3 +137,22 @@ def test_what_helps_most_is_said_first_with_its_option():
     (alone,) = unexplained_findings(as_is, replace(found, tried=()))
     assert alone.statement.startswith("no robot with the datasheet's values")
     assert alone.advice.startswith("check that model and log")
+
+
+@pytest.mark.parametrize("inertia", [0.01, 1.0, 10.0])
+def test_a_joint_s_torque_is_friction_if_its_law_misses_more_than_bodies_are(inertia):
+    model, log, rubbed = _swing(inertia)
+    share = np.linalg.norm(rubbed) / np.linalg.norm(log.torque)
+    assert (share >= 0.85) == (inertia < 1.0)
+    assert _fitted(model, log).rubs(model.robot.joint_names[0]) == (share >= 0.85)
+
+
+def test_joints_that_only_rub_are_not_exchanged_altogether():
+    robot = from_modified_dh("arm", [DHRow(0, 0), DHRow(0, 0.3), DHRow(0, 0.2)])
+    names = robot.joint_names
+    every = corrections(robot, names)
+    as_is = SimpleNamespace(rubs=lambda joint: joint != names[0])
+    left_out = [c for c in every if _of_friction(as_is, c)]
+    (found,) = left_out  # the first joint carries bodies
+    assert (found.fault.kind, found.fault.channels) == ("channel order", "both")
+    assert found.where == f"{names[1]}, {names[2]}"
