@@ -39,6 +39,7 @@ LEAN = float(np.radians(5.0))
 HARM = 0.10
 """Error of an estimate, over the torque of all joints, that is harmful."""
 
+_LOADED = 0.3  # least torque of bodies over a joint's, for its gain to be tested
 _FREE_MASS = 0.3  # where masses are free to differ from the model's
 
 _RANK = 1e-7  # of the largest singular value of unit columns
@@ -278,6 +279,17 @@ class FactorSystem(Jackknife):
     """
 
     pulled: Vector
+
+
+def told_gains(state: FactorLogs) -> list[Factor]:
+    """Return the gains of the joints that bodies load: friction tells of no gain."""
+    size, x = state.model.layout.inertial_size, solution_of(state)
+    bodies = np.einsum("jps,p->js", state.rows.columns[:, :size], x[:size])
+    torque = np.linalg.norm(state.rows.torque, axis=1)
+    told = np.linalg.norm(bodies, axis=1) >= _LOADED * torque
+    return [
+        f for f, known in zip(joint_gains(state.model), told, strict=False) if known
+    ]
 
 
 def drives_share(state: FactorLogs) -> float:

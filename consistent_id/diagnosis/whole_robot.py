@@ -56,12 +56,12 @@ from consistent_id.diagnosis.factor_rows import (
     factor_system,
     factors_of,
     gain_of,
-    joint_gains,
     leaning,
     least_costs,
     least_misfit,
     relative_noise,
     solution_of,
+    told_gains,
 )
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.regression.base import base_parameters
@@ -101,7 +101,7 @@ def whole_robot_factors(as_is: FactorLogs) -> list[FoundFactor]:
     list of FoundFactor
         The factors that the logs determine.
     """
-    factors = [*factors_of(as_is.model), *joint_gains(as_is.model)]
+    factors = [*factors_of(as_is.model), *told_gains(as_is)]
     system = factor_system(as_is, factors)
     level = [k for k, f in enumerate(factors) if f.kind == "gravity"]
     first = [f for f in _alone(system, factors) if f.factor.kind != "gravity"]

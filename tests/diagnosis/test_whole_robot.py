@@ -31,6 +31,7 @@ from consistent_id.diagnosis.factor_rows import (
     least_costs,
     least_misfit,
     relative_noise,
+    told_gains,
 )
 from consistent_id.diagnosis.whole_robot import (
     _distance_of_loaded,
@@ -376,6 +377,19 @@ def test_a_joint_s_gain_is_looked_at_more_closely_from_its_gates(
     clock = factors_of(arm())[0]
     assert not promising(replace(found, factor=clock, size=1.0, cautious=0.41))
     assert promising(replace(found, factor=clock, size=0.01, cautious=0.0039))
+
+
+def test_friction_tells_of_no_gain_of_a_joint():
+    model, log = logged(0, noise=0.0)
+    names = list(model.torque_joints)[:3]  # the last carries little
+    assert [f.where for f in told_gains(_as_is(model, log))] == names
+    # Joint 2 is swamped by viscous friction: its bodies are less than 30 % of it.
+    rub = 100.0 * log.velocity[:, 1] * np.std(log.torque[:, 1])
+    torque = log.torque + rub[:, None] * (np.arange(4) == 1)
+    rubbed = replace(log, torque=torque)
+    assert [f.where for f in told_gains(_as_is(model, rubbed))] == [
+        name for name in names if name != names[1]
+    ]
 
 
 def test_gains_of_joints_that_explain_and_change_little_are_left_out():
