@@ -133,12 +133,13 @@ class FittedLog:
     def _frictions(self) -> Vector:
         """Parameters of the best fit that are friction; the others are zero."""
         model, x = self.factors.model, self.fit.parameters
-        rubs = np.zeros(len(x))
+        friction = np.zeros(len(x))
         for joint, drive in zip(model.robot.joint_names, model.terms, strict=True):
             for term in drive.terms:
                 if term.friction and term.nonnegative:
-                    rubs[[model.layout.index(f"{joint}.{n}") for n in term.names]] = 1.0
-        return np.asarray(rubs * x)
+                    places = [model.layout.index(f"{joint}.{n}") for n in term.names]
+                    friction[places] = x[places]
+        return friction
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -286,10 +286,8 @@ def told_gains(state: FactorLogs) -> list[Factor]:
     size, x = state.model.layout.inertial_size, solution_of(state)
     bodies = np.einsum("jps,p->js", state.rows.columns[:, :size], x[:size])
     torque = np.linalg.norm(state.rows.torque, axis=1)
-    told = np.linalg.norm(bodies, axis=1) >= _LOADED * torque
-    return [
-        f for f, known in zip(joint_gains(state.model), told, strict=False) if known
-    ]
+    loaded = np.linalg.norm(bodies, axis=1) >= _LOADED * torque
+    return [f for j, f in enumerate(joint_gains(state.model)) if loaded[j]]
 
 
 def drives_share(state: FactorLogs) -> float:
