@@ -342,7 +342,8 @@ def _searched(begun: Beginning, progress: bool) -> tuple[State, bool]:
         with stages(_STAGES, progress) as begin:
             for state in better_models(begun.evaluator, begun.plain, begun.scope):
                 made = state.steps[-1].move.label if state.steps else "plain model"
-                begin(f"model: {made}")
+                left_out = begun.evaluator.expected(state.current)
+                begin(f"model: {made}, left-out error {100 * left_out:.2g} %")
     except KeyboardInterrupt as cause:
         note_stop(cause)
         return state, True
