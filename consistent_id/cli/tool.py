@@ -284,6 +284,31 @@ def _run(options: argparse.Namespace) -> int:
         return int(options.run(options))
 
 
+def parsed(words: Sequence[str]) -> argparse.Namespace:
+    """Return the options that the words of a command line state.
+
+    Ends the process with code 2 if they are wrong.  An option that the command does not
+    have is answered with the nearest that it has, without the usage of them all.
+    """
+    wanted = next((word for word in words if not word.startswith("-")), "")
+    parser: Any = tool_parser(wanted)
+    options, unknown = parser.parse_known_args(words)
+    if unknown:
+        (commands,) = parser._subparsers._group_actions
+        known = list(commands.choices[wanted]._option_string_actions)
+        first = next((word for word in unknown if word.startswith("-")), unknown[0])
+        names = [option.lstrip("-") for option in known]
+        near = get_close_matches(first.partition("=")[0].lstrip("-"), names, n=1)
+        hint = f"did you mean --{near[0]}? " if near else ""
+        parser.exit(
+            2,
+            f"consistent-id {wanted}: unknown: {' '.join(unknown)}; {hint}"
+            f"consistent-id {wanted} --help lists the options\n",
+        )
+    options.words = tuple(words)
+    return options
+
+
 def tool_parser(wanted: str | None = None) -> argparse.ArgumentParser:
     """Return the parser of all commands; with the options of one, or of all."""
     from consistent_id import __version__

@@ -134,6 +134,23 @@ def test_wrong_usage_ends_with_2(capsys):
     assert "did you mean identify?" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--validation", "b.csv"], "--validation b.csv; did you mean --validate? "),
+        (["--tourque=tau"], "--tourque=tau; did you mean --torque? "),
+        (["--held-out", "b.csv"], "--held-out b.csv; consistent-id check --help"),
+    ],
+)
+def test_an_unknown_option_is_answered_with_the_nearest(capsys, words, said):
+    with pytest.raises(SystemExit) as ended:
+        main(["check", "robot.urdf", "a.csv", *words])
+    assert ended.value.code == 2
+    shown = capsys.readouterr().err
+    assert f"consistent-id check: unknown: {said}" in shown
+    assert shown.count("\n") == 1
+
+
 def test_an_interrupt_ends_with_130_and_leaves_nothing_half_written(
     tmp_path, capsys, monkeypatch
 ):
