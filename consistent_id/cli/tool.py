@@ -16,7 +16,7 @@ from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
 from types import FrameType
-from typing import Any, TextIO
+from typing import Any, TextIO, cast
 
 from consistent_id._support.run import (
     OutOfTime,
@@ -291,10 +291,10 @@ def parsed(words: Sequence[str]) -> argparse.Namespace:
     have is answered with the nearest that it has, without the usage of them all.
     """
     wanted = next((word for word in words if not word.startswith("-")), "")
-    parser: Any = tool_parser(wanted)
+    parser = tool_parser(wanted)
     options, unknown = parser.parse_known_args(words)
     if unknown:
-        (commands,) = parser._subparsers._group_actions
+        (commands,) = cast(Any, parser)._subparsers._group_actions
         known = list(commands.choices[wanted]._option_string_actions)
         first = next((word for word in unknown if word.startswith("-")), unknown[0])
         names = [option.lstrip("-") for option in known]
