@@ -58,6 +58,21 @@ def unit_option(time: Vector) -> str:
     return ""
 
 
+def instant(at: float, time: Vector) -> str:
+    """Return an instant of a log [s] as text, to less than a hundredth of its duration.
+
+    Clocks of many logs count from 1970.
+
+    Examples
+    --------
+    >>> instant(2.5, np.array([0.0, 10.0])), instant(1.7e9 + 2.5, 1.7e9 + np.arange(11))
+    ('2.5', '1700000002.5')
+    """
+    duration = float(np.ptp(time)) or 1.0
+    beyond = np.log10(max(float(abs(time).max()) / duration, 1.0))
+    return f"{at:.{4 + int(beyond)}g}"
+
+
 class SampleError(RecordingError):
     """Samples have values that no robot wrote; readers add the place in the file."""
 
@@ -241,10 +256,11 @@ class Recording:
         if not np.isfinite(array).all():
             sample, joint = (int(i) for i in np.argwhere(~np.isfinite(array))[0])
             count = int((~np.isfinite(array)).sum())
+            at = instant(self.time[sample], self.time)
             raise SampleError(
                 f"{what} of joint {self.joints[joint]!r} is {array[sample, joint]} at "
-                f"sample {sample} (t = {self.time[sample]:.6g} s), the first of "
-                f"{count}. Remove or repair those samples"
+                f"sample {sample} (t = {at} s), the first "
+                f"of {count}. Remove or repair those samples"
             )
         return array
 
