@@ -223,4 +223,4 @@ def test_the_first_line_says_how_the_plain_model_predicts(tmp_path, capsys):
     said = re.search(
         r"model: plain model, left-out error ([\d.]+) %", capsys.readouterr().err
     )
-    assert float(said[1]) == pytest.approx(100 * draft.selection.plain, rel=0.05)
+    assert float(said[1]) == pytest.approx(100 * draft.selection.plain, rel=0.1)
