@@ -149,6 +149,7 @@ def shown(names: Sequence[str], joints: Sequence[str] = (), most: int = 12) -> s
 
 _PARTS = re.compile(r"[A-Za-z0-9]+|[^A-Za-z0-9]+")
 _LETTER = re.compile(r"(?<![A-Za-z0-9])[A-Z](?![A-Za-z0-9])")  # a joint, not a word
+_IN_UNIT = re.compile(r"[ _]*(?:\[[^\]]*\]|\([^)]*\)|_(?:deg|rad|mm|m))$")
 
 
 def own_names(names: Sequence[str], channel: str = "position") -> tuple[str, ...]:
@@ -165,6 +166,8 @@ def own_names(names: Sequence[str], channel: str = "position") -> tuple[str, ...
     --------
     >>> own_names(["time", "Base position", "Wrist 1 position", "Base torque"])
     ('Base', 'Wrist 1')
+    >>> own_names(["Base angle [deg]", "Wrist angle [deg]", "Base torque [Nm]"])
+    ('Base', 'Wrist')
     >>> own_names(["observation.state.pan.pos", "observation.state.lift.pos"])
     ('pan', 'lift')
     """
@@ -179,9 +182,10 @@ def _own_names(names: tuple[str, ...], channel: str) -> tuple[str, ...]:
     for name in names:
         if channel_of(_LETTER.sub("", name), observed) != channel:
             continue
-        first, *others = _PARTS.findall(name) or [""]
+        bare = _IN_UNIT.sub("", name)
+        first, *others = _PARTS.findall(bare) or [""]
         if others and channel_of(others[-1]) == channel:
-            mark = "".join(others[-2:])
+            mark = "".join(others[-2:]) + name[len(bare) :]
             groups["", mark].append(name.removesuffix(mark))
         elif others and channel_of(first) == channel:
             mark = first + others[0]

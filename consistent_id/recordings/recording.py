@@ -243,8 +243,8 @@ class Recording:
         if (steps <= 0.0).any():
             bad = int(np.argmax(steps <= 0.0))
             raise SampleError(
-                f"{self.name}: time goes from {time[bad]:.9g} s (sample {bad}) to "
-                f"{time[bad + 1]:.9g} s; it must increase. Sort the samples; of "
+                f"{self.name}: time goes from {time[bad]:.15g} s (sample {bad}) to "
+                f"{time[bad + 1]:.15g} s; it must increase. Sort the samples; of "
                 'repeated ones take one: duplicates = "first" (--duplicates first)',
                 options="--duplicates first" if (steps >= 0.0).all() else "",
             )
