@@ -16,7 +16,7 @@ from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
 from types import FrameType
-from typing import Any, TextIO, cast
+from typing import Any, NoReturn, TextIO, cast
 
 from consistent_id._support.run import (
     OutOfTime,
@@ -292,6 +292,8 @@ def parsed(words: Sequence[str]) -> argparse.Namespace:
     """
     wanted = next((word for word in words if not word.startswith("-")), "")
     parser = tool_parser(wanted)
+    if not words:
+        parser.exit(2, parser.format_help())
     options, unknown = parser.parse_known_args(words)
     if unknown:
         (commands,) = cast(Any, parser)._subparsers._group_actions
@@ -299,21 +301,27 @@ def parsed(words: Sequence[str]) -> argparse.Namespace:
         first = next((word for word in unknown if word.startswith("-")), unknown[0])
         names = [option.lstrip("-") for option in known]
         near = get_close_matches(first.partition("=")[0].lstrip("-"), names, n=1)
-        hint = f"did you mean --{near[0]}? " if near else ""
-        parser.exit(
-            2,
-            f"consistent-id {wanted}: unknown: {' '.join(unknown)}; {hint}"
-            f"consistent-id {wanted} --help lists the options\n",
-        )
+        hint = f"; did you mean --{near[0]}?" if near else ""
+        commands.choices[wanted].error(f"unknown: {' '.join(unknown)}{hint}")
     options.words = tuple(words)
     return options
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line: the usage of all options would hide it."""
+
+    def error(self, message: str) -> NoReturn:
+        listed = "options" if " " in self.prog else "commands"
+        end = "" if message.endswith("?") else ";"
+        said = f"{self.prog}: {message}{end} {self.prog} --help lists the {listed}\n"
+        self.exit(2, said)
 
 
 def tool_parser(wanted: str | None = None) -> argparse.ArgumentParser:
     """Return the parser of all commands; with the options of one, or of all."""
     from consistent_id import __version__
 
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="consistent-id",
         description="Identify dynamic parameters of robots that are physically "
         "consistent.",
@@ -323,8 +331,8 @@ def tool_parser(wanted: str | None = None) -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=__version__)
     if wanted and wanted not in _COMMANDS:
         near = get_close_matches(wanted, _COMMANDS, n=1)
-        hint = f"did you mean {near[0]}?" if near else "--help lists the commands"
-        parser.error(f"there is no command {wanted!r}; {hint}")
+        hint = f"; did you mean {near[0]}?" if near else ""
+        parser.error(f"there is no command {wanted!r}{hint}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, text in _COMMANDS.items():
         command = commands.add_parser(
