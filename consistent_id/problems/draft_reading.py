@@ -18,7 +18,7 @@ from consistent_id.problems.draft_rows import SHARE, Clock, Split, clock_of, spl
 from consistent_id.problems.given_logs import GivenLogs
 from consistent_id.problems.log_entries import with_torque
 from consistent_id.problems.overrides import StatedDrive, stated_drive
-from consistent_id.problems.robot_logs import RobotLogs
+from consistent_id.problems.robot_logs import RobotLogs, read_logs
 from consistent_id.problems.stated_model import DEFAULT_DRIVE
 from consistent_id.problems.statement import Statement
 from consistent_id.recordings.recording import Recording, velocities
@@ -76,7 +76,7 @@ def read_draft_logs(
 
     If the position is stated to be early, the velocity is not late.
     """
-    logs, read = _read(logs, given.training)
+    logs, read = read_logs(logs, given.training)
     late = None
     if early:
         note = (
@@ -92,28 +92,6 @@ def read_draft_logs(
     clock = clock_of(list(raws.values()), logs.stated.max_gap)
     split = split_logs(raws, clock, logs.stated, whole=bool(given.validation))
     return DraftReading(logs, read, raws, clock, split, late, early)
-
-
-def _read(
-    logs: RobotLogs, files: Sequence[Path]
-) -> tuple[RobotLogs, dict[Path, Recording]]:
-    """Read logs; without their velocity if values are missing in it alone."""
-    try:
-        return logs, {file: logs.read(file) for file in files}
-    except RecordingError as cause:
-        if logs.columns.velocity is None or logs.stated.velocity is not None:
-            raise
-        columns = replace(logs.columns, velocity=None)
-        bare = replace(logs, columns=columns)
-        try:
-            read = {file: bare.read(file) for file in files}
-        except RecordingError:
-            raise cause from None
-        note = (
-            "the velocity is not read, because values of it are missing: positions are "
-            "differentiated; name the column (--velocity) to see which"
-        )
-        return replace(bare, notes=(*logs.notes, note)), read
 
 
 def _filled(logs: RobotLogs, training: Iterable[Recording]) -> RobotLogs:

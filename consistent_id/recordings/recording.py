@@ -73,6 +73,23 @@ def instant(at: float, time: Vector) -> str:
     return f"{at:.{4 + int(beyond)}g}"
 
 
+def _rate_option(time: Vector) -> str:
+    """Return the option with the rate of samples of rounded stamps; empty of others.
+
+    Examples
+    --------
+    >>> _rate_option(np.floor(np.arange(500) / 125.0)), _rate_option(np.arange(9.0))
+    ('--time 125Hz', '')
+    """
+    steps = np.diff(time)
+    changes = np.flatnonzero(steps) + 1
+    if (steps < 0.0).any() or not 2 < len(changes) < len(steps) / 3:
+        return ""
+    first, last = changes[0], changes[-1]
+    rate = (last - first) / (time[last] - time[first])
+    return f"--time {float(f'{rate:.3g}'):g}Hz"
+
+
 class SampleError(RecordingError):
     """Samples have values that no robot wrote; readers add the place in the file."""
 
@@ -240,6 +257,12 @@ class Recording:
                 options=unit_option(time),
             )
         steps = np.diff(time)
+        if option := _rate_option(time):
+            raise SampleError(
+                f"{self.name}: time stamps are rounded: most samples have that of the "
+                f"sample before. If the samples are evenly spaced: {option}",
+                options=option,
+            )
         if (steps <= 0.0).any():
             bad = int(np.argmax(steps <= 0.0))
             raise SampleError(

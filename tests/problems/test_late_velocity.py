@@ -134,6 +134,22 @@ def test_missing_values_of_a_velocity_that_the_user_names_are_refused(tmp_path):
         draft_problem(*with_rates(tmp_path, np.nan), velocity="dq_{joint}")
 
 
+def test_a_joint_without_torque_is_left_out_by_the_option_that_is_named(tmp_path):
+    urdf, log = with_rates(tmp_path, np.nan)
+    lines = log.read_text().splitlines()
+    fields = [line.split(",") for line in lines[1:]]
+    rows = [",".join([*row[:4], "nan", *row[5:]]) for row in fields]
+    log.write_text("\n".join([lines[0], *rows]))
+    with pytest.raises(RecordingError) as refused:
+        draft_problem(urdf, log)
+    assert refused.value.options == "--missing omit --torque-joints shoulder"
+    draft = draft_problem(
+        urdf, log, missing="omit", torque_joints=["shoulder"], select=False, cutoff=10.0
+    )
+    assert draft.columns.torque_joints == ("shoulder",)
+    assert draft.columns.velocity is None
+
+
 def test_missing_positions_are_refused_beside_missing_velocities(tmp_path):
     urdf, log = with_rates(tmp_path, np.nan)
     lines = log.read_text().splitlines()
