@@ -405,7 +405,7 @@ def periodic_log(period, samples, rate):
 
 @pytest.mark.slow
 def test_a_model_without_any_mass_is_identified_from_the_log_alone(tmp_path):
-    """Many a URDF is written for kinematics only; a kilogram is then the typical mass."""
+    """Many a URDF is written for kinematics only; 1 kg is then the typical mass."""
     urdf, log = write_arm(tmp_path)
     bare = re.sub(r"<inertial>.*?</inertial>", "", urdf.read_text(), flags=re.DOTALL)
     urdf.write_text(bare)
