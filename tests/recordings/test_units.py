@@ -9,7 +9,12 @@ from hypothesis import strategies as st
 
 from consistent_id import Columns, RecordingError, read_recording, recording_from
 from consistent_id.problems.statement_words import units as units_of
-from consistent_id.recordings.readers.units import KNOWN, is_time, standard_unit
+from consistent_id.recordings.readers.units import (
+    KNOWN,
+    is_time,
+    standard_unit,
+    unit_of_a_name,
+)
 
 # By definition: a turn is 2 pi rad, a minute 60 s.
 FACTORS = {
@@ -123,3 +128,19 @@ def test_in_the_shell_an_angle_is_also_that_of_derivatives_and_commands():
 @pytest.mark.parametrize("name", ["ts", "Zeit [ms]", "state.ts"])
 def test_further_names_of_a_clock(name):
     assert is_time(name)
+
+
+@pytest.mark.parametrize(
+    ("said", "unit", "newton_metres"),
+    [
+        ("kg.cm", "kgf cm", 0.0980665),
+        ("kgf*m", "kgf m", 9.80665),
+        ("in-lb", "lbf in", 0.1129848290276167),  # NIST SP 811, appendix B
+        ("lbf ft", "lbf ft", 1.3558179483314),
+        ("oz-in", "ozf in", 7.0615518142e-3),
+    ],
+)
+def test_torques_of_servos_and_of_workshops(said, unit, newton_metres):
+    assert standard_unit("torque", said) == unit
+    assert KNOWN["torque"][unit] == pytest.approx(newton_metres, rel=1e-10)
+    assert unit_of_a_name("torque", f"tau_{{joint}} [{said}]") == unit

@@ -28,6 +28,10 @@ _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 _MOTIONS = _ANGLES | _LENGTHS
 _TORQUES = {"N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "N cm": 1e-2, "N mm": 1e-3}
 _TORQUES |= {"N": 1.0, "mN": 1e-3, "kN": 1e3}
+_KGF, _LBF = 9.80665, 4.4482216152605  # N, by definition; an inch is 25.4 mm
+_TORQUES |= {"kgf cm": 1e-2 * _KGF, "kgf m": _KGF}
+_TORQUES |= {"lbf in": 0.0254 * _LBF, "lbf ft": 0.3048 * _LBF}
+_TORQUES |= {"ozf in": 0.0254 * _LBF / 16.0}
 # Converted to torque only by a gain: shares of the rated torque, and currents.
 _BY_GAIN = {"%": 1e-2, "permille": 1e-3, "A": 1.0, "mA": 1e-3}
 _VELOCITIES = {f"{unit}/s": factor for unit, factor in _MOTIONS.items()}
@@ -65,6 +69,11 @@ _SPELT = {
         "kN m": "knm",
         "N cm": "ncm",
         "N mm": "nmm",
+        "kgf cm": "kgfcm kgcm",
+        "kgf m": "kgfm kgm",
+        "lbf in": "lbfin lbin inlbf inlb",
+        "lbf ft": "lbfft lbft ftlbf ftlb",
+        "ozf in": "ozfin ozin inozf inoz",
     }.items()
     for word in words.split()
 }
@@ -78,8 +87,10 @@ _NOT_MOTION = "°|degs?|degrees?|rpm|revs?|revolutions?|turns?|mm|cm|millimet(?:
 _EACH = r"(?:\s*(?:/|per|_per_)\s*s(?:ec)?(?:\^?2|²|\^?3)?)?"
 _UNIT = re.compile(f"(?:{_NOT_TIME}|(?:{_NOT_MOTION}){_EACH})", re.IGNORECASE)
 _LAST = re.compile(rf"[\[(_ ]\s*({_UNIT.pattern})\s*[\])]?$", re.IGNORECASE)
+_IMPERIAL = r"(?:lb|oz)f?[ -]?(?:in|ft)|(?:in|ft)[ -]?(?:lb|oz)f?"
 _LAST_TORQUE = re.compile(
-    r"[\[(_ ]\s*(%|pct|percent|permille|‰|m ?Nm|k ?Nm|Ncm|Nmm|mA)\s*[\])]?$"
+    r"[\[(_ ]\s*(%|pct|percent|permille|‰|m ?Nm|k ?Nm|Ncm|Nmm|mA|"
+    rf"kgf?[ .·*-]?c?m|{_IMPERIAL})\s*[\])]?$"
 )
 
 _CLOCKS: tuple[str, ...] = (
@@ -132,7 +143,7 @@ def standard_unit(channel: str, unit: str) -> str:
     if found := _PER.search(text):
         text, each = text[: found.start()], "min" if found[1].startswith("m") else "s"
         per = f"/{each}^2" if found[2] else f"/{each}"
-    compact = text.replace(" ", "").replace("*", "").replace("·", "")
+    compact = re.sub("[ *·.-]", "", text)
     for spelt in (text, _SPELT.get(text.lower(), ""), _SPELT.get(compact.lower(), "")):
         if spelt + per in known:
             return spelt + per
