@@ -272,7 +272,7 @@ def test_units_of_joint_names_and_of_torque_are_left_alone(tmp_path):
 
 UNIT_ROW = (
     "row 1 \\(line 2\\), column 'time': 's' is not a number"
-    ".*units \\('s', 'rad'\\): delete it"
+    ".*units \\('s', 'rad'\\): values are read"
 )
 FAULTY = {
     "unit row": ("time,q_elbow\ns,rad\n0,1\n", UNIT_ROW),
@@ -406,3 +406,14 @@ def test_a_header_may_be_longer_than_a_field_of_the_csv_module(tmp_path, separat
     assert csv.array_names(path) == tuple(names)
     found = csv.read_arrays(path, ["time", names[-1]])
     assert [values.tolist() for values in found.values()] == [[0.0, 1.0], [2.0, 2.0]]
+
+
+def test_a_row_of_units_is_left_out_by_the_option_that_is_named(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text("time,q_a,q_b\ns,rad,rad\n0,1,2\n1,3,4\n")
+    columns = Columns(position="q_{joint}")
+    with pytest.raises(RecordingError, match=r"units \('s', 'rad'\)") as refused:
+        read_recording(file, ["a", "b"], columns)
+    assert refused.value.options == "--omit 1"
+    log = read_recording(file, ["a", "b"], columns, omit=[1])
+    assert log.position.tolist() == [[1.0, 2.0], [3.0, 4.0]]

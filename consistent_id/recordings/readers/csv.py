@@ -49,6 +49,7 @@ _SPACE = " "  # separates where no other mark does: names may contain spaces
 _PIECE = 2**22  # characters of text that are read at a time
 _UTF_16, _WINDOWS = "utf-16", "cp1252"
 _WITHOUT_NAMES = "column"
+_UNITS = "The row seems to contain units"
 _NUMBERED = 3  # columns from which on 1, 2, 3 or 0, 1, 2 is a header, not a row
 _NOTHING = {"", "NA", "N/A", "NULL", "null", "None"}  # fields of missing values
 _CONTROLS = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
@@ -444,9 +445,12 @@ def _exact(
             broken.append(place)
         rows.append(row)
     if broken:
+        options = OMIT_MISSING * lacking
+        if broken == [1] and _UNITS in first:
+            options = "--omit 1"
         raise RecordingError(
             f"{first}{omit_advice(broken, len(rows))}{MISSING_ADVICE * lacking}",
-            options=OMIT_MISSING * lacking,
+            options=options,
         )
     if not rows:
         raise RecordingError(f"{path}: no row below the header")
@@ -476,10 +480,10 @@ def _fault(
         return " is empty. Fill it in"
     fault = f": {cell!r} is not a number"
     if first and all(cells) and set(row) == {None}:
-        units = ", ".join(map(repr, cells))
+        units = ", ".join(map(repr, dict.fromkeys(cells)))
         return (
-            f"{fault}. The row seems to contain units ({units}): delete it; values "
-            f"are read in s, rad, m, N m and N"
+            f"{fault}. {_UNITS} ({units}): values are read in s, rad, m, N m and N, "
+            "others by --units"
         )
     return (
         f"{fault}. Only one header row is allowed, and {mark or '.'!r} marks decimals"
