@@ -7,7 +7,7 @@ import numpy as np
 
 from consistent_id._support.arrays import BoolArray, Vector
 from consistent_id.diagnosis.findings import LogFinding
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, velocities
 from consistent_id.recordings.signals.drive_limits import SPEED_ROUNDING, beyond_speed
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.scaling import placeholders
@@ -140,17 +140,21 @@ def speed_findings(robot: RobotModel, prepared: Recording) -> list[LogFinding]:
     Parameters
     ----------
     prepared : Recording
-        With the robot's joints and velocity, filtered.
+        With the robot's joints and velocity, filtered.  Samples whose torque is left
+        out do not count.
     """
     joints = [joint for joint in robot.driven if joint.name in prepared.joints]
     limits = np.array([joint.limits.velocity for joint in joints])
     names = tuple(joint.name for joint in joints)
     log = prepared.of(names)
-    shares = beyond_speed(log, SPEED_ROUNDING * limits).mean(axis=0)
+    beyond = beyond_speed(log, SPEED_ROUNDING * limits)
+    if log.torque_known is not None:
+        beyond = beyond & log.torque_known
+    shares = beyond.mean(axis=0)
     fast = np.flatnonzero(shares >= _FAST)
     if not len(fast):
         return []
-    most = abs(np.asarray(log.velocity)).max(axis=0)[fast] / limits[fast]
+    most = np.where(beyond, abs(velocities(log)), 0.0).max(axis=0)[fast] / limits[fast]
     said = ", ".join(
         f"{names[j]} up to {times:.3g} times, in {shares[j]:.0%} of the samples"
         for j, times in zip(fast, most, strict=True)
