@@ -116,15 +116,21 @@ def effort_findings(robot: RobotModel, torque: Recording) -> list[LogFinding]:
     ]
 
 
+_SMALL_UNITS = {"Ncm": 1e-2, "mNm": 1e-3}  # as the option states them
+_ABOVE_LIMIT = 1.2  # usual torque over limits, which are rounded down
+
+
 def _torques_of_all(shares: Vector) -> LogFinding:
     typical = float(np.median(shares))
+    within = [u for u, f in _SMALL_UNITS.items() if f * shares.max() <= _ABOVE_LIMIT]
+    option = f"--units torque={within[0]}" if within else f"times {1.0 / typical:.1g}"
     return LogFinding(
         "torque unit",
         "fault",
         "all joints",
         f"torques are {shares.min():.3g} to {shares.max():.3g} times the effort "
         "limits: they are in another unit, a gain is missing, or the limits are wrong",
-        f"check unit and gain (times {1.0 / typical:.1g}?), or correct the limits",
+        f"check unit and gain ({option}?), or correct the limits",
         typical / _TORQUE,
     )
 

@@ -69,8 +69,8 @@ def instant(at: float, time: Vector) -> str:
     ('2.5', '1700000002.5')
     """
     duration = float(np.ptp(time)) or 1.0
-    beyond = np.log10(max(float(abs(time).max()) / duration, 1.0))
-    return f"{at:.{4 + int(beyond)}g}"
+    beyond = int(np.log10(max(float(abs(time).max()) / duration, 1.0)))
+    return f"{at:.{max(4 + beyond, len(f'{abs(at):.0f}'))}g}"
 
 
 def _rate_option(time: Vector) -> str:

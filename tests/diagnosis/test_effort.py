@@ -77,6 +77,11 @@ def test_torques_that_no_joint_could_give_are_in_another_unit():
     (finding,) = effort_findings(_robot(2.0 * usual), strong)
     assert (finding.kind, finding.where) == ("torque unit", "all joints")
     assert "50 to 50 times" in finding.statement
+    for factor, option in ((100.0, "Ncm"), (1000.0, "mNm"), (3000.0, None)):
+        several = replace(log, torque=factor * log.torque)
+        (finding,) = effort_findings(_robot(2.0 * usual), several)
+        proposed = f"--units torque={option}?" if option else "times 0.0007?"
+        assert proposed in finding.advice
     # Limits that are all alike say nothing, and so do those of weak drives.
     assert effort_findings(_robot([0.5] * 4), log) == []
     assert effort_findings(_robot(usual / 2.0), log) == []
