@@ -242,8 +242,8 @@ def test_the_last_rollouts_are_remembered_and_no_others(folder, monkeypatch):
     assert len(done) == 1 and again is first
     late = replays.errors(x, 0.004)
     assert len(done) == 2 and abs(late - first).max() > 1e-4
-    coarse = replays.errors(x, 0.004, 2.5e-3)
-    assert len(done) == 3 and abs(coarse - late).max() > 0.0
+    fine = replays.errors(x, 0.004, 5e-4)
+    assert len(done) == 3 and abs(fine - late).max() > 0.0
     assert replays.errors(x, 0.004) is late
     np.testing.assert_array_equal(replays.errors(x, 0.0), first)
     assert len(done) == 4
