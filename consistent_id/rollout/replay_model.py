@@ -184,6 +184,7 @@ def _centre_damping(compiled: Any, gains: PDGains, velocities: IntArray) -> None
     """
     damping = np.array(compiled.dof_damping)
     damping[velocities] += gains.kd
+    damping = np.maximum(damping, 0.0)  # a fit without signs may drive a joint
     inverse = _inverse_inertia(compiled)
     rooted = np.sqrt(damping)
     fastest = np.linalg.eigvalsh(rooted[:, None] * inverse * rooted)[-1]

@@ -93,6 +93,20 @@ def test_a_step_is_answered_as_the_closed_form_says(step):
     np.testing.assert_allclose(found.velocity[:-1, 0], -0.2 * dx[:-1], atol=w * error)
 
 
+def test_long_steps_follow_moving_commands_as_short_ones_do():
+    model = arm(DriveTerms(viscous=True, rotor_inertia=True))
+    one = estimate(model, [0.5, 0.05, 0.3, 0.04])
+    log = blank(model.robot.joint_names, *chirps(seconds=2.0))
+    short, long = (
+        replay(replay_model(one, log.joints, GAINS, period=1 / 200, step=step), log)
+        for step in (1e-4, 2.5e-3)
+    )
+    # A command that is half a step early moves the joints by 1.25 ms of their speed.
+    speed = np.sqrt((short.velocity**2).mean())
+    off = np.sqrt(((long.position - short.position) ** 2).mean())
+    assert off < 0.1 * 1.25e-3 * speed
+
+
 @pytest.mark.parametrize(("damping", "steps"), [(2.0, 1), (60.0, 2), (1e5, 20)])
 def test_strong_damping_has_shorter_steps_and_leaves_half_of_the_inertia(
     damping, steps
