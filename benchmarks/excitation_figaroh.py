@@ -82,13 +82,14 @@ def least_score(
     Parameters
     ----------
     urdf : Path
-        Its joints that `limits` do not name are locked.
+        Its joints that `limits` do not name are locked, and its continuous joints
+        have the limits' ranges: FIGAROH's waypoints are one number for each joint.
     problem : SearchProblem
         Its objective, samples and guards judge the paths.
     """
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "robot.urdf"
-        file.write_text(_locked(urdf, limits.joints))
+        file.write_text(_bounded(urdf, limits))
         (found,) = searched(python, file, time, 1, limits.effort.tolist())
     own = zip(found.spent, found.motion, strict=True)
     inside = (_inside(problem, limits, motion) for spent, motion in own if spent < time)
@@ -96,12 +97,23 @@ def least_score(
     return min(scores, default=np.inf)
 
 
-def _locked(urdf: Path, joints: Sequence[str]) -> str:
-    """Return a robot's file in which all other joints are fixed."""
+def _bounded(urdf: Path, limits: MotionLimits) -> str:
+    """Return a robot's file in which all joints have a range, or are fixed."""
     tree = ElementTree.parse(urdf)
+    ranges = dict(
+        zip(limits.joints, zip(limits.lower, limits.upper, strict=True), strict=True)
+    )
     for joint in tree.getroot().iter("joint"):
-        if joint.get("type") != "fixed" and joint.get("name") not in joints:
+        kind, own = joint.get("type"), ranges.get(joint.get("name", ""))
+        if kind != "fixed" and own is None:
             joint.set("type", "fixed")
+        elif kind == "continuous" and own is not None:
+            joint.set("type", "revolute")
+            limit = joint.find("limit")
+            if limit is None:
+                limit = ElementTree.SubElement(joint, "limit", effort="0", velocity="0")
+            limit.set("lower", str(own[0]))
+            limit.set("upper", str(own[1]))
     return ElementTree.tostring(tree.getroot(), encoding="unicode")
 
 

@@ -59,10 +59,14 @@ class Search(BaseOptimalTrajectory):
         return Segment(self, *arguments)
 
     def note(self, *curve: np.ndarray) -> None:
-        """Keep a path; write all and end the process when time is up."""
+        """Keep a path; end the process when time is up."""
         self.spent.append(process_time() - self.began)
         self.curves.append(curve)
-        if self.spent[-1] < self.seconds:
+        self.end_in_time()
+
+    def end_in_time(self) -> None:
+        """Write all paths and end the process, if time is up."""
+        if process_time() - self.began < self.seconds:
             return
         motion = [self.CB.get_full_config(FINE, *one)[1:] for one in self.curves]
         np.savez(self.notes, spent=self.spent, motion=motion)
@@ -104,6 +108,7 @@ def main() -> None:
         search = Search(robot, str(file), float(seconds), Path(notes))
     while True:
         search.solve(stack_reps=1)
+        search.end_in_time()  # it may have found no path to begin with
 
 
 if __name__ == "__main__":

@@ -90,7 +90,7 @@ def design_trajectory(
     time_limit : float, [s]
         Limit of the searches, in work: seconds of an idle reference processor, for each
         of the workers.  A busy machine takes longer and finds the same design.  A
-        failed proof adds to it.
+        failed proof adds a twentieth to it.
     seed : int
         Same seed, limit and number of workers: same design on one machine.
     workers : int, optional

@@ -30,7 +30,8 @@ _ADDED = 10  # most programmes of a step; rows that the last one violates are ad
 _BEYOND = 1e-3  # by which a step may exceed a row that is not included
 _STEADY = 1e-6  # of the curvature's mean, added to its diagonal
 _SOLVED = 2e-3  # work of a quadratic programme,
-_PRODUCT = 5e-7  # and per row and variable
+_PRODUCT = 4e-7  # per row and variable,
+_SQUARED = 1e-9  # and per row and square of the variables, which matters above 200
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -201,7 +202,7 @@ def best_step(
         if meter is not None:
             if step is not None and meter.over:
                 return None
-            meter.spent += _SOLVED + _PRODUCT * chosen.sum() * size
+            meter.spent += _SOLVED + (_PRODUCT + _SQUARED * size) * chosen.sum() * size
         step = _least(curvature, local.slope, A[chosen], room[chosen], reach)
         if step is None:
             break

@@ -18,7 +18,8 @@ from consistent_id.recordings.joint_paths import FourierTrajectory
 _TRIAL = 0.1  # share of the work in which one of several forms is tried
 _FIRST = 0.6  # share of the work after which the first of two stages ends
 _LAST = 0.9  # share after which the last stage ends; the rest is for proofs
-_MORE = 0.3  # share that searches get at least after a proof has failed
+_AGAIN = 0.05  # share that a search gets at least to leave a path that is unproven
+_MORE = 0.3  # the same if that was too little, or if it begins with other paths
 _REFINED = 2  # paths that enter the second stage, for any number of lanes
 _ATTEMPTS = 4  # tries of a proof, each with lower limits
 _WORSE = 0.05  # logarithm by which another path may be worse than an unproven one
@@ -185,6 +186,8 @@ class DesignSearch:
         proofs: list[PathProof] = []
         for attempt in range(_ATTEMPTS):
             found = self._run(problem, starts, work)
+            if attempt and not _usable(found):
+                found = self._run(problem, starts, _MORE * meter.allowed)
             searches = searches or len(found)
             early = len(found) < len(starts) or not all(one.complete for one in found)
             cut_short |= early
@@ -224,9 +227,11 @@ class DesignSearch:
             peaks = _allowed_peaks(proofs[tried])
             guards = tuple(g.tightened(failed, peaks) for g in problem.guards)
             problem, starts = replace(problem, guards=guards), usable[:_REFINED]
+            least = _AGAIN  # they are near to paths that keep the lower limits
             if peaks:  # for which the paths found so far are far away
                 starts = [FoundPath(number) for number in range(self.starts)]
-            work = max(share * meter.allowed - meter.spent, _MORE * meter.allowed)
+                least = _MORE
+            work = max(share * meter.allowed - meter.spent, least * meter.allowed)
         proofs[0].require()
         raise InfeasibleError("no path was found that keeps all limits")
 

@@ -20,6 +20,7 @@ from dataclasses import replace
 import numpy as np
 
 from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.caches import kept_with
 from consistent_id.errors import ModelError, RecordingError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals.clocks import uniform_rate
@@ -27,6 +28,7 @@ from consistent_id.recordings.signals.filtered_rows import altered
 from consistent_id.regression.drive.drive_terms import DriveTerms
 from consistent_id.regression.mass_matrix import mass_matrices
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.chains import branches_with
 from consistent_id.robot.model import RobotModel
 
 DAMPING = 0.03
@@ -79,17 +81,22 @@ def deflection_torque(
 
     Parameters and errors are those of `as_rigid`.
     """
-    motors = recording.of(robot.joint_names)
-    q, dq, ddq = motors.position, motors.velocity, motors.acceleration
-    if dq is None or ddq is None:
-        raise RecordingError(
-            f"{motors.name}: the torque of springs needs velocity and acceleration; "
-            "call signals.differentiated(recording) first"
-        )
+    every = robot.joint_names
+    torque = np.zeros((len(recording), len(every)))
+    # Springs move nothing on other branches: of a quadruped, they shake one leg.
+    robot = branches_with(robot, tuple(np.array(every)[compliance > 0.0].tolist()))
+    own = [every.index(name) for name in robot.joint_names]
+    torque[:, own] = _of_branches(robot, recording, compliance[own])
+    return torque
+
+
+def _of_branches(robot: RobotModel, recording: Recording, compliance: Vector) -> Matrix:
+    """Return `deflection_torque` of a robot all whose branches have springs."""
+    q, dq, ddq = _motion(robot, recording)
     bodies, x = TorqueModel(robot, DriveTerms()), _nominal(robot)
     soft = np.flatnonzero(compliance)
     M = mass_matrices(bodies, x, q.mean(axis=0)[None])[0][np.ix_(soft, soft)]
-    stiff = carried = bodies.predict(x, q, dq, ddq)
+    stiff = carried = _stiff_torque(recording, robot)
     change = np.zeros((3, *q.shape))  # of position, velocity and acceleration
     for _ in range(_ROUNDS):
         force = change[2][:, soft] @ M - carried[:, soft]
@@ -97,6 +104,25 @@ def deflection_torque(
         change[:, :, soft] = _vibration(M, 1.0 / compliance[soft], force, step)
         carried = bodies.predict(x, q + change[0], dq + change[1], ddq + change[2])
     return np.asarray(carried - stiff)
+
+
+@kept_with(0, most=16)  # a search tries many springs on the same recordings
+def _stiff_torque(recording: Recording, robot: RobotModel) -> Matrix:
+    """Return the torque of a rigid robot's bodies, (samples, joints), [N m or N]."""
+    bodies = TorqueModel(robot, DriveTerms())
+    return bodies.predict(_nominal(robot), *_motion(robot, recording))
+
+
+def _motion(robot: RobotModel, recording: Recording) -> tuple[Matrix, Matrix, Matrix]:
+    """Return position, velocity and acceleration of a robot's motors."""
+    motors = recording.of(robot.joint_names)
+    dq, ddq = motors.velocity, motors.acceleration
+    if dq is None or ddq is None:
+        raise RecordingError(
+            f"{motors.name}: the torque of springs needs velocity and acceleration; "
+            "call signals.differentiated(recording) first"
+        )
+    return motors.position, dq, ddq
 
 
 def link_inertias(robot: RobotModel, q: Vector) -> Vector:

@@ -9,6 +9,7 @@ import logging
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -206,6 +207,34 @@ def chain(
     still = {robot.joints[k].name: 0.0 for k in below}
     robot = held(robot, still | _without_leader(robot, names))
     return _only(robot, [name for name in names if name in _every(robot)])
+
+
+@lru_cache(maxsize=64)
+def branches_with(robot: RobotModel, joints: tuple[str, ...]) -> RobotModel:
+    """Return a robot's branches from the base on which some joints are.
+
+    Torque of other branches does not depend on the motion of these joints.  A branch
+    has also the joints that follow one of its own, or that one of its own follows; a
+    floating base has one branch.
+
+    Examples
+    --------
+    >>> from consistent_id import DHRow, from_modified_dh
+    >>> arm = from_modified_dh("arm", [DHRow(0, 0), DHRow(0, 1)])
+    >>> branches_with(arm, ("joint2",)) is arm
+    True
+    """
+    roots: list[int] = []
+    for k, joint in enumerate(robot.joints):
+        roots.append(k if joint.parent < 0 else roots[joint.parent])
+    of = dict(zip(_every(robot), roots, strict=True))
+    for joint in robot.joints:
+        if joint.mimic is not None:  # its branch and its leader's become one
+            one, other = of[joint.name], of[joint.mimic.joint]
+            of = {name: one if root == other else root for name, root in of.items()}
+    wanted = {of[name] for name in joints}
+    names = [name for name in _every(robot) if of[name] in wanted]
+    return robot if len(names) == len(robot.joints) else _only(robot, names)
 
 
 def free_bodies(

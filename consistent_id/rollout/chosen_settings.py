@@ -30,9 +30,9 @@ from consistent_id.rollout.refine import (
     refined_once,
     refinement_start,
 )
+from consistent_id.rollout.replay_model import SEARCH_STEP
 from consistent_id.rollout.settings import (
     BLOCKS_OF_PART,
-    STEP_OF_CHOICE,
     Settings,
     Spans,
     block_squares,
@@ -456,7 +456,7 @@ def _lowered(
         logs, found = made.logs("training"), []
         for learnt, other, start in starts:
             fit = compared_fit(made, within(made.training, learnt))
-            x = full_step(start, *fit, ridge=ridge, step=STEP_OF_CHOICE)
+            x = full_step(start, *fit, ridge=ridge)
             moved = replace(fit[0], parameters=x)
             found.append(block_squares(made, moved, within(logs, other)))
         return np.concatenate(found)
@@ -487,7 +487,7 @@ def _errors(
     logs = problem.logs("training")
     estimate, regression = torque_fit(problem, within(problem.training, learnt))
     others = within(logs, other)
-    yield None, rollout_error(problem, estimate, others)
+    yield None, rollout_error(problem, estimate, others, SEARCH_STEP)
     replays = Replays.of(estimate, within(logs, learnt), gains_of(problem))
     start = refinement_start(
         replays, regression, problem.constraints, problem.delay_of_commands
@@ -495,4 +495,4 @@ def _errors(
     starts.append(_PartStart(learnt, other, start))
     for ridge in RIDGES:
         moved = replace(estimate, parameters=refined_once(start, ridge))
-        yield ridge, rollout_error(problem, moved, others)
+        yield ridge, rollout_error(problem, moved, others, SEARCH_STEP)

@@ -112,18 +112,22 @@ def replay(
     compiled = model.compiled
     per_sample = max(round(log.duration / (len(log) - 1) / compiled.opt.timestep), 1)
     steps = per_sample * (len(log) - 1)
-    control = drive_commands(log, model.gains, log.duration / steps, steps, delay=delay)
+    step = log.duration / steps
+    # MuJoCo's velocities are those half a step before its positions: a time step is
+    # about its start, and so is the mean of its command.
+    late = delay + 0.5 * step
+    control = drive_commands(log, model.gains, step, steps, delay=late)
     if offsets is not None:
         control = control - offsets
-    velocity = velocities(log)
     data = mujoco.MjData(compiled)
-    acceleration = np.gradient(velocity[:_FIRST], log.time[:_FIRST], axis=0)
-    begin(model, data, log.position[0], velocity[0], acceleration.mean(axis=0))
+    _begin_half_a_step_before(model, data, log, control[0])
     kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
     start = np.zeros(mujoco.mj_stateSize(compiled, kind))
     mujoco.mj_getState(compiled, data, start, kind)
     states = np.asarray(rollout.rollout(compiled, data, start, control)[0])[0]
-    states = np.vstack([start, states[per_sample - 1 :: per_sample]])
+    states = np.vstack([start, states])
+    after = states[1::per_sample]
+    states = states[::per_sample]
     if not np.isfinite(states).all() or np.ptp(states[:, 0]) < 0.9 * log.duration:
         raise RecordingError(
             f"{model.name}: its motion under the commands of {log.name} diverges; "
@@ -131,7 +135,27 @@ def replay(
         )
     q = states[:, 1 : 1 + compiled.nq]
     dq = states[:, 1 + compiled.nq : 1 + compiled.nq + compiled.nv]
+    dq[:-1] += after[:, 1 + compiled.nq : 1 + compiled.nq + compiled.nv]
+    dq[:-1] *= 0.5  # of half a step before and after; the last one has none after it
     return Replay(model.name, log, q[:, model.positions], dq[:, model.velocities])
+
+
+def _begin_half_a_step_before(
+    model: ReplayModel, data: Any, log: Recording, control: Vector
+) -> None:
+    """Put a model in the robot's first state, with velocities of half a step before."""
+    mujoco = require_mujoco()
+    velocity = velocities(log)
+    acceleration = np.gradient(velocity[:_FIRST], log.time[:_FIRST], axis=0)
+    state = log.position[0], velocity[0], acceleration.mean(axis=0)
+    begin(model, data, *state)
+    now = data.qvel.copy()
+    data.ctrl[:] = control
+    mujoco.mj_step(model.compiled, data)
+    before = now - 0.5 * (data.qvel - now)
+    mujoco.mj_resetData(model.compiled, data)
+    begin(model, data, *state)
+    data.qvel[:] = before
 
 
 def begin(

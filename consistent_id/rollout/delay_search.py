@@ -67,6 +67,9 @@ def found_delay(
 
     for delay in sorted({round(min(max(d, 0.0), most), 6) for d in first}):
         total(delay)
+    if len(tried) < 3:  # a parabola needs a third
+        best = min(tried, key=total)
+        total(2.0 * NEAR if best < NEAR else best - 2.0 * NEAR)
     for _ in range(_PARABOLAS):
         best = min(tried, key=total)
         lowest = _lowest([(d, total(d)) for d in _around(tried, best)])
@@ -78,14 +81,14 @@ def found_delay(
         closer = any(0.0 < (d - best) / (near - best) < 2.0 for d in tried if d != best)
         if 0.0 <= near <= most and not closer:
             total(round(near, 6))
-    if len(tried) < 3:  # at an end: a parabola needs a third
-        total(2.0 * NEAR if best < NEAR else best - 2.0 * NEAR)
     best = min(tried, key=total)
     places = _around(tried, best)
     points = [(d, total(d)) for d in places]
     error = _jackknifed(places, np.array([tried[d] for d in places]))
-    # Below 0 a parabola is a poor guess: how far its lowest point is does not count.
-    early = round(_vertex(points), 6) < 0.0
+    # Below 0 a parabola is a poor guess: how far its lowest point is does not count,
+    # nor whether it has one, if the error rises from 0 on.
+    vertex = _vertex(points)
+    early = round(vertex, 6) < 0.0 or (vertex == best == 0.0 and len(points) > 2)
     at_bound = early or best >= most - _SAME
     return FoundDelay(_lowest(points), np.inf if at_bound else error, at_bound)
 

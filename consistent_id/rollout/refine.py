@@ -31,7 +31,7 @@ from consistent_id.regression.regression import Regression, triangle
 from consistent_id.regression.regressor import TorqueModel
 from consistent_id.regression.residual_noise import unconstrained_fit
 from consistent_id.rollout.commanded_motion import replay, replayable
-from consistent_id.rollout.replay_model import STEP, replay_model
+from consistent_id.rollout.replay_model import SEARCH_STEP, replay_model
 
 _CHANGE = 0.02
 """Torque of a finite difference over a joint's torque (both root mean square): small
@@ -40,9 +40,9 @@ enough to be linear, and large compared with stiction.
 
 _WORKERS = 2
 
-_DERIVATIVE_STEP = 2.5e-3
-"""Longest time step [s] of rollouts whose differences are derivatives: the damping that
-it adds is in both.
+_DERIVATIVE_STEP = 5e-3
+"""Longest time step [s] of rollouts whose differences are derivatives: its error is in
+both.
 """
 
 STEPS = 3
@@ -81,28 +81,41 @@ class Replays:
         The estimate whose model it is.
     logs : tuple of Recording
         See `replayable`.
+    step : float, [s]
+        The longest time step.
     """
 
     estimate: Estimate
     logs: tuple[Recording, ...]
     gains: PDGains
+    step: float = SEARCH_STEP
     _last: dict[tuple[bytes, float], Matrix] = field(default_factory=dict)
 
     @staticmethod
-    def of(estimate: Estimate, logs: Sequence[Recording], gains: PDGains) -> "Replays":
+    def of(
+        estimate: Estimate,
+        logs: Sequence[Recording],
+        gains: PDGains,
+        step: float = SEARCH_STEP,
+    ) -> "Replays":
         """Return the replays of logs as they were logged."""
         joints = estimate.model.robot.joint_names
         known = tuple(replayable(log.of(joints)) for log in logs)
-        return Replays(estimate, known, gains)
+        return Replays(estimate, known, gains, step)
 
-    def errors(self, x: Vector, delay: float, step: float = STEP) -> Matrix:
-        """Return errors of position, shape (joints, samples), with a longest step.
+    def errors(self, x: Vector, delay: float, step: float | None = None) -> Matrix:
+        """Return errors of position, shape (joints, samples).
 
-        The last ones of short steps are remembered: a point that a step of the
-        refinement reaches is the next one's start.
+        The last ones are remembered: a point that a step of the refinement reaches is
+        the next one's start.
+
+        Parameters
+        ----------
+        step : float, optional, [s]
+            Another longest time step.
         """
-        key = x.tobytes(), delay
-        if step == STEP and key in self._last:
+        step, key = self.step if step is None else step, (x.tobytes(), delay)
+        if step == self.step and key in self._last:
             return self._last[key]
         period = min(1.0 / log.rate for log in self.logs)
         model = replay_model(
@@ -114,7 +127,7 @@ class Replays:
         )
         done = [replay(model, log, delay=delay).errors for log in self.logs]
         errors = np.asarray(np.vstack(done).T)
-        if step == STEP:
+        if step == self.step:
             self._last.clear()
             self._last[key] = errors
         return errors
@@ -304,7 +317,6 @@ def full_step(
     regression: Regression,
     *,
     ridge: float,
-    step: float = STEP,
 ) -> Vector:
     """Return the parameters after a whole step from another torque fit.
 
@@ -318,8 +330,6 @@ def full_step(
         Its rows.
     ridge : float
         Weight of the torque fit.
-    step : float, [s]
-        Longest time step.
 
     Raises
     ------
@@ -328,7 +338,7 @@ def full_step(
     """
     replays = replace(start.replays, estimate=estimate)
     x = np.array(estimate.parameters)
-    errors = replays.errors(x, start.delay, step)
+    errors = replays.errors(x, start.delay)
     begin = replace(start, estimate=estimate, regression=regression, replays=replays)
     linear = RolloutErrors(errors, start.linear.by_parameter)
     return _goal(begin, linear, x, ridge)

@@ -43,7 +43,7 @@ from consistent_id.regression.residual_noise import joint_noise
 from consistent_id.robot.model import RobotModel
 from consistent_id.robot.parameters import require_known
 from consistent_id.rollout.commanded_motion import replay, replayable
-from consistent_id.rollout.replay_model import STEP, replay_model
+from consistent_id.rollout.replay_model import SEARCH_STEP, STEP, replay_model
 
 _EVERYWHERE = ("viscous", "coulomb", "velocity_scale", "offset", "rotor_inertia")
 
@@ -113,11 +113,6 @@ _REST = 0.5  # s of rest before and after motion belong to it
 _AT_REST = 0.01  # of a joint's range: noise of an encoder is not motion
 
 BLOCKS_OF_PART = 4  # whose scatter is the error of the delay
-
-STEP_OF_CHOICE = 1e-3
-"""Longest time step [s] of rollouts that only compare settings: it adds some damping to
-all of them.
-"""
 
 Spans = tuple[tuple[float, float], ...]
 
@@ -317,14 +312,17 @@ def _without_gains(problem: Problem) -> ProblemError:
 
 
 def rollout_error(
-    problem: Problem, estimate: Estimate, logs: Sequence[Recording]
+    problem: Problem,
+    estimate: Estimate,
+    logs: Sequence[Recording],
+    step: float = STEP,
 ) -> float:
     """Return the root-mean-square error of an estimate's rollouts [rad or m].
 
     It is infinite if a motion diverges.
     """
     try:
-        errors = replay_errors(problem, estimate, logs)
+        errors = replay_errors(problem, estimate, logs, step)
     except RecordingError:
         return np.inf
     return float(np.sqrt((np.vstack(errors) ** 2).mean()))
@@ -455,7 +453,7 @@ def block_squares(
     RecordingError
         If a motion diverges.
     """
-    errors = np.vstack(replay_errors(problem, estimate, logs, STEP_OF_CHOICE))
+    errors = np.vstack(replay_errors(problem, estimate, logs, SEARCH_STEP))
     blocks = np.array_split(errors, BLOCKS_OF_PART)
     return np.array([(block**2).sum() / errors.size / 2.0 for block in blocks])
 

@@ -220,3 +220,24 @@ def test_a_spring_moves_to_the_vertex_and_no_farther_than_a_step(bend, away, mov
         np.array([7e-4, 2e-3]), np.array([0.0, 1.0])
     )
     np.testing.assert_allclose(found, [7e-4, 2e-3 * (1.0 + 0.05 * moved)], rtol=1e-6)
+
+
+def test_a_spring_moves_its_own_branch_alone():
+    alone, rng = one_joint(9.81, 0.2).robot, np.random.default_rng(0)
+    twice = replace(
+        alone,
+        joints=(alone.joints[0], replace(alone.joints[0], name="other")),
+        links=(alone.links[0], replace(alone.links[0], name="its link")),
+    )
+    log, soft = log_of(0.0, 0.0), 1.0 / SPRING
+    both = replace(
+        log,
+        joints=twice.joint_names,
+        **{
+            name: np.hstack([getattr(log, name), rng.normal(size=(len(log), 1))])
+            for name in ("position", "velocity", "acceleration", "torque")
+        },
+    )
+    found = deflection_torque(twice, both, np.array([soft, 0.0]))
+    expected = deflection_torque(alone, log, np.array([soft]))
+    np.testing.assert_array_equal(found, np.hstack([expected, 0.0 * expected]))

@@ -23,7 +23,7 @@ from consistent_id import (
 from consistent_id.excitation.accuracy import path_regressor, predicted_accuracy
 from consistent_id.excitation.aims import Aim, PathForm
 from consistent_id.excitation.design import design_trajectory
-from consistent_id.excitation.stages import _allowed_peaks
+from consistent_id.excitation.stages import DesignSearch, _allowed_peaks
 from consistent_id.excitation.verification import Demands, PathProof
 from consistent_id.motion.proofs.margins import Margin, MotionMargins, motion_margins
 from consistent_id.recordings.joint_paths import FourierTrajectory
@@ -392,6 +392,33 @@ def test_a_path_that_cannot_be_proven_never_leaves(monkeypatch):
     monkeypatch.setattr(Demands, "proof", refusing)
     with pytest.raises(InfeasibleError, match="is not kept"):
         designed(arm(2), Aim(refine=None), time_limit=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("lost", "most"), [(False, 1.3), (True, 2.0)])
+def test_a_path_that_is_not_proven_costs_little_more_work(monkeypatch, lost, most):
+    """Two proofs fail; a search that then finds nothing in little work gets more."""
+    robot = arm(2)
+    limits = arm_limits(robot, effort=0.6 * np.array([9.0, 3.0]))
+    proofs, true_proof, searches, true_run = [], Demands.proof, [], DesignSearch._run
+
+    def failing(self, path):
+        proofs.append(true_proof(self, path))
+        failed = replace(self, limits=self.limits.within(0.05))
+        return true_proof(failed, path) if len(proofs) <= 2 else proofs[-1]
+
+    def run(self, problem, starts, work):
+        searches.append(self)
+        found = true_run(self, problem, starts, work)
+        return () if lost and len(searches) in (2, 4) else found
+
+    monkeypatch.setattr(Demands, "proof", failing)
+    monkeypatch.setattr(DesignSearch, "_run", run)
+    design = designed(robot, Aim(refine=None), limits=limits, time_limit=1.0, workers=1)
+    assert design.proof.holds and len(proofs) == 3
+    assert len(searches) == (5 if lost else 3)
+    meter = searches[0].meter
+    assert meter.spent < most * meter.allowed
 
 
 def test_a_torque_that_is_too_much_over_time_lowers_its_peak_in_proportion():

@@ -66,13 +66,14 @@ def write_leg(folder):
     (folder / "true.xml").write_text(true)
     (folder / "problem.toml").write_text(PROBLEM)
     model = mujoco.MjModel.from_xml_string(true.replace("<freejoint/>", ""))
+    model.opt.timestep = 1e-4  # of first order, by the robot's own drives
     data, rows = mujoco.MjData(model), []
     for k in range(1900):
         t = k / 200.0
         phase = np.array([1.0, 1.4]) * t * 2.0 + 0.7 * t**2
         told = 0.5 * np.sin(phase)
         rows.append([t, *data.qpos, *told])
-        for _ in range(10):
+        for _ in range(50):
             data.qfrc_applied = 25.0 * (told - data.qpos) - 1.0 * data.qvel
             mujoco.mj_step(model, data)
     head = "time,q1,q2,qdes1,qdes2"

@@ -1,5 +1,7 @@
 """Locked joints and chains: the torque of the whole robot, with the rest at rest."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -7,7 +9,8 @@ from robots import URDF, random_robot, random_states
 
 from consistent_id import DHRow, ModelError, TorqueModel, from_modified_dh
 from consistent_id.robot import Datasheet, chain, held, load_urdf
-from consistent_id.robot.chains import Selection, selected
+from consistent_id.robot.chains import Selection, branches_with, selected
+from consistent_id.robot.model import Mimic
 
 
 @pytest.fixture
@@ -133,3 +136,19 @@ def test_parts_that_are_none_are_refused(robot, wish, message):
 def test_a_joint_is_not_locked_in_degrees(robot):
     with pytest.raises(ModelError, match=r"locked at 90 rad.*degrees"):
         held(robot, {"turn": 90.0})
+
+
+def test_branches_with_some_joints_leave_out_the_others():
+    tree = from_modified_dh("tree", [DHRow(0.0, 0.1 * k) for k in range(5)])
+    parents = (-1, 0, -1, 2, -1)
+    joints = [replace(j, parent=p) for j, p in zip(tree.joints, parents, strict=True)]
+    tree = replace(tree, joints=tuple(joints))
+    part = branches_with(tree, ("joint4",))
+    assert part.joint_names == ("joint3", "joint4")
+    assert [joint.parent for joint in part.joints] == [-1, 0]
+    assert part.link_names == ("link3", "link4")
+    assert branches_with(tree, ("joint2", "joint3", "joint5")) is tree
+    # A joint that another branch's joint follows is of the same branch.
+    fifth = replace(joints[4], mimic=Mimic("joint2", 1.0, 0.0))
+    coupled = replace(tree, joints=(*joints[:4], fifth))
+    assert branches_with(coupled, ("joint1",)).link_names == ("link1", "link2", "link5")

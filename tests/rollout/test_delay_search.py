@@ -59,3 +59,15 @@ def test_rollouts_that_diverge_are_passed_over():
 
 def test_no_parabola_no_standard_error():
     assert found_delay(lambda delay: np.full(4, np.inf)).error == np.inf
+
+
+@pytest.mark.parametrize("squares", [[1.0, 1.3, 1.5, 1.9], [1.0, 1.02, 1.1, 1.9]])
+def test_an_error_that_rises_from_no_delay_on_has_its_least_there(squares):
+    """Through 0, 2.5 and 5 ms the second has a parabola that is lowest at 0.5 ms."""
+    known = np.array([0.0, 6e-4, 2.5e-3, 5e-3])
+
+    def of(delay):
+        return np.full(4, np.interp(delay, known, squares))
+
+    found = found_delay(of, [0.0, 2.5e-3])
+    assert found.delay == 0.0 and found.at_bound

@@ -36,6 +36,7 @@ from consistent_id.rollout.compared_models import (  # noqa: E402
     open_loop,
 )
 from consistent_id.rollout.refine import refined  # noqa: E402
+from consistent_id.rollout.replay_model import time_step  # noqa: E402
 from consistent_id.rollout.rollout_page import (  # noqa: E402
     frequency_response,
 )
@@ -73,19 +74,59 @@ def blank(names, time, told):
     return Recording(names, time, still, still, position_command=told)
 
 
-def test_a_step_is_answered_as_the_closed_form_says():
+@pytest.mark.parametrize("step", [5e-4, 2.5e-3])
+def test_a_step_is_answered_as_the_closed_form_says(step):
     model = arm(DriveTerms(viscous=True, rotor_inertia=True), joints=1)
     time = np.arange(200) / 200.0
     log = blank(model.robot.joint_names, time, np.full((200, 1), 0.2))
-    made = replay_model(estimate(model, [0.5, 0.05]), log.joints, GAINS, period=1 / 200)
+    one = estimate(model, [0.5, 0.05])
+    made = replay_model(one, log.joints, GAINS, period=1 / 200, step=step)
     inertia, d, k = 0.03 + 0.05, 2.0 + 0.5, 40.0
     w, z = np.sqrt(k / inertia), d / (2.0 * np.sqrt(k * inertia))
     wd = w * np.sqrt(1.0 - z**2)
-    x = np.exp(-z * w * time) * (np.cos(wd * time) + z * w / wd * np.sin(wd * time))
-    # First-order integration with 1 ms: some w dt / 2 = 1 % of the motion.
-    np.testing.assert_allclose(
-        replay(made, log).position[:, 0], 0.2 * (1.0 - x), atol=2.5e-3
+    fades = np.exp(-z * w * time)
+    x = fades * (np.cos(wd * time) + z * w / wd * np.sin(wd * time))
+    dx = -fades * w**2 / wd * np.sin(wd * time)
+    found, error = replay(made, log), 0.2 * (w * step) ** 2  # of second order
+    np.testing.assert_allclose(found.position[:, 0], 0.2 * (1.0 - x), atol=error)
+    # The last velocity is half a step old.
+    np.testing.assert_allclose(found.velocity[:-1, 0], -0.2 * dx[:-1], atol=w * error)
+
+
+def test_long_steps_follow_moving_commands_as_short_ones_do():
+    model = arm(DriveTerms(viscous=True, rotor_inertia=True))
+    one = estimate(model, [0.5, 0.05, 0.3, 0.04])
+    log = blank(model.robot.joint_names, *chirps(seconds=2.0))
+    short, long = (
+        replay(replay_model(one, log.joints, GAINS, period=1 / 200, step=step), log)
+        for step in (1e-4, 2.5e-3)
     )
+    # A command that is half a step early moves the joints by 1.25 ms of their speed.
+    speed = np.sqrt((short.velocity**2).mean())
+    off = np.sqrt(((long.position - short.position) ** 2).mean())
+    assert off < 0.1 * 1.25e-3 * speed
+
+
+@pytest.mark.parametrize(("damping", "steps"), [(2.0, 1), (60.0, 2), (1e5, 20)])
+def test_strong_damping_has_shorter_steps_and_leaves_half_of_the_inertia(
+    damping, steps
+):
+    model = arm(DriveTerms(viscous=True, rotor_inertia=True), joints=1)
+    time = np.arange(200) / 200.0
+    log = blank(model.robot.joint_names, time, np.full((200, 1), 0.2))
+    one, gains = estimate(model, [0.0, 0.05]), PDGains(40.0, damping)
+    made = replay_model(one, log.joints, gains, period=1 / 200, step=2.5e-3)
+    assert made.compiled.opt.timestep == pytest.approx(2.5e-3 / steps)
+    least = 0.05 - 0.5 * 0.08
+    expected = max(0.05 - 0.5 * 2.5e-3 / steps * damping, least)
+    assert made.compiled.dof_armature[0] == pytest.approx(expected, rel=1e-3)
+    settled = 0.2 * -np.expm1(-40.0 / damping * time[-1])
+    assert replay(made, log).position[-1, 0] == pytest.approx(settled, rel=0.03)
+
+
+def test_a_clock_that_is_a_little_slow_takes_no_step_more():
+    assert time_step(1.0 / 199.96, 5e-4) == pytest.approx(1.0 / 1999.6)
+    assert time_step(1.0 / 190.0, 5e-4) == pytest.approx(1.0 / 2090.0)
 
 
 def test_commands_hold_and_are_averaged_over_steps():
