@@ -389,7 +389,7 @@ def test_a_descent_moves_along_the_border_behind_which_the_least_error_is():
     line = np.linspace(0.0, 1.0, 1001)
     errors = abs(np.outer(line, A[:, 1]) - measured).mean(axis=1)
     assert found[0] == 0.0
-    assert found[1] == pytest.approx(line[errors.argmin()], abs=1e-2)  # it is flat
+    assert found[1] == pytest.approx(line[errors.argmin()], abs=5e-3)  # it is flat
 
 
 def test_a_descent_stays_where_every_step_makes_the_error_larger():
