@@ -193,7 +193,10 @@ def of_halves(robot: RobotModel, forms: Sequence[str], splits: int, seed: int) -
                 ]
                 fits.append(identify_servos(robot, used, forms=[form]).joints[0].chosen)
             one, other = fits
-            for name in set(one.values) & set(other.values):
+            both = set(one.values) & set(other.values)
+            if set(one.values) != set(other.values):
+                both.discard("viscous")  # in one half, the back-EMF is part of it
+            for name in both:
                 half = np.hypot(one.half_intervals[name], other.half_intervals[name])
                 if np.isfinite(half):
                     off = abs(one.values[name] - other.values[name])

@@ -25,7 +25,6 @@ from consistent_id.robot.loaders import load_robot
 from consistent_id.rollout import identify_servos, read_servo_logs
 from consistent_id.rollout.servo_bounds import duty_law
 from consistent_id.rollout.servo_export import replayed_in_mujoco
-from consistent_id.rollout.servo_fit import POPULATION, SearchDistribution, evolved
 from consistent_id.rollout.servo_log import ServoLog
 from consistent_id.rollout.servo_motion import (
     Friction,
@@ -33,6 +32,7 @@ from consistent_id.rollout.servo_motion import (
     cut_pieces,
     position_errors,
 )
+from consistent_id.rollout.servo_search import POPULATION, SearchDistribution, evolved
 
 PENDULUM = """<robot name="pendulum"><link name="bench"/>
 <link name="arm"><inertial><origin xyz="0.1 0 0"/><mass value="0.49"/>

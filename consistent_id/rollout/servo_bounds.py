@@ -1,10 +1,11 @@
-"""Parameters of a servo that logs can show, where they are searched, their intervals.
+"""Parameters of a servo that logs can show, and where they are searched.
 
 If the duty is logged, it shows the firmware's gain and deadband directly.
 
 Torque at full duty and the inertia of rotor and gears are scales.  With a geared servo
 and a light link they may be many times those of the link alone, so they are searched by
-their logarithms, and viscous and Coulomb friction, which may be zero, by their roots.
+their logarithms, as is the Stribeck velocity, and viscous and Coulomb friction, which
+may be zero, by their roots.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,7 +18,7 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import NotExcitedError, RecordingError
 from consistent_id.robot.model import RobotModel
 from consistent_id.rollout.servo_log import ServoLog
-from consistent_id.rollout.servo_motion import STEP, Pieces, position_errors
+from consistent_id.rollout.servo_motion import Pieces
 
 UNITS: Mapping[str, str] = {
     "stall": "N m",
@@ -41,7 +42,7 @@ UNITS: Mapping[str, str] = {
 """Units of parameters."""
 
 LATENCY = 1e-3
-"""Most time between a position and the duty that answers it [s]; not in the logs."""
+"""Most time of each of the lags of a firmware that no log shows [s]."""
 
 _SATURATED = 0.98  # of full duty
 _ENOUGH = 2000  # samples for the law of a duty
@@ -49,13 +50,11 @@ _GOAL_LAGS = np.arange(0.0, 0.0405, 1e-3)  # s
 _POSITION_LAGS = np.arange(-6e-3, 6.5e-3, 1e-3)  # s: of readings, beside the duty's
 _PER_LAG = 5.0  # 1/s: by which a lag has to explain the duty better
 _MOVES = 5e-3  # rad: a joint that covers less in every log does not move
-_ALIKE = 1.15  # misfits over the least
-_LATEST, _TRIED = 0.03, 61  # s, and how many delays are tried up to it, either way
 _WARM = 5.0  # K: least difference of temperature from which its effect is fitted
 BORDER = 0.02
 """Share of the box: nearer, the search ended at its border."""
 
-_SCALES = ("stall", "armature")  # searched by their logarithms
+_SCALES = ("stall", "armature", "stribeck_velocity")  # searched by their logarithms
 _SQUARES = ("viscous", "coulomb")  # by their roots: they may be zero, and large
 _MIDDLE = {"zero": 0.5, "heat": 0.5} | dict.fromkeys(_SCALES, 0.5)
 
@@ -139,7 +138,7 @@ def box_of(logs: Sequence[ServoLog], joint: int, pieces: Pieces) -> SearchBox:
             "armature": (0.01 * inertia, 300.0 * inertia),
             "coulomb": (0.0, 1.5 * full),
             "stribeck": (0.0, 0.3 * full),
-            "stribeck_velocity": (0.01 * speed, 0.2 * speed),
+            "stribeck_velocity": (0.002 * speed, 0.5 * speed),
             "motor_load": (0.0, 0.7),
             "outer_load": (0.0, 0.7),
             "motor_load_stribeck": (0.0, 0.7),
@@ -152,88 +151,6 @@ def box_of(logs: Sequence[ServoLog], joint: int, pieces: Pieces) -> SearchBox:
             "zero": (-0.3, 0.3),
         }
     )
-
-
-def half_intervals(
-    names: Sequence[str], point: Vector, spread: Matrix, shared: Matrix | None = None
-) -> Vector:
-    """Return half of 95 % intervals, by the jackknife and by simulated logs.
-
-    Parameters
-    ----------
-    point : ndarray, shape (parameters,)
-        Fitted to all logs.
-    spread : ndarray, shape (fits, parameters)
-        Each fitted without one part of the logs.
-    shared : ndarray, shape (fits, parameters), optional
-        Errors of fits to simulated logs: of the encoder, the smoothed speeds and the
-        search, which all logs share.
-    """
-    from scipy.special import stdtrit
-
-    count = len(spread)
-    scatter = (count - 1) / count * ((spread - spread.mean(axis=0)) ** 2).sum(axis=0)
-    factor = float(stdtrit(count - 1, 0.975))
-    # The search is part of the scatter: the fit to all logs is not the mean of parts.
-    half = np.sqrt(factor**2 * scatter + (point - spread.mean(axis=0)) ** 2)
-    if shared is not None:
-        quantile = float(stdtrit(len(shared), 0.975))
-        half = np.sqrt(half**2 + quantile**2 * (shared**2).mean(axis=0))
-    if "delay" in names:
-        place = list(names).index("delay")
-        half[place] = max(half[place], STEP)
-    return np.asarray(half)
-
-
-def late_damping(stall: float, gain: float) -> float:
-    """Return the damping that a firmware takes away that answers `LATENCY` late."""
-    return stall * gain * LATENCY
-
-
-def alike_halves(
-    names: Sequence[str], known: Mapping[str, Vector], pieces: Pieces
-) -> Vector:
-    """Return half intervals of what makes up for each other: delay, damping, inertia.
-
-    Slow motion shows the lag ``delay + viscous / (stall gain)`` alone, and next to it
-    ``armature - viscous^2 / (2 stall gain)``.  All values along this curve count whose
-    misfit is at most `_ALIKE` times the best.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Parameters of the fit; halves of the others are zero.
-    known : mapping of str to ndarray, shape (1,)
-        Their values.
-    pieces : Pieces
-        Windows, or whole logs.  Windows begin with a measured speed, whose error is
-        large at low rates; whole logs have errors of where a joint rests.
-
-    Returns
-    -------
-    ndarray, shape (parameters,)
-    """
-    half = np.zeros(len(names))
-    if not {"delay", "viscous", "armature"} <= set(names):
-        return half
-    stiffness = float(known["stall"][0]) * float(np.median(pieces.gain))
-    late = np.linspace(-_LATEST, _LATEST, _TRIED)
-    delay, damping = known["delay"][0] + late, known["viscous"][0] - stiffness * late
-    less = known["viscous"][0] * late - 0.5 * stiffness * late**2
-    armature = known["armature"][0] - less
-    there = (delay >= 0.0) & (damping >= 0.0) & (armature > 0.0)
-    moved = {"delay": delay, "viscous": damping, "armature": armature}
-    sets = {
-        name: moved.get(name, np.full(_TRIED, float(value[0])))[there]
-        for name, value in known.items()
-    }
-    misfit = position_errors(sets, pieces).mean(axis=1)
-    best = float(misfit[late[there] == 0.0][0])
-    alike = misfit <= _ALIKE * best
-    for name, values in moved.items():
-        off = abs(values[there][alike] - known[name][0])
-        half[list(names).index(name)] = off.max()
-    return half
 
 
 class DutyLaw(NamedTuple):

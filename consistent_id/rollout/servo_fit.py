@@ -1,16 +1,14 @@
 """Servos identified by simulation: no torque is measured, bodies are known.
 
-The mean absolute error of simulated positions is minimised by the evolution strategy of
-[Hansen2016]_: friction stops the joint or does not, so the error has steps and many
-minima, and gradients do not help.  It is minimised first over short windows, each begun
-at the measured state, then over windows and whole logs together.  Several forms of
-friction are fitted; the form is chosen by leaving each log out in turn, which also
-gives the intervals.
+The mean absolute error of simulated positions is minimised over short windows, each
+begun at the measured state: by the evolution strategy of [Hansen2016]_, because
+friction stops the joint or does not, so the error has steps and many minima, and then
+by a descent to the bottom of a minimum.  Several forms of friction are fitted; the form
+is chosen by leaving each log out in turn, which is also part of the intervals.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -21,124 +19,36 @@ from consistent_id.robot.model import RobotModel
 from consistent_id.rollout.servo_bounds import (
     BORDER,
     DutyLaw,
-    SearchBox,
-    alike_halves,
     box_of,
     duty_law,
-    half_intervals,
-    late_damping,
     names_shown,
     not_moved,
 )
-from consistent_id.rollout.servo_log import ServoLog, encoded, with_position
+from consistent_id.rollout.servo_intervals import (
+    FINE_STEP,
+    JointLogs,
+    errors_of_copies,
+    half_intervals,
+    sample_weights,
+)
+from consistent_id.rollout.servo_log import ServoLog, with_position
 from consistent_id.rollout.servo_motion import (
+    STEP,
     LoggedDrive,
     Pieces,
     cut_pieces,
     finite_errors,
     position_errors,
+    position_residuals,
     rigid_model,
-    sampled_motion,
     supply_of,
 )
 from consistent_id.rollout.servo_result import JointServo, ServoFit, ServoForm
-
-POPULATION = 28
-"""Points of a generation."""
-
-_WIDEST = 0.3  # of the box: width of a search
-
-
-class SearchDistribution(NamedTuple):
-    """The normal distribution that points of a generation are drawn from.
-
-    Parameters
-    ----------
-    mean : ndarray, shape (parameters,)
-    width : float
-        Standard deviation along directions in which the shape has size one.
-    spread : ndarray, shape (parameters, parameters), optional
-        Shape of the covariance; by default that of a ball.
-    """
-
-    mean: Vector
-    width: float
-    spread: Matrix | None = None
-
-
-class Evolved(NamedTuple):
-    """The end of an evolution.
-
-    Parameters
-    ----------
-    best : ndarray, shape (parameters,)
-        Point of least error.
-    last : SearchDistribution
-        The last generation's.
-    """
-
-    best: Vector
-    last: SearchDistribution
-
-
-def evolved(
-    error: Callable[[Matrix], Vector],
-    start: SearchDistribution,
-    generations: int,
-    rng: np.random.Generator,
-) -> Evolved:
-    """Search the unit cube for the least error by an evolution strategy.
-
-    Covariance matrix adaptation [Hansen2016]_.
-
-    Parameters
-    ----------
-    error : callable
-        From points, shape (sets, parameters), to their errors.
-    start : SearchDistribution
-        The first ones.
-    """
-    n, count = len(start.mean), POPULATION
-    chosen = count // 2
-    weights = np.log(chosen + 0.5) - np.log(np.arange(1, chosen + 1))
-    weights /= weights.sum()
-    mass = 1.0 / (weights**2).sum()
-    c_s = (mass + 2.0) / (n + mass + 5.0)
-    damping = 1.0 + c_s + 2.0 * max(0.0, np.sqrt((mass - 1.0) / (n + 1.0)) - 1.0)
-    c_c = (4.0 + mass / n) / (n + 4.0 + 2.0 * mass / n)
-    c_1 = 2.0 / ((n + 1.3) ** 2 + mass)
-    c_m = min(1.0 - c_1, 2.0 * (mass - 2.0 + 1.0 / mass) / ((n + 2.0) ** 2 + mass))
-    usual = np.sqrt(n) * (1.0 - 0.25 / n + 1.0 / (21.0 * n * n))
-    mean, width = start.mean.copy(), start.width
-    C = np.eye(n) if start.spread is None else start.spread
-    path, sizes = np.zeros(n), np.zeros(n)
-    best, least = start.mean, float(error(start.mean[None])[0])
-    for generation in range(generations):
-        squares, axes = np.linalg.eigh(C)
-        lengths = np.sqrt(np.maximum(squares, 1e-20))
-        steps = rng.normal(size=(count, n)) * lengths @ axes.T
-        tried = mean + width * steps
-        inside = np.clip(tried, 0.0, 1.0)
-        errors = error(inside)
-        if errors.min() < least:
-            best, least = inside[errors.argmin()], float(errors.min())
-        # Beyond the box the error is that of the border, and a little more.
-        outside = ((tried - inside) ** 2).sum(axis=1)
-        order = np.argsort(errors + least * outside)[:chosen]
-        step = weights @ steps[order]
-        mean = mean + width * step
-        plain = axes / lengths @ (axes.T @ step)
-        sizes = (1.0 - c_s) * sizes + np.sqrt(c_s * (2.0 - c_s) * mass) * plain
-        size = np.linalg.norm(sizes)
-        width *= float(np.exp(c_s / damping * (size / usual - 1.0)))
-        width = min(width, _WIDEST)  # at the border it would grow for ever
-        steady = np.sqrt(1.0 - (1.0 - c_s) ** (2 * generation + 2))
-        grows = float(size / steady < (1.4 + 2.0 / (n + 1.0)) * usual)
-        path = (1.0 - c_c) * path + grows * np.sqrt(c_c * (2.0 - c_c) * mass) * step
-        among = (steps[order].T * weights) @ steps[order]
-        C = (1.0 - c_1 - c_m) * C + c_1 * np.outer(path, path) + c_m * among
-    return Evolved(best, SearchDistribution(np.clip(mean, 0.0, 1.0), width, C))
-
+from consistent_id.rollout.servo_search import (
+    SearchDistribution,
+    descended,
+    evolved,
+)
 
 FORMS: Mapping[str, tuple[str, ...]] = {
     "plain": (),
@@ -167,14 +77,10 @@ FORMS: Mapping[str, tuple[str, ...]] = {
 WINDOW = 1.0
 """Length of a window [s]: a joint that wrongly rests is wrong for so long."""
 
-_GENERATIONS = 110  # over windows
-_POLISHING = 16  # over windows and whole logs
-_AGAIN = 10  # without one log
-_FROM_NEARBY = 25  # for simulated logs
-_TWINS = 3  # simulated copies of the logs
-_WIDE, _NARROW = 0.25, 0.04  # first widths of the search, of the box
-_WIDER = 3.0  # times its last width, the search without a log begins
-_LEAST = 0.01  # of the box: least first width of it
+_STARTS = 3  # searches, each of all parameters
+_GENERATIONS = 30  # of the evolution
+_DESCENT, _AGAIN = 40, 12  # steps at most: after the evolution, from nearby
+_WIDE = 0.25  # of the box: first width of the search
 _BLOCKS = 3  # parts in time of a single log
 
 
@@ -274,6 +180,7 @@ class _ServoData:
         window: float | None,
         *,
         validation: bool = False,
+        step: float = STEP,
     ) -> Pieces:
         """Return the training logs, or those for validation, in windows or whole."""
         count = len(self.training)
@@ -283,7 +190,7 @@ class _ServoData:
             LoggedDrive(law.gain, law.deadband, supply_of(log, self.volts))
             for log, law in zip(mine, of, strict=True)
         ]
-        return cut_pieces(self.robot, mine, joint, drives, window)
+        return cut_pieces(self.robot, mine, joint, drives, window, step)
 
 
 def _require_names(names: Sequence[str]) -> None:
@@ -302,6 +209,7 @@ def _identified(
     deadband = float(np.median([law.deadband for law in laws[: len(training)]]))
     short = data.pieces(joint, laws, _window(training))
     whole = data.pieces(joint, laws, None)
+    fine = data.pieces(joint, laws, None, step=FINE_STEP)
 
     def again(positions: Sequence[Vector]) -> Pieces:
         logs = tuple(
@@ -311,7 +219,7 @@ def _identified(
         alike = replace(data, training=logs)
         return alike.pieces(joint, laws, _window(training))
 
-    logs = _JointLogs(short, whole, box_of(training, joint, short), again)
+    logs = JointLogs(short, whole, fine, box_of(training, joint, short), again)
     found, named = [], dict[str, dict[str, float]]()
     unseen = None
     if data.validation:
@@ -368,56 +276,32 @@ def _parts(pieces: Pieces) -> IntArray:
     return parts
 
 
-class _JointLogs(NamedTuple):
-    """One joint's training logs in windows and whole, and the box of its parameters.
-
-    `again` returns the windows of other positions at the same samples.
-    """
-
-    short: Pieces
-    whole: Pieces
-    box: SearchBox
-    again: Callable[[Sequence[Vector]], Pieces]
-
-
-def _fitted(form: str, names: Sequence[str], joint: _JointLogs, seed: int) -> ServoForm:
-    short, whole, box, _ = joint
-
-    def values(sets: Matrix) -> dict[str, Vector]:
-        return box.values(names, sets)
-
-    def of_windows(kept: IntArray) -> Callable[[Matrix], Vector]:
-        return lambda sets: position_errors(values(sets), short)[:, kept].mean(axis=1)
-
-    def of_both(sets: Matrix) -> Vector:
-        known = values(sets)
-        errors = position_errors(known, whole).mean(axis=1)
-        return np.asarray(errors + position_errors(known, short).mean(axis=1))
-
+def _fitted(form: str, names: Sequence[str], joint: JointLogs, seed: int) -> ServoForm:
+    short, box = joint.short, joint.box
     rng = np.random.default_rng(seed)
-    part = _parts(short)
-    every = np.arange(len(part))
+
+    def residuals(sets: Matrix) -> Matrix:
+        return position_residuals(box.values(names, sets), short)
+
+    def error(sets: Matrix) -> Vector:
+        errors = position_errors(box.values(names, sets), short)
+        return np.asarray(errors.mean(axis=1))
+
     start = SearchDistribution(box.start(names), _WIDE)
-    first = evolved(of_windows(every), start, _GENERATIONS, rng)
-    best = evolved(
-        of_both, SearchDistribution(first.best, _NARROW), _POLISHING, rng
-    ).best
-    wider = first.last._replace(width=max(_WIDER * first.last.width, _LEAST))
-    parts, errors = [], np.zeros(len(part))
-    for group in np.unique(part):
-        kept = np.flatnonzero(part != group)
-        found = evolved(of_windows(kept), wider, _AGAIN, rng)
-        parts.append(found.last.mean)
-        mine = part == group
-        logs = np.unique(short.source[mine])
-        if (part[np.isin(short.source, logs)] == group).all():
-            errors[mine] = position_errors(values(found.best[None]), whole)[0, logs]
-        else:
-            errors[mine] = position_errors(values(found.best[None]), short)[0, mine]
-    known = values(best[None])
-    training = finite_errors(known, whole)
-    half = _half_intervals(
-        names, joint, SearchDistribution(best, wider.width), np.array(parts), rng
+    ends = np.array(
+        [evolved(error, start, _GENERATIONS, rng).best for _ in range(_STARTS)]
+    )
+    weights = sample_weights(short)
+    ends, errors = descended(residuals, ends, np.tile(weights, (_STARTS, 1)), _DESCENT)
+    best = ends[errors.argmin()]
+    parts = _without_parts(residuals, ends, short)
+    known = box.values(names, best[None])
+    copies = errors_of_copies(names, joint, best, rng)
+    half = half_intervals(
+        np.array(list(known.values()))[:, 0],
+        np.array(list(box.values(names, parts).values())).T,
+        float(errors.min()),
+        copies,
     )
     # With a true value beyond the border, the other parameters are wrong, too: their
     # intervals are conditional on the value at the border.
@@ -427,68 +311,43 @@ def _fitted(form: str, names: Sequence[str], joint: _JointLogs, seed: int) -> Se
         form,
         {name: float(value[0]) for name, value in known.items()},
         dict(zip(names, half.tolist(), strict=True)),
-        float(training.mean()),
-        float(errors.mean()),
+        float(finite_errors(known, joint.whole).mean()),
+        _left_out_error(box.values(names, parts), joint),
         borders,
     )
 
 
-def _half_intervals(
-    names: Sequence[str],
-    joint: _JointLogs,
-    found: SearchDistribution,
-    parts: Matrix,
-    rng: np.random.Generator,
-) -> Vector:
-    """Return half of 95 % intervals; `parts` are the points found without one log."""
-    known = joint.box.values(names, found.mean[None])
-    point = np.array(list(known.values()))[:, 0]
-    spread = np.array(list(joint.box.values(names, parts).values())).T
-    half = half_intervals(
-        names, point, spread, _shared_errors(names, joint, found, rng)
-    )
-    if "viscous" in names:
-        place = list(names).index("viscous")
-        gain = float(np.median(joint.whole.gain))
-        half[place] = np.hypot(half[place], late_damping(known["stall"][0], gain))
-    for pieces in (joint.short, joint.whole):
-        half = np.maximum(half, alike_halves(names, known, pieces))
-    return np.asarray(half)
-
-
-def _shared_errors(
-    names: Sequence[str],
-    joint: _JointLogs,
-    found: SearchDistribution,
-    rng: np.random.Generator,
+def _without_parts(
+    residuals: Callable[[Matrix], Matrix], ends: Matrix, short: Pieces
 ) -> Matrix:
-    """Return errors of the search for known parameters, shape (copies, parameters).
+    """Return fits without each part of the logs; `ends` are of fits to all of them."""
+    part = _parts(short)
+    of_samples = np.repeat(part, [len(times) for times in short.times])
+    every = sample_weights(short)
+    weights = np.array([every * (of_samples != group) for group in np.unique(part)])
+    weights /= weights.sum(axis=1)[:, None]
+    # Without a part of the logs, another of the minima may be the lowest.
+    first = (weights @ abs(residuals(ends)).T).argmin(axis=1)
+    return descended(residuals, ends[first], weights, _AGAIN).points
 
-    Logs are simulated with the parameters that were found, and read by the encoder;
-    then these are searched again.  All logs share such errors, so leaving logs out does
-    not show them.
+
+def _left_out_error(fits: Mapping[str, Vector], joint: JointLogs) -> float:
+    """Return the mean error of each part of the logs by the fit without it [rad].
+
+    A part that is a whole log is simulated from its start to its end, else in windows.
     """
-
-    def values(sets: Matrix) -> dict[str, Vector]:
-        return joint.box.values(names, sets)
-
-    truth = {name: value[0] for name, value in values(found.mean[None]).items()}
-    motion = sampled_motion(truth, joint.whole)
-    errors = []
-    for _ in range(_TWINS):
-        read = [
-            encoded(q, measured, rng)
-            for q, measured in zip(motion, joint.whole.measured, strict=True)
-        ]
-        windows = joint.again(read)
-
-        def error(sets: Matrix, windows: Pieces = windows) -> Vector:
-            return np.asarray(position_errors(values(sets), windows).mean(axis=1))
-
-        again = evolved(error, found, _FROM_NEARBY, rng).last.mean
-        known = values(again[None])
-        errors.append([float(known[name][0]) - truth[name] for name in names])
-    return np.array(errors)
+    short, part = joint.short, _parts(joint.short)
+    of_windows = position_errors(fits, short)
+    of_logs = position_errors(fits, joint.whole)
+    errors = np.zeros(len(part))
+    for fit, group in enumerate(np.unique(part)):
+        mine = part == group
+        logs = np.unique(short.source[mine])
+        if (part[np.isin(short.source, logs)] == group).all():
+            errors[mine] = of_logs[fit, logs]
+        else:
+            errors[mine] = of_windows[fit, mine]
+    return float(errors.mean())
 
 
 def _sets(values: Mapping[str, float]) -> dict[str, Vector]:

@@ -67,6 +67,8 @@ class Pieces:
         proportional to the speed.
     times : tuple of ndarray, [s]
         Times of the samples of each piece, and `measured` positions [rad].
+    step : float, [s]
+        Time step.
     """
 
     source: IntArray
@@ -84,6 +86,7 @@ class Pieces:
     moving: Array
     times: tuple[Vector, ...]
     measured: tuple[Vector, ...]
+    step: float = STEP
 
     @property
     def steps(self) -> int:
@@ -129,6 +132,7 @@ def cut_pieces(
     joint: int,
     drives: Sequence[LoggedDrive],
     window: float | None = None,
+    step: float = STEP,
 ) -> Pieces:
     """Cut logs into windows, for one joint's simulation.
 
@@ -138,11 +142,13 @@ def cut_pieces(
         That of the joint in each log.
     window : float, optional, [s]
         By default logs are not cut.
+    step : float, [s]
+        Of the simulation.
     """
     model = rigid_model(robot)
     longest = max(float(log.time[-1]) for log in logs)
     length = longest if window is None else min(window, longest)
-    steps = int(np.ceil(length / STEP)) + 1
+    steps = int(np.ceil(length / step)) + 1
     made = []
     for source, (log, drive) in enumerate(zip(logs, drives, strict=True)):
         motion = _MeasuredMotion(log)
@@ -153,7 +159,7 @@ def cut_pieces(
             if inside.any():
                 rows = np.flatnonzero(inside)
                 made.append((log, drive, motion, begin, rows, source))
-    grid: Vector = STEP * np.arange(steps + 1, dtype=np.float64)
+    grid: Vector = step * np.arange(steps + 1, dtype=np.float64)
     loads = [
         _load(model, motion, joint, begin + grid[:-1])
         for _, _, motion, begin, *_ in made
@@ -182,6 +188,7 @@ def cut_pieces(
         moving=np.stack([load[2] for load in loads], axis=1),
         times=tuple(log.time[rows] - begin for log, _, _, begin, rows, _ in made),
         measured=tuple(log.position[rows, joint] for log, _, _, _, rows, _ in made),
+        step=step,
     )
 
 
@@ -220,14 +227,8 @@ def _load(
     """Return a joint's inertia, and its Fourier coefficients at rest and by speed."""
     alone = len(model.robot) == 1
     at = time[:1] if alone else time
-    q, dq, ddq = (
-        np.array(values(at))
-        for values in (
-            motion.position_at,
-            motion.velocity_at,
-            motion.acceleration_at,
-        )
-    )
+    states = motion.position_at, motion.velocity_at, motion.acceleration_at
+    q, dq, ddq = (np.array(values(at)) for values in states)
     dq[:, joint] = ddq[:, joint] = 0.0
     bodies = np.asarray(model.robot.nominal, float).ravel()
 
@@ -288,14 +289,14 @@ def _delayed(pieces: Pieces, delay: Vector) -> Array:
     """Return mean goals of each step, shape (steps, sets, pieces), [rad]."""
     # Positions and speeds are half a step apart: a torque acts from half a step before
     # a position to half a step after it.
-    edges = np.arange(pieces.steps + 1) - 0.5 - delay[:, None] / STEP
+    edges = np.arange(pieces.steps + 1) - 0.5 - delay[:, None] / pieces.step
     place = np.clip(np.floor(edges).astype(int), 0, pieces.steps - 1)
     share = (edges - place)[..., None]
     goals = pieces.goals
     at = goals[place] + share * (goals[place + 1] - goals[place])
     early = (edges < 0.0)[..., None]
-    at = np.where(early, edges[..., None] * STEP * pieces.before, at)
-    return np.moveaxis(np.diff(at, axis=1) / STEP, 0, 1)
+    at = np.where(early, edges[..., None] * pieces.step * pieces.before, at)
+    return np.moveaxis(np.diff(at, axis=1) / pieces.step, 0, 1)
 
 
 Friction = Callable[[Array, Array, Array], Array]
@@ -313,7 +314,8 @@ def simulated(
     ----------
     parameters : mapping of str to ndarray, shape (sets,)
         By the names of the module's text, and ``armature``, ``delay``, ``zero`` (the
-        joint's true position less the encoder's).
+        joint's true position less the encoder's), ``latency`` (of the firmware's
+        answer to a position, [s]).
     friction : callable, optional
         Another law than the module's, from parameters, shape (sets, 1); viscous and
         Coulomb friction are added to it.
@@ -333,10 +335,12 @@ def simulated(
     q = np.broadcast_to(pieces.start, stall.shape).copy()
     dq = np.broadcast_to(pieces.speed, stall.shape).copy()
     out = np.empty((pieces.steps, *stall.shape))
-    dead = bool(pieces.deadband.any())
+    dead, late = bool(pieces.deadband.any()), p.get("latency")
     for step in range(pieces.steps):
         out[step] = q
         error = goal[step] - q
+        if late is not None:
+            error = error + late * dq
         if dead:
             beyond = np.maximum(abs(error) - pieces.deadband, 0.0)
             error = np.copysign(beyond, error)
@@ -350,14 +354,14 @@ def simulated(
         if changes[step]:
             # The speed given is that at the start, so the first torque acts for half a
             # step.  Damping is exact for a constant torque.
-            length = 0.5 * STEP if step == 0 else STEP
+            length = 0.5 * pieces.step if step == 0 else pieces.step
             moved = inertia[min(step, len(inertia) - 1)]
             kept, gained = _damping(viscous + emf * driven[step], moved, length)
         impulse = kept * dq + length * (pull + outer)
         most = length * most
         impulse -= np.minimum(np.maximum(impulse, -most), most)
         dq = gained * impulse
-        q = q + STEP * np.minimum(np.maximum(dq, -_FASTEST), _FASTEST)
+        q = q + pieces.step * np.minimum(np.maximum(dq, -_FASTEST), _FASTEST)
     return out
 
 
@@ -407,9 +411,7 @@ _TERMS: tuple[Callable[[Array], Array], ...] = (
 )
 
 
-def _friction_by_load(
-    p: Mapping[str, Array],
-) -> Friction | None:
+def _friction_by_load(p: Mapping[str, Array]) -> Friction | None:
     """Return the friction that depends on load or is Stribeck's; None without."""
     if "motor_load" not in p:
         return None
@@ -442,24 +444,45 @@ def position_errors(
 
     The error of a motion that is not finite is 100 rad, so that a search leaves it.
     """
-    out = simulated(parameters, pieces, friction)
-    errors = [
-        abs(_at_samples(out, pieces, piece) - seen).mean(axis=1)
+    off = _residuals(simulated(parameters, pieces, friction), pieces)
+    return np.array([abs(each).mean(axis=1) for each in off]).T
+
+
+def position_residuals(parameters: Mapping[str, Vector], pieces: Pieces) -> Matrix:
+    """Return errors of position, shape (sets, samples of all pieces), [rad]."""
+    return np.concatenate(_residuals(simulated(parameters, pieces), pieces), axis=1)
+
+
+def _residuals(out: Array, pieces: Pieces) -> list[Matrix]:
+    """Return errors of simulated positions of each piece, shape (sets, samples)."""
+    return [
+        np.nan_to_num(_at_samples(out, pieces, piece) - seen, nan=_FASTEST)
         for piece, seen in enumerate(pieces.measured)
     ]
-    return np.asarray(np.nan_to_num(np.array(errors).T, nan=_FASTEST))
 
 
-def sampled_motion(parameters: Mapping[str, float], pieces: Pieces) -> list[Vector]:
-    """Return one set's positions at the samples of each piece [rad]."""
-    sets = {name: np.array([value]) for name, value in parameters.items()}
-    out = simulated(sets, pieces)
-    return [_at_samples(out, pieces, k)[0] for k in range(len(pieces.times))]
+def sampled_motion(
+    parameters: Mapping[str, Vector], pieces: Pieces, age: Vector
+) -> list[Matrix]:
+    """Return positions of each piece, shape (sets, samples), [rad].
+
+    Parameters
+    ----------
+    age : ndarray, shape (sets,), [s]
+        By which positions are older than their times.
+    """
+    out = np.moveaxis(simulated(parameters, pieces), 0, -1)
+    grid = pieces.step * np.arange(pieces.steps)
+    found = []
+    for piece, times in enumerate(pieces.times):
+        columns = zip(age, out[:, piece], strict=True)
+        found.append(np.array([np.interp(times - a, grid, q) for a, q in columns]))
+    return found
 
 
 def _at_samples(out: Array, pieces: Pieces, piece: int) -> Matrix:
     """Return simulated positions of a piece, shape (sets, samples)."""
-    place = np.minimum(pieces.times[piece] / STEP, pieces.steps - 1)
+    place = np.minimum(pieces.times[piece] / pieces.step, pieces.steps - 1)
     low = np.minimum(place.astype(int), pieces.steps - 2)
     share = (place - low)[:, None]
     at = out[low, :, piece]

@@ -22,9 +22,9 @@ class ServoForm:
     values : dict of str to float
         Parameters by name, in the units of `servo_bounds.UNITS`.
     half_intervals : dict of str to float
-        Half widths of 95 % intervals, from leaving out each log in turn; infinite of
-        parameters at a border of the search's box, and those of the others then hold
-        only if these are right.
+        Half widths of 95 % intervals, from leaving out each log in turn and from
+        simulated copies of the logs; infinite of parameters at a border of the search's
+        box, and those of the others then hold only if these are right.
     training, left_out : float, [rad]
         Mean absolute error of simulated positions, over whole logs: of the logs that
         were learnt from, and of each log simulated by a fit to the others.

@@ -15,7 +15,6 @@ from consistent_id.robot.loaders.robot_file import load_robot
 from consistent_id.rollout import ServoLog, identify_servos, read_servo_logs
 from consistent_id.rollout import servo_fit as fitting
 from consistent_id.rollout.servo_bounds import box_of, duty_law
-from consistent_id.rollout.servo_fit import SearchDistribution, evolved
 from consistent_id.rollout.servo_log import logged_joints, read_servo_sets
 from consistent_id.rollout.servo_motion import (
     STEP,
@@ -25,9 +24,15 @@ from consistent_id.rollout.servo_motion import (
     finite_errors,
     position_errors,
     rigid_model,
+    sampled_motion,
     simulated,
 )
 from consistent_id.rollout.servo_result import JointServo, ServoFit, ServoForm
+from consistent_id.rollout.servo_search import (
+    SearchDistribution,
+    descended,
+    evolved,
+)
 
 PENDULUM = """<robot name="pendulum"><link name="bench"/>
 <link name="arm"><inertial><origin xyz="0.1 0 0"/><mass value="0.5"/>
@@ -356,6 +361,67 @@ def test_the_evolution_strategy_finds_a_narrow_valley():
     assert np.allclose(found, [0.7, 0.49], atol=2e-3)
 
 
+def test_a_descent_comes_to_the_least_sum_of_absolute_residuals_of_each_problem():
+    rng = np.random.default_rng(0)
+    A = rng.normal(size=(60, 3)) @ np.diag([1.0, 0.1, 0.01])  # a narrow valley
+    truth = np.array([0.3, 0.8, 0.5])
+    measured = A @ truth
+    measured[:10] += rng.normal(size=10)  # outliers, which a median leaves aside
+    weights = np.full((2, 60), 1.0 / 60.0)
+    weights[1, 10:20] = 0.0
+    weights[1] /= weights[1].sum()
+    first = np.array([[0.9, 0.1, 0.9], [0.1, 0.9, 0.1]])
+    found = descended(lambda x: x @ A.T - measured, first, weights, 60)
+    assert np.allclose(found.points, truth, atol=[1e-3, 1e-2, 1e-1])
+    off = abs(found.points @ A.T - measured)
+    assert found.errors == pytest.approx((weights * off).sum(axis=1))
+    least = (weights * abs(A @ truth - measured)).sum(axis=1)
+    assert (found.errors < 1.001 * least).all()
+
+
+def test_a_descent_moves_along_the_border_behind_which_the_least_error_is():
+    A = np.array([[1.0, 1.0], [1.0, 1.1], [1.0, 0.9], [1.0, 1.05]])
+    measured = A @ np.array([-0.2, 0.9])  # on the border, the best is near 0.7
+    weights = np.full((1, 4), 0.25)
+    found = descended(
+        lambda x: x @ A.T - measured, np.array([[0.0, 0.1]]), weights, 8
+    ).points[0]
+    line = np.linspace(0.0, 1.0, 1001)
+    errors = abs(np.outer(line, A[:, 1]) - measured).mean(axis=1)
+    assert found[0] == 0.0
+    assert found[1] == pytest.approx(line[errors.argmin()], abs=5e-3)  # it is flat
+
+
+def test_a_descent_stays_where_every_step_makes_the_error_larger():
+    def residuals(x):
+        near = abs(x - 0.5) < 0.003
+        return np.where(near, 0.1 + (x - 0.5), 1.0)
+
+    found = descended(residuals, np.array([[0.5]]), np.ones((1, 1)), 5)
+    assert found.points[0, 0] == 0.5 and found.errors[0] == pytest.approx(0.1)
+
+
+def test_a_firmware_that_answers_late_takes_damping_away(pendulum):
+    drives = [LoggedDrive(GAIN, 0.0)]
+    pieces = cut_pieces(pendulum, [a_log(pendulum)], 0, drives, step=STEP / 5)
+    late, sets = np.array([1e-3, 0.0]), {n: np.full(2, v) for n, v in TRUTH.items()}
+    damping = {"viscous": TRUTH["viscous"] - np.array([0.0, 1e-3]) * 0.7 * GAIN}
+    out = simulated(sets | damping | {"latency": late}, pieces)
+    plain = simulated(sets, pieces)
+    effect = abs(out[:, 0] - plain[:, 0]).max()
+    assert effect > 1e-3
+    assert abs(out[:, 0] - out[:, 1]).max() < 0.02 * effect
+
+
+def test_positions_that_are_old_are_those_of_earlier_times(pendulum):
+    drives = [LoggedDrive(GAIN, 0.0)]
+    pieces = cut_pieces(pendulum, [a_log(pendulum)], 0, drives)
+    sets = {name: np.full(2, value) for name, value in TRUTH.items()}
+    ((new, old),) = sampled_motion(sets, pieces, np.array([0.0, 0.005]))
+    assert np.allclose(old[1:], new[:-1], atol=1e-9)  # samples are 5 ms apart
+    assert abs(new - pieces.measured[0]).mean() < 1e-3
+
+
 def test_bodies_have_to_be_known(pendulum):
     links = tuple(replace(link, nominal=None) for link in pendulum.links)
     with pytest.raises(ModelError, match="measured by known bodies"):
@@ -371,7 +437,7 @@ def test_one_command_writes_the_servo_and_its_simulator(
     pendulum, file, tmp_path, capsys, monkeypatch
 ):
     mujoco = pytest.importorskip("mujoco")
-    for name in ("_GENERATIONS", "_POLISHING", "_AGAIN"):
+    for name in ("_GENERATIONS", "_DESCENT", "_AGAIN"):
         monkeypatch.setattr(fitting, name, 3)
     a = written(tmp_path / "a.csv", a_log(pendulum, 1.5))
     b = written(tmp_path / "b.csv", a_log(pendulum, 1.5, 0.9))
@@ -396,7 +462,7 @@ def test_one_command_writes_the_servo_and_its_simulator(
 
 
 def quick(monkeypatch, generations=2):
-    for name in ("_GENERATIONS", "_POLISHING", "_AGAIN"):
+    for name in ("_GENERATIONS", "_DESCENT", "_AGAIN"):
         monkeypatch.setattr(fitting, name, generations)
 
 
