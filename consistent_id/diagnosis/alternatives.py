@@ -22,7 +22,19 @@ from consistent_id.constraints import (
 from consistent_id.diagnosis.channel_factors import ChannelFactors, channel_factors
 from consistent_id.diagnosis.contact_stretches import contact
 from consistent_id.diagnosis.corrections import Cause
-from consistent_id.diagnosis.explain import LOAD, Candidate, FittedLog
+from consistent_id.diagnosis.explain import (
+    LOAD,
+    SAMPLES,
+    Candidate,
+    FittedLog,
+    thinned,
+)
+from consistent_id.diagnosis.factor_rows import (
+    FactorLogs,
+    factor_system,
+    factors_of,
+    leaning,
+)
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.diagnosis.linearise import RANK
 from consistent_id.diagnosis.sample_rows import SampleRows
@@ -39,7 +51,8 @@ from consistent_id.regression.base import base_parameters
 from consistent_id.regression.friction_shapes import shapes_of, with_shapes
 from consistent_id.regression.linear import smallest_solution
 from consistent_id.regression.regressor import TorqueModel
-from consistent_id.robot.model import Link, RobotModel
+from consistent_id.robot.chains import last_links
+from consistent_id.robot.model import RobotModel
 from consistent_id.robot.scaling import placeholders, reference_bodies
 
 _THRESHOLD = 1.3  # ratio of misfits, as in the table of corrections
@@ -243,6 +256,8 @@ def _row_misfits(factor: Matrix, base: int) -> Vector:
 # explains a part of the errors of nominal bodies.
 _CLEARLY = 1.5
 _TURNED = np.radians(5.0)  # less may be a floor that is not level
+_NEAR = np.radians(20.0)  # farther, what settles is no error of nominal bodies
+_TURNS = 3
 _G = (0.7, 1.4)  # ratio of sizes within which an estimated vector is gravity
 _TURN_BASE = (
     "turn the base or gravity in the model as the robot is mounted; or check "
@@ -259,7 +274,7 @@ def other_gravity(as_is: FittedLog) -> Iterator[Candidate]:
     cause = Cause(
         "gravity", "base", f"with {_words(model, turned)}", _TURN_BASE, _THRESHOLD
     )
-    other = replace(model, robot=replace(model.robot, gravity=turned))
+    other = _with_gravity(model, turned)
     (factors,) = channel_factors(other, base_parameters(other), [as_is.recording])
     yield Candidate(cause, factors, as_is.constraints)
 
@@ -279,7 +294,7 @@ def leaning_findings(
     turned = turned_gravity(model, prepared)
     if turned is None:
         return []
-    other = replace(model, robot=replace(model.robot, gravity=turned))
+    other = _with_gravity(model, turned)
     leaning = torque_parts(other, prepared)
     before, after = float(np.median(upright.rest)), float(np.median(leaning.rest))
     if before < _CLEARLY * after:
@@ -309,7 +324,35 @@ def turned_gravity(model: TorqueModel, recording: Recording) -> Vector | None:
     if not _G[0] <= length / size <= _G[1]:
         return None
     turned = gravity * size / length
-    return None if _angle(model, turned) < _TURNED else turned
+    if _angle(model, turned) < _TURNED:
+        return None
+    settled = _settled(model, recording, turned)
+    near = _angle(_with_gravity(model, settled), turned) <= _NEAR
+    return settled if near else turned
+
+
+def _settled(model: TorqueModel, recording: Recording, gravity: Vector) -> Vector:
+    """Return the gravity near another one that is likely once bodies are free.
+
+    Errors of nominal bodies turn the one that fits them by some degrees.  Bodies and
+    friction are estimated together with a turn about two level axes, several times:
+    the effect of a turn is not linear, and without it the noise is less.
+    """
+    turned = _with_gravity(model, gravity)
+    for _ in range(_TURNS):
+        state = FactorLogs.of(turned, [thinned(recording, SAMPLES)])
+        level = [f for f in factors_of(turned) if f.kind == "gravity"]
+        system = factor_system(state, level, scatter=False)
+        turn = system.solution([*range(len(level))]) @ np.array([f.axis for f in level])
+        size = float(np.linalg.norm(turn))
+        if size == 0.0:
+            break
+        turned = leaning(turned, tuple(turn / size), min(size, _NEAR))
+    return np.asarray(turned.robot.gravity)
+
+
+def _with_gravity(model: TorqueModel, gravity: Vector) -> TorqueModel:
+    return replace(model, robot=replace(model.robot, gravity=gravity))
 
 
 def _angle(model: TorqueModel, gravity: Vector) -> float:
@@ -387,12 +430,6 @@ def other_loads(as_is: FittedLog) -> Iterator[Candidate]:
             excuse=1,
         )
         yield Candidate(cause, as_is.factors, free)
-
-
-def last_links(robot: RobotModel) -> list[Link]:
-    """Return the moving links that carry no other link."""
-    carrying = {joint.parent for joint in robot.joints}
-    return [link for k, link in enumerate(robot.links) if k not in carrying]
 
 
 def without_link(

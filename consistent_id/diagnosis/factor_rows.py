@@ -13,7 +13,6 @@ from operator import add, or_
 import numpy as np
 
 from consistent_id._support.arrays import Array, BoolArray, IntArray, Matrix, Vector
-from consistent_id.diagnosis.alternatives import last_links
 from consistent_id.diagnosis.channel_factors import joint_factor
 from consistent_id.diagnosis.linearise import SEGMENTS, Jackknife, jackknife
 from consistent_id.diagnosis.sample_rows import SampleRows, of_own_row
@@ -23,6 +22,7 @@ from consistent_id.regression.correlated_noise import correlation_lengths
 from consistent_id.regression.linear import column_sizes, smallest_solution
 from consistent_id.regression.regression import triangle
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.chains import last_links
 from consistent_id.robot.scaling import (
     USUAL_WIDTHS,
     body_sizes,

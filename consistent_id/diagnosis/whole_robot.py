@@ -32,7 +32,6 @@ from typing import NamedTuple
 import numpy as np
 
 from consistent_id._support.arrays import Vector
-from consistent_id.diagnosis.alternatives import last_links
 from consistent_id.diagnosis.factor_findings import (
     FARTHEST,
     LIKELY,
@@ -66,6 +65,7 @@ from consistent_id.diagnosis.factor_rows import (
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.regression.base import base_parameters
 from consistent_id.regression.regressor import TorqueModel
+from consistent_id.robot.chains import last_links
 from consistent_id.robot.scaling import reference_bodies
 
 _TURNS = 3  # most linearisations until the axis of a leaning base settles

@@ -515,3 +515,9 @@ def _mirror(robot: RobotModel, one: Sequence[int], other: Sequence[int]) -> bool
         ):
             return False
     return True
+
+
+def last_links(robot: RobotModel) -> list[Link]:
+    """Return the moving links that carry no other link."""
+    carrying = {joint.parent for joint in robot.joints}
+    return [link for k, link in enumerate(robot.links) if k not in carrying]

@@ -16,7 +16,11 @@ from consistent_id import (
     simulate_torque,
 )
 from consistent_id.diagnosis import diagnose
-from consistent_id.diagnosis.alternatives import leaning_findings, turned_gravity
+from consistent_id.diagnosis.alternatives import (
+    gravity_in,
+    leaning_findings,
+    turned_gravity,
+)
 from consistent_id.diagnosis.torque_channel import torque_parts
 from consistent_id.robot.model import Link
 
@@ -111,3 +115,31 @@ def test_the_option_that_is_printed_is_the_gravity_of_the_log():
     np.testing.assert_allclose(
         [float(word) for word in option.split()], leaning.robot.gravity, atol=0.05
     )
+
+
+def other_bodies(model, seed):
+    """The robot with bodies as far from its own as designers' usually are."""
+    rng, links = np.random.default_rng(seed), []
+    for link in model.robot.links:
+        body = link.nominal
+        moved = InertialParameters.from_central(
+            body.mass, body.com * rng.uniform(0.85, 1.15, 3), body.central_inertia
+        )
+        links.append(replace(link, nominal=moved))
+    return replace(model, robot=replace(model.robot, links=tuple(links)))
+
+
+def degrees_between(one, other):
+    cosine = one @ other / np.linalg.norm(one) / np.linalg.norm(other)
+    return np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_gravity_settles_beside_free_bodies(seed):
+    """That which fits wrong nominal bodies best is farther off."""
+    leaning, nominal = _arm(np.radians(35.0)), other_bodies(_arm(), seed)
+    log = _log(leaning)
+    true = np.asarray(leaning.robot.gravity)
+    settled = degrees_between(turned_gravity(nominal, log), true)
+    assert settled < 0.5
+    assert settled < 0.5 * degrees_between(gravity_in(nominal, log), true)

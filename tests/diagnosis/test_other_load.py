@@ -10,7 +10,8 @@ from some_fast import some_fast
 from consistent_id import FixedMasses, PhysicalConsistency
 from consistent_id.constraints import FixedBodies, FixedCentresOfMass
 from consistent_id.diagnosis import diagnose
-from consistent_id.diagnosis.alternatives import last_links, without_link
+from consistent_id.diagnosis.alternatives import without_link
+from consistent_id.robot.chains import last_links
 
 
 def _with_masses(factors):
