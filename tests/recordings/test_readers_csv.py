@@ -417,3 +417,36 @@ def test_a_row_of_units_is_left_out_by_the_option_that_is_named(tmp_path):
     assert refused.value.options == "--omit 1"
     log = read_recording(file, ["a", "b"], columns, omit=[1])
     assert log.position.tolist() == [[1.0, 2.0], [3.0, 4.0]]
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"),
+    [
+        ("03/04/2026 23:59:50.250", 1772668790.25),  # March, 4th
+        ("13/04/2026 00:00:00", 1776038400.0),  # there is no 13th month
+        ("3/4/2026 11:59:50 PM", 1772668790.0),
+        ("3/4/2026 12:00 AM", 1772582400.0),
+    ],
+)
+def test_dates_of_countries_are_seconds(tmp_path, text, seconds):
+    file = tmp_path / "log.csv"
+    file.write_text(f"time,q_a\n{text},1\n{text.replace('2026', '2027')},2\n")
+    log = read_recording(file, ["a"], Columns(position="q_{joint}"))
+    assert log.time.tolist() == [seconds, seconds + 365 * 86400.0]
+
+
+def test_german_dates_stand_beside_decimal_commas(tmp_path):
+    file = tmp_path / "log.csv"
+    rows = ("04.03.2026 23:59:59,50;1,5", "05.03.2026 00:00:00,25;2,5")
+    file.write_text("\n".join(["time;q_a", *rows]))
+    log = read_recording(file, ["a"], Columns(position="q_{joint}"))
+    assert log.time.tolist() == [1772668799.5, 1772668800.25]
+    assert log.position.ravel().tolist() == [1.5, 2.5]
+
+
+@pytest.mark.parametrize("text", ["31.02.2026 10:00:00", "3/4/2026", "1.2/2026 10:00"])
+def test_what_is_no_date_of_a_country_is_refused(tmp_path, text):
+    file = tmp_path / "log.csv"
+    file.write_text(f"time,q_a\n{text},1\n{text},2\n")
+    with pytest.raises(RecordingError, match="is not a number"):
+        read_recording(file, ["a"], Columns(position="q_{joint}"))

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from consistent_id import Columns, RecordingError, read_recording, recording_from
 from consistent_id.problems.statement_words import units as units_of
+from consistent_id.recordings.column_guess import KnownColumns, guess_columns
 from consistent_id.recordings.readers.units import (
     KNOWN,
     is_time,
@@ -125,7 +126,7 @@ def test_in_the_shell_an_angle_is_also_that_of_derivatives_and_commands():
         units_of(["furlong"])
 
 
-@pytest.mark.parametrize("name", ["ts", "Zeit [ms]", "state.ts"])
+@pytest.mark.parametrize("name", ["ts", "Zeit [ms]", "state.ts", "datetime"])
 def test_further_names_of_a_clock(name):
     assert is_time(name)
 
@@ -144,3 +145,13 @@ def test_torques_of_servos_and_of_workshops(said, unit, newton_metres):
     assert standard_unit("torque", said) == unit
     assert KNOWN["torque"][unit] == pytest.approx(newton_metres, rel=1e-10)
     assert unit_of_a_name("torque", f"tau_{{joint}} [{said}]") == unit
+
+
+def test_a_clock_of_two_columns_is_in_no_unit_of_its_own(tmp_path):
+    file = tmp_path / "log.csv"
+    rows = [f"170000000{k // 4},{250000000 * (k % 4)},{k},{k}" for k in range(8)]
+    file.write_text("\n".join(["secs,nsecs,q_a,tau_a", *rows]))
+    columns = guess_columns(file, KnownColumns(("a",))).columns
+    assert (columns.time, columns.units) == ("secs + nsecs", {})
+    log = read_recording(file, ["a"], columns)
+    np.testing.assert_allclose(np.diff(log.time), 0.25)

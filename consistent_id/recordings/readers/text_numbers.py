@@ -5,6 +5,12 @@ from collections.abc import Iterable
 from datetime import UTC, datetime
 
 _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
+# 31.12.2026 in Germany, 12/31/2026 in America, perhaps with AM or PM.
+_LOCAL = re.compile(
+    r"(?P<first>\d\d?)(?P<mark>[./])(?P<second>\d\d?)(?P=mark)(?P<year>\d{4})[T ]+"
+    r"(?P<hour>\d\d?):(?P<minute>\d\d)(?::(?P<seconds>\d\d(?:[.,]\d+)?))?"
+    r"(?: ?(?P<half>[AP])M)?"
+)
 _SECONDS_OF = {"sec": 1.0, "s": 1.0, "ms": 1e-3, "min": 60.0, "hr": 3600.0}
 _DURATION = re.compile(
     rf"(?P<number>[-+]?\d+\.?\d*(?:e[-+]?\d+)?) ?(?P<unit>{'|'.join(_SECONDS_OF)})"
@@ -21,7 +27,7 @@ def is_number(cell: str) -> bool:
 def decimal_mark(cells: Iterable[str]) -> str | None:
     """Return the mark of the first number that has one."""
     for cell in cells:
-        if _DATE.match(cell):
+        if _is_date(cell):
             continue
         if number(cell, None) is None and number(cell, ",") is not None:
             return ","
@@ -34,14 +40,20 @@ def number(cell: str, mark: str | None) -> float | None:
     """Return the number in a cell, None if it is not one with this decimal mark."""
     if "_" in cell or not cell.isascii():  # Python's float() would accept them
         return None
-    if mark == "," and not _DATE.match(cell):
+    if mark == "," and not _is_date(cell):
         if "." in cell:
             return None
         cell = cell.replace(",", ".")
     try:
         return float(cell)
     except ValueError:
-        return _seconds_of_date(cell) if cell[:4].isdigit() else _duration(cell)
+        if cell[:4].isdigit():
+            return _seconds_of_date(cell)
+        return _seconds_of_local(cell) if _LOCAL.match(cell) else _duration(cell)
+
+
+def _is_date(cell: str) -> bool:
+    return bool(_DATE.match(cell) or _LOCAL.match(cell))
 
 
 def _duration(cell: str) -> float | None:
@@ -77,3 +89,30 @@ def _seconds_of_date(cell: str) -> float | None:
     except ValueError:
         return None
     return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
+
+
+def _seconds_of_local(cell: str) -> float | None:
+    """Return the seconds from 1970 to a date as a country writes it, in UTC.
+
+    The day comes first beside points, the month beside slashes, if it may be one.
+
+    Examples
+    --------
+    >>> [_seconds_of_local(d) for d in ("02.01.1970 00:00:01,5", "1/2/1970 1:00 AM")]
+    [86401.5, 90000.0]
+    """
+    found = _LOCAL.fullmatch(cell)
+    if found is None:
+        return None
+    first, second = int(found["first"]), int(found["second"])
+    day_first = found["mark"] == "." or first > 12
+    day, month = (first, second) if day_first else (second, first)
+    hour = int(found["hour"])
+    if found["half"]:
+        hour = hour % 12 + 12 * (found["half"] == "P")
+    try:
+        date = datetime(int(found["year"]), month, day, hour, int(found["minute"]))
+    except ValueError:
+        return None
+    seconds = float((found["seconds"] or "0").replace(",", "."))
+    return date.replace(tzinfo=UTC).timestamp() + seconds

@@ -103,7 +103,15 @@ _CLOCKS: tuple[str, ...] = (
     "time_s",
     "t_s",
 )
-_CLOCKS += ("ts", "sim_time", "zeit", "zeitinsec", "elapsed", "elapsed_time")
+_CLOCKS += (
+    "ts",
+    "datetime",
+    "sim_time",
+    "zeit",
+    "zeitinsec",
+    "elapsed",
+    "elapsed_time",
+)
 
 
 _RATE = re.compile(r"(?P<rate>\d+(?:\.\d+)?(?:e\d+)?) ?hz", re.IGNORECASE)
@@ -203,7 +211,11 @@ def unit_of_a_name(channel: str, pattern: str) -> str:
     --------
     >>> unit_of_a_name("position", "q_{joint}_deg"), unit_of_a_name("time", "time [ms]")
     ('deg', 'ms')
+    >>> unit_of_a_name("time", "secs + nsecs")  # each part has its own
+    ''
     """
+    if channel == "time" and _AND in pattern:
+        return ""
     name = re.sub(r"\{[^}]*\}", "", pattern).rstrip(" _")
     found = (_LAST_TORQUE if channel.startswith("torque") else _LAST).search(name)
     if found is None:
