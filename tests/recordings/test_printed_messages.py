@@ -8,6 +8,8 @@ import pytest
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.column_guess import KnownColumns, guess_columns
 from consistent_id.recordings.readers import read_recording
+from consistent_id.recordings.readers.csv import read_arrays
+from consistent_id.recordings.readers.recording_file import column_names
 
 JOINTS = ("shoulder", "elbow")
 PRINTED = ("elbow", "shoulder")  # ROS sorts names
@@ -144,3 +146,32 @@ def test_kukas_elements_are_columns(tmp_path):
     np.testing.assert_allclose(np.diff(log.time), 0.012)
     np.testing.assert_allclose(log.position[:, 0], np.radians(np.arange(SAMPLES) + 0.5))
     np.testing.assert_array_equal(log.torque[:, 1], np.full(SAMPLES, 7.0))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        'time,q,tau\n0,"[0.5, -1e-3]","[3, 4]"\n1,"[1.5, nan]","[5, 6]"\n',
+        "time;q;tau\n0;(0.5, -1e-3);(3, 4)\n1;(1.5, nan);(5, 6)\n",
+        "time\tq\ttau\n0\t[ 0.5 -1e-3]\t[3. 4.]\n1\t[ 1.5   nan]\t[5. 6.]\n",
+        'time,q,tau\n0,"[0.5\n -1e-3]","[3\n 4]"\n1,"[1.5\n nan]","[5\n 6]"\n',
+    ],
+)
+def test_lists_in_cells_are_columns(tmp_path, text):
+    """As pandas writes a column of tuples, lists or arrays."""
+    file = tmp_path / "log.csv"
+    file.write_text(text)
+    names = ["time", "q[0]", "q[1]", "tau[0]", "tau[1]"]
+    assert column_names(file) == tuple(names)
+    found = guess_columns(file, KnownColumns(JOINTS)).columns
+    assert found.in_log(JOINTS) == ("0", "1")
+    assert (found.position, found.torque) == ("q[{joint}]", "tau[{joint}]")
+    arrays = read_arrays(file, names, missing="omit")
+    expected = [[0.0, 0.5, -1e-3, 3.0, 4.0], [1.0, 1.5, np.nan, 5.0, 6.0]]
+    np.testing.assert_array_equal(np.column_stack(list(arrays.values())), expected)
+
+
+def test_other_brackets_in_a_first_row_are_left(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text("time,q_a [rad],note\n0,1,(see 1)\n1,2,[3]\n")
+    assert column_names(file) == ("time", "q_a [rad]", "note")

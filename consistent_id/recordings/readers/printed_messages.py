@@ -1,8 +1,9 @@
-"""Messages printed as text: joint states of ROS, and KUKA's sensor interface.
+"""Messages printed as text, and lists in cells, as tables.
 
 ``rostopic echo -p`` and ``ros2 topic echo --csv`` write rows in which the joints' names
 are fields, so that numbered columns would not say which joint they are of.  ``echo``
 alone writes a block of YAML for each message, KUKA's interface an element of XML.
+pandas writes a column of arrays as lists in its cells, such as ``"[0.1, 0.2]"``.
 """
 
 import re
@@ -18,6 +19,9 @@ _INTEGER = re.compile(r"\d+")
 
 _YAML = re.compile(r"\A(?:---\s+)?header:\s*\n\s+(?:seq|stamp):", re.MULTILINE)
 _XML = re.compile(r"\A\s*<(?P<root>Rob|Sen)\b[^>]*>")
+_LIST = re.compile(r"\"?[\[(](?P<items>[-+.,\deEna\s]*)[\])]\"?")
+_LISTS = re.compile(r"\A[^\n]*\n[^\n]*[\[(]\s*[-+.\d][-+.\deE]*(?:,\s*|\s+)[-+.\d]")
+_BETWEEN = "\x1f"  # items of a list, while rows are split
 _ELEMENT = re.compile(r"<(\w+)((?:\s+[\w.]+=\"[^\"]*\")+)\s*/>")
 _ATTRIBUTE = re.compile(r"([\w.]+)=\"([^\"]*)\"")
 _VALUE = re.compile(r"<(\w+)>\s*([-+.\deE]+)\s*</\1>")
@@ -108,15 +112,18 @@ def _is_number(text: str) -> bool:
 
 
 def is_printed(text: str) -> bool:
-    """Return whether a text begins with a message in YAML or XML."""
-    return bool(_YAML.match(text) or _XML.match(text))
+    """Return whether a text begins with a message, or has lists in its first row."""
+    return any(form.match(text) for form in (_YAML, _XML, _LISTS))
 
 
 def as_table(text: str) -> str:
     """Return messages of YAML or XML as a table with commas and a header.
 
-    Messages with other fields than most have are left out, such as a gripper's.
+    Messages with other fields than most have are left out, such as a gripper's.  Lists
+    in cells become columns.
     """
+    if _LISTS.match(text):
+        return _without_lists(text)
     if (found := _XML.match(text)) is not None:
         parts = text.split(f"</{found['root']}>")
         rows = [_of_xml(part) for part in parts if "<" in part]
@@ -129,6 +136,28 @@ def as_table(text: str) -> str:
     names = max(sizes, key=sizes.__getitem__, default=())
     lines = [",".join(row.values()) for row in rows if tuple(row) == names]
     return "\n".join([",".join(names), *lines, ""])
+
+
+def _without_lists(text: str) -> str:
+    """Return a table with a column for each item of the lists in its cells."""
+    head, newline, rest = text.partition("\n")
+    mark = max(",;\t", key=head.count)
+    flat = _LIST.sub(lambda m: _BETWEEN.join(_items(m["items"])), rest)
+    first = flat.partition("\n")[0].split(mark)
+    names = [name.strip().strip('"') for name in head.strip().split(mark)]
+    if len(names) != len(first):
+        return text
+    counts = [cell.count(_BETWEEN) + 1 for cell in first]
+    every = (
+        name if count == 1 else f"{name}[{k}]"
+        for name, count in zip(names, counts, strict=True)
+        for k in range(count)
+    )
+    return mark.join(every) + newline + flat.replace(_BETWEEN, mark)
+
+
+def _items(text: str) -> list[str]:
+    return text.replace(",", " ").split()
 
 
 def _of_yaml(text: str) -> Iterator[dict[str, str]]:
