@@ -110,6 +110,7 @@ _NOT_OF_A_SENSOR |= {"joint", "contact"}
 
 _JOINT = re.compile(r"\{[^{}]*\}")
 _LETTERS = re.compile(r"[a-z]+")
+_GREEK = str.maketrans({"θ": "theta", "τ": "tau"})
 _HUMP = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 
 
@@ -121,7 +122,7 @@ def words(pattern: str) -> set[str]:
     >>> sorted(words("axisQMsr_{joint}"))
     ['axis', 'axisqmsr', 'msr', 'q']
     """
-    rest = _JOINT.sub(" ", pattern)
+    rest = _JOINT.sub(" ", pattern).translate(_GREEK)
     whole = set(_LETTERS.findall(lower := rest.lower()))
     if lower == rest:
         return whole

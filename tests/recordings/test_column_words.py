@@ -443,3 +443,8 @@ def test_a_joint_of_one_letter_is_not_found_within_a_word(tmp_path):
     found = guessed(tmp_path, names, ["y"]).columns
     assert found.position == "{joint}_position"
     assert found.velocity == "{joint}_velocity"
+
+
+def test_greek_letters_are_words(tmp_path):
+    found = guessed(tmp_path, ["time", "θ_x", "θ_y", "τ_x", "τ_y"], AXES).columns
+    assert (found.position, found.torque) == ("θ_{joint}", "τ_{joint}")
