@@ -34,13 +34,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     with _ended_by_signals():
         from consistent_id.cli.options import with_vectors
-        from consistent_id.cli.tool import run_tool, tool_parser
+        from consistent_id.cli.tool import parsed, run_tool
 
         words = with_vectors(sys.argv[1:] if arguments is None else arguments)
-        wanted = next((word for word in words if not word.startswith("-")), "")
-        options = tool_parser(wanted).parse_args(words)
-        options.words = tuple(words)
-        return run_tool(options)
+        return run_tool(parsed(words))
 
 
 def run() -> int:

@@ -16,7 +16,7 @@ from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
 from types import FrameType
-from typing import Any, TextIO
+from typing import Any, NoReturn, TextIO, cast
 
 from consistent_id._support.run import (
     OutOfTime,
@@ -284,11 +284,44 @@ def _run(options: argparse.Namespace) -> int:
         return int(options.run(options))
 
 
+def parsed(words: Sequence[str]) -> argparse.Namespace:
+    """Return the options that the words of a command line state.
+
+    Ends the process with code 2 if they are wrong.  An option that the command does not
+    have is answered with the nearest that it has, without the usage of them all.
+    """
+    wanted = next((word for word in words if not word.startswith("-")), "")
+    parser = tool_parser(wanted)
+    if not words:
+        parser.exit(2, parser.format_help())
+    options, unknown = parser.parse_known_args(words)
+    if unknown:
+        (commands,) = cast(Any, parser)._subparsers._group_actions
+        known = list(commands.choices[wanted]._option_string_actions)
+        first = next((word for word in unknown if word.startswith("-")), unknown[0])
+        names = [option.lstrip("-") for option in known]
+        near = get_close_matches(first.partition("=")[0].lstrip("-"), names, n=1)
+        hint = f"; did you mean --{near[0]}?" if near else ""
+        commands.choices[wanted].error(f"unknown: {' '.join(unknown)}{hint}")
+    options.words = tuple(words)
+    return options
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line: the usage of all options would hide it."""
+
+    def error(self, message: str) -> NoReturn:
+        listed = "options" if " " in self.prog else "commands"
+        end = "" if message.endswith("?") else ";"
+        said = f"{self.prog}: {message}{end} {self.prog} --help lists the {listed}\n"
+        self.exit(2, said)
+
+
 def tool_parser(wanted: str | None = None) -> argparse.ArgumentParser:
     """Return the parser of all commands; with the options of one, or of all."""
     from consistent_id import __version__
 
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="consistent-id",
         description="Identify dynamic parameters of robots that are physically "
         "consistent.",
@@ -298,8 +331,8 @@ def tool_parser(wanted: str | None = None) -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=__version__)
     if wanted and wanted not in _COMMANDS:
         near = get_close_matches(wanted, _COMMANDS, n=1)
-        hint = f"did you mean {near[0]}?" if near else "--help lists the commands"
-        parser.error(f"there is no command {wanted!r}; {hint}")
+        hint = f"; did you mean {near[0]}?" if near else ""
+        parser.error(f"there is no command {wanted!r}{hint}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, text in _COMMANDS.items():
         command = commands.add_parser(

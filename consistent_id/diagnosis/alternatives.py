@@ -232,8 +232,8 @@ def _cheapest_order(costs: Matrix) -> IntArray:
 def _row_misfits(factor: Matrix, base: int) -> Vector:
     """Return the misfit of a joint's row to each torque channel, relative to it."""
     columns, channels = factor[:, :base], factor[:, base:]
-    kept = columns[:, columns.any(axis=0)]
-    Q, _ = np.linalg.qr(kept / np.linalg.norm(kept, axis=0))
+    norms = np.linalg.norm(columns, axis=0)  # zero of values whose squares underflow
+    Q, _ = np.linalg.qr(columns[:, norms > 0.0] / norms[norms > 0.0])
     left = channels - Q @ (Q.T @ channels)
     size = np.maximum(np.linalg.norm(channels, axis=0), 1e-300)
     return np.asarray(np.linalg.norm(left, axis=0) / size)

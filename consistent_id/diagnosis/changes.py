@@ -23,6 +23,7 @@ from consistent_id.diagnosis.factor_rows import (
 )
 from consistent_id.diagnosis.findings import LogFinding
 from consistent_id.diagnosis.linearise import SEGMENTS
+from consistent_id.recordings.recording import instant
 
 _EARLIEST = 2  # segments before a change at once, and after it
 _LIKELY = 3.0  # standard errors from which on a change is reported
@@ -140,6 +141,6 @@ def _time_of(as_is: FactorLogs, share: float) -> str:
     place = round(share * sum(len(log) for log in as_is.logs))
     for log in as_is.logs:
         if place < len(log):
-            return f"{log.time[place]:.4g} s of {log.name}"
+            return f"{instant(log.time[place], log.time)} s of {log.name}"
         place -= len(log)
     return "the end"

@@ -17,7 +17,7 @@ from consistent_id.diagnosis.corrections import Cause
 from consistent_id.diagnosis.explain import Candidate, FittedLog, fitted_log
 from consistent_id.diagnosis.sample_rows import SampleRows
 from consistent_id.diagnosis.signal_faults import without_spikes
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, instant
 from consistent_id.recordings.signals import speed_share
 from consistent_id.recordings.signals.filtered_rows import altered, counting
 from consistent_id.recordings.signals.masks import standstill
@@ -122,7 +122,7 @@ def contact(as_is: FittedLog) -> Iterator[Candidate]:
     cause = Cause(
         "contact",
         "all joints",
-        f"without {start:.4g} s to {stop:.4g} s",
+        f"without {instant(start, log.time)} s to {instant(stop, log.time)} s",
         "leave this stretch out: it has a contact, a load or a fault of the log",
         _THRESHOLD,
         of_residual=True,

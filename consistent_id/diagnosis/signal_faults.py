@@ -10,7 +10,7 @@ import numpy as np
 
 from consistent_id._support.arrays import BoolArray, IntArray, Matrix, Vector
 from consistent_id.diagnosis.findings import LogFinding
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, instant
 from consistent_id.recordings.signals.masks import held_samples, quantum
 
 TURN = 2.0 * np.pi
@@ -121,8 +121,9 @@ def _frozen(
     whole = run.stop - run.start == len(log)
     when = "throughout"
     if not whole:
-        last = log.time[run.stop - 1]
-        when = f"from {log.time[run.start]:.4g} s to {last:.4g} s"
+        ends = log.time[[run.start, run.stop - 1]]
+        first, last = (instant(end, log.time) for end in ends)
+        when = f"from {first} s to {last} s"
     return LogFinding(
         "dead channel" if whole else "frozen channel",
         "fault",
@@ -162,8 +163,9 @@ def standing_findings(recording: Recording) -> list[LogFinding]:
     if not lost:
         return []
     share = sum(last - first for first, last in lost) / len(rows)
+    time = recording.time
     when = ", ".join(
-        f"{recording.time[a]:.4g} to {recording.time[b]:.4g} s" for a, b in lost[:3]
+        f"{instant(time[a], time)} to {instant(time[b], time)} s" for a, b in lost[:3]
     )
     return [
         LogFinding(
@@ -301,7 +303,8 @@ def jump_findings(recording: Recording) -> list[LogFinding]:
     jumps &= moving
     lost = jumps[:, moving].sum(axis=1) >= max(0.5 * moving.sum(), 2.0)
     if lost.any():
-        times = ", ".join(f"{t:.4g}" for t in recording.time[1:][lost][:3])
+        time = recording.time
+        times = ", ".join(instant(at, time) for at in time[1:][lost][:3])
         return [
             LogFinding(
                 "gap",

@@ -227,14 +227,18 @@ def _masses(robot: RobotModel) -> list[LogFinding]:
 def _placeholders(robot: RobotModel) -> list[LogFinding]:
     if not placeholders(robot):
         return []
+    said = "the same mass and inertia: they are placeholders"
+    advice = 'set masses = "free" (--masses free), or the masses of the datasheet'
+    if not any(link.nominal and link.nominal.mass for link in robot.links):
+        said = "no mass and no inertia: the log alone says what they are"
+        advice = "state masses that are known, such as those of the datasheet"
     return [
         LogFinding(
             "placeholder inertials",
             "warning",
             "model",
-            f"all {len(robot)} links of the model have the same mass and inertia: they "
-            "are placeholders",
-            'set masses = "free" (--masses free), or the masses of the datasheet',
+            f"all {len(robot)} links of the model have {said}",
+            advice,
             2.0,
         )
     ]

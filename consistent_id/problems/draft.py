@@ -227,9 +227,9 @@ class Draft:
             drive_signs="dissipative",
         )
 
-    def problem(self, folder: Path | None = None) -> Problem:
+    def problem(self, folder: str | Path | None = None) -> Problem:
         """Return the problem itself, without a file of its own."""
-        folder = Path.cwd() if folder is None else folder
+        folder = Path.cwd() if folder is None else Path(folder)
         read = {relative_path(file, folder): raw for file, raw in self.raw.items()}
         return problem_of(self.table(folder), folder / "problem.toml", read=read)
 

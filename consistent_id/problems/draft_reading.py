@@ -18,7 +18,7 @@ from consistent_id.problems.draft_rows import SHARE, Clock, Split, clock_of, spl
 from consistent_id.problems.given_logs import GivenLogs
 from consistent_id.problems.log_entries import with_torque
 from consistent_id.problems.overrides import StatedDrive, stated_drive
-from consistent_id.problems.robot_logs import RobotLogs
+from consistent_id.problems.robot_logs import RobotLogs, read_logs
 from consistent_id.problems.stated_model import DEFAULT_DRIVE
 from consistent_id.problems.statement import Statement
 from consistent_id.recordings.recording import Recording, velocities
@@ -76,7 +76,7 @@ def read_draft_logs(
 
     If the position is stated to be early, the velocity is not late.
     """
-    read = {file: logs.read(file) for file in given.training}
+    logs, read = read_logs(logs, given.training)
     late = None
     if early:
         note = (
@@ -85,13 +85,27 @@ def read_draft_logs(
         )
         logs = replace(logs, notes=(*logs.notes, note))
     elif logs.stated.velocity is None:
-        logs, late = on_time(logs, read.values())
-        if late is not None:
+        logs, late = on_time(_filled(logs, read.values()), read.values())
+        if logs.columns.velocity is None:
             read = {file: replace(raw, velocity=None) for file, raw in read.items()}
     raws = {file: with_torque(raw, logs.stated.gains) for file, raw in read.items()}
     clock = clock_of(list(raws.values()), logs.stated.max_gap)
     split = split_logs(raws, clock, logs.stated, whole=bool(given.validation))
     return DraftReading(logs, read, raws, clock, split, late, early)
+
+
+def _filled(logs: RobotLogs, training: Iterable[Recording]) -> RobotLogs:
+    """Return how logs are read: without a velocity that nobody wrote."""
+    for raw in training:
+        moves = np.ptp(raw.position, axis=0).max() > _MOVING
+        if raw.velocity is not None and moves and not raw.velocity.any():
+            note = (
+                f"the velocity of {raw.name} is not read: it is zero throughout, but "
+                "the joints move; positions are differentiated"
+            )
+            columns = replace(logs.columns, velocity=None)
+            return replace(logs, columns=columns, notes=(*logs.notes, note))
+    return logs
 
 
 def on_time(

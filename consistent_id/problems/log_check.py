@@ -9,7 +9,7 @@ from consistent_id.diagnosis import Diagnosis, LogFinding, diagnose
 from consistent_id.diagnosis.small_shifts import LONG
 from consistent_id.problems.log_entries import drive_limits
 from consistent_id.problems.problem import Problem
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, instant
 
 _OF_COMMANDS = (
     "the torque is made of commands: give their delay in [data.gains], in seconds or "
@@ -194,5 +194,5 @@ def _distinct(log: Recording, names: list[str]) -> Recording:
     """Add a log's times to its name if another part of its file has the same name."""
     if names.count(log.name) == 1:
         return log
-    span = f"{log.time[0]:.4g} to {log.time[-1]:.4g} s"
-    return replace(log, name=f"{log.name} ({span})")
+    first, last = (instant(end, log.time) for end in log.time[[0, -1]])
+    return replace(log, name=f"{log.name} ({first} to {last} s)")

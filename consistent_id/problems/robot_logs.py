@@ -114,6 +114,30 @@ class RobotLogs:
         return uncoupled(raw, stated.coupled or {})
 
 
+def read_logs(
+    logs: RobotLogs, files: Sequence[Path]
+) -> tuple[RobotLogs, dict[Path, Recording]]:
+    """Read logs; without their velocity if they cannot be read with it.
+
+    Raises
+    ------
+    RecordingError
+        If they cannot be read without it, either, or the user named it.
+    """
+    try:
+        return logs, {file: logs.read(file) for file in files}
+    except RecordingError:
+        if logs.columns.velocity is None or logs.stated.velocity is not None:
+            raise
+    note = (
+        "the velocity is not read, because values of it are missing: positions are "
+        "differentiated; name the column (--velocity) to see which"
+    )
+    columns = replace(logs.columns, velocity=None)
+    bare = replace(logs, columns=columns, notes=(*logs.notes, note))
+    return bare, {file: bare.read(file) for file in files}
+
+
 def robot_logs(
     model: Path,
     log: Path,
@@ -267,8 +291,8 @@ def with_options(
     """
     filled = options.replace(GAINS, "1,0").replace(RATE, "100Hz")
     more = _stated_with(stated, shlex.split(filled))
-    logs = _found(model, log, more, tables or {})
-    return ReadLog(logs, logs.read(log), more)
+    logs, read = read_logs(_found(model, log, more, tables or {}), [log])
+    return ReadLog(logs, read[log], more)
 
 
 def _wraps(log: Recording) -> bool:

@@ -345,6 +345,8 @@ def _candidates(
 ) -> list[NamePattern]:
     """Return candidates for a channel of the moving joints, the best first."""
     patterns = name_patterns(channel, names, moved, known.all_joints)
+    if channel == "torque" and not patterns:  # of sliding joints
+        patterns = name_patterns("force", names, moved, known.all_joints)
     if channel == "torque" and not patterns and known.currents:
         return name_patterns("current", names, moved, known.all_joints)
     if channel in ("velocity", "position_command"):

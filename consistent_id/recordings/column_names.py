@@ -20,6 +20,7 @@ from consistent_id.recordings.column_words import (
     channel_of,
     is_bare,
     is_current,
+    is_force,
     states,
     words,
 )
@@ -105,12 +106,20 @@ def with_joint(name: str, joints: Sequence[str]) -> str:
     within = [j for j in joints if j in name]
     whole = [j for j in within if _is_whole(j, name)] if len(within) > 1 else within
     inside = max(whole or within, key=len, default=None)
-    return name if inside is None or "{" in name else name.replace(inside, "{joint}")
+    if inside is None or "{" in name:
+        return name
+    if _is_whole(inside, name):  # of y_velocity, not the last letter
+        return _in_words(inside).sub("{joint}", name)
+    return name.replace(inside, "{joint}")
 
 
 def _is_whole(joint: str, name: str) -> bool:
     """Return whether a name has a joint's in whole words: of b.tau, b and not a."""
-    return re.search(rf"(?<![^\W_]){re.escape(joint)}(?![^\W_])", name) is not None
+    return _in_words(joint).search(name) is not None
+
+
+def _in_words(joint: str) -> re.Pattern[str]:
+    return re.compile(rf"(?<![^\W_]){re.escape(joint)}(?![^\W_])")
 
 
 def shown(names: Sequence[str], joints: Sequence[str] = (), most: int = 12) -> str:
@@ -140,6 +149,7 @@ def shown(names: Sequence[str], joints: Sequence[str] = (), most: int = 12) -> s
 
 _PARTS = re.compile(r"[A-Za-z0-9]+|[^A-Za-z0-9]+")
 _LETTER = re.compile(r"(?<![A-Za-z0-9])[A-Z](?![A-Za-z0-9])")  # a joint, not a word
+_IN_UNIT = re.compile(r"[ _]*(?:\[[^\]]*\]|\([^)]*\)|_(?:deg|rad|mm|m))$")
 
 
 def own_names(names: Sequence[str], channel: str = "position") -> tuple[str, ...]:
@@ -156,6 +166,8 @@ def own_names(names: Sequence[str], channel: str = "position") -> tuple[str, ...
     --------
     >>> own_names(["time", "Base position", "Wrist 1 position", "Base torque"])
     ('Base', 'Wrist 1')
+    >>> own_names(["Base angle [deg]", "Wrist angle [deg]", "Base torque [Nm]"])
+    ('Base', 'Wrist')
     >>> own_names(["observation.state.pan.pos", "observation.state.lift.pos"])
     ('pan', 'lift')
     """
@@ -170,9 +182,10 @@ def _own_names(names: tuple[str, ...], channel: str) -> tuple[str, ...]:
     for name in names:
         if channel_of(_LETTER.sub("", name), observed) != channel:
             continue
-        first, *others = _PARTS.findall(name) or [""]
+        bare = _IN_UNIT.sub("", name)
+        first, *others = _PARTS.findall(bare) or [""]
         if others and channel_of(others[-1]) == channel:
-            mark = "".join(others[-2:])
+            mark = "".join(others[-2:]) + name[len(bare) :]
             groups["", mark].append(name.removesuffix(mark))
         elif others and channel_of(first) == channel:
             mark = first + others[0]
@@ -319,6 +332,8 @@ def _name_patterns(
     def fits(text: str) -> bool:
         if channel == "current":
             return is_current(text) and not channel_of(text)
+        if channel == "force":
+            return is_force(text) and not channel_of(text)
         return channel_of(text, observed) == channel
 
     found: dict[str, NamePattern] = {}

@@ -87,6 +87,9 @@ _AXIS = re.compile(r"(?P<stem>.*?)(?P<axis>[wxyzWXYZ]|\d)(?P<end>\]?)")
 _FLAG = {"contact", "contacts", "touch", "stance", "grounded", "footswitch"}
 _COMPONENTS = {"force", "forces", "torque", "torques", "wrench", "moment", "x", "y"}
 
+_FORCES = {"force", "forces", "frc"}  # of a sliding joint
+_OF_A_TOOL = {"tcp", "tool", "ft", "wrench", "sensor", "tip", "grip"}
+
 # Of a wrench sensor.
 _FORCE = r"(?P<force>f|force|forces)"
 _MOMENT = r"(?P<moment>m|n|t|tau|torque|torques|moment|moments)"
@@ -230,6 +233,21 @@ def is_current(pattern: str) -> bool:
     said = words(pattern)
     torque = any(phrase <= said for phrase in _WORDS["torque"])
     return bool(said & _CURRENT) and not torque
+
+
+def is_force(pattern: str) -> bool:
+    """Return whether a pattern denotes the force of the drives of named joints.
+
+    Numbered forces may as well be a sensor's.
+
+    Examples
+    --------
+    >>> is_force("{joint}_force"), is_force("F_{number}"), is_force("contact_{joint}")
+    (True, False, False)
+    """
+    said = words(pattern)
+    other = said & (_OTHER | _COMMANDED | _FLAG | _BASE | _OF_A_TOOL)
+    return bool("{joint}" in pattern and said & _FORCES and not other)
 
 
 def unit_of(channel: str, pattern: str) -> str:

@@ -58,6 +58,38 @@ def unit_option(time: Vector) -> str:
     return ""
 
 
+def instant(at: float, time: Vector) -> str:
+    """Return an instant of a log [s] as text, to less than a hundredth of its duration.
+
+    Clocks of many logs count from 1970.
+
+    Examples
+    --------
+    >>> instant(2.5, np.array([0.0, 10.0])), instant(1.7e9 + 2.5, 1.7e9 + np.arange(11))
+    ('2.5', '1700000002.5')
+    """
+    duration = float(np.ptp(time)) or 1.0
+    beyond = np.log10(max(float(abs(time).max()) / duration, 1.0))
+    return f"{at:.{4 + int(beyond)}g}"
+
+
+def _rate_option(time: Vector) -> str:
+    """Return the option with the rate of samples of rounded stamps; empty of others.
+
+    Examples
+    --------
+    >>> _rate_option(np.floor(np.arange(500) / 125.0)), _rate_option(np.arange(9.0))
+    ('--time 125Hz', '')
+    """
+    steps = np.diff(time)
+    changes = np.flatnonzero(steps) + 1
+    if (steps < 0.0).any() or not 2 < len(changes) < len(steps) / 3:
+        return ""
+    first, last = changes[0], changes[-1]
+    rate = (last - first) / (time[last] - time[first])
+    return f"--time {float(f'{rate:.3g}'):g}Hz"
+
+
 class SampleError(RecordingError):
     """Samples have values that no robot wrote; readers add the place in the file."""
 
@@ -225,11 +257,17 @@ class Recording:
                 options=unit_option(time),
             )
         steps = np.diff(time)
+        if option := _rate_option(time):
+            raise SampleError(
+                f"{self.name}: time stamps are rounded: most samples have that of the "
+                f"sample before. If the samples are evenly spaced: {option}",
+                options=option,
+            )
         if (steps <= 0.0).any():
             bad = int(np.argmax(steps <= 0.0))
             raise SampleError(
-                f"{self.name}: time goes from {time[bad]:.9g} s (sample {bad}) to "
-                f"{time[bad + 1]:.9g} s; it must increase. Sort the samples; of "
+                f"{self.name}: time goes from {time[bad]:.15g} s (sample {bad}) to "
+                f"{time[bad + 1]:.15g} s; it must increase. Sort the samples; of "
                 'repeated ones take one: duplicates = "first" (--duplicates first)',
                 options="--duplicates first" if (steps >= 0.0).all() else "",
             )
@@ -241,10 +279,11 @@ class Recording:
         if not np.isfinite(array).all():
             sample, joint = (int(i) for i in np.argwhere(~np.isfinite(array))[0])
             count = int((~np.isfinite(array)).sum())
+            at = instant(self.time[sample], self.time)
             raise SampleError(
                 f"{what} of joint {self.joints[joint]!r} is {array[sample, joint]} at "
-                f"sample {sample} (t = {self.time[sample]:.6g} s), the first of "
-                f"{count}. Remove or repair those samples"
+                f"sample {sample} (t = {at} s), the first "
+                f"of {count}. Remove or repair those samples"
             )
         return array
 

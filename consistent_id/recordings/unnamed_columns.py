@@ -31,7 +31,7 @@ from consistent_id.recordings.recording import unit_option
 _COUNTERS = {"seq", "index", "idx", "frame", "count", "counter", "sample", "samples"}
 _COUNTERS |= {"id", "nr", "no", "row", "unnamed", "episode"}  # rise evenly, too
 _MOST_READ = 50  # columns that may be a clock
-_CLOCKS = {"time", "timestamp", "timestamps", "stamp", "clock", "t"}
+_CLOCKS = {"time", "timestamp", "timestamps", "stamp", "clock", "t", "ts", "zeit"}
 _UNEVEN = 20.0  # longest step over the median one, of a clock
 _REPEATED = 4  # most rows with one stamp
 _ALIKE = 0.9  # least correlation of a velocity with the position's rate of change

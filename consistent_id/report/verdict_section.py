@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from consistent_id.comparison.comparison import EstimateReport, counted
 from consistent_id.diagnosis.findings import Diagnosis, LogFinding, diagnosis_table
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, instant
 from consistent_id.report.markup import (
     Html,
     folded,
@@ -70,7 +70,7 @@ def _recording_row(recording: Recording, role: str) -> list[object]:
         str(len(recording)),
         f"{recording.duration:.4g}",
         f"{recording.rate:.4g}",
-        f"{recording.time[0]:.4g}",
+        instant(recording.time[0], recording.time),
     ]
 
 

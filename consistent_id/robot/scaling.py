@@ -66,16 +66,18 @@ def link_scales(robot: RobotModel) -> LinkScales:
     """Return each link's typical mass and length.
 
     Mass: of the datasheet, else nominal, else the mean of those known, else 1 kg; a
-    thousandth of that mean for a link whose nominal mass is zero.
+    thousandth of that mean for a link whose nominal mass is zero, if others have one.
     Length: the distance to the farthest joint that the link carries, else to the joint
     that carries it, but no less than a tenth of the robot's longest.
     """
     known = [_known_mass(robot, k) for k in range(len(robot.links))]
     stated = [m for m in known if m is not None]
     typical = float(np.mean(stated)) if stated else 1.0
-    # A link that the model states to be massless is one, nearly; an unknown one is not.
+    # A link that the model states to be massless is one, nearly; an unknown one is not,
+    # nor are those of a model that has no mass at all.
+    massless = _MASSLESS if stated else 1.0
     guess = [
-        typical if link.nominal is None else _MASSLESS * typical for link in robot.links
+        typical if link.nominal is None else massless * typical for link in robot.links
     ]
     mass = np.array([g if m is None else m for m, g in zip(known, guess, strict=True)])
 
@@ -143,12 +145,13 @@ def _thickened(body: InertialParameters, m: float, d: float) -> InertialParamete
 
 
 def placeholders(robot: RobotModel) -> bool:
-    """Return whether all links have the same inertials, as placeholders do."""
+    """Return whether all links have the same inertials, as placeholders do, or none."""
     bodies = [link.nominal for link in robot.links]
     known = [body for body in bodies if body is not None]
     if len(known) < max(len(bodies), 2):
         return False
     masses = np.array([body.mass for body in known])
+    if np.ptp(masses) > _EQUAL * masses.max() or masses.max() == 0.0:
+        return bool(masses.max() == 0.0)
     central = np.array([body.central_inertia for body in known])
-    alike = np.ptp(masses) <= _EQUAL * masses.max()
-    return bool(alike and np.ptp(central, axis=0).max() <= _EQUAL * central.max())
+    return bool(np.ptp(central, axis=0).max() <= _EQUAL * central.max())

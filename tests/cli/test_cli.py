@@ -127,11 +127,42 @@ def test_wrong_usage_ends_with_2(capsys):
     with pytest.raises(SystemExit) as ended:
         main(["frobnicate"])
     assert ended.value.code == 2
-    assert "'frobnicate'; --help lists the commands" in capsys.readouterr().err
+    said = "'frobnicate'; consistent-id --help lists the commands"
+    assert said in capsys.readouterr().err
     with pytest.raises(SystemExit) as ended:
         main(["identifi", "robot.urdf"])
     assert ended.value.code == 2
     assert "did you mean identify?" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as ended:
+        main(["export", "results"])
+    assert ended.value.code == 2
+    message = capsys.readouterr().err
+    assert "required: --format, --output; consistent-id export --help" in message
+    assert message.count("\n") == 1
+
+
+def test_no_word_at_all_lists_the_commands(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main([])
+    assert ended.value.code == 2
+    assert "identify" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--validation", "b.csv"], "--validation b.csv; did you mean --validate? "),
+        (["--tourque=tau"], "--tourque=tau; did you mean --torque? "),
+        (["--held-out", "b.csv"], "--held-out b.csv; consistent-id check --help"),
+    ],
+)
+def test_an_unknown_option_is_answered_with_the_nearest(capsys, words, said):
+    with pytest.raises(SystemExit) as ended:
+        main(["check", "robot.urdf", "a.csv", *words])
+    assert ended.value.code == 2
+    shown = capsys.readouterr().err
+    assert f"consistent-id check: unknown: {said}" in shown
+    assert shown.count("\n") == 1
 
 
 def test_an_interrupt_ends_with_130_and_leaves_nothing_half_written(

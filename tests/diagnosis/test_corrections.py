@@ -10,6 +10,7 @@ from some_fast import some_fast
 
 from consistent_id import build_regression
 from consistent_id.diagnosis import diagnose
+from consistent_id.diagnosis.alternatives import _row_misfits
 from consistent_id.diagnosis.channel_factors import channel_factors
 from consistent_id.diagnosis.corrections import FAULT_KINDS, corrections
 from consistent_id.diagnosis.explain import (
@@ -222,3 +223,11 @@ def test_misfits_of_scaled_torques_are_those_of_the_torques_scaled():
             whole = replace(log, torque=log.torque * gains)
             (anew,) = channel_factors(model, base, [whole])
             assert misfit == pytest.approx(anew.least_misfit(), rel=1e-9)
+
+
+def test_a_column_whose_squares_underflow_explains_no_torque():
+    """Such as that of a joint at rest, whose numerical velocity is 1e-285 rad/s."""
+    factor = np.random.default_rng(4).normal(size=(30, 7))
+    tiny = np.column_stack([factor[:, :1] * 1e-200, factor])
+    np.testing.assert_allclose(_row_misfits(tiny, 5), _row_misfits(factor, 4))
+    assert np.isfinite(_row_misfits(tiny * 1e-200, 5)).all()

@@ -7,7 +7,7 @@ import pytest
 from logged import URDF, write_arm
 from some_fast import some_fast
 
-from consistent_id import ProblemError, RecordingError, load_problem
+from consistent_id import ProblemError, RecordingError, load_problem, run_study
 from consistent_id.problems import preparation as preparation_module
 from consistent_id.problems.draft_reading import _CUTOFFS, _LOW
 from consistent_id.problems.draft_rows import Clock, _training, split_logs
@@ -401,3 +401,18 @@ def periodic_log(period, samples, rate):
     angle = 2 * np.pi * time / period
     q = np.column_stack([np.sin(angle) + 0.3 * np.cos(3 * angle), np.cos(2 * angle)])
     return Recording(("a", "b"), time, q)
+
+
+@pytest.mark.slow
+def test_a_model_without_any_mass_is_identified_from_the_log_alone(tmp_path):
+    """Many a URDF is written for kinematics only; 1 kg is then the typical mass."""
+    urdf, log = write_arm(tmp_path)
+    bare = re.sub(r"<inertial>.*?</inertial>", "", urdf.read_text(), flags=re.DOTALL)
+    urdf.write_text(bare)
+    draft = draft_problem(urdf, log)
+    assert draft.masses == "free"
+    assert draft.selection.plain < 0.1
+    study = run_study(draft.problem(str(tmp_path)))
+    assert study.verdict.held_out < 0.05
+    (found,) = [f for f in study.findings if f.kind == "placeholder inertials"]
+    assert "no mass and no inertia" in found.statement

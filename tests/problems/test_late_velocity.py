@@ -7,7 +7,7 @@ import pytest
 from logged import write_arm
 from scipy.signal import butter, sosfilt, sosfiltfilt
 
-from consistent_id import Study
+from consistent_id import RecordingError, Study
 from consistent_id.estimation.estimate import torque_errors
 from consistent_id.problems.draft_reading import velocity_delay
 from consistent_id.problems.drafting import draft_problem
@@ -106,6 +106,58 @@ def test_a_velocity_that_predicts_worse_is_not_read_unless_its_scale_is_a_fault(
     assert (draft.columns.velocity is not None) == is_read
     said = [note for note in draft.notes if note.startswith("the velocity is not read")]
     assert bool(said) != is_read
+
+
+def with_rates(folder, rates):
+    urdf, log = write_arm(folder)
+    table = np.loadtxt(log, delimiter=",", skiprows=1)
+    header = "time,q_shoulder,q_elbow,tau_shoulder,tau_elbow,dq_shoulder,dq_elbow"
+    table = np.column_stack([table, np.broadcast_to(rates, (len(table), 2))])
+    np.savetxt(log, table, "%.9g", ",", header=header, comments="")
+    return urdf, log
+
+
+@pytest.mark.parametrize(
+    ("rate", "said"), [(0.0, "it is zero throughout"), (np.nan, "of it are missing")]
+)
+def test_a_velocity_that_nobody_wrote_is_not_read(tmp_path, rate, said):
+    draft = draft_problem(*with_rates(tmp_path, rate), select=False, cutoff=10.0)
+    assert draft.columns.velocity is None
+    assert [said in note for note in draft.notes].count(True) == 1
+    (training,) = draft.problem().training
+    slope = np.gradient(training.position, training.time, axis=0)
+    assert np.allclose(training.velocity, slope, atol=0.05)
+
+
+def test_missing_values_of_a_velocity_that_the_user_names_are_refused(tmp_path):
+    with pytest.raises(RecordingError, match="velocity of joint 'shoulder' is nan"):
+        draft_problem(*with_rates(tmp_path, np.nan), velocity="dq_{joint}")
+
+
+def test_a_joint_without_torque_is_left_out_by_the_option_that_is_named(tmp_path):
+    urdf, log = with_rates(tmp_path, np.nan)
+    lines = log.read_text().splitlines()
+    fields = [line.split(",") for line in lines[1:]]
+    rows = [",".join([*row[:4], "nan", *row[5:]]) for row in fields]
+    log.write_text("\n".join([lines[0], *rows]))
+    with pytest.raises(RecordingError) as refused:
+        draft_problem(urdf, log)
+    assert refused.value.options == "--missing omit --torque-joints shoulder"
+    draft = draft_problem(
+        urdf, log, missing="omit", torque_joints=["shoulder"], select=False, cutoff=10.0
+    )
+    assert draft.columns.torque_joints == ("shoulder",)
+    assert draft.columns.velocity is None
+
+
+def test_missing_positions_are_refused_beside_missing_velocities(tmp_path):
+    urdf, log = with_rates(tmp_path, np.nan)
+    lines = log.read_text().splitlines()
+    time, _, *others = lines[5].split(",")
+    lines[5] = ",".join([time, "nan", *others])
+    log.write_text("\n".join(lines))
+    with pytest.raises(RecordingError, match="position of joint 'shoulder' is nan"):
+        draft_problem(urdf, log)
 
 
 @pytest.mark.slow

@@ -413,3 +413,33 @@ def test_many_columns_are_not_each_compared_with_every_other(other):
 
     # Four times as many: 16 times, if every name is compared with every other.
     assert 0 < looks(1600) < 6 * looks(400)
+
+
+AXES = ("x", "y")
+MOVED = ["time", "x_pos", "y_pos"]
+
+
+def test_forces_of_named_joints_are_their_torque(tmp_path):
+    found = guessed(tmp_path, [*MOVED, "x_force", "y_force"], AXES)
+    assert found.columns.torque == "{joint}_force"
+
+
+@pytest.mark.parametrize("word", ["tcp_force", "contact_force", "force_ext"])
+def test_forces_on_a_tool_are_no_torque_of_joints(tmp_path, word):
+    with pytest.raises(RecordingError, match="found no column that is the torque"):
+        guessed(tmp_path, [*MOVED, f"x_{word}", f"y_{word}"], AXES)
+
+
+def test_torque_is_read_before_force_and_force_before_current(tmp_path):
+    names = [*MOVED, "x_force", "y_force", "x_current", "y_current"]
+    found = guessed(tmp_path, names, AXES, currents=True)
+    assert found.columns.torque == "{joint}_force"
+    found = guessed(tmp_path, [*names, "x_tau", "y_tau"], AXES)
+    assert found.columns.torque == "{joint}_tau"
+
+
+def test_a_joint_of_one_letter_is_not_found_within_a_word(tmp_path):
+    names = ["time", "y_position", "y_velocity", "y_torque"]
+    found = guessed(tmp_path, names, ["y"]).columns
+    assert found.position == "{joint}_position"
+    assert found.velocity == "{joint}_velocity"

@@ -11,6 +11,7 @@ from consistent_id.errors import RecordingError
 from consistent_id.recordings.readers import Columns, read_recording, recording_from
 from consistent_id.recordings.readers.recording_file import LogRows
 from consistent_id.recordings.readers.used_rows import broken_samples
+from consistent_id.recordings.recording import Recording
 
 SAMPLES = 400
 COLUMNS = Columns(torque="tau_{joint}")
@@ -190,3 +191,37 @@ def test_channels_that_are_never_complete_together_are_refused():
             COLUMNS,
             missing="omit",
         )
+
+
+@pytest.mark.parametrize(
+    ("channel", "said"),
+    [
+        ("torque", "torque of b has no value in any row.*--torque-joints a$"),
+        ("position", "position of b has no value in any row: record it"),
+    ],
+)
+def test_a_joint_without_any_value_is_named(tmp_path, channel, said):
+    file = tmp_path / "log.csv"
+    header = "time,q_a,q_b,tau_a,tau_b"
+    row = "0.1,0.2,0.3," if channel == "torque" else "0.1,,0.3,0.4"
+    file.write_text("\n".join([header, *(f"{k},{row}" for k in range(9))]))
+    columns = Columns(position="q_{joint}", torque="tau_{joint}")
+    with pytest.raises(RecordingError, match=said) as refused:
+        read_recording(file, ["a", "b"], columns, missing="omit")
+    known = "--torque-joints a" if channel == "torque" else ""
+    assert refused.value.options == known
+
+
+@pytest.mark.parametrize(("rate", "periods"), [(100.0, 4), (1000.0, 5), (62.5, 8)])
+def test_rounded_stamps_are_answered_with_the_rate(rate, periods):
+    time = np.floor(np.arange(int(rate * periods)) / rate)
+    with pytest.raises(RecordingError, match="stamps are rounded") as refused:
+        Recording(("a",), time, np.zeros((len(time), 1)))
+    assert refused.value.options == f"--time {rate:g}Hz"
+
+
+@pytest.mark.parametrize("time", [[0.0, 0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 1.0, 1.0]])
+def test_few_repeated_stamps_are_answered_with_the_first_of_them(time):
+    with pytest.raises(RecordingError, match="must increase") as refused:
+        Recording(("a",), np.array(time), np.zeros((len(time), 1)))
+    assert refused.value.options == "--duplicates first"

@@ -153,3 +153,12 @@ def test_their_velocities_are_not_dropped(tmp_path):
 def test_a_unit_in_a_pattern_needs_a_unit_of_each_joint():
     with pytest.raises(RecordingError, match=r"\{unit\} with a unit stated for each"):
         wanted(Columns(position="{joint} [{unit}]"), ["a", "b"], "log")
+
+
+@pytest.mark.parametrize("unit", [" [deg]", " (rad)", "_deg"])
+def test_own_names_stand_before_units(unit):
+    joints = ["Base", "Elbow", "Wrist_1", "Wrist_2"]
+    columns = [f"{joint} Angle{unit}" for joint in joints]
+    torques = [f"{joint} Torque [Nm]" for joint in joints]
+    assert own_names(["Timestamp", *columns, *torques]) == tuple(joints)
+    assert own_names([*columns, *torques], "torque") == tuple(joints)

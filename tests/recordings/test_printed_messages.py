@@ -1,5 +1,7 @@
 """Messages that ROS and KUKA print are read by the joints' names in them."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -111,6 +113,15 @@ def test_a_grippers_messages_between_those_of_the_arm_are_left_out(tmp_path):
     columns = guess_columns(file, KnownColumns(JOINTS)).columns
     log = read_recording(file, JOINTS, columns)
     assert len(log) == SAMPLES
+
+
+def test_a_missing_value_of_yaml_is_one(tmp_path):
+    file = tmp_path / "log.txt"
+    text = re.sub(r"velocity: \[.*\]", "velocity: [.nan, .NaN]", yaml_of_ros1())
+    file.write_text(text)
+    columns = guess_columns(file, KnownColumns(JOINTS)).columns
+    with pytest.raises(RecordingError, match=r"velocity of joint .* is nan at"):
+        read_recording(file, JOINTS, columns)
 
 
 def test_kukas_elements_are_columns(tmp_path):

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from consistent_id.errors import RecordingError
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, instant
 
 JOINTS = ("shoulder", "elbow", "wrist")
 CHANNELS = ("position", "velocity", "acceleration", "torque")
@@ -199,3 +199,17 @@ def test_a_run_of_samples_keeps_time_and_channels_together(n, start, stop, step)
 def test_samples_do_not_run_backwards():
     with pytest.raises(RecordingError, match="must increase"):
         recording().samples(slice(None, None, -1))
+
+
+@pytest.mark.parametrize(
+    ("start", "duration", "at", "said"),
+    [
+        (0.0, 20.0, 12.34567, "12.35"),
+        (0.0, 2000.0, 1234.567, "1235"),
+        (1772619072.0, 20.0, 12.34567, "1772619084.3"),
+        (-50.0, 5.0, 1.23456, "-48.765"),
+        (3.0, 0.0, 0.0, "3"),
+    ],
+)
+def test_an_instant_is_told_from_others_of_its_log(start, duration, at, said):
+    assert instant(start + at, start + np.array([0.0, duration])) == said

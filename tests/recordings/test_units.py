@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from consistent_id import Columns, RecordingError, read_recording, recording_from
 from consistent_id.problems.statement_words import units as units_of
-from consistent_id.recordings.readers.units import KNOWN, standard_unit
+from consistent_id.recordings.readers.units import KNOWN, is_time, standard_unit
 
 # By definition: a turn is 2 pi rad, a minute 60 s.
 FACTORS = {
@@ -118,3 +118,8 @@ def test_in_the_shell_an_angle_is_also_that_of_derivatives_and_commands():
     assert units_of(["position=deg,mm"]) == {"position": ["deg", "mm"]}
     with pytest.raises(RecordingError, match="no unit 'furlong'; known: s, ms"):
         units_of(["furlong"])
+
+
+@pytest.mark.parametrize("name", ["ts", "Zeit [ms]", "state.ts"])
+def test_further_names_of_a_clock(name):
+    assert is_time(name)

@@ -152,6 +152,8 @@ def test_a_links_mass_is_stated_nominal_or_the_mean_of_these():
         # A link whose nominal mass is zero has a thousandth of it.
         ([(body(2.0),), (InertialParameters(np.zeros(10)),)], [2.0, 0.002]),
         ([(None,), (None,)], [1.0, 1.0]),
+        # If none has a mass, the model says nothing of them.
+        ([(InertialParameters(np.zeros(10)),)] * 2, [1.0, 1.0]),
     ):
         assert link_scales(arm(*bodies)).mass.tolist() == masses
 
@@ -201,12 +203,15 @@ def test_an_unknown_body_is_a_ball_about_its_stated_centre():
 
 def test_bodies_that_are_all_the_same_are_placeholders():
     plain, moved = body(1.0), body(1.0, com=(0.3, 0.0, 0.0))
+    empty = InertialParameters(np.zeros(10))
     thicker = body(1.0, (0.1, 0.2, 0.3 * (1.0 + 1e-8)))
     for bodies, alike in (
         ([plain, moved], True),  # wherever they are
         ([plain, body(1.0 + 1e-8)], False),
         ([plain, thicker], False),
         ([plain, None], False),
+        ([empty, empty], True),
+        ([plain, empty], False),
     ):
         assert placeholders(arm(*[(each,) for each in bodies])) is alike
     one = from_modified_dh("one", [DHRow(0, 0)])

@@ -11,6 +11,7 @@ from consistent_id._support.progress import stages
 from consistent_id._support.run import note_stop
 from consistent_id._support.tables import Table, brief
 from consistent_id.errors import ProblemError
+from consistent_id.estimation.verdict import percent
 from consistent_id.problems.file import PreparationTable, ProblemTable
 from consistent_id.problems.kept_text import (
     bare_key,
@@ -342,7 +343,8 @@ def _searched(begun: Beginning, progress: bool) -> tuple[State, bool]:
         with stages(_STAGES, progress) as begin:
             for state in better_models(begun.evaluator, begun.plain, begun.scope):
                 made = state.steps[-1].move.label if state.steps else "plain model"
-                begin(f"model: {made}")
+                left_out = begun.evaluator.expected(state.current)
+                begin(f"model: {made}, left-out error {percent(left_out)}")
     except KeyboardInterrupt as cause:
         note_stop(cause)
         return state, True

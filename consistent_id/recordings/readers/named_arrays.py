@@ -156,7 +156,7 @@ def recording_of(
         channels[channel] = np.column_stack(columns)
     keep = kept(len(time), rows.omit, where)
     if rows.missing == "omit":
-        keep &= complete(time, [*channels.values()], where)
+        keep &= complete(time, channels, want.joints, where)
     keep[keep] = distinct(time[keep], rows.duplicates)
     second = 1.0 / float(factors(want.units, "time", want.joints[:1])[0])
     time = of_one_clock(time, keep, second, where)

@@ -161,7 +161,8 @@ def _list(text: str, key: str) -> list[str]:
         items = found["line"].replace("\n", " ").split(",")
     else:
         items = [line.strip()[2:] for line in found["lines"].strip().splitlines()]
-    return [item.strip().strip("'\"") for item in items if item.strip()]
+    bare = [item.strip().strip("'\"") for item in items if item.strip()]
+    return ["nan" if item.lower() == ".nan" else item for item in bare]
 
 
 def _of_xml(text: str) -> dict[str, str]:

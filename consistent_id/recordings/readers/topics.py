@@ -22,7 +22,7 @@ from consistent_id.recordings.readers.named_arrays import (
     stored_name,
     with_beside,
 )
-from consistent_id.recordings.recording import Recording
+from consistent_id.recordings.recording import Recording, instant
 from consistent_id.recordings.signals.base_signals import SHORTEST, stretches
 from consistent_id.recordings.signals.clocks import (
     cubic_spline,
@@ -424,7 +424,8 @@ def _say(
     silent = np.flatnonzero(~known & ~outside)
     gap = ""
     if len(silent):
-        gap = f"; the first gap is at t = {recording.time[silent[0]]:.6g} s"
+        at = instant(recording.time[silent[0]], recording.time)
+        gap = f"; the first gap is at t = {at} s"
     _log.warning(
         "%s: %s has no message around %d of %d joint states, which are left out: %d "
         "before or after all its messages, %d in gaps%s",

@@ -92,7 +92,7 @@ _CLOCKS: tuple[str, ...] = (
     "time_s",
     "t_s",
 )
-_CLOCKS += ("sim_time", "zeitinsec", "elapsed", "elapsed_time")
+_CLOCKS += ("ts", "sim_time", "zeit", "zeitinsec", "elapsed", "elapsed_time")
 
 
 _RATE = re.compile(r"(?P<rate>\d+(?:\.\d+)?(?:e\d+)?) ?hz", re.IGNORECASE)

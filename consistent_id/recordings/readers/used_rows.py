@@ -1,7 +1,7 @@
 """The rows of a log that are used: not omitted, complete, with increasing time."""
 
 import logging
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Literal, NamedTuple
 
@@ -160,7 +160,9 @@ def distinct(time: Vector, duplicates: Duplicates) -> BoolArray:
     return ~repeated
 
 
-def complete(time: Vector, channels: Sequence[Matrix], where: str) -> BoolArray:
+def complete(
+    time: Vector, channels: Mapping[str, Matrix], joints: Sequence[str], where: str
+) -> BoolArray:
     """Return the rows in which no value is missing.
 
     Raises
@@ -169,11 +171,14 @@ def complete(time: Vector, channels: Sequence[Matrix], where: str) -> BoolArray:
         If there are none.
     """
     complete = ~np.isnan(time)
-    for values in channels:
+    for values in channels.values():
         complete &= ~np.isnan(values).any(axis=1)
     if not complete.any():
+        for channel, values in channels.items():
+            _require_written(channel, values, joints, where)
         counts = ", ".join(
-            str(int((~np.isnan(values)).all(axis=1).sum())) for values in channels
+            str(int((~np.isnan(values)).all(axis=1).sum()))
+            for values in channels.values()
         )
         raise RecordingError(
             f"{where}: no row of {len(time)} has all values: the channels have "
@@ -181,6 +186,24 @@ def complete(time: Vector, channels: Sequence[Matrix], where: str) -> BoolArray:
             "other times: export them resampled to one clock"
         )
     return np.asarray(complete)
+
+
+def _require_written(
+    channel: str, values: Matrix, joints: Sequence[str], where: str
+) -> None:
+    """Refuse a channel in which a joint has no value at all."""
+    empty = np.flatnonzero(np.isnan(values).all(axis=0)).tolist()
+    if not empty:
+        return
+    names = ", ".join(joints[j] for j in empty)
+    said = f"{where}: the {channel} of {names} has no value in any row"
+    others = " ".join(joint for j, joint in enumerate(joints) if j not in empty)
+    if channel != "torque" or not others:
+        raise RecordingError(f"{said}: record it, or name other columns")
+    options = f"--torque-joints {others}"
+    raise RecordingError(
+        f"{said}. To use the torque of the others: {options}", options=options
+    )
 
 
 def kept(rows: int, omit: Collection[int], where: str) -> BoolArray:

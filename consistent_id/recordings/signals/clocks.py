@@ -12,7 +12,7 @@ import numpy as np
 from consistent_id._support.arrays import Array, Matrix, Vector
 from consistent_id.errors import RecordingError
 from consistent_id.recordings.beside import BaseMotion, ContactFlags, Wrench
-from consistent_id.recordings.recording import COMMANDS, Recording
+from consistent_id.recordings.recording import COMMANDS, Recording, instant
 
 _SLOWEST = 0.8  # new rate over old, below which resampling needs a filter first
 _FASTEST = 1.25  # new rate over old, above which samples are invented
@@ -61,8 +61,8 @@ def resampled(
         at = int(np.argmax(steps))
         raise RecordingError(
             f"{recording.name}: a gap of {steps[at]:.4g} s after sample {at} "
-            f"(t = {time[at]:.6g} s), longer than {limit:.4g} s. Use its parts, see "
-            "signals.split_at_gaps, or raise max_gap"
+            f"(t = {instant(time[at], time)} s), longer than {limit:.4g} s. Use its "
+            "parts, see signals.split_at_gaps, or raise max_gap"
         )
     count = samples_at(rate, recording.duration)
     clock = time[0] + np.arange(count) / rate

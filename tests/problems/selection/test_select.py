@@ -215,3 +215,12 @@ def test_the_command_writes_the_file_and_overwrites_none(tmp_path, capsys):
     elsewhere = tmp_path / "other" / "problem.toml"
     assert main(["select", str(file), "--output", str(elsewhere)]) == 2
     assert "is not in the folder of" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_first_line_says_how_the_plain_model_predicts(tmp_path, capsys):
+    draft = draft_problem(*written(tmp_path, rotor_inertia=True), progress=True)
+    said = re.search(
+        r"model: plain model, left-out error ([\d.]+) %", capsys.readouterr().err
+    )
+    assert float(said[1]) == pytest.approx(100 * draft.selection.plain, rel=0.1)
