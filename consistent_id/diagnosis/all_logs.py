@@ -83,6 +83,7 @@ _OF_OTHER_ROBOTS = {
     "offset zero",
     "model does not explain",
 }
+_OF_UNITS = ("torque unit", "torque gain")  # with them, torque has no known size
 _LATE = ("lag", "drive filter")
 _MASSES = "masses or gain"
 _OF_THE_ROBOT = ("coupling",)  # parts of the robot, not faults of a log
@@ -170,9 +171,9 @@ def diagnose(
             found += [replace(f, recording=log.name) for f in of_one]
     found += _of_all(open_) if open_ else []
     found = _of_the_robot(found, {log.name for log in training})
-    units = [f for f in found if f.kind == "torque unit" and f.where == "all joints"]
+    units = [f for f in found if f.kind in _OF_UNITS and f.where == "all joints"]
     signs = [f for f in found if f.severity != "note" and f.kind in _OF_OTHER_ROBOTS]
-    if signs := [*signs, *units]:
+    if (signs := [*signs, *units]) and not any(map(_explains, found)):
         joints = model.robot.joint_names
         own = [log.of(joints) for log in training]
         # A recording with a wrong clock or channel cannot be prepared.
@@ -187,6 +188,17 @@ def diagnose(
     names = {log.name for log in looked_at[len(training) :]}
     found = _of_short_validation(found, names - {log.name for log in training})
     return Diagnosis(tuple(found), tuple(log.name for log in looked_at))
+
+
+def _explains(finding: LogFinding) -> bool:
+    """Return whether a fault explains a log as well as right logs are explained.
+
+    It is then no other robot: no zero, and no direction of gravity, makes its lengths
+    and axes those of the model.  Faults of nominal bodies, which have no log of their
+    own, explain less.
+    """
+    fault = finding.severity == "fault" and finding.recording
+    return bool(fault and finding.kind in ("offset zero", "gravity"))
 
 
 def _has_faults(found: Sequence[LogFinding]) -> bool:

@@ -363,7 +363,7 @@ def _angle(model: TorqueModel, gravity: Vector) -> float:
 
 
 def _words(model: TorqueModel, turned: Vector) -> str:
-    text = ", ".join(f"{g:.2f}" for g in turned)
+    text = ", ".join(f"{np.round(g, 2) + 0.0:.2f}" for g in turned)  # not -0.00
     degrees = np.degrees(_angle(model, turned))
     return (
         f"gravity along ({text}) m/s^2 (--gravity {text.replace(',', '')}), "

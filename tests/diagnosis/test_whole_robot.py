@@ -204,6 +204,25 @@ def test_torque_in_another_unit_makes_no_other_robot():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "place", "size", "first"),
+    [
+        ("masses or gain", 0, np.log(100.0), {"torque gain", "torque unit"}),
+        ("offset zero", 1, np.pi, {"offset zero"}),
+        ("gravity", 0, np.pi, {"gravity"}),
+    ],
+)
+def test_a_large_fault_that_explains_the_log_is_named_alone(kind, place, size, first):
+    """However far bodies would be from the nominal ones without it."""
+    model, log = logged(6, spread=0.5)
+    model, log = faulty(log, model, kind, place, size)
+    assert other_robot(_as_is(model, log)) != []
+    found = diagnose(model, [log]).findings
+    assert found[0].kind in first
+    assert all(f.kind != "another robot" for f in found)
+
+
+@pytest.mark.slow
 def test_a_load_of_negative_mass_explains_nothing():
     model, log = logged(5, spread=0.5)
     n = 10 * len(model.robot.links)
