@@ -302,7 +302,8 @@ def parsed(words: Sequence[str]) -> argparse.Namespace:
         names = [option.lstrip("-") for option in known]
         near = get_close_matches(first.partition("=")[0].lstrip("-"), names, n=1)
         hint = f"; did you mean --{near[0]}?" if near else ""
-        commands.choices[wanted].error(f"unknown: {' '.join(unknown)}{hint}")
+        what = "there is no option" if first.startswith("-") else "not understood:"
+        commands.choices[wanted].error(f"{what} {first}{hint}")
     options.words = tuple(words)
     return options
 

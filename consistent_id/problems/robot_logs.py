@@ -47,6 +47,7 @@ from consistent_id.recordings.readers.data_frames import ColumnTable, table_name
 from consistent_id.recordings.readers.named_arrays import require_gain
 from consistent_id.recordings.readers.recording_file import column_names, reader_of
 from consistent_id.recordings.readers.units import RATE
+from consistent_id.recordings.readers.used_rows import NoValueError
 from consistent_id.recordings.recording import Recording
 from consistent_id.recordings.signals import unwrapped
 from consistent_id.robot.chains import Selection, base_question
@@ -117,7 +118,7 @@ class RobotLogs:
 def read_logs(
     logs: RobotLogs, files: Sequence[Path]
 ) -> tuple[RobotLogs, dict[Path, Recording]]:
-    """Read logs; without their velocity if they cannot be read with it.
+    """Read logs; without their velocity if a joint has no value of it at all.
 
     Raises
     ------
@@ -129,13 +130,26 @@ def read_logs(
     except RecordingError:
         if logs.columns.velocity is None or logs.stated.velocity is not None:
             raise
-    note = (
-        "the velocity is not read, because values of it are missing: positions are "
-        "differentiated; name the column (--velocity) to see which"
-    )
+        empty = _without_velocity(logs, files)
+        if empty is None:
+            raise
+    note = f"{empty}: it is not read, and positions are differentiated"
     columns = replace(logs.columns, velocity=None)
     bare = replace(logs, columns=columns, notes=(*logs.notes, note))
     return bare, {file: bare.read(file) for file in files}
+
+
+def _without_velocity(logs: RobotLogs, files: Sequence[Path]) -> str | None:
+    """Return the sentence on a velocity without any value; None if there is none."""
+    lenient = replace(logs, stated=replace(logs.stated, missing="omit"))
+    for file in files:
+        try:
+            lenient.read(file)
+        except NoValueError as cause:
+            return cause.said if cause.channel == "velocity" else None
+        except RecordingError:
+            return None
+    return None
 
 
 def robot_logs(
@@ -201,6 +215,7 @@ def _found(
         units=stated.units,
         currents=len(stated.torque_gain) > 0,
         commands=stated.gains is not None,
+        sliding=frozenset(j.name for j in robot.driven if j.kind == "prismatic"),
         all_joints=_every_joint(model, stated),
         rows=_rows_of_joints(model, log, robot, stated, tables),
         topic=stated.topic,

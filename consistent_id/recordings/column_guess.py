@@ -116,6 +116,8 @@ class KnownColumns:
     topic : str, optional
         Topic of a ROS bag, whose fields are those of joint states; by default the topic
         that names most of the joints.
+    sliding : frozenset of str
+        Joints that slide: columns of force are their torque.
     """
 
     joints: tuple[str, ...]
@@ -130,6 +132,7 @@ class KnownColumns:
     taken: Collection[str] = ()
     arrays: Columns | None = None
     topic: str | None = None
+    sliding: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         known = ("time", "position", "velocity", "torque", *COMMANDS)
@@ -155,6 +158,7 @@ class KnownColumns:
             joints=others(self.joints),
             torque_joints=others(self.torque_joints),
             all_joints=others(self.all_joints),
+            sliding=frozenset(others(self.sliding)),
         )
 
 
@@ -345,10 +349,11 @@ def _candidates(
 ) -> list[NamePattern]:
     """Return candidates for a channel of the moving joints, the best first."""
     patterns = name_patterns(channel, names, moved, known.all_joints)
-    if channel == "torque" and not patterns:  # of sliding joints
-        patterns = name_patterns("force", names, moved, known.all_joints)
     if channel == "torque" and not patterns and known.currents:
-        return name_patterns("current", names, moved, known.all_joints)
+        patterns = name_patterns("current", names, moved, known.all_joints)
+    if channel == "torque" and not patterns:
+        forces = name_patterns("force", names, moved, known.all_joints)
+        return [pattern for pattern in forces if known.sliding >= {*pattern.joints}]
     if channel in ("velocity", "position_command"):
         return [pattern for pattern in patterns if pattern.joints == moved]
     return patterns

@@ -24,6 +24,7 @@ from consistent_id.recordings.column_words import (
     states,
     words,
 )
+from consistent_id.recordings.readers.units import is_unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +150,7 @@ def shown(names: Sequence[str], joints: Sequence[str] = (), most: int = 12) -> s
 
 _PARTS = re.compile(r"[A-Za-z0-9]+|[^A-Za-z0-9]+")
 _LETTER = re.compile(r"(?<![A-Za-z0-9])[A-Z](?![A-Za-z0-9])")  # a joint, not a word
-_IN_UNIT = re.compile(r"[ _]*(?:\[[^\]]*\]|\([^)]*\)|_(?:deg|rad|mm|m))$")
+_IN_UNIT = re.compile(r"[ _]*(?:[\[(]([^\[\]()]*)[\])]|_(deg|rad|mm))$")
 
 
 def own_names(names: Sequence[str], channel: str = "position") -> tuple[str, ...]:
@@ -182,7 +183,7 @@ def _own_names(names: tuple[str, ...], channel: str) -> tuple[str, ...]:
     for name in names:
         if channel_of(_LETTER.sub("", name), observed) != channel:
             continue
-        bare = _IN_UNIT.sub("", name)
+        bare = _without_unit(name)
         first, *others = _PARTS.findall(bare) or [""]
         if others and channel_of(others[-1]) == channel:
             mark = "".join(others[-2:]) + name[len(bare) :]
@@ -193,6 +194,13 @@ def _own_names(names: tuple[str, ...], channel: str) -> tuple[str, ...]:
     found = max(groups.values(), key=len, default=[])
     own = _without_common_start(found) if len(found) > 1 else ()
     return () if any(_letters(name).isdigit() for name in own) else own
+
+
+def _without_unit(name: str) -> str:
+    """Return a name without the unit that ends it."""
+    found = _IN_UNIT.search(name)
+    is_one = found is not None and is_unit(found[1] or found[2])
+    return name[: found.start()] if found is not None and is_one else name
 
 
 def _without_common_start(names: Sequence[str]) -> tuple[str, ...]:

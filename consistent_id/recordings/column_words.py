@@ -88,7 +88,7 @@ _FLAG = {"contact", "contacts", "touch", "stance", "grounded", "footswitch"}
 _COMPONENTS = {"force", "forces", "torque", "torques", "wrench", "moment", "x", "y"}
 
 _FORCES = {"force", "forces", "frc"}  # of a sliding joint
-_OF_A_TOOL = {"tcp", "tool", "ft", "wrench", "sensor", "tip", "grip"}
+_BESIDE_FORCES = {"n", "kn", "newton", "newtons", "drive", "motor", "actuator", "state"}
 
 # Of a wrench sensor.
 _FORCE = r"(?P<force>f|force|forces)"
@@ -239,16 +239,18 @@ def is_current(pattern: str) -> bool:
 def is_force(pattern: str) -> bool:
     """Return whether a pattern denotes the force of the drives of named joints.
 
-    Numbered forces may as well be a sensor's.
+    Numbered forces may as well be a sensor's, and other words say of what a force is.
 
     Examples
     --------
-    >>> is_force("{joint}_force"), is_force("F_{number}"), is_force("contact_{joint}")
-    (True, False, False)
+    >>> is_force("{joint}_force [N]"), is_force("F_{number}")
+    (True, False)
+    >>> is_force("{joint}_gripper_force"), is_force("{joint}_max_force")
+    (False, False)
     """
     said = words(pattern)
-    other = said & (_OTHER | _COMMANDED | _FLAG | _BASE | _OF_A_TOOL)
-    return bool("{joint}" in pattern and said & _FORCES and not other)
+    known = _FORCES | _BESIDE_FORCES | _MEASURED | _BARE
+    return bool("{joint}" in pattern and said & _FORCES and said <= known)
 
 
 def unit_of(channel: str, pattern: str) -> str:

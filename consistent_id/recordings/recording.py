@@ -76,6 +76,8 @@ def instant(at: float, time: Vector) -> str:
 def _rate_option(time: Vector) -> str:
     """Return the option with the rate of samples of rounded stamps; empty of others.
 
+    Those of one instant are about as many as those of another.
+
     Examples
     --------
     >>> _rate_option(np.floor(np.arange(500) / 125.0)), _rate_option(np.arange(9.0))
@@ -85,9 +87,15 @@ def _rate_option(time: Vector) -> str:
     changes = np.flatnonzero(steps) + 1
     if (steps < 0.0).any() or not 2 < len(changes) < len(steps) / 3:
         return ""
+    runs = np.diff(np.concatenate([[0], changes, [len(time)]]))
+    if runs.max() > 2.0 * np.median(runs):
+        return ""  # a clock that stands still for a while
     first, last = changes[0], changes[-1]
     rate = (last - first) / (time[last] - time[first])
-    return f"--time {float(f'{rate:.3g}'):g}Hz"
+    # The first and the last change are each known to a sample.
+    whole = round(rate)
+    exact = abs(rate - whole) <= 2.0 * rate / (last - first)
+    return f"--time {whole if exact else float(f'{rate:.4g}'):g}Hz"
 
 
 class SampleError(RecordingError):
@@ -257,7 +265,8 @@ class Recording:
                 options=unit_option(time),
             )
         steps = np.diff(time)
-        if option := _rate_option(time):
+        option = _rate_option(time)
+        if option and self._moves(steps == 0.0):  # else rows are repeated
             raise SampleError(
                 f"{self.name}: time stamps are rounded: most samples have that of the "
                 f"sample before. If the samples are evenly spaced: {option}",
@@ -271,6 +280,13 @@ class Recording:
                 'repeated ones take one: duplicates = "first" (--duplicates first)',
                 options="--duplicates first" if (steps >= 0.0).all() else "",
             )
+
+    def _moves(self, steps: BoolArray) -> bool:
+        """Return whether positions change in some steps; they are not checked yet."""
+        position = np.asarray(self.position)
+        if len(position) != len(steps) + 1:
+            return False
+        return bool(np.diff(position, axis=0)[steps].any())
 
     def _checked(self, channel: str, values: Matrix, samples: int) -> Matrix:
         shape = (samples, len(self.joints))

@@ -118,7 +118,11 @@ def with_rates(folder, rates):
 
 
 @pytest.mark.parametrize(
-    ("rate", "said"), [(0.0, "it is zero throughout"), (np.nan, "of it are missing")]
+    ("rate", "said"),
+    [
+        (0.0, "it is zero throughout"),
+        (np.nan, "has no value in any row: it is not read"),
+    ],
 )
 def test_a_velocity_that_nobody_wrote_is_not_read(tmp_path, rate, said):
     draft = draft_problem(*with_rates(tmp_path, rate), select=False, cutoff=10.0)
@@ -127,6 +131,19 @@ def test_a_velocity_that_nobody_wrote_is_not_read(tmp_path, rate, said):
     (training,) = draft.problem().training
     slope = np.gradient(training.position, training.time, axis=0)
     assert np.allclose(training.velocity, slope, atol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("cell", "option"), [("ERR", ""), ("nan", "--missing omit"), ("", "--missing omit")]
+)
+def test_one_faulty_velocity_does_not_drop_the_others(tmp_path, cell, option):
+    urdf, log = with_rates(tmp_path, 1.0)
+    lines = log.read_text().splitlines()
+    lines[501] = ",".join([*lines[501].split(",")[:-1], cell])
+    log.write_text("\n".join(lines))
+    with pytest.raises(RecordingError, match=r"row 501|velocity of joint") as refused:
+        draft_problem(urdf, log)
+    assert refused.value.options == option
 
 
 def test_missing_values_of_a_velocity_that_the_user_names_are_refused(tmp_path):

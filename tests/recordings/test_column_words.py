@@ -419,22 +419,31 @@ AXES = ("x", "y")
 MOVED = ["time", "x_pos", "y_pos"]
 
 
-def test_forces_of_named_joints_are_their_torque(tmp_path):
-    found = guessed(tmp_path, [*MOVED, "x_force", "y_force"], AXES)
+def test_forces_of_sliding_joints_are_their_torque(tmp_path):
+    names = [*MOVED, "x_force", "y_force"]
+    found = guessed(tmp_path, names, AXES, sliding=frozenset(AXES))
     assert found.columns.torque == "{joint}_force"
-
-
-@pytest.mark.parametrize("word", ["tcp_force", "contact_force", "force_ext"])
-def test_forces_on_a_tool_are_no_torque_of_joints(tmp_path, word):
     with pytest.raises(RecordingError, match="found no column that is the torque"):
-        guessed(tmp_path, [*MOVED, f"x_{word}", f"y_{word}"], AXES)
+        guessed(tmp_path, names, AXES, sliding=frozenset("x"))  # the other turns
 
 
-def test_torque_is_read_before_force_and_force_before_current(tmp_path):
+@pytest.mark.parametrize(
+    "word", ["tcp_force", "contact_force", "force_ext", "gripper_force", "max_force"]
+)
+def test_other_forces_are_no_torque_of_joints(tmp_path, word):
+    names = [*MOVED, f"x_{word}", f"y_{word}"]
+    with pytest.raises(RecordingError, match="found no column that is the torque"):
+        guessed(tmp_path, names, AXES, sliding=frozenset(AXES))
+
+
+def test_torque_is_read_before_current_and_current_before_force(tmp_path):
     names = [*MOVED, "x_force", "y_force", "x_current", "y_current"]
-    found = guessed(tmp_path, names, AXES, currents=True)
+    slide = frozenset(AXES)
+    found = guessed(tmp_path, names, AXES, currents=True, sliding=slide)
+    assert found.columns.torque == "{joint}_current"
+    found = guessed(tmp_path, names, AXES, sliding=slide)
     assert found.columns.torque == "{joint}_force"
-    found = guessed(tmp_path, [*names, "x_tau", "y_tau"], AXES)
+    found = guessed(tmp_path, [*names, "x_tau", "y_tau"], AXES, sliding=slide)
     assert found.columns.torque == "{joint}_tau"
 
 

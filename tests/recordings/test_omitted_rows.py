@@ -212,16 +212,28 @@ def test_a_joint_without_any_value_is_named(tmp_path, channel, said):
     assert refused.value.options == known
 
 
-@pytest.mark.parametrize(("rate", "periods"), [(100.0, 4), (1000.0, 5), (62.5, 8)])
+@pytest.mark.parametrize(
+    ("rate", "periods"), [(100.0, 4), (1000.0, 5), (62.5, 8), (1024.0, 4)]
+)
 def test_rounded_stamps_are_answered_with_the_rate(rate, periods):
     time = np.floor(np.arange(int(rate * periods)) / rate)
+    position = np.arange(len(time))[:, None]
     with pytest.raises(RecordingError, match="stamps are rounded") as refused:
-        Recording(("a",), time, np.zeros((len(time), 1)))
+        Recording(("a",), time, position)
     assert refused.value.options == f"--time {rate:g}Hz"
 
 
-@pytest.mark.parametrize("time", [[0.0, 0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 1.0, 1.0]])
-def test_few_repeated_stamps_are_answered_with_the_first_of_them(time):
+@pytest.mark.parametrize(
+    ("time", "position"),
+    [
+        ([0, 0, 0, 0, 1], range(5)),  # few
+        ([0, 0, 1, 1], range(4)),
+        (np.repeat(range(9), 8), np.repeat(range(9), 8)),  # rows are repeated
+        ([*[0] * 200, *range(1, 60)], range(259)),  # stuck at first
+    ],
+)
+def test_other_repeated_stamps_are_answered_with_the_first_of_them(time, position):
+    time, position = np.array(time, float), np.array(position, float)
     with pytest.raises(RecordingError, match="must increase") as refused:
-        Recording(("a",), np.array(time), np.zeros((len(time), 1)))
+        Recording(("a",), time, position[:, None])
     assert refused.value.options == "--duplicates first"

@@ -162,3 +162,8 @@ def test_own_names_stand_before_units(unit):
     torques = [f"{joint} Torque [Nm]" for joint in joints]
     assert own_names(["Timestamp", *columns, *torques]) == tuple(joints)
     assert own_names([*columns, *torques], "torque") == tuple(joints)
+
+
+def test_brackets_around_own_names_are_no_units():
+    assert own_names(["position (arm)", "position (leg)"]) != ("", "")
+    assert own_names(["arm pos [deg]", "leg pos [deg]"]) == ("arm", "leg")

@@ -171,7 +171,25 @@ def test_lists_in_cells_are_columns(tmp_path, text):
     np.testing.assert_array_equal(np.column_stack(list(arrays.values())), expected)
 
 
-def test_other_brackets_in_a_first_row_are_left(tmp_path):
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("time,q_a [rad],note\n0,1,(see 1)\n1,2,[3]\n", "time,q_a [rad],note"),
+        ("# log (1, 2)\n# at (3, 4)\ntime,q[0],q[1]\n0,1,2\n", "time,q[0],q[1]"),
+        ("time,q (1),q (2)\n0,1,2\n", "time,q (1),q (2)"),
+        ('time,q1,note\n0,1,"moved (1, 2)"\n1,2,\n', "time,q1,note"),
+        ("t;q\n0,5;[0,1 0,2]\n", "t;q"),  # decimal commas
+    ],
+)
+def test_other_brackets_are_left(tmp_path, text, names):
     file = tmp_path / "log.csv"
-    file.write_text("time,q_a [rad],note\n0,1,(see 1)\n1,2,[3]\n")
-    assert column_names(file) == ("time", "q_a [rad]", "note")
+    file.write_text(text)
+    assert column_names(file) == tuple(names.replace(";", ",").split(","))
+
+
+def test_missing_items_of_lists_and_comments_above(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text('# pandas\ntime,q\n0,"[None, 2]"\n1,"[3, NaN]"\n')
+    arrays = read_arrays(file, ["q[0]", "q[1]"], missing="omit")
+    np.testing.assert_array_equal(arrays["q[0]"], [np.nan, 3.0])
+    np.testing.assert_array_equal(arrays["q[1]"], [2.0, np.nan])

@@ -426,6 +426,7 @@ def test_a_row_of_units_is_left_out_by_the_option_that_is_named(tmp_path):
         ("13/04/2026 00:00:00", 1776038400.0),  # there is no 13th month
         ("3/4/2026 11:59:50 PM", 1772668790.0),
         ("3/4/2026 12:00 AM", 1772582400.0),
+        ("3/4/2026 1:00 pm", 1772629200.0),
     ],
 )
 def test_dates_of_countries_are_seconds(tmp_path, text, seconds):
@@ -450,3 +451,11 @@ def test_what_is_no_date_of_a_country_is_refused(tmp_path, text):
     file.write_text(f"time,q_a\n{text},1\n{text},2\n")
     with pytest.raises(RecordingError, match="is not a number"):
         read_recording(file, ["a"], Columns(position="q_{joint}"))
+
+
+def test_a_row_of_other_units_is_not_just_left_out(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text("time,q_a\ns,deg\n0,1\n1,3\n")
+    with pytest.raises(RecordingError, match="only if --units states them") as refused:
+        read_recording(file, ["a"], Columns(position="q_{joint}"))
+    assert refused.value.options == ""

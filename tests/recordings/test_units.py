@@ -139,6 +139,9 @@ def test_further_names_of_a_clock(name):
         ("in-lb", "lbf in", 0.1129848290276167),  # NIST SP 811, appendix B
         ("lbf ft", "lbf ft", 1.3558179483314),
         ("oz-in", "ozf in", 7.0615518142e-3),
+        ("LB.IN", "lbf in", 0.1129848290276167),
+        ("ft*lb", "lbf ft", 1.3558179483314),
+        ("N.mm", "N mm", 1e-3),
     ],
 )
 def test_torques_of_servos_and_of_workshops(said, unit, newton_metres):
@@ -155,3 +158,9 @@ def test_a_clock_of_two_columns_is_in_no_unit_of_its_own(tmp_path):
     assert (columns.time, columns.units) == ("secs + nsecs", {})
     log = read_recording(file, ["a"], columns)
     np.testing.assert_allclose(np.diff(log.time), 0.25)
+
+
+@pytest.mark.parametrize("said", ["-Nm", "ozft", "Nm-"])
+def test_what_is_no_unit_of_torque_is_refused(said):
+    with pytest.raises(RecordingError, match="no unit"):
+        standard_unit("torque", said)

@@ -49,7 +49,9 @@ _SPACE = " "  # separates where no other mark does: names may contain spaces
 _PIECE = 2**22  # characters of text that are read at a time
 _UTF_16, _WINDOWS = "utf-16", "cp1252"
 _WITHOUT_NAMES = "column"
-_UNITS = "The row seems to contain units"
+_SI = {"s", "sec", "rad", "m", "rad/s", "m/s", "rad/s^2", "m/s^2", "nm", "n*m", "n"}
+_SI |= {"", "-", "1"}
+_OF_SI = ": values are read in s, rad, m, N m and N"
 _NUMBERED = 3  # columns from which on 1, 2, 3 or 0, 1, 2 is a header, not a row
 _NOTHING = {"", "NA", "N/A", "NULL", "null", "None"}  # fields of missing values
 _CONTROLS = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
@@ -446,7 +448,7 @@ def _exact(
         rows.append(row)
     if broken:
         options = OMIT_MISSING * lacking
-        if broken == [1] and _UNITS in first:
+        if broken == [1] and first.endswith(_OF_SI):
             options = "--omit 1"
         raise RecordingError(
             f"{first}{omit_advice(broken, len(rows))}{MISSING_ADVICE * lacking}",
@@ -481,10 +483,9 @@ def _fault(
     fault = f": {cell!r} is not a number"
     if first and all(cells) and set(row) == {None}:
         units = ", ".join(map(repr, dict.fromkeys(cells)))
-        return (
-            f"{fault}. {_UNITS} ({units}): values are read in s, rad, m, N m and N, "
-            "others by --units"
-        )
+        usual = {cell.strip("[]() ").lower().replace(" ", "") for cell in cells} <= _SI
+        rest = _OF_SI if usual else ", and others only if --units states them"
+        return f"{fault}. The row seems to contain units ({units}){rest}"
     return (
         f"{fault}. Only one header row is allowed, and {mark or '.'!r} marks decimals"
     )

@@ -6,6 +6,8 @@ alone writes a block of YAML for each message, KUKA's interface an element of XM
 pandas writes a column of arrays as lists in its cells, such as ``"[0.1, 0.2]"``.
 """
 
+import csv
+import io
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -19,9 +21,10 @@ _INTEGER = re.compile(r"\d+")
 
 _YAML = re.compile(r"\A(?:---\s+)?header:\s*\n\s+(?:seq|stamp):", re.MULTILINE)
 _XML = re.compile(r"\A\s*<(?P<root>Rob|Sen)\b[^>]*>")
-_LIST = re.compile(r"\"?[\[(](?P<items>[-+.,\deEna\s]*)[\])]\"?")
-_LISTS = re.compile(r"\A[^\n]*\n[^\n]*[\[(]\s*[-+.\d][-+.\deE]*(?:,\s*|\s+)[-+.\d]")
-_BETWEEN = "\x1f"  # items of a list, while rows are split
+_LIST = re.compile(r"[\[(](?P<items>(?:[-+.,\deE\s]|nan|null|none|inf)*)[\])]", re.I)
+_LISTS = re.compile(r"[\[(]\s*[-+.\dni][^\[\]()]*[,\s][^\[\]()]*[\])]", re.I)
+_HEAD = 20_000  # characters in which the first row ends
+_DECIMAL_COMMA, _SPACE = re.compile(r"\d,\d"), re.compile(r"\d\s+[-+.\d]")
 _ELEMENT = re.compile(r"<(\w+)((?:\s+[\w.]+=\"[^\"]*\")+)\s*/>")
 _ATTRIBUTE = re.compile(r"([\w.]+)=\"([^\"]*)\"")
 _VALUE = re.compile(r"<(\w+)>\s*([-+.\deE]+)\s*</\1>")
@@ -113,7 +116,9 @@ def _is_number(text: str) -> bool:
 
 def is_printed(text: str) -> bool:
     """Return whether a text begins with a message, or has lists in its first row."""
-    return any(form.match(text) for form in (_YAML, _XML, _LISTS))
+    if _YAML.match(text) or _XML.match(text):
+        return True
+    return _LISTS.search(text, 0, _HEAD) is not None and bool(_widths(text))
 
 
 def as_table(text: str) -> str:
@@ -122,7 +127,7 @@ def as_table(text: str) -> str:
     Messages with other fields than most have are left out, such as a gripper's.  Lists
     in cells become columns.
     """
-    if _LISTS.match(text):
+    if not (_YAML.match(text) or _XML.match(text)):
         return _without_lists(text)
     if (found := _XML.match(text)) is not None:
         parts = text.split(f"</{found['root']}>")
@@ -138,26 +143,66 @@ def as_table(text: str) -> str:
     return "\n".join([",".join(names), *lines, ""])
 
 
+def _rows(text: str) -> tuple[str, Iterator[list[str]], str]:
+    """Return the comments above a table, its rows, header first, and their mark."""
+    start = 0
+    while text.startswith("#", start):
+        start = text.find("\n", start) + 1 or len(text)
+    head = text[start:].partition("\n")[0]
+    mark = max(",;\t", key=head.count)
+    lines = io.StringIO(text[start:], newline="")
+    return text[:start], csv.reader(lines, delimiter=mark), mark
+
+
+def _widths(text: str) -> list[int]:
+    """Return the items of each cell of the first row, if some are lists; else none."""
+    _, rows, _ = _rows(text)
+    names, first = next(rows, []), next(rows, [])
+    items = [_items(cell) for cell in first]
+    found = any(one is not None and len(one) > 1 for one in items)
+    if not found or len(names) != len(first):
+        return []
+    return [0 if one is None else len(one) for one in items]
+
+
 def _without_lists(text: str) -> str:
     """Return a table with a column for each item of the lists in its cells."""
-    head, newline, rest = text.partition("\n")
-    mark = max(",;\t", key=head.count)
-    flat = _LIST.sub(lambda m: _BETWEEN.join(_items(m["items"])), rest)
-    first = flat.partition("\n")[0].split(mark)
-    names = [name.strip().strip('"') for name in head.strip().split(mark)]
-    if len(names) != len(first):
-        return text
-    counts = [cell.count(_BETWEEN) + 1 for cell in first]
-    every = (
-        name if count == 1 else f"{name}[{k}]"
-        for name, count in zip(names, counts, strict=True)
-        for k in range(count)
+    comments, rows, mark = _rows(text)
+    widths = _widths(text)
+    out = io.StringIO()
+    table = csv.writer(out, delimiter=mark, lineterminator="\n")
+    each = zip(next(rows), widths, strict=True)
+    table.writerow(
+        f"{name}[{k}]" if width else name
+        for name, width in each
+        for k in range(max(width, 1))
     )
-    return mark.join(every) + newline + flat.replace(_BETWEEN, mark)
+    for row in rows:
+        table.writerow(_flat(row, widths))
+    return comments + out.getvalue()
 
 
-def _items(text: str) -> list[str]:
-    return text.replace(",", " ").split()
+def _flat(row: Sequence[str], widths: Sequence[int]) -> list[str]:
+    """Return a row's cells with the items of its lists; others are left as they are."""
+    if len(row) != len(widths):
+        return list(row)
+    flat = list[str]()
+    for cell, width in zip(row, widths, strict=True):
+        items = _items(cell) if width else None
+        flat += [cell] if items is None else items
+    return flat
+
+
+def _items(cell: str) -> list[str] | None:
+    """Return the items of a list in a cell; None of other cells."""
+    found = _LIST.fullmatch(cell.strip())
+    if found is None:
+        return None
+    text = found["items"]
+    if _DECIMAL_COMMA.search(text) and _SPACE.search(text):
+        return None  # [0,1 0,2] are two numbers, or four
+    items = text.replace(",", " ").split()
+    return ["nan" if item.lower() in ("null", "none") else item for item in items]
 
 
 def _of_yaml(text: str) -> Iterator[dict[str, str]]:

@@ -9,7 +9,7 @@ _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
 _LOCAL = re.compile(
     r"(?P<first>\d\d?)(?P<mark>[./])(?P<second>\d\d?)(?P=mark)(?P<year>\d{4})[T ]+"
     r"(?P<hour>\d\d?):(?P<minute>\d\d)(?::(?P<seconds>\d\d(?:[.,]\d+)?))?"
-    r"(?: ?(?P<half>[AP])M)?"
+    r"(?: ?(?P<half>[APap])[Mm])?"
 )
 _SECONDS_OF = {"sec": 1.0, "s": 1.0, "ms": 1e-3, "min": 60.0, "hr": 3600.0}
 _DURATION = re.compile(
@@ -109,7 +109,7 @@ def _seconds_of_local(cell: str) -> float | None:
     day, month = (first, second) if day_first else (second, first)
     hour = int(found["hour"])
     if found["half"]:
-        hour = hour % 12 + 12 * (found["half"] == "P")
+        hour = hour % 12 + 12 * (found["half"] in "Pp")
     try:
         date = datetime(int(found["year"]), month, day, hour, int(found["minute"]))
     except ValueError:

@@ -7,6 +7,7 @@ evenly spaced and the log has no clock, their rate, ``5000Hz``.
 import math
 import re
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 
 import numpy as np
 
@@ -87,10 +88,11 @@ _NOT_MOTION = "°|degs?|degrees?|rpm|revs?|revolutions?|turns?|mm|cm|millimet(?:
 _EACH = r"(?:\s*(?:/|per|_per_)\s*s(?:ec)?(?:\^?2|²|\^?3)?)?"
 _UNIT = re.compile(f"(?:{_NOT_TIME}|(?:{_NOT_MOTION}){_EACH})", re.IGNORECASE)
 _LAST = re.compile(rf"[\[(_ ]\s*({_UNIT.pattern})\s*[\])]?$", re.IGNORECASE)
-_IMPERIAL = r"(?:lb|oz)f?[ -]?(?:in|ft)|(?:in|ft)[ -]?(?:lb|oz)f?"
+_MARK = r"[ .·*-]?"  # between the factors of a unit
+_IMPERIAL = rf"lbf?{_MARK}(?:in|ft)|(?:in|ft){_MARK}lbf?|ozf?{_MARK}in|in{_MARK}ozf?"
 _LAST_TORQUE = re.compile(
-    r"[\[(_ ]\s*(%|pct|percent|permille|‰|m ?Nm|k ?Nm|Ncm|Nmm|mA|"
-    rf"kgf?[ .·*-]?c?m|{_IMPERIAL})\s*[\])]?$"
+    rf"[\[(_ ]\s*(%|pct|percent|permille|‰|[mk] ?N{_MARK}m|N{_MARK}[cm]m|mA|"
+    rf"(?i:kgf?{_MARK}c?m|{_IMPERIAL}))\s*[\])]?$"
 )
 
 _CLOCKS: tuple[str, ...] = (
@@ -151,7 +153,7 @@ def standard_unit(channel: str, unit: str) -> str:
     if found := _PER.search(text):
         text, each = text[: found.start()], "min" if found[1].startswith("m") else "s"
         per = f"/{each}^2" if found[2] else f"/{each}"
-    compact = re.sub("[ *·.-]", "", text)
+    compact = re.sub(r"(?<=\w)[ *·.-](?=\w)", "", text)
     for spelt in (text, _SPELT.get(text.lower(), ""), _SPELT.get(compact.lower(), "")):
         if spelt + per in known:
             return spelt + per
@@ -245,6 +247,20 @@ def refuse_units_of_a_name(where: str, channel: str, pattern: str) -> None:
             f'units = {{ {channel} = "{said}" }} in [data]; in Python '
             f"Columns(units={{{channel!r}: {said!r}}})"
         )
+
+
+def is_unit(text: str) -> bool:
+    """Return whether a text is a unit of a joint's position, velocity or torque.
+
+    Examples
+    --------
+    >>> is_unit("rad/s"), is_unit("Nm"), is_unit("arm")
+    (True, True, False)
+    """
+    for channel in ("position", "velocity", "torque"):
+        with suppress(RecordingError):
+            return bool(standard_unit(channel, text))
+    return False
 
 
 def is_other_unit(text: str) -> bool:

@@ -20,6 +20,21 @@ Missing = Literal["refuse", "omit"]
 """Whether rows with empty or NaN values are left out."""
 
 
+class NoValueError(RecordingError):
+    """A joint has no value of a channel in any row.
+
+    Parameters
+    ----------
+    channel : str
+    said : str
+        The fact, without advice.
+    """
+
+    def __init__(self, said: str, channel: str, advice: str, options: str = "") -> None:
+        super().__init__(said + advice, options=options)
+        self.said, self.channel = said, channel
+
+
 class UsedRows(NamedTuple):
     """The rows of a log that a recording is made of.
 
@@ -199,11 +214,10 @@ def _require_written(
     said = f"{where}: the {channel} of {names} has no value in any row"
     others = " ".join(joint for j, joint in enumerate(joints) if j not in empty)
     if channel != "torque" or not others:
-        raise RecordingError(f"{said}: record it, or name other columns")
+        raise NoValueError(said, channel, ": record it, or name other columns")
     options = f"--torque-joints {others}"
-    raise RecordingError(
-        f"{said}. To use the torque of the others: {options}", options=options
-    )
+    advice = f". To use the torque of the others: {options}"
+    raise NoValueError(said, channel, advice, options)
 
 
 def kept(rows: int, omit: Collection[int], where: str) -> BoolArray:
