@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from consistent_id._support.arrays import Matrix, Vector
+from consistent_id._support.arrays import BoolArray, Matrix, Vector
 from consistent_id.errors import NotExcitedError, RecordingError
 from consistent_id.robot.model import RobotModel
 from consistent_id.rollout.servo_log import ServoLog
@@ -40,6 +40,11 @@ UNITS: Mapping[str, str] = {
     "zero": "rad",
 }
 """Units of parameters."""
+
+TORQUES = ("stall", "back_emf", "viscous", "armature", "coulomb", "stribeck")
+"""Parameters in proportion to the scale of torques, which only known bodies show."""
+
+_LARGEST = {"stall", "viscous", "armature", "coulomb"}  # of them
 
 LATENCY = 1e-3
 """Most time of each of the lags of a firmware that no log shows [s]."""
@@ -98,6 +103,25 @@ class SearchBox:
             if share > 1.0 - BORDER
             or (share < BORDER and name != "armature" and self.limits[name][0] != 0.0)
         )
+
+    def unknown(self, names: Sequence[str], point: Vector) -> BoolArray:
+        """Return which parameters are not known, shape (parameters,).
+
+        They are those at a border, and all of `TORQUES` where `scale_unknown`.
+        """
+        borders = self.borders(names, point)
+        scale = scale_unknown(borders)
+        return np.array(
+            [
+                share < BORDER or name in borders or (scale and name in TORQUES)
+                for name, share in zip(names, point, strict=True)
+            ]
+        )
+
+
+def scale_unknown(borders: Sequence[str]) -> bool:
+    """Return whether the search went to borders along the scale of torques."""
+    return not _LARGEST.isdisjoint(borders)
 
 
 def names_shown(logs: Sequence[ServoLog], joint: int) -> tuple[str, ...]:

@@ -18,9 +18,9 @@ from consistent_id._support.arrays import Matrix, Vector
 from consistent_id.errors import ModelError
 from consistent_id.export.mjcf_bodies import require_mujoco, spec_tree
 from consistent_id.robot.loaders import mjcf_spec
-from consistent_id.rollout.servo_log import ServoLog
+from consistent_id.rollout.servo_log import ServoLog, supply_of
 from consistent_id.rollout.servo_motion import STEP as SERVO_STEP
-from consistent_id.rollout.servo_motion import supply_of, warmth_of
+from consistent_id.rollout.servo_motion import warmth_of
 from consistent_id.rollout.servo_result import JointServo, ServoFit, ServoForm
 
 FORM = "plain"

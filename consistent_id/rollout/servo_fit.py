@@ -17,7 +17,6 @@ from consistent_id._support.executors import single_threaded
 from consistent_id.errors import ModelError, RecordingError
 from consistent_id.robot.model import RobotModel
 from consistent_id.rollout.servo_bounds import (
-    BORDER,
     DutyLaw,
     box_of,
     duty_law,
@@ -31,7 +30,7 @@ from consistent_id.rollout.servo_intervals import (
     half_intervals,
     sample_weights,
 )
-from consistent_id.rollout.servo_log import ServoLog, with_position
+from consistent_id.rollout.servo_log import ServoLog, supply_of, with_position
 from consistent_id.rollout.servo_motion import (
     STEP,
     LoggedDrive,
@@ -41,7 +40,6 @@ from consistent_id.rollout.servo_motion import (
     position_errors,
     position_residuals,
     rigid_model,
-    supply_of,
 )
 from consistent_id.rollout.servo_result import JointServo, ServoFit, ServoForm
 from consistent_id.rollout.servo_search import (
@@ -305,15 +303,14 @@ def _fitted(form: str, names: Sequence[str], joint: JointLogs, seed: int) -> Ser
     )
     # With a true value beyond the border, the other parameters are wrong, too: their
     # intervals are conditional on the value at the border.
-    borders = box.borders(names, best)
-    half[[name in borders for name in names] | (best < BORDER)] = np.inf
+    half[box.unknown(names, best)] = np.inf
     return ServoForm(
         form,
         {name: float(value[0]) for name, value in known.items()},
         dict(zip(names, half.tolist(), strict=True)),
         float(finite_errors(known, joint.whole).mean()),
         _left_out_error(box.values(names, parts), joint),
-        borders,
+        box.borders(names, best),
     )
 
 

@@ -417,6 +417,11 @@ def _pieces(
         )
 
 
+def supply_of(log: ServoLog, nominal: float | None) -> float:
+    """Return a log's supply over the nominal one; 1 if either is not known."""
+    return 1.0 if nominal is None or log.volts is None else log.volts / nominal
+
+
 def _means(values: Matrix) -> Vector:
     """Return means over known samples, shape (joints,); NaN where none is known."""
     known = np.isfinite(values)

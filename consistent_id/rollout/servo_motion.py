@@ -136,6 +136,9 @@ def cut_pieces(
 ) -> Pieces:
     """Cut logs into windows, for one joint's simulation.
 
+    A window begins with a measured speed, whose error is large if samples are few.  So
+    the samples it is smoothed over do not count, except at the start of a log.
+
     Parameters
     ----------
     drives : sequence of LoggedDrive
@@ -153,9 +156,11 @@ def cut_pieces(
     for source, (log, drive) in enumerate(zip(logs, drives, strict=True)):
         motion = _MeasuredMotion(log)
         whole = max(int((log.time[-1] + 0.02) / length), 1)
+        settled = min(motion.span, 0.5 * length)
         for number in range(whole):
             begin = number * length
-            inside = (log.time >= begin - 1e-9) & (log.time <= begin + length)
+            first = begin + settled if number else -1e-9
+            inside = (log.time >= first) & (log.time <= begin + length)
             if inside.any():
                 rows = np.flatnonzero(inside)
                 made.append((log, drive, motion, begin, rows, source))
@@ -193,7 +198,7 @@ def cut_pieces(
 
 
 class _MeasuredMotion:
-    """A log's motion on a uniform clock, with smoothed derivatives."""
+    """A log's motion on a uniform clock, with derivatives smoothed over `span` [s]."""
 
     def __init__(self, log: ServoLog) -> None:
         step = max(log.period, 1e-3)
@@ -203,6 +208,7 @@ class _MeasuredMotion:
         )
         span = min(2 * int(0.5 * _SMOOTHED / step) + 1, (len(q) - 1) | 1)
         span = max(span, 5)
+        self.span = (span - 1) * step  # s
         self.q, self.dq, self.ddq = (
             sliding_polynomials(q, span, 2, derivative=order) / step**order
             for order in range(3)
@@ -247,11 +253,6 @@ def _load(
 
 def _basis(q: Array) -> Array:
     return np.stack([term(q) for term in _TERMS], axis=-1)
-
-
-def supply_of(log: ServoLog, nominal: float | None) -> float:
-    """Return a log's supply over the nominal one; 1 if either is not known."""
-    return 1.0 if nominal is None or log.volts is None else log.volts / nominal
 
 
 def warmth_of(log: ServoLog, joint: int) -> float:

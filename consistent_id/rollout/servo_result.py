@@ -9,7 +9,7 @@ import numpy as np
 from consistent_id._support.tables import Table, brief
 from consistent_id.estimation.judgement import GENERALISATION_CARE
 from consistent_id.estimation.verdict import Reason, Verdict, weighed
-from consistent_id.rollout.servo_bounds import UNITS
+from consistent_id.rollout.servo_bounds import TORQUES, UNITS, scale_unknown
 
 
 @brief
@@ -23,8 +23,9 @@ class ServoForm:
         Parameters by name, in the units of `servo_bounds.UNITS`.
     half_intervals : dict of str to float
         Half widths of 95 % intervals, from leaving out each log in turn and from
-        simulated copies of the logs; infinite of parameters at a border of the search's
-        box, and those of the others then hold only if these are right.
+        simulated copies of the logs; infinite of parameters that are not known
+        (`SearchBox.unknown`), and those of the others then hold only if the values at
+        a border are right.
     training, left_out : float, [rad]
         Mean absolute error of simulated positions, over whole logs: of the logs that
         were learnt from, and of each log simulated by a fit to the others.
@@ -113,6 +114,12 @@ class JointServo:
                 "data do not determine it, and the other intervals hold only if this "
                 "value is right"
             )
+            if scale_unknown(form.at_border):
+                torques = ", ".join(name for name in TORQUES if name in form.values)
+                notes.append(
+                    "the weight of the bodies does not show the scale of torques here; "
+                    f"what is known are ratios of {torques}"
+                )
         if self.deadband:
             notes.append(f"deadband of the firmware: {_mrad(self.deadband)}")
         title = f"Servo of {self.joint}, friction {form.name}"
